@@ -33,7 +33,7 @@ from st_codegen.reconcile.judge.held_out import between_states, held_out_rms
 from st_codegen.reconcile.judge.lines import lines_in_samples
 from st_codegen.reconcile.judge.links import coupling_link, servo_link, with_unmeasured_links
 from st_codegen.reconcile.judge.measurement import AS_IS, Examined, examine
-from st_codegen.reconcile.judge.misread import Misread
+from st_codegen.reconcile.judge.misread import Misread, refined
 from st_codegen.reconcile.judge.mistakes import Mistake, mistaken_runs
 from st_codegen.reconcile.judge.plausible import lack_of_forms
 from st_codegen.reconcile.judge.selection import search, with_noise_of
@@ -188,6 +188,9 @@ def _reread(
         wrong = () if AS_IS in accept else result.conclusions.misread
         asked = [one for one in wrong if len(one.instead_of) > 1]
         taken = [one for one in wrong if one.reading.accept in accept] or (asked if "all" in accept else [])
+        corrected = {mistake.name for mistake in examined.mistakes if not mistake.rows}
+        better = None if taken or AS_IS in accept else refined(result.conclusions.final, corrected)
+        taken = taken if better is None else [better]
         if taken and more:
             read = Mistake(taken[0].reading.accept, f"{taken[0].text} (corrected)")
             again = examine(taken[0].meant(examined.data), rig, measured, scale=1.0, accept=accept)

@@ -82,7 +82,8 @@ def test_what_several_parameters_of_the_rig_may_have_made_is_not_unexplained():
     assert changes(joint) == ({}, False)
     found = conclude(rig, joint, KNOWN)
     (one,) = found.retuned
-    assert {one.before.name, *one.alternatives} == {"backlash", "friction_windup"}
+    # in this noise a torque that is read wrong would do as well
+    assert {one.before.name, *one.alternatives} == {"backlash", "friction_windup", "misread_torque"}
     assert not is_lacking(found.final.target, found.final.residual).any()
 
 

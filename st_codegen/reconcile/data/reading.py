@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +12,7 @@ import numpy as np
 from st_codegen.campaign.conditions import Conditions
 from st_codegen.campaign.curves import CONDITIONS_FILE
 from st_codegen.campaign.harmonic_table import read_table
-from st_codegen.campaign.orders import BAND, OrderFit, fit_orders
+from st_codegen.campaign.orders import BAND, OrderFit, Sums, fit_orders
 from st_codegen.campaign.reader import Campaign, read_campaign
 from st_codegen.errors import InputError, Problems
 from st_codegen.files.csv_tables import read_csv
@@ -47,12 +47,13 @@ def read_measured(
 
 def _campaign(folder: Path, rig: RigModel, progress: Progress | None, skip_bad: bool) -> Observations:
     campaign = read_campaign(folder, skip_bad=skip_bad, progress=progress)
+    sums, between = without_waves_between([curve.sums for curve in campaign.curves], rig.orders())
+    # a wave that does not come back looks like a ramp
+    campaign = _with_sums(campaign, sums)
     _check_ratio(campaign, rig)
     turns = campaign.at.speed_rpm / (60.0 * rig.constants.reduction_ratio)
-    sums, between = without_waves_between([curve.sums for curve in campaign.curves], rig.orders())
     sums, hums = without_hums(sums, turns, rig.orders())
-    curves = tuple(replace(curve, sums=own) for curve, own in zip(campaign.curves, sums, strict=True))
-    campaign = replace(campaign, curves=curves)
+    campaign = _with_sums(campaign, sums)
     bands = np.array([min(curve.sums.band, BAND) for curve in campaign.curves])
     band = int(bands.max())
     first = _fits(campaign, list(rig.orders()), bands, progress)
@@ -99,6 +100,11 @@ def _campaign(folder: Path, rig: RigModel, progress: Progress | None, skip_bad: 
         samples=counts.pop() if len(counts) == 1 else 0,
         hums=(*between, *hums),
     )
+
+
+def _with_sums(campaign: Campaign, sums: Sequence[Sums]) -> Campaign:
+    curves = zip(campaign.curves, sums, strict=True)
+    return replace(campaign, curves=tuple(replace(curve, sums=own) for curve, own in curves))
 
 
 def _mistaken(campaign: Campaign, orders: set[int], band: int) -> BoolArray:

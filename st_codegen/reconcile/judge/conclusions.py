@@ -458,6 +458,8 @@ def doubted(found: Conclusions, left: Collection[int], beside: Collection[int]) 
     orders between them, too.
     """
     near = {order + off for order in beside for off in (-1, 1)}
+    # what reaches all orders around one, as an effect of one angle does, reaches it as well
+    reached = {k for k in range(max(left, default=0)) if {k - 1 if k else 2, k + 1} <= set(left)}
 
     def is_open(effect: Effect, orders: Collection[int]) -> bool:
         return bool(set(effect.touched_orders()) & set(orders))
@@ -468,7 +470,7 @@ def doubted(found: Conclusions, left: Collection[int], beside: Collection[int]) 
         else claim
         for claim in found.claims
     )
-    retuned = tuple(replace(one, is_open=is_open(one.after, near | set(left))) for one in found.retuned)
+    retuned = tuple(replace(one, is_open=is_open(one.after, near | reached | set(left))) for one in found.retuned)
     return replace(found, claims=claims, retuned=retuned)
 
 

@@ -95,6 +95,12 @@ def _smaller(data: Observations, size: float) -> Observations:
     return data.scaled(1.0 / (1.0 + size / 100.0))
 
 
+def _smaller_backward(data: Observations, size: float) -> Observations:
+    factor = np.where(data.at.sign < 0, 1.0 / (1.0 + size / 100.0), 1.0)[:, None]
+    spectral = None if data.spectral_deg is None else data.spectral_deg * factor
+    return replace(data, values=data.values * factor, spectral_deg=spectral)
+
+
 def _exchanged(data: Observations, _size: float) -> Observations:
     return _with(data, "sign", -data.at.sign)
 
@@ -122,6 +128,7 @@ READINGS = (
     Reading("misread_angle", "home_offset", "every angle {:.3g} deg too {}", _turned, 1e-3, 5.0),
     Reading("misread_ratio", "ratio", "TE {:.3g} deg too {} at the end of each turn", _ramp_taken_out, 1e-4, 1.0),
     Reading("misread_te", "column_scale", "all TE {:.3g} % too {}", _smaller, 0.1, 30.0),
+    Reading("misread_te", "column_scale", "all TE backward {:.3g} % too {}", _smaller_backward, 0.1, 30.0),
     Reading("exchanged_directions", "direction", "forward and backward exchanged", _exchanged, 0.0, 0.0, (1.0,)),
 )
 
@@ -141,6 +148,20 @@ def misread(final: Fit, changed: Collection[int], offset_changed: bool) -> tuple
     plain = fit(final.target, state, steps=SETTINGS.quick_steps)
     found = (_instead(final, plain, reading, everything) for reading in READINGS)
     return tuple(sorted((one for one in found if one is not None), key=lambda one: -len(one.instead_of)))
+
+
+def refined(final: Fit, accepted: Collection[str]) -> Misread | None:
+    """By how much a correction that was accepted is off, now that what is missing is known; None where it is not.
+
+    What it was estimated by before held what was missing as well.
+    """
+    best, found = SETTINGS.order_gain, None
+    for reading in READINGS:
+        if reading.accept in accepted and reading.step and final.target.data.angle_rad is None:
+            size, read = _read(final.target, final.state, reading)
+            if final.loss - read.loss > best:
+                best, found = final.loss - read.loss, Misread(reading, size, frozenset())
+    return found
 
 
 def _instead(final: Fit, plain: Fit, reading: Reading, everything: frozenset[int]) -> Misread | None:
@@ -186,6 +207,8 @@ def _read(target: FitData, state: State, reading: Reading, size: float = 0.0) ->
         ahead = reading.meant(target.data, size + reading.step)
         more = replace(best.target, data=ahead).residual(best.state.model())
         column: Column = (np.arange(len(ahead.orders)), (best.residual - more) / reading.step)
+        if not column[1].any():
+            break
         weights = best.target.weights(best.residual)
         matrix, pull = gather(best.target, (*best.columns, column), best.residual, weights, by_cell=False).total()
         told = np.append(best.prior, 0.0)
