@@ -186,7 +186,7 @@ def _reread(
     for more in range(SETTINGS.rereadings, -1, -1):
         result = reconcile_observations(rig, examined.data, known, progress, examined)
         wrong = () if AS_IS in accept else result.conclusions.misread
-        asked = [one for one in wrong if len(one.instead_of) > 1]
+        asked = [one for one in wrong if one.is_asked]
         taken = [one for one in wrong if one.reading.accept in accept] or (asked if "all" in accept else [])
         corrected = {mistake.name for mistake in examined.mistakes if not mistake.rows}
         better = None if taken or AS_IS in accept else refined(result.conclusions.final, corrected)

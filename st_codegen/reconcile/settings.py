@@ -70,6 +70,8 @@ class Settings:
     vote: float = 0.7
     #: an angle of home below this is nearer than one is set; a factor of columns below this may be the rig's own
     least_home_deg: float = 0.05
+    #: zeros of runs that differ by less than this share, and by a fifth of it in the RMS, are those of one start
+    one_zero: float = 0.2
     column_factor: float = 1.1
     #: another unit of a column must take all but this part (power) off every order that it changes by so many times
     #: what the runs tell; an order of which this part (RMS) of the rig's is left, noise apart, was taken off
@@ -109,6 +111,9 @@ class Settings:
     #: a parameter moves with the levels that are left out when its moves are so many times the variance that noise
     #: gives them: of three folds, the fewest, noise does that once in 1000
     moved: float = 5.0
+
+    #: torques at which a run is tried before its label is called wrong
+    torques_tried: int = 401
 
     # --- search ---
     #: effects that may be added, candidates fitted in full in a round, and rounds, before the search ends
@@ -171,6 +176,8 @@ class Settings:
     stable: float = 0.9
 
     # --- what the order of the runs tells ---
+    #: share of a step that lies between the runs right before and right behind it: of a trend it is an eighth
+    abrupt: float = 0.6
     #: runs at which a trend may begin or end; how often a body that follows the oil comes near it in a campaign
     bends: int = 24
     lags_in_campaign: float = 5.0

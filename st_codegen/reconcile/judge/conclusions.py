@@ -159,6 +159,13 @@ def _simpler(piece: Piece) -> Piece | None:
     return replace(piece, effect=piece.effect.with_values(values), free=piece.free - top)
 
 
+def _top_is_unsure(joint: Fit, number: int) -> bool:
+    """Whether what comes on top of another part of an effect is smaller than its error leaves open."""
+    piece, errors = joint.state.pieces[number], standard_errors(joint, number)
+    tops = [s.key for s in piece.effect.scalars if s.beside in piece.free and s.key in piece.free]
+    return any(abs(piece.effect.scalar(key)) < SETTINGS.told * errors.get(key, 0.0) for key in tops)
+
+
 def _standing(current: Fit, number: int) -> Standing:
     without = fit(current.target, current.state.without(number), steps=SETTINGS.quick_steps, tolerance=0.1)
     place = current.state.slices()[number]
@@ -226,6 +233,9 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
     if outside:
         # what holds the rest of the rig put it there: then it was a part of the rest
         return conclude(rig, fit(joint.target, joint.state.without(outside[0])), known)
+    unsure = next((i for i in standing if _top_is_unsure(joint, i)), None)
+    if unsure is not None and (simpler := _simpler(joint.state.pieces[unsure])) is not None:
+        return conclude(rig, fit(joint.target, joint.state.replaced(unsure, simpler)), known)
     claims = tuple(_claim(rig, joint, final, i, one, known) for i, one in standing.items())
     rivals = {i: _own_rivals(final, one) for i, one in left.items()}
     wrong = misread(final, changed, offset_changed)
@@ -331,7 +341,7 @@ def _of_its_shape(piece: Piece, peaks: tuple[float, float] | None) -> tuple[str,
     if peaks is None:
         damping = piece.effect.values.get("damping_ratio")
         narrow = isinstance(damping, float) and damping < SETTINGS.narrow
-        text = "narrower than the steps of speed: height and damping are uncertain, the frequency is not"
+        text = "narrower than the steps of speed: height and damping are uncertain"
         return (text,) if narrow else ()
     return (
         f"the peaks are not those of one oscillator; the speeds at which they stand put it between {peaks[0]:.1f} "

@@ -130,7 +130,21 @@ def zeros(
     # where several runs have it for sure, it is the likely cause in others too
     turned_rows = (sure | likely) & (np.abs(found) > least)
     alike = min(off, apart) < SETTINGS.least_block
-    return Zeros(np.zeros(len(values)) if alike else found * turned_rows, float(np.median(errors)))
+    if alike:
+        return Zeros(np.zeros(len(values)), float(np.median(errors)))
+    return Zeros(_as_one(found, turned_rows), float(np.median(errors)))
+
+
+def _as_one(angle: FloatArray, turned: BoolArray) -> FloatArray:
+    """The angles of the rows that are turned, (n,): where they have about one, as after one start of the machine, that.
+
+    What each run says alone is off by its noise and by what is missing there.
+    """
+    middle = float(np.median(angle[turned]))
+    off = np.abs(angle - middle) / max(abs(middle), 1e-300)
+    far = SETTINGS.one_zero
+    is_one = off[turned].max(initial=0.0) < far and np.sqrt((off[turned] ** 2).mean()) < far / 5.0
+    return np.where(off < far, middle, 0.0) if is_one else angle * turned
 
 
 def _most_gain(before: ComplexArray, after: ComplexArray, noise: FloatArray, vote: float) -> bool:

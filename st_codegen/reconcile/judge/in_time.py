@@ -63,7 +63,12 @@ def course_of(target: FitData, z: ComplexArray, whole: ComplexArray, parts: IntA
         lasting = _lasting([series[:, k] for series, _ in sums], int(cuts[k]))
         if chi_square_tail(gains[k] / (lasting * scales[k]), int(degrees[k])) * count > SETTINGS.p_changed:
             continue
-        if steps[k] >= trends[k]:
+        is_step = any(_is_abrupt(series[:, k], weight, int(cuts[k])) for series, weight in in_deg)
+        if steps[k] >= trends[k] and not is_step:
+            power = float(_gains_of_steps(in_deg)[cuts[k] - 1, k] / total)
+            size = max(_step_size(series[:, k], weight, int(cuts[k])) for series, weight in in_deg)
+            text = f"moves by some {size:.2g} deg over the {count} runs in their order, in no single step"
+        elif steps[k] >= trends[k]:
             power = float(_gains_of_steps(in_deg)[cuts[k] - 1, k] / total)
             size = max(_step_size(series[:, k], weight, int(cuts[k])) for series, weight in in_deg)
             text = f"a step of {size:.2g} deg between run {cuts[k]} and run {cuts[k] + 1} of {count}, in their order"
@@ -126,6 +131,14 @@ def _step_size(series: ComplexArray, weight: FloatArray, cut: int) -> float:
         series[part].sum() / max(float(weight[part].sum()), 1.0) for part in (slice(cut), slice(cut, None))
     )
     return float(abs(after - before))
+
+
+def _is_abrupt(series: ComplexArray, weight: FloatArray, cut: int) -> bool:
+    """Whether runs right before and right behind a cut differ by most of what all of them do."""
+    near = max(2, len(series) // 16)
+    beside = slice(max(cut - near, 0), cut + near)
+    own = _step_size(series[beside], weight[beside], min(near, cut))
+    return own > SETTINGS.abrupt * _step_size(series, weight, cut)
 
 
 def _gains_of_steps(sums: _ByRun) -> FloatArray:

@@ -20,117 +20,152 @@ from st_codegen.reconcile.fit.target import Column, FitData
 from st_codegen.reconcile.judge.evidence import chi_square_tail
 from st_codegen.reconcile.settings import SETTINGS
 
-#: what data are where they were read wrong by a size
-Reread = Callable[[Observations, float], Observations]
+#: the data that were meant where some were read wrong by sizes
+Reread = Callable[[Observations, FloatArray], Observations]
 
 
 @dataclass(frozen=True)
 class Reading:
     """One way to read wrong: its name among alternatives, what `--accept` calls it, and the data that were meant.
 
-    text: what is wrong, with the size in its unit and (where that says it) its sign in words; step: a size that changes
-    little; most: beyond it is no slip of this kind; sizes: those that it may have where it is not a matter of degree.
+    texts: what is wrong, one for each size, with it in its unit and (where that says it) its sign in words; steps:
+    sizes that change little; most: beyond these it is no slip of this kind. A reading without steps has no degrees.
     """
 
     name: str
     accept: str
-    text: str
+    texts: tuple[str, ...]
     meant: Reread
-    step: float
-    most: float
-    sizes: tuple[float, ...] = ()
+    steps: tuple[float, ...] = ()
+    most: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
 class Misread:
-    """A reading of a size that does what changes of the rig do: the numbers of their pieces, OFFSET for the zero's."""
+    """A reading with its sizes, and the numbers of the pieces whose changes it stands for (OFFSET: the zero's).
+
+    loss: what is left with it.
+    """
 
     reading: Reading
-    size: float
+    sizes: FloatArray
     instead_of: frozenset[int]
+    loss: float
 
     @property
     def text(self) -> str:
-        """What seems to be read wrong, with its size."""
-        return self.reading.text.format(abs(self.size), *(["high"] if self.size > 0 else ["low"]))
+        """What seems to be read wrong, with its sizes."""
+        sizes = self.sizes if len(self.sizes) else np.ones(1)
+        return " and ".join(
+            text.format(abs(size), "high" if size > 0 else "low")
+            for text, size in zip(self.reading.texts, sizes, strict=True)
+        )
+
+    @property
+    def is_asked(self) -> bool:
+        """Whether it has fewer numbers than there are changes for which it stands: then it is hardly by chance."""
+        return len(self.instead_of) > max(len(self.sizes), 1)
 
     def meant(self, data: Observations) -> Observations:
         """The data as they would be, read right."""
-        return self.reading.meant(data, self.size)
+        return self.reading.meant(data, self.sizes)
 
 
 #: in the place of the number of a piece
 OFFSET = -1
 
 
-def _scaled(key: str) -> Reread:
-    return lambda data, size: _with(data, key, getattr(data.at, key) / (1.0 + size / 100.0))
-
-
-def _shifted(key: str) -> Reread:
-    return lambda data, size: _with(data, key, getattr(data.at, key) - size)
-
-
 def _with(data: Observations, key: str, values: FloatArray) -> Observations:
     return replace(data, at=replace(data.at, **{key: values}))
 
 
-def _slipped(data: Observations, size: float) -> Observations:
+def _scaled(key: str) -> Reread:
+    return lambda data, size: _with(data, key, getattr(data.at, key) / (1.0 + size[0] / 100.0))
+
+
+def _shifted(key: str) -> Reread:
+    return lambda data, size: _with(data, key, getattr(data.at, key) - size[0])
+
+
+def _torque_both(data: Observations, size: FloatArray) -> Observations:
+    return _with(data, "torque_Nm", (data.at.torque_Nm - size[1]) / (1.0 + size[0] / 100.0))
+
+
+def _slipped(data: Observations, size: FloatArray) -> Observations:
     """Speeds that fall in proportion to the load, by a share of 1/100 at the largest."""
     load = np.abs(data.at.torque_Nm)
-    return _with(data, "speed_rpm", data.at.speed_rpm * (1.0 - size / 100.0 * load / max(float(load.max()), 1e-300)))
+    share = size[0] / 100.0 * load / max(float(load.max()), 1e-300)
+    return _with(data, "speed_rpm", data.at.speed_rpm * (1.0 - share))
 
 
-def _turned(data: Observations, size: float) -> Observations:
-    return replace(data, values=data.values * np.exp(1j * np.radians(size) * data.orders))
-
-
-def _ramp_taken_out(data: Observations, size: float) -> Observations:
-    """TE without a rise of so many deg from the zero of the angle to where the turn ends."""
-    waves = 1j * size / (np.pi * np.maximum(data.orders, 1))
-    return replace(data, values=data.values - np.where(data.orders == 0, size / 2, waves))
-
-
-def _smaller(data: Observations, size: float) -> Observations:
-    return data.scaled(1.0 / (1.0 + size / 100.0))
-
-
-def _smaller_backward(data: Observations, size: float) -> Observations:
-    factor = np.where(data.at.sign < 0, 1.0 / (1.0 + size / 100.0), 1.0)[:, None]
-    spectral = None if data.spectral_deg is None else data.spectral_deg * factor
-    return replace(data, values=data.values * factor, spectral_deg=spectral)
-
-
-def _exchanged(data: Observations, _size: float) -> Observations:
-    return _with(data, "sign", -data.at.sign)
-
-
-def _of_fahrenheit(data: Observations, _size: float) -> Observations:
+def _of_fahrenheit(data: Observations, _size: FloatArray) -> Observations:
     return _with(data, "temperature_C", (data.at.temperature_C - 32.0) / 1.8)
 
 
+def _exchanged(data: Observations, _size: FloatArray) -> Observations:
+    return _with(data, "sign", -data.at.sign)
+
+
+def _turned(*signs: float) -> Reread:
+    """Angles that are read wrong in curves of some directions."""
+    return lambda data, size: replace(
+        data,
+        values=data.values * np.exp(1j * np.radians(size[0]) * np.isin(data.at.sign, signs)[:, None] * data.orders),
+    )
+
+
+def _divided(data: Observations, factor: FloatArray) -> Observations:
+    """TE divided by a factor of each row, (n,)."""
+    spectral = None if data.spectral_deg is None else data.spectral_deg / factor[:, None]
+    return replace(data, values=data.values / factor[:, None], spectral_deg=spectral)
+
+
+def _smaller(*signs: float) -> Reread:
+    """TE of some directions that is too large."""
+    return lambda data, size: _divided(data, 1.0 + size[0] / 100.0 * np.isin(data.at.sign, signs))
+
+
+def _growing(data: Observations, size: FloatArray) -> Observations:
+    """TE that grows with the number of the run, from the first to the last by a share of 1/100."""
+    if data.run is None:
+        return data
+    return _divided(data, 1.0 + size[0] / 100.0 * data.run / max(int(data.run.max()), 1))
+
+
+def _ramp_taken_out(data: Observations, size: FloatArray) -> Observations:
+    """TE without a rise of so many deg from the zero of the angle to where the turn ends."""
+    waves = 1j * size[0] / (np.pi * np.maximum(data.orders, 1))
+    return replace(data, values=data.values - np.where(data.orders == 0, size[0] / 2, waves))
+
+
+_TORQUE, _SPEED, _HEAT, _ANGLE, _TE = (f"misread_{what}" for what in ("torque", "speed", "temperature", "angle", "te"))
 READINGS = (
-    Reading("misread_torque", "torque", "all torques {:.3g} % too {}", _scaled("torque_Nm"), 0.1, 100.0),
-    Reading("misread_torque", "torque", "all torques {:.3g} N m too {}", _shifted("torque_Nm"), 1.0, 500.0),
+    Reading(_TORQUE, "torque", ("all torques {:.3g} % too {}",), _scaled("torque_Nm"), (0.1,), (100.0,)),
+    Reading(_TORQUE, "torque", ("all torques {:.3g} N m too {}",), _shifted("torque_Nm"), (1.0,), (500.0,)),
     Reading(
-        "misread_temperature", "conditions", "all temperatures {:.3g} K too {}", _shifted("temperature_C"), 0.1, 30.0
+        _TORQUE, "torque", ("all torques {:.3g} % too {}", "beside that {:.3g} N m too {}"), _torque_both,
+        (0.1, 1.0), (100.0, 500.0),
     ),
-    Reading("misread_temperature", "conditions", "all temperatures in degF", _of_fahrenheit, 0.0, 0.0, (1.0,)),
-    Reading("misread_speed", "conditions", "all speeds {:.3g} % too {}", _scaled("speed_rpm"), 0.1, 30.0),
+    Reading(_HEAT, "conditions", ("all temperatures {:.3g} K too {}",), _shifted("temperature_C"), (0.1,), (30.0,)),
+    Reading(_HEAT, "conditions", ("all temperatures in degF",), _of_fahrenheit),
+    Reading(_SPEED, "conditions", ("all speeds {:.3g} % too {}",), _scaled("speed_rpm"), (0.1,), (30.0,)),
     Reading(
-        "misread_speed",
-        "conditions",
-        "speeds {:.3g} % too {} at the largest load, and in proportion at others",
-        _slipped,
-        0.1,
-        30.0,
+        _SPEED, "conditions", ("speeds {:.3g} % too {} at the largest load, and in proportion at others",), _slipped,
+        (0.1,), (30.0,),
     ),
-    Reading("misread_angle", "home_offset", "every angle {:.3g} deg too {}", _turned, 1e-3, 5.0),
-    Reading("misread_ratio", "ratio", "TE {:.3g} deg too {} at the end of each turn", _ramp_taken_out, 1e-4, 1.0),
-    Reading("misread_te", "column_scale", "all TE {:.3g} % too {}", _smaller, 0.1, 30.0),
-    Reading("misread_te", "column_scale", "all TE backward {:.3g} % too {}", _smaller_backward, 0.1, 30.0),
-    Reading("exchanged_directions", "direction", "forward and backward exchanged", _exchanged, 0.0, 0.0, (1.0,)),
-)
+    Reading(_ANGLE, "home_offset", ("every angle {:.3g} deg too {}",), _turned(1.0, -1.0), (1e-3,), (5.0,)),
+    Reading(_ANGLE, "home_offset", ("every angle backward {:.3g} deg too {}",), _turned(-1.0), (1e-3,), (5.0,)),
+    Reading(
+        "misread_ratio", "ratio", ("TE {:.3g} deg too {} at the end of each turn",), _ramp_taken_out, (1e-4,), (1.0,)
+    ),
+    Reading(_TE, "column_scale", ("all TE {:.3g} % too {}",), _smaller(1.0, -1.0), (0.1,), (30.0,)),
+    Reading(_TE, "column_scale", ("all TE backward {:.3g} % too {}",), _smaller(-1.0), (0.1,), (30.0,)),
+    Reading(
+        _TE, "column_scale", ("all TE {:.3g} % too {} in the last run, and before in proportion to the run's number",),
+        _growing, (0.1,), (30.0,),
+    ),
+    Reading("exchanged_directions", "direction", ("forward and backward exchanged",), _exchanged),
+)  # fmt: skip
 
 
 def misread(final: Fit, changed: Collection[int], offset_changed: bool) -> tuple[Misread, ...]:
@@ -147,7 +182,8 @@ def misread(final: Fit, changed: Collection[int], offset_changed: bool) -> tuple
     state = replace(state, offset=state.rig.zero_offset_deg, offset_free=False)
     plain = fit(final.target, state, steps=SETTINGS.quick_steps)
     found = (_instead(final, plain, reading, everything) for reading in READINGS)
-    return tuple(sorted((one for one in found if one is not None), key=lambda one: -len(one.instead_of)))
+    standing = [one for one in found if one is not None]
+    return tuple(sorted(standing, key=lambda one: (-len(one.instead_of), len(one.sizes), one.loss)))
 
 
 def refined(final: Fit, accepted: Collection[str]) -> Misread | None:
@@ -157,32 +193,45 @@ def refined(final: Fit, accepted: Collection[str]) -> Misread | None:
     """
     best, found = SETTINGS.order_gain, None
     for reading in READINGS:
-        if reading.accept in accepted and reading.step and final.target.data.angle_rad is None:
-            size, read = _read(final.target, final.state, reading)
-            if final.loss - read.loss > best:
-                best, found = final.loss - read.loss, Misread(reading, size, frozenset())
+        if reading.accept in accepted and reading.steps and final.target.data.angle_rad is None:
+            sizes, read = _read(final.target, final.state, reading)
+            # another number must be worth it
+            gain = final.loss - read.loss - SETTINGS.as_good * (len(sizes) - 1)
+            if gain > best:
+                best, found = gain, Misread(reading, sizes, frozenset(), read.loss)
     return found
 
 
 def _instead(final: Fit, plain: Fit, reading: Reading, everything: frozenset[int]) -> Misread | None:
     """A reading with as many of the changes as it needs to be as good as all of them; None where it needs all."""
-    size, best = _read(plain.target, plain.state, reading)
+    sizes, best = _read(plain.target, plain.state, reading)
     if plain.loss - best.loss < SETTINGS.order_gain:
         return None
     kept: set[int] = set()
-    while _is_needed(best, final):
-        if len(kept) + 1 >= min(len(everything), SETTINGS.beside_reading + 1):
+    while _is_needed(best, final, len(sizes)):
+        # a reading of several numbers stands for as many changes at least
+        if len(kept) + max(len(sizes), 1) >= min(len(everything), SETTINGS.beside_reading + len(sizes)) + 1:
             return None
-        trials = {i: _read(plain.target, _freed(best.state, final, i), reading, size) for i in everything - kept}
+        trials = {i: _read(plain.target, _freed(best.state, final, i), reading, sizes) for i in everything - kept}
         number = min(trials, key=lambda i: trials[i][1].loss)
         kept.add(number)
-        size, best = trials[number]
-    return Misread(reading, size, everything - kept)
+        sizes, best = trials[number]
+    for number in sorted(kept):
+        # near the right sizes it may be none that is needed: a narrow peak tells them from nearby only
+        again = _read(plain.target, _held(best.state, plain, number), reading, sizes)
+        if not _is_needed(again[1], final, len(sizes)):
+            kept.remove(number)
+            sizes, best = again
+    instead = everything - kept
+    return Misread(reading, sizes, instead, best.loss) if len(instead) >= max(len(sizes), 1) else None
 
 
-def _is_needed(without: Fit, final: Fit) -> bool:
-    """Whether the data refuse the rig's own values of what `without` holds there, as they must of any change."""
-    numbers = max(len(final.prior) - len(without.prior), 1)
+def _is_needed(without: Fit, final: Fit, sizes: int) -> bool:
+    """Whether the data refuse the rig's own values of what `without` holds there, as they must of any change.
+
+    sizes: how many numbers it has in place of these.
+    """
+    numbers = max(len(final.prior) - len(without.prior) - sizes, 1)
     return chi_square_tail(without.loss - final.loss, numbers) < SETTINGS.p_changed
 
 
@@ -192,30 +241,38 @@ def _freed(state: State, final: Fit, number: int) -> State:
     return state.replaced(number, final.state.pieces[number])
 
 
-def _read(target: FitData, state: State, reading: Reading, size: float = 0.0) -> tuple[float, Fit]:
-    """The size of a reading, and all that is free in a state beside it: the best there is near a size."""
+def _held(state: State, plain: Fit, number: int) -> State:
+    if number == OFFSET:
+        return replace(state, offset=state.rig.zero_offset_deg, offset_free=False)
+    return state.replaced(number, plain.state.pieces[number])
 
-    def fitted(size: float, state: State) -> Fit:
+
+def _read(target: FitData, state: State, reading: Reading, sizes: FloatArray | None = None) -> tuple[FloatArray, Fit]:
+    """The sizes of a reading, and all that is free in a state beside it: the best there is near some sizes."""
+
+    def fitted(sizes: FloatArray, state: State) -> Fit:
         # what was kept of columns is that of other conditions
-        read = replace(target, data=reading.meant(target.data, size), cache={}, responses={})
+        read = replace(target, data=reading.meant(target.data, sizes), cache={}, responses={})
         return fit(read, state, steps=SETTINGS.quick_steps)
 
-    if reading.sizes:
-        return min(((size, fitted(size, state)) for size in reading.sizes), key=lambda one: one[1].loss)
-    best = fitted(size, state)
-    for _ in range(SETTINGS.quick_steps):
-        ahead = reading.meant(target.data, size + reading.step)
-        more = replace(best.target, data=ahead).residual(best.state.model())
-        column: Column = (np.arange(len(ahead.orders)), (best.residual - more) / reading.step)
-        if not column[1].any():
+    count = len(reading.steps)
+    sizes = np.zeros(count) if sizes is None else sizes
+    best = fitted(sizes, state)
+    for _ in range(SETTINGS.quick_steps if count else 0):
+        columns: list[Column] = []
+        for number, step in enumerate(reading.steps):
+            ahead = reading.meant(target.data, sizes + step * (np.arange(count) == number))
+            more = replace(best.target, data=ahead).residual(best.state.model())
+            columns.append((np.arange(len(ahead.orders)), (best.residual - more) / step))
+        if not all(values.any() for _, values in columns):
             break
         weights = best.target.weights(best.residual)
-        matrix, pull = gather(best.target, (*best.columns, column), best.residual, weights, by_cell=False).total()
-        told = np.append(best.prior, 0.0)
-        pull = pull - np.append(best.prior * (best.state.vector() - best.centre), 0.0)
-        aim = size + float((inverse(matrix + np.diag(told)) @ pull)[-1])
-        trial = fitted(aim, best.state) if abs(aim) < reading.most else best
+        matrix, pull = gather(best.target, (*best.columns, *columns), best.residual, weights, by_cell=False).total()
+        prior = np.concatenate([best.prior, np.zeros(count)])
+        pull = pull - np.concatenate([best.prior * (best.state.vector() - best.centre), np.zeros(count)])
+        aim = sizes + (inverse(matrix + np.diag(prior)) @ pull)[-count:]
+        trial = fitted(aim, best.state) if (np.abs(aim) < reading.most).all() else best
         if trial.loss > best.loss - SETTINGS.quick_tolerance:
             break
-        size, best = aim, trial
-    return size, best
+        sizes, best = aim, trial
+    return sizes, best

@@ -6,7 +6,7 @@ The mistakes that touch all runs are looked for in `measurement` and `sensors`.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -51,7 +51,7 @@ def mistaken_runs(data: Observations, rig: RigModel) -> list[Mistake]:
     blocks = _block(data, values, known, weight)
     out = {row for mistake in blocks for row in mistake.rows}
     rest = np.array([row not in out for row in range(len(data))])
-    return [*blocks, *_labels(data, values, known, weight, rest)]
+    return [*blocks, *_labels(data, rig, sure, rest, weight)]
 
 
 def _block(data: Observations, values: ComplexArray, known: ComplexArray, weight: FloatArray) -> list[Mistake]:
@@ -83,10 +83,12 @@ def _block(data: Observations, values: ComplexArray, known: ComplexArray, weight
     return [Mistake("block", text, rows=tuple(map(int, rows)))]
 
 
-def _labels(
-    data: Observations, values: ComplexArray, known: ComplexArray, weight: FloatArray, rest: BoolArray
-) -> list[Mistake]:
-    """Runs that the rig explains well under the label of another run, and badly under their own."""
+def _labels(data: Observations, rig: RigModel, sure: BoolArray, rest: BoolArray, weight: FloatArray) -> list[Mistake]:
+    """Runs that the rig explains well under the label of another run, and badly under their own.
+
+    sure: the orders that say so, bool (K,); rest: the rows that are asked; weight: of these orders, (n, sure).
+    """
+    values, known = data.values[:, sure], rig.coefficients(data.at, data.orders.tolist())[:, sure]
     loss = (weight * np.abs(values - known) ** 2).sum(axis=1)
     usual = float(np.median(loss[rest])) if rest.any() else 0.0
     limit = SETTINGS.label_loss * max(usual, 2.0 * values.shape[1])
@@ -101,6 +103,8 @@ def _labels(
             continue
         at, row = data.at, other[1]
         if not _most_agree(data, values, known, weight, rows, row):
+            continue
+        if _by_its_torque(data, rig, sure, weight, rows, row) < other[0] + SETTINGS.order_gain:
             continue
         wrong += map(int, rows)
         texts.append(
@@ -129,6 +133,25 @@ def _most_agree(
             there = known[np.flatnonzero(same)[0]]
             gain += weight[row] * (np.abs(values[row] - known[row]) ** 2 - np.abs(values[row] - there) ** 2)
     return float(np.sort(gain)[:-1].sum()) > SETTINGS.order_gain
+
+
+def _by_its_torque(
+    data: Observations, rig: RigModel, sure: BoolArray, weight: FloatArray, rows: IntArray, other: int
+) -> float:
+    """The least loss of a run at another torque than its label's; infinite where the other label is no more than that.
+
+    A torque that is read wrong may be near that of another run, whose speed has no part in it.
+    """
+    at = data.at
+    if (at.speed_rpm[rows] == at.speed_rpm[other]).all() and (at.temperature_C[rows] == at.temperature_C[other]).all():
+        return np.inf
+    tried = np.linspace(at.torque_Nm.min(), at.torque_Nm.max(), SETTINGS.torques_tried)
+    found = np.zeros(len(tried))
+    for row in rows:
+        as_if = replace(at.rows(np.full(len(tried), row)), torque_Nm=tried)
+        model = rig.coefficients(as_if, data.orders.tolist())[:, sure]
+        found += (weight[row] * np.abs(data.values[row, sure] - model) ** 2).sum(axis=1)
+    return float(found.min())
 
 
 def _other_label(

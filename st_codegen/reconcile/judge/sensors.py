@@ -19,11 +19,11 @@ from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 from st_codegen.rig.model import RigModel
 
-_GAIN = "all torques seem to be {:.3g} times what they were: every order that depends on the load agrees"
-_ZERO_TORQUE = "all torques seem to be off by {:.3g} N m: every order that depends on the load agrees"
+_GAIN = "all torques seem to be {:.3g} times what they were: most orders that depend on the load agree"
+_ZERO_TORQUE = "all torques seem to be off by {:.3g} N m: most orders that depend on the load agree"
 _OWN_TORQUES = (
-    "the torques of the runs seem to be read wrong, each by its own, by up to {:.0f} N m and {:.0f} N m RMS: every "
-    "order that depends on the load agrees with the others on it"
+    "the torques of the runs seem to be read wrong, each by its own, by up to {:.0f} N m and {:.0f} N m RMS: most "
+    "orders that depend on the load agree with the others on it"
 )
 _OWN_BY_DIRECTION = _OWN_TORQUES.replace("each by its own", "each by its own and forward by another than backward")
 _TAKE_OWN = "take the torques that the orders tell (what the load does to all orders alike cannot be seen then)"
