@@ -12,7 +12,7 @@ import pytest
 from st_codegen.campaign.curves import Curve
 from st_codegen.campaign.orders import curve_sums
 from st_codegen.errors import InputError
-from st_codegen.reconcile.data.hum import without_hums
+from st_codegen.reconcile.data.hum import without_hums, without_waves_between
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
 from st_codegen.reconcile.judge.each_run import _most_gain, ramps
 from st_codegen.reconcile.judge.measurement import examine
@@ -609,3 +609,61 @@ def test_orders_with_a_gap_above_the_noise_vote_and_others_are_asked_together(ga
     one = np.ones((2, 5))
     sums = PowerSums(np.arange(5), one, 0 * one, 0j * one, one, one, np.full((2, 1), runs))
     assert sums.gap_falls(one + gap, one) is falls
+
+
+def turning(periods, sigma, samples=400):
+    """Sums of 20 curves of 100 orders, each with a wave of so many periods a turn for every entry of a row."""
+    random, phi = np.random.default_rng(8), 2 * np.pi * np.arange(samples) / samples
+    waves = [sum((5e-4 * np.cos(k * phi + random.uniform(0, 6)) for k in row), 0.0 * phi) for row in periods]
+    noise = sigma * random.standard_normal((len(waves), samples))
+    te = 2e-3 * np.cos(phi) + 1e-3 * np.cos(40 * phi + 0.3) + waves + noise
+    return [curve_sums(Curve(np.rad2deg(phi), row), 100) for row in te]
+
+
+@pytest.mark.parametrize("sigma", [1e-6, 3e-4])
+def test_a_wave_of_no_whole_number_of_periods_is_taken_out_of_all_curves(sigma):
+    """In its place the jump where curves begin and end was called a burst there, with a probability of 0.98."""
+    clean, made = turning([[]] * 20, sigma), turning([[17.3 + 0.002 * i] for i in range(20)], sigma)
+    left, (wave,) = without_waves_between(made, [0, 1, 40])
+    assert wave.order == pytest.approx(17.32, abs=0.02) and wave.amplitude_deg == pytest.approx(5e-4, rel=0.1)
+    assert wave.frequency_Hz == 0.0 and "17.32 periods a turn" in wave.text
+    orders = [0, 1, 2, 16, 17, 18, 39, 40, 60]
+    off, before = (np.mean([np.abs(one.te - two.te)[orders] for one, two in zip(part, clean, strict=True)])
+                   for part in (left, made))  # fmt: skip
+    assert off < 0.1 * before
+    assert without_waves_between(clean, [0, 1, 40])[1] == ()
+
+
+def test_whole_waves_one_beside_the_other_and_bursts_are_no_wave_between_them():
+    for periods in ([17.0], [17.0, 18.0], range(12, 30)):
+        assert without_waves_between(turning([list(periods)] * 20, 1e-5), [0, 1, 40])[1] == ()
+
+
+def test_a_run_whose_torque_alone_is_read_wrong_has_the_label_of_no_other_run():
+    """Where torques scatter one run is near the torque of another one, whose speed has no part in it."""
+    data, random = of_curves(), np.random.default_rng(2)
+    speed, torque = (
+        column + np.tile(random.uniform(-20, 20, RUNS), 2) for column in (data.at.speed_rpm, data.at.torque_Nm)
+    )
+    at = replace(data.at, speed_rpm=speed, torque_Nm=torque)
+    right = data.values + RIG.coefficients(at, ORDERS.tolist()) - RIG.coefficients(data.at, ORDERS.tolist())
+    wrong = torque + np.where(np.arange(2 * RUNS) % RUNS == 3, 80.0, 0.0)
+    made = replace(data, values=right, at=replace(at, torque_Nm=wrong))
+    assert [one.name for one in examine(made, RIG, PATH).mistakes] == []
+    other = np.tile(np.where(np.arange(RUNS) == 3, (np.arange(RUNS) + 7) % RUNS, np.arange(RUNS)), 2)
+    exchanged = replace(at.rows(np.where(np.arange(2 * RUNS) < RUNS, other, other + RUNS)), sign=at.sign)
+    (one,) = examine(replace(data, values=right, at=exchanged), RIG, PATH).mistakes
+    assert one.name == "labels" and set(one.rows) == {3, 3 + RUNS}
+
+
+def test_runs_of_one_start_of_the_machine_share_its_zero():
+    """Each by its own, what a missing resonance turned of single orders stayed as steps and scatter of nine orders."""
+    data, random = of_curves(), np.random.default_rng(3)
+    off = np.where(np.arange(RUNS) > 150, 3.0, 0.0)
+    made = replace(data, values=data.values * np.exp(-1j * np.radians(of_runs(off)) * ORDERS))
+    foreign = 2e-3 * np.exp(1j * random.uniform(0, 6, len(data)))
+    made = replace(made, values=made.values + foreign[:, None] * np.isin(ORDERS, (156, 162)))
+    back = examine(made, RIG, PATH, accept=["home_offset"]).data
+    turn = np.angle(back.values[:, ORDERS == 78] / made.values[:, ORDERS == 78]).ravel()
+    turned = np.abs(turn) > 1e-6
+    assert turned.sum() == 2 * (off > 0).sum() and np.ptp(turn[turned]) < 1e-9

@@ -133,3 +133,36 @@ def test_speeds_that_fall_with_the_load_would_do_in_place_of_a_frequency_that_mo
 def test_changes_that_no_reading_makes_have_none_beside_them(rig):
     result = reconciled(measured(2e-5, rig=rig))
     assert result.conclusions.retuned and not result.conclusions.misread
+
+
+def test_a_factor_and_an_offset_of_the_torques_are_corrected_together():
+    """One of them alone was taken out, and what it left made five parameters "changed"."""
+    data = measured(1e-4, read=replace(AT, torque_Nm=(AT.torque_Nm - 8.0) / 0.97))
+    right = reconciled(data, "torque")
+    assert not right.conclusions.retuned and right.verdict == "nothing_missing"
+    assert np.abs(right.data.at.torque_Nm - AT.torque_Nm).max() < 2.0
+
+
+def test_a_zero_that_backward_curves_alone_have_is_no_turn_of_every_wave():
+    data = measured(1e-4)
+    made = replace(data, values=np.where(data.at.sign[:, None] < 0, turned(data, 0.5).values, data.values))
+    assert "every angle backward 0.5 deg too high: that alone does what 9 changes" in asked(made)
+    assert not reconciled(made, "home_offset").conclusions.retuned
+
+
+def test_a_gain_that_drifts_over_the_runs_would_do_in_place_of_a_stiffness():
+    data = measured(1e-4)
+    made = replace(data, values=data.values * (1 + 0.02 * data.run / RUNS)[:, None])
+    (one,) = reconciled(made).conclusions.retuned
+    assert one.after.name == "torsional_compliance" and "misread_te" in one.alternatives
+    assert not reconciled(made, "column_scale").conclusions.retuned
+
+
+def test_what_a_rule_of_the_measurement_does_not_explain_is_left_as_a_change():
+    """Speeds 4 % too high, beside which a narrow resonance is told from nearby only, and a stiffness that changed."""
+    stiff = with_values("torsional_compliance", stiffness_Nm_per_arcmin=430.0)
+    data = measured(1e-4, rig=stiff, read=replace(AT, speed_rpm=AT.speed_rpm * 1.04))
+    alternatives = {one.after.name: one.alternatives for one in reconciled(data).conclusions.retuned}
+    assert alternatives == {"torsional_compliance": (), "structural_resonance": ("misread_speed",)}
+    (one,) = reconciled(data, "conditions").conclusions.retuned
+    assert one.after.name == "torsional_compliance"

@@ -1,6 +1,7 @@
 """What no effect explains: its size, what it depends on, and its formula, against numbers known beforehand."""
 
-from types import SimpleNamespace
+import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,13 +9,14 @@ import pytest
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
 from st_codegen.reconcile.fit.target import FitData, groups_of
-from st_codegen.reconcile.judge.structure import _wandering, floors, scatter, structure
+from st_codegen.reconcile.judge.structure import floors, lifted_by_a_walk, scatter, structure
 from st_codegen.reconcile.judge.unexplained import main_cause, signatures
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 
 SIGMA = 1.3e-5
 ORDERS = np.array([0, 40, 53])
+TURN = np.exp(0.5j)
 
 
 def grid():
@@ -92,6 +94,46 @@ def test_a_tool_exchanged_in_mid_campaign_is_a_step_in_the_order_of_runs():
     (one,) = found(at, {40: 8e-4 * (late - 0.5) * np.exp(0.5j)}).values()
     assert "between run 200 and run 201 of 540" in one.text
     assert one.amplitude_deg == pytest.approx(8e-4, rel=0.02)
+
+
+def in_any_order(at, seed=5):
+    """The rows with the runs in any order of conditions, and the number of each row's run."""
+    forward, backward = np.flatnonzero(at.sign > 0), np.flatnonzero(at.sign < 0)
+    chosen = np.random.default_rng(seed).permutation(len(forward))
+    return at.rows(np.concatenate([forward[chosen], backward[chosen]])), np.tile(np.arange(len(forward)), 2)
+
+
+def test_what_grows_from_a_run_on_or_until_one_is_no_step_and_no_trend_of_all_runs():
+    at, run = in_any_order(grid())
+    (grows,) = found(at, {40: 8e-4 * np.maximum(run - 300, 0) / 240 * TURN}).values()
+    assert re.search(r"a trend of 0\.0008\d* deg from about run (28|29|30|31)\d on, of 540", grows.text)
+    (ends,) = found(at, {40: 8e-4 * np.minimum(run - 300, 0) / 300 * TURN}).values()
+    assert re.search(r"a trend of 0\.0008\d* deg until about run (28|29|30|31)\d, of 540", ends.text)
+    (whole,) = found(at, {40: 8e-4 * run / 539 * TURN}).values()
+    assert "a trend of 0.0008 deg over the 540 runs" in whole.text
+
+
+def test_a_slow_wander_is_no_step():
+    at, run = in_any_order(grid())
+    (one,) = found(at, {40: 8e-4 * np.tanh((run - 270) / 60) * TURN}).values()
+    assert "a step" not in one.text
+
+
+def test_no_body_follows_the_oil_by_as_many_runs_as_there_are():
+    """Of temperatures in any order the mean of a hundred runs is a walk, and near some ramp by chance."""
+    at, run = in_any_order(grid())
+    for seed in range(3):
+        oil = np.tile(np.random.default_rng(seed).uniform(22, 38, len(at) // 2), 2)
+        for one in found(replace(at, temperature_C=oil), {40: 8e-4 * np.maximum(run - 330, 0) / 210 * TURN}).values():
+            assert "late" not in one.text
+
+
+def test_the_floor_is_no_more_than_there_is_in_an_order():
+    at, _ = in_any_order(grid())
+    residual = np.full((len(at), len(ORDERS)), 1e-6 + 0j)
+    data = Observations(at, labels(at), ORDERS, residual)
+    target = FitData(data, np.full(residual.shape, 1e-3), np.ones(len(at), bool), groups_of(at))
+    assert floors(target, residual, np.full(len(ORDERS), 1e-3)).max() < 2e-6
 
 
 def test_rows_that_are_sorted_say_nothing_of_time():
@@ -295,11 +337,10 @@ def test_nothing_tells_the_noise_of_a_mean_that_keeps_structure():
 def test_a_walk_within_the_turn_is_told_by_the_other_low_orders():
     """Its power falls with the square of the order; that of the mean is 2 pi^2 / 3 times that of order 1."""
     orders = np.array([0, 1, 2, 3, 40])
-    walk, scatter_of_power = 50.0 / np.maximum(orders, 1) ** 2, SETTINGS.clearly_smaller / np.sqrt(400)
-    times = np.sqrt(1.0 + scatter_of_power + walk)
-    target = SimpleNamespace(data=SimpleNamespace(orders=orders), good=np.ones(400, bool))
+    walk = 50.0 / np.maximum(orders, 1) ** 2
+    lifted = lifted_by_a_walk(orders, walk, (orders > 0) & (orders <= SETTINGS.wander_orders))
     walk[0] = 50.0 * 2 * np.pi**2 / 3
-    assert _wandering(target, times) == pytest.approx(np.sqrt(1.0 + walk))
+    assert lifted == pytest.approx(np.sqrt(1.0 + walk))
 
 
 def over_runs(added, runs=200, orders=10, seed=3):

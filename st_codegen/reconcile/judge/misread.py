@@ -25,7 +25,7 @@ Reread = Callable[[Observations, FloatArray], Observations]
 
 
 @dataclass(frozen=True)
-class Reading:
+class WrongReading:
     """One way to read wrong: its name among alternatives, what `--accept` calls it, and the data that were meant.
 
     texts: what is wrong, one for each size, with it in its unit and (where that says it) its sign in words; steps:
@@ -47,7 +47,7 @@ class Misread:
     loss: what is left with it.
     """
 
-    reading: Reading
+    reading: WrongReading
     sizes: FloatArray
     instead_of: frozenset[int]
     loss: float
@@ -140,31 +140,33 @@ def _ramp_taken_out(data: Observations, size: FloatArray) -> Observations:
 
 _TORQUE, _SPEED, _HEAT, _ANGLE, _TE = (f"misread_{what}" for what in ("torque", "speed", "temperature", "angle", "te"))
 READINGS = (
-    Reading(_TORQUE, "torque", ("all torques {:.3g} % too {}",), _scaled("torque_Nm"), (0.1,), (100.0,)),
-    Reading(_TORQUE, "torque", ("all torques {:.3g} N m too {}",), _shifted("torque_Nm"), (1.0,), (500.0,)),
-    Reading(
+    WrongReading(_TORQUE, "torque", ("all torques {:.3g} % too {}",), _scaled("torque_Nm"), (0.1,), (100.0,)),
+    WrongReading(_TORQUE, "torque", ("all torques {:.3g} N m too {}",), _shifted("torque_Nm"), (1.0,), (500.0,)),
+    WrongReading(
         _TORQUE, "torque", ("all torques {:.3g} % too {}", "beside that {:.3g} N m too {}"), _torque_both,
         (0.1, 1.0), (100.0, 500.0),
     ),
-    Reading(_HEAT, "conditions", ("all temperatures {:.3g} K too {}",), _shifted("temperature_C"), (0.1,), (30.0,)),
-    Reading(_HEAT, "conditions", ("all temperatures in degF",), _of_fahrenheit),
-    Reading(_SPEED, "conditions", ("all speeds {:.3g} % too {}",), _scaled("speed_rpm"), (0.1,), (30.0,)),
-    Reading(
+    WrongReading(
+        _HEAT, "conditions", ("all temperatures {:.3g} K too {}",), _shifted("temperature_C"), (0.1,), (30.0,)
+    ),
+    WrongReading(_HEAT, "conditions", ("all temperatures in degF",), _of_fahrenheit),
+    WrongReading(_SPEED, "conditions", ("all speeds {:.3g} % too {}",), _scaled("speed_rpm"), (0.1,), (30.0,)),
+    WrongReading(
         _SPEED, "conditions", ("speeds {:.3g} % too {} at the largest load, and in proportion at others",), _slipped,
         (0.1,), (30.0,),
     ),
-    Reading(_ANGLE, "home_offset", ("every angle {:.3g} deg too {}",), _turned(1.0, -1.0), (1e-3,), (5.0,)),
-    Reading(_ANGLE, "home_offset", ("every angle backward {:.3g} deg too {}",), _turned(-1.0), (1e-3,), (5.0,)),
-    Reading(
+    WrongReading(_ANGLE, "home_offset", ("every angle {:.3g} deg too {}",), _turned(1.0, -1.0), (1e-3,), (5.0,)),
+    WrongReading(_ANGLE, "home_offset", ("every angle backward {:.3g} deg too {}",), _turned(-1.0), (1e-3,), (5.0,)),
+    WrongReading(
         "misread_ratio", "ratio", ("TE {:.3g} deg too {} at the end of each turn",), _ramp_taken_out, (1e-4,), (1.0,)
     ),
-    Reading(_TE, "column_scale", ("all TE {:.3g} % too {}",), _smaller(1.0, -1.0), (0.1,), (30.0,)),
-    Reading(_TE, "column_scale", ("all TE backward {:.3g} % too {}",), _smaller(-1.0), (0.1,), (30.0,)),
-    Reading(
+    WrongReading(_TE, "column_scale", ("all TE {:.3g} % too {}",), _smaller(1.0, -1.0), (0.1,), (30.0,)),
+    WrongReading(_TE, "column_scale", ("all TE backward {:.3g} % too {}",), _smaller(-1.0), (0.1,), (30.0,)),
+    WrongReading(
         _TE, "column_scale", ("all TE {:.3g} % too {} in the last run, and before in proportion to the run's number",),
         _growing, (0.1,), (30.0,),
     ),
-    Reading("exchanged_directions", "direction", ("forward and backward exchanged",), _exchanged),
+    WrongReading("exchanged_directions", "direction", ("forward and backward exchanged",), _exchanged),
 )  # fmt: skip
 
 
@@ -202,7 +204,7 @@ def refined(final: Fit, accepted: Collection[str]) -> Misread | None:
     return found
 
 
-def _instead(final: Fit, plain: Fit, reading: Reading, everything: frozenset[int]) -> Misread | None:
+def _instead(final: Fit, plain: Fit, reading: WrongReading, everything: frozenset[int]) -> Misread | None:
     """A reading with as many of the changes as it needs to be as good as all of them; None where it needs all."""
     sizes, best = _read(plain.target, plain.state, reading)
     if plain.loss - best.loss < SETTINGS.order_gain:
@@ -247,7 +249,9 @@ def _held(state: State, plain: Fit, number: int) -> State:
     return state.replaced(number, plain.state.pieces[number])
 
 
-def _read(target: FitData, state: State, reading: Reading, sizes: FloatArray | None = None) -> tuple[FloatArray, Fit]:
+def _read(
+    target: FitData, state: State, reading: WrongReading, sizes: FloatArray | None = None
+) -> tuple[FloatArray, Fit]:
     """The sizes of a reading, and all that is free in a state beside it: the best there is near some sizes."""
 
     def fitted(sizes: FloatArray, state: State) -> Fit:

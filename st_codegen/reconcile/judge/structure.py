@@ -287,19 +287,27 @@ def _beyond(target: FitData, residual: ComplexArray) -> FloatArray:
 def _wandering(target: FitData, residual: ComplexArray) -> FloatArray:
     """How much louder than the noise between orders a walk within one turn makes each order, (K,).
 
-    The power of a walk falls with the square of the order, that of flicker with the order; the mean of a walk over a
-    turn has 2 pi^2 / 3 times the power of order 1. Which of them it is, and how strong, the lowest orders say where
-    they are clearly louder, each but the one asked about. Those that follow the conditions, or the order of the runs,
-    do not walk.
+    How strong it is the lowest orders say where they are clearly louder. Those that follow the conditions, or the order
+    of the runs, do not walk.
     """
-    orders, times = target.data.orders, _times_spectral(target, residual)
-    found = np.ones(len(times))
+    orders = target.data.orders
     # the mean power of n runs of noise scatters by 1/sqrt(n)
-    power = times**2 - 1.0 - SETTINGS.clearly_smaller / np.sqrt(max(int(target.good.sum()), 1))
-    walks = (orders > 0) & (orders <= SETTINGS.wander_orders) & ~structure(target, residual).significant
-    low = np.flatnonzero(walks)
+    scatters = SETTINGS.clearly_smaller / np.sqrt(max(int(target.good.sum()), 1))
+    power = _times_spectral(target, residual) ** 2 - 1.0 - scatters
+    low = (orders > 0) & (orders <= SETTINGS.wander_orders)
+    return lifted_by_a_walk(orders, power, low & ~structure(target, residual).significant)
+
+
+def lifted_by_a_walk(orders: IntArray, power: FloatArray, low: BoolArray) -> FloatArray:
+    """The factor on the noise of each order (K,) by a walk within the turn, of the power beyond noise of low ones.
+
+    The power of a walk falls with the square of the order, that of flicker with the order; the mean of a walk over a
+    turn has 2 pi^2 / 3 times the power of order 1. Which of them it is, and how strong, the others of the low orders
+    say.
+    """
+    found = np.ones(len(orders))
     for k, order in enumerate(orders):
-        others = low[low != k]
+        others = np.flatnonzero(low & (np.arange(len(orders)) != k))
         if len(others) > 1:
             at_one = {n: np.maximum(power[others], 1e-300) * orders[others] ** n for n in (2, 1)}
             falls = min(at_one, key=lambda n: float(np.std(np.log(at_one[n]))))
