@@ -17,6 +17,9 @@ class Settings:
     #: fewer curves, or fewer different operating points, cannot tell an effect from a single odd run
     least_curves: int = 8
     least_points: int = 5
+    #: a curve is cut off where so many times as many samples have its extreme as have the value beside it: of an even
+    #: wave that is rounded two and a half times as many do, of noise fewer
+    flat_top: float = 8.0
     #: samples of a recording that the common core is given at most: the information of more is in their mean already
     most_samples: int = 6000
     least_samples: int = 200
