@@ -309,9 +309,11 @@ class Settings:
     most_suspects: float = 0.1
 
     # --- order spectra ---
-    #: an order is there when it stands this many times above the floor: the median of this share, the quietest
-    spectrum_clear: float = 3.0
+    #: share of the orders that is taken for noise; an order is there when it stands so many times above the median of
+    #: these, and noise that scatters as they do reaches as much, in any order, in so many of all spectra
     spectrum_quiet: float = 0.25
+    spectrum_clear: float = 3.0
+    spectrum_chance: float = 0.01
     #: share of the names of one effect that may be expected to be coincidences of orders
     coincidence: float = 0.1
     #: a sideband is at most this large against its mesh order (the bound of the effect)
