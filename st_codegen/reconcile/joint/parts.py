@@ -385,7 +385,13 @@ def _of_best_form(rows: JointRows, parts: list[TorquePart]) -> list[TorquePart]:
         variants = [v for v in KINDS[name].variants(name, rows, load) if told(v, basis) > SETTINGS.joint_told]
         if name not in forms and variants:
             forms[name] = gain_of(variants, parts, rows, before).part
-    sets = [list(some) for count in range(len(forms) + 1) for some in itertools.combinations(forms.values(), count)]
+    sets = [
+        list(some)
+        for count in range(len(forms) + 1)
+        for some in itertools.combinations(forms.values(), count)
+        # two bends at once would take what the form of the other one lacks
+        if len({part.name for part in some} & {"square_friction", "curved_friction"}) < 2
+    ]
     fits = [crossed(stacked([*rest, *some]), rows).held for some in sets]
     best = min(fits, key=lambda held: float(held.sum()))
     good = [n for n, held in enumerate(fits) if not surely(held - best, held)]
@@ -408,7 +414,9 @@ def _judged(rows: JointRows, parts: list[TorquePart], not_told: set[str], moves:
                 instead = _gains(rows, rest, before, set())
                 alike = [n for n, g in instead.items() if n != part.name and not g.is_worse_than(gains[part.name])]
                 alternatives[part.name] = tuple(alike)
-                of_forms = np.maximum(of_forms, _of_another(rows, parts, part, [instead[n].part for n in alike], fit))
+                # beside a curved part dry friction is what is left at high speed: another number
+                forms = [instead[n].part for n in alike if {n, part.name} == {"viscous_friction", "square_friction"}]
+                of_forms = np.maximum(of_forms, _of_another(rows, parts, part, forms, fit))
         weak = [name for name, gain in gains.items() if not gain.passed or not _is_sure(now, name)]
         if not weak:
             # what is left beyond the noise may be of any form: as much of it may belong to each part
