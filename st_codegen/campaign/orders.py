@@ -8,8 +8,8 @@ squares need of a curve only its sums over exp(-i*m*theta), so a campaign is rea
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -25,17 +25,20 @@ BAND = 400
 SIGNIFICANT = math.sqrt(-math.log(1e-6))
 #: neighbours on each side that tell the noise at an order
 _NEIGHBOURS = 12
+#: of the samples, as many hold an order above the band at what is expected where there is no noise
+_LEAST_BELIEF = 1e-9
 #: rounds of finding what else is in a curve
 _ROUNDS = 3
 
 
 @dataclass(frozen=True)
 class Sums:
-    """All that least squares need of one curve, for orders 0..band.
+    """All that least squares need of one curve, for orders 0..K.
 
-    samples: number N; angle: complex128 (2*band + 1,), sum of exp(-i*m*theta); te: complex128 (band + 1,), sum of
+    samples: number N; angle: complex128 (2*K + 1,), sum of exp(-i*m*theta); te: complex128 (K + 1,), sum of
     TE*exp(-i*k*theta) in deg; te_square: sum of TE^2 in deg^2; plain_fft: complex128 (band + 1,), deg, the
-    coefficients of an FFT over the number of the sample; peak_to_peak: deg.
+    coefficients of an FFT over the number of the sample; ends: float64 (2, 3), the lowest and the highest TE in deg,
+    each with the number of samples that have it, and of those that have the value next to it.
     """
 
     samples: int
@@ -43,12 +46,12 @@ class Sums:
     te: ComplexArray
     te_square: float
     plain_fft: ComplexArray
-    peak_to_peak: float
+    ends: FloatArray
 
     @property
     def band(self) -> int:
-        """The highest order that the sums of a curve hold."""
-        return len(self.te) - 1
+        """The highest order that the curve tells: a quarter of the samples, where there are few."""
+        return max(1, min(len(self.te) - 1, self.samples // 4))
 
 
 @dataclass(frozen=True)
@@ -82,21 +85,27 @@ class OrderFit:
 
 
 def curve_sums(curve: Curve, band: int = BAND) -> Sums:
-    """The sums of a curve. Cut to a quarter of the samples where there are few: no order above is told from another."""
+    """The sums of a curve for orders up to `band`; those that it does not tell leak where it has gaps."""
     samples = len(curve.te_deg)
-    band = max(1, min(band, samples // 4))
     te = np.asarray(curve.te_deg, np.float64)
     both = moments(np.deg2rad(curve.angle_deg), np.stack([np.ones(samples), te]), 2 * band)
     rising = te if curve.angle_deg[0] <= curve.angle_deg[-1] else te[::-1]
-    fft = np.fft.rfft(rising)[: band + 1] * (2.0 / samples)
+    fft = np.fft.rfft(rising) * (2.0 / samples)
     fft[0] /= 2.0
-    return Sums(samples, both[0], both[1, : band + 1], float(te @ te), fft, float(np.ptp(te)))
+    values, count = np.unique(te, return_counts=True)
+    ends = np.array(
+        [[values[i], count[i], count[j] if len(count) > 1 else 0] for i, j in ((0, 1), (-1, -2))], np.float64
+    )
+    sums = Sums(samples, both[0], both[1, : band + 1], float(te @ te), fft, ends)
+    return replace(sums, plain_fft=fft[: sums.band + 1])
 
 
-def fit_orders(curve: Curve | Sums, orders: Sequence[int]) -> OrderFit:
+def fit_orders(curve: Curve | Sums, orders: Sequence[int], beyond: Mapping[int, complex] | None = None) -> OrderFit:
     """Fit a set of orders to a curve, together with every other order up to the band that stands above the noise.
 
-    Fitting the others too keeps them from leaking into the wanted ones where the angles are uneven.
+    Fitting the others too keeps them from leaking into the wanted ones where the angles are uneven, or have a gap.
+    beyond: coefficients that are expected of orders above the band, deg. They are fitted as well, each believed to its
+    own size; those that the sums do not reach do not count.
     Raises InputError for an order above the band (a quarter of the samples, or what the sums were made for).
     """
     wanted = tuple(sorted(set(orders)))
@@ -104,24 +113,42 @@ def fit_orders(curve: Curve | Sums, orders: Sequence[int]) -> OrderFit:
     if wanted and (wanted[-1] > sums.band or wanted[0] < 0):
         raise InputError(f"orders {wanted} cannot be fitted: the curve's {sums.samples} samples tell 0 to {sums.band}")
     fitted = np.array(sorted({0, *wanted}))
+    expected = {k: c for k, c in (beyond or {}).items() if sums.band < k < len(sums.te) and c}
+    whole, sums = sums, _without(sums, expected)
+    own, coefficients, residual, floor = fitted, *_fitted(sums, fitted)
     for _ in range(_ROUNDS):
-        coefficients = _solve(sums, fitted)
-        residual = _residual(sums, fitted, coefficients)
-        floor = _noise_floor(sums, residual, fitted, coefficients)
         new = np.setdiff1d(np.flatnonzero(np.abs(residual) > SIGNIFICANT * floor), fitted)
-        if not len(new):
+        if not len(new) and len(own) == len(fitted) + len(expected):
             break
         fitted = np.union1d(fitted, new)
-    else:
-        # the last round found orders that are not fitted yet
-        coefficients = _solve(sums, fitted)
-        residual = _residual(sums, fitted, coefficients)
-        floor = _noise_floor(sums, residual, fitted, coefficients)
-    residual[fitted] = coefficients
+        own = np.concatenate([fitted, np.array(sorted(expected), np.intp)])
+        # an amplitude has 4/N of the variance of a sample
+        variance = sums.samples * floor[-1] ** 2 / 4.0
+        belief = [max(variance / abs(expected[k]) ** 2, _LEAST_BELIEF * sums.samples) for k in sorted(expected)]
+        coefficients, residual, floor = _fitted(sums, own, np.array([0.0] * len(fitted) + belief))
+    residual[fitted] = coefficients[: len(fitted)]
     columns = np.searchsorted(fitted, wanted)
     chosen = coefficients[columns]
-    left = math.sqrt(square_error(sums, wanted, chosen))
+    left = math.sqrt(square_error(whole, wanted, chosen))
     return OrderFit(wanted, chosen, floor[list(wanted)], residual, floor, left)
+
+
+def _fitted(
+    sums: Sums, orders: npt.NDArray[np.intp], belief: FloatArray | None = None
+) -> tuple[ComplexArray, ComplexArray, FloatArray]:
+    """Coefficients of orders, what they leave of the band, and its noise."""
+    coefficients = _solve(sums, orders, belief)
+    residual = _residual(sums, orders, coefficients)
+    return coefficients, residual, _noise_floor(sums, residual, orders, coefficients)
+
+
+def _without(sums: Sums, expected: Mapping[int, complex]) -> Sums:
+    """The sums of a curve without these coefficients."""
+    if not expected:
+        return sums
+    orders, coefficients = np.array(list(expected), np.intp), np.array(list(expected.values()))
+    left = max(_square_error(sums, orders, coefficients), 0.0)
+    return replace(sums, te=_left(sums, orders, coefficients, len(sums.te) - 1), te_square=left)
 
 
 def square_error(sums: Sums, orders: Sequence[int], coefficients: ComplexArray) -> float:
@@ -152,22 +179,29 @@ def _unknowns(orders: npt.NDArray[np.intp]) -> BoolArray:
     return mask
 
 
-def _solve(sums: Sums, orders: npt.NDArray[np.intp]) -> ComplexArray:
+def _solve(sums: Sums, orders: npt.NDArray[np.intp], belief: FloatArray | None = None) -> ComplexArray:
+    """Least squares; belief: by how much each order is held at zero, variance of a sample over that of the order."""
     mask = _unknowns(orders)
     right = np.concatenate([sums.te[orders].real, sums.te[orders].imag])
     solution = np.zeros(len(mask))
-    solution[mask] = np.linalg.solve(_normal_matrix(sums, orders)[np.ix_(mask, mask)], right[mask])
+    matrix = _normal_matrix(sums, orders) + np.diag(np.tile(np.zeros(len(orders)) if belief is None else belief, 2))
+    solution[mask] = np.linalg.solve(matrix[np.ix_(mask, mask)], right[mask])
     return solution[: len(orders)] + 1j * solution[len(orders) :]
 
 
 def _residual(sums: Sums, orders: npt.NDArray[np.intp], coefficients: ComplexArray) -> ComplexArray:
     """What the coefficients leave, as the wave of each order 0..band, complex128 (band + 1,), deg."""
-    m = np.arange(sums.band + 1)[:, None]
-    half = coefficients / 2.0
-    left = sums.te - _angle_sum(sums, m - orders) @ half - _angle_sum(sums, m + orders) @ half.conj()
-    waves: ComplexArray = left * (2.0 / sums.samples)
+    waves: ComplexArray = _left(sums, orders, coefficients, sums.band) * (2.0 / sums.samples)
     waves[0] /= 2.0
     return waves
+
+
+def _left(sums: Sums, orders: npt.NDArray[np.intp], coefficients: ComplexArray, highest: int) -> ComplexArray:
+    """The sums of TE*exp(-i*k*theta) for k = 0..highest that coefficients leave."""
+    m = np.arange(highest + 1)[:, None]
+    half = coefficients / 2.0
+    left: ComplexArray = sums.te[: highest + 1] - _angle_sum(sums, m - orders) @ half
+    return left - _angle_sum(sums, m + orders) @ half.conj()
 
 
 def _noise_floor(

@@ -15,7 +15,7 @@ from st_codegen.files.text import whole_file
 from st_codegen.te.harmonics import Direction
 
 #: changes with the way sums are made: a file of another version is made anew
-_VERSION = 1
+_VERSION = 2
 
 
 class SumsFile:
@@ -68,7 +68,7 @@ class SumsFile:
                 "direction": direction.value,
                 "samples": sums.samples,
                 "te_square": sums.te_square,
-                "peak_to_peak": sums.peak_to_peak,
+                "ends": sums.ends.ravel(),
                 "angle": sums.angle.view(np.float64),
                 "te": sums.te.view(np.float64),
                 "plain_fft": sums.plain_fft.view(np.float64),
@@ -105,7 +105,7 @@ def _sums(row: dict[str, Any]) -> Sums:
         complex_array("te"),
         row["te_square"],
         complex_array("plain_fft"),
-        row["peak_to_peak"],
+        np.asarray(row["ends"], np.float64).reshape(2, 3),
     )
 
 

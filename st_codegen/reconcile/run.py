@@ -160,7 +160,7 @@ def reconcile_files(
     files = recordings_in(measured)
     if files:
         return reconcile_recordings(rig, read_recordings(files), known, progress)
-    data = read_measured(measured, rig, progress, skip_bad=skip_bad).without_copies()
+    data = read_measured(measured, rig, progress, skip_bad=skip_bad, scale=scale or 1.0).without_copies()
     if scale is not None:
         data = data.scaled(scale)
     problems, examined = Problems(str(measured)), Examined(data)

@@ -17,6 +17,9 @@ class Settings:
     #: fewer curves, or fewer different operating points, cannot tell an effect from a single odd run
     least_curves: int = 8
     least_points: int = 5
+    #: a curve is cut off where so many times as many samples have its extreme as have the value beside it: of an even
+    #: wave that is rounded two and a half times as many do, of noise fewer
+    flat_top: float = 8.0
     #: samples of a recording that the common core is given at most: the information of more is in their mean already
     most_samples: int = 6000
     least_samples: int = 200
@@ -306,9 +309,11 @@ class Settings:
     most_suspects: float = 0.1
 
     # --- order spectra ---
-    #: an order is there when it stands this many times above the floor: the median of this share, the quietest
-    spectrum_clear: float = 3.0
+    #: share of the orders that is taken for noise; an order is there when it stands so many times above the median of
+    #: these, and noise that scatters as they do reaches as much, in any order, in so many of all spectra
     spectrum_quiet: float = 0.25
+    spectrum_clear: float = 3.0
+    spectrum_chance: float = 0.01
     #: share of the names of one effect that may be expected to be coincidences of orders
     coincidence: float = 0.1
     #: a sideband is at most this large against its mesh order (the bound of the effect)

@@ -1,18 +1,20 @@
 """Recordings over time: which angles suffice, and all that is wrong with a file at once."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from st_codegen.errors import InputError
+from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.data.recordings import ANGLES, is_recording, observations, read_recordings
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.lines import lines_in_samples, stand_out, waves_of_angle
 from st_codegen.reconcile.judge.links import _judged, _noise
 from st_codegen.reconcile.report.sentences import left_text
 from st_codegen.reconcile.run import reconcile_files, reconcile_recordings
-from st_codegen.rig.effects import catalogue
+from st_codegen.rig.effects import Conditions, catalogue
 from st_codegen.rig.model import parse_rig
 
 RIG = """
@@ -35,8 +37,6 @@ def recorded(path, columns=("t", *ANGLES, "torque_Nm", "temperature_C")):
     """Half a turn at 600 rpm of the motor, by the rig's own links."""
     rig = parse_rig(RIG)
     lag, coupling = rig.effects[1:]
-    from st_codegen.rig.effects import Conditions
-
     time = np.arange(4000) * 1e-3
     reference = 3600.0 * time
     at = Conditions.of(np.ones(len(time)), 600.0, 400.0, 30.0)
@@ -177,3 +177,21 @@ def test_the_noise_of_a_link_is_what_its_digits_are_rounded_by():
     still = np.where(np.arange(4000) % 1000 < 400, rounded, 0.0)
     assert _noise([still]) == pytest.approx(1e-5 / np.sqrt(12), rel=0.3)
     assert _noise([np.zeros(100)]) == 1e-9
+
+
+def test_a_wander_of_the_mean_and_turns_that_are_not_whole_make_no_orders():
+    """Nine and a half turns there and back: order 5 leaked into 1, 2 and 4; a third of the wander was said."""
+    count, random = 6000, np.random.default_rng(1)
+    time = np.arange(count) / 115.0
+    speed = np.deg2rad(6.0) * np.where(time < 20, 7.4, np.where(time < 30, -11.0, 14.0))
+    angle = np.cumsum(speed) / 115.0
+    wander = 3e-3 * np.sin(2 * np.pi * time / 70)
+    te = wander + 8e-4 * np.cos(5 * angle + 0.3) + 1e-4 * random.standard_normal(count)
+    at = Conditions.of(np.sign(speed), 900.0, 500.0, 30.0)
+    data = Observations(at, ("",) * count, np.zeros(1, np.int64), te[:, None] + 0j, angle, (0, 1))
+    target = SimpleNamespace(data=data, sigma=np.full((count, 1), 1e-4))
+    found = {one.order: one.rms_deg for one in lines_in_samples(target, data.values, float((te**2).mean()))}
+    assert found == {
+        0: pytest.approx(np.sqrt((wander**2).mean()), rel=0.01),
+        5: pytest.approx(8e-4 / np.sqrt(2), rel=0.01),
+    }

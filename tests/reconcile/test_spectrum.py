@@ -65,6 +65,24 @@ def test_nothing_missing(tmp_path):
     assert spectrum_report(found)["effects"] == []
 
 
+@pytest.mark.parametrize("runs", [1, 5])
+@pytest.mark.parametrize("directions", [("Fw",), ("Fw", "Bw")], ids=len)
+def test_noise_of_few_runs_is_no_order(tmp_path, directions, runs):
+    """Rayleigh's distribution has a third of its sizes above three times the median of the quietest quarter."""
+    random = np.random.default_rng(7)
+    lines = ["direction,order,median_deg"]
+    for direction in directions:
+        noise = np.median(np.hypot(*random.normal(0, 2e-6, (2, runs, 300))), axis=0)
+        louder = {1: 0.0172, 39: 0.001, 40: 0.0008, 47: 2e-5}
+        lines += [f"{direction},{k},{np.hypot(louder.get(k, 0.0), noise[k]):.6g}" for k in range(1, 300)]
+    (tmp_path / "s.csv").write_text("\n".join(lines) + "\n")
+    found = reconcile_spectrum(parse_rig(RIG), read_spectrum(tmp_path / "s.csv"))
+    assert (found.named, found.unexplained) == ((), (47,))
+    if runs == 1:
+        # 300 sizes tell their quartile to 6 %, and by how much they scatter makes 5 % of it: three of these
+        assert found.floor[1.0] == pytest.approx(2e-6 * np.sqrt(2), rel=0.24)
+
+
 def test_coincidences_get_no_name(tmp_path):
     """Loud orders all over the spectrum: that one of them lies 3 beside the teeth says nothing."""
     rng = np.random.default_rng(3)

@@ -286,7 +286,7 @@ def _wave(
         trials = [middle + reach * step / 2 for step in range(-2, 3)]
         middle = max(trials, key=lambda trial: _told(line[near], _leaks(trial, near, one.samples)))
         reach /= 3
-    orders, leaks = np.arange(one.band + 1), _leaks(middle, near, one.samples)
+    orders, leaks = np.arange(len(one.te)), _leaks(middle, near, one.samples)
     size = complex(np.vdot(leaks, line[near])) / max(_power(leaks), 1e-12)
     size *= 1.0 if clear else min(1.0, most / max(abs(size), 1e-300))
     wave = size * _leaks(middle, orders, one.samples) + np.conj(size * _leaks(middle, -orders, one.samples))
@@ -308,16 +308,17 @@ def _power(leaks: ComplexArray) -> float:
 
 def _less(one: Sums, wave: ComplexArray) -> Sums:
     """The curve without a wave, given by the coefficients of its orders over the number of the sample."""
-    turned = wave * np.exp(-1j * (_start(one) or 0.0) * np.arange(one.band + 1)) * one.samples / 2
+    turned = wave * np.exp(-1j * (_start(one) or 0.0) * np.arange(len(wave))) * one.samples / 2
     turned[0] *= 2
-    return replace(one, te=one.te - turned, plain_fft=one.plain_fft - wave)
+    return replace(one, te=one.te - turned, plain_fft=one.plain_fft - wave[: one.band + 1])
 
 
 def _start(one: Sums) -> float | None:
     """The angle (rad) of the first sample, or None where the samples are no even turn from there on."""
     orders = np.arange(1, one.band + 1)
-    product = one.te[1:] * one.plain_fft[1:].conj()
+    te = one.te[orders]
+    product = te * one.plain_fft[1:].conj()
     start = -float(np.angle(product[0]))
     turned = product * np.exp(1j * start * orders)
-    whole = np.sqrt((np.abs(one.te[1:]) ** 2).sum() * (np.abs(one.plain_fft[1:]) ** 2).sum())
+    whole = np.sqrt((np.abs(te) ** 2).sum() * (np.abs(one.plain_fft[1:]) ** 2).sum())
     return start if turned.real.sum() > SETTINGS.stable * whole else None

@@ -53,8 +53,10 @@ class Observations:
         """What is measured of coefficients (n, model orders): themselves, or their sum at the angle of each row."""
         if self.angle_rad is None:
             return coefficients
-        found: ComplexArray = (coefficients * self._waves).real.sum(axis=1, keepdims=True).astype(np.complex128)
-        return found
+        # of most changes nearly all orders are zero
+        some = coefficients.any(axis=0)
+        found: ComplexArray = (coefficients[:, some] * self._waves[:, some]).sum(axis=1, keepdims=True)
+        return found.real.astype(np.complex128)
 
     @cached_property
     def _waves(self) -> ComplexArray:

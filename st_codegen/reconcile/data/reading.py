@@ -13,7 +13,7 @@ from st_codegen.campaign.conditions import Conditions
 from st_codegen.campaign.curves import CONDITIONS_FILE
 from st_codegen.campaign.harmonic_table import read_table
 from st_codegen.campaign.orders import BAND, OrderFit, Sums, fit_orders
-from st_codegen.campaign.reader import Campaign, read_campaign
+from st_codegen.campaign.reader import Campaign, MeasuredCurve, read_campaign
 from st_codegen.errors import InputError, Problems
 from st_codegen.files.csv_tables import read_csv
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
@@ -32,21 +32,23 @@ _TOLD_OF_BUMP = 3.0
 
 
 def read_measured(
-    path: Path, rig: RigModel, progress: Progress | None = None, *, skip_bad: bool = False
+    path: Path, rig: RigModel, progress: Progress | None = None, *, skip_bad: bool = False, scale: float = 1.0
 ) -> Observations:
     """Read a campaign folder or a harmonic table; `skip_bad`: leave out files that cannot be read, and say so.
 
-    Raises InputError for what cannot be read.
+    scale: what its numbers have to be multiplied by to be deg; they stay as they are. Raises InputError for what cannot
+    be read.
     """
     if path.is_dir():
-        return _campaign(path, rig, progress, skip_bad)
+        return _campaign(path, rig, progress, skip_bad, scale)
     if not path.is_file():
         raise InputError(f"{path}: no such file or folder")
     return from_table(read_table(path))
 
 
-def _campaign(folder: Path, rig: RigModel, progress: Progress | None, skip_bad: bool) -> Observations:
+def _campaign(folder: Path, rig: RigModel, progress: Progress | None, skip_bad: bool, scale: float) -> Observations:
     campaign = read_campaign(folder, skip_bad=skip_bad, progress=progress)
+    campaign, clipped = _without_clipped(campaign)
     sums, between = without_waves_between([curve.sums for curve in campaign.curves], rig.orders())
     # a wave that does not come back looks like a ramp
     campaign = _with_sums(campaign, sums)
@@ -56,7 +58,11 @@ def _campaign(folder: Path, rig: RigModel, progress: Progress | None, skip_bad: 
     campaign = _with_sums(campaign, sums)
     bands = np.array([min(curve.sums.band, BAND) for curve in campaign.curves])
     band = int(bands.max())
-    first = _fits(campaign, list(rig.orders()), bands, progress)
+    # what the rig makes above the band leaks into it where curves have gaps
+    above = [order for order in rig.orders() if order > bands.min()]
+    beyond = rig.coefficients(campaign.at, above) / scale if above else np.zeros((len(bands), 0))
+    expected = [dict(zip(above, row.tolist(), strict=True)) for row in beyond]
+    first = _fits(campaign, list(rig.orders()), bands, expected, progress)
     waves = np.full((len(first), band + 1), np.nan, np.complex128)
     floor = np.ones(waves.shape)
     for row, fit in enumerate(first):
@@ -73,7 +79,7 @@ def _campaign(folder: Path, rig: RigModel, progress: Progress | None, skip_bad: 
         waves, floor, campaign.at.sign, known, rig.constants.mesh_orders()
     )
     orders = sorted({0, *known, *shared})
-    fits = _fits(campaign, orders, bands, progress)
+    fits = _fits(campaign, orders, bands, expected, progress)
     values = np.zeros((len(fits), len(orders)), np.complex128)
     # an amplitude has the variance of two components; the floor of the mean is that of one number already
     spectral = np.zeros(values.shape)
@@ -84,7 +90,7 @@ def _campaign(folder: Path, rig: RigModel, progress: Progress | None, skip_bad: 
     seen = fitted & ~mistaken[:, orders]
     spectral /= np.where(np.array(orders) == 0, 1.0, np.sqrt(2.0))
     counts = {curve.sums.samples for curve in campaign.curves}
-    files = [curve.path.relative_to(folder).as_posix() for curve in campaign.curves]
+    files = [_file(campaign, curve) for curve in campaign.curves]
     return Observations(
         campaign.at,
         labels(campaign.at, files),
@@ -94,6 +100,7 @@ def _campaign(folder: Path, rig: RigModel, progress: Progress | None, skip_bad: 
         spectral_deg=spectral,
         seen=None if seen.all() else seen,
         not_looked_at=(
+            *clipped,
             *_not_looked_at(folder, campaign, rig, bands, files),
             *_mistaken_text(campaign, mistaken, bands, files),
         ),
@@ -142,22 +149,64 @@ def _mistaken_text(campaign: Campaign, mistaken: BoolArray, bands: IntArray, fil
         return []
     orders = _listed(np.flatnonzero(mistaken.any(axis=0)).tolist())
     named = sorted({files[row] for row in rows})
-    shown = ", ".join(named[:5]) + (", .." if len(named) > 5 else "")
     most = max(campaign.curves[row].sums.samples for row in rows)
     return [
         f"orders {orders} of {len(named)} files: {most} or fewer samples a turn may show higher orders as these: "
-        f"{shown}"
+        f"{_some(named)}"
     ]
 
 
-def _fits(campaign: Campaign, orders: list[int], bands: IntArray, progress: Progress | None) -> list[OrderFit]:
-    """The orders of every curve as far as its own samples tell them."""
+def _fits(
+    campaign: Campaign,
+    orders: list[int],
+    bands: IntArray,
+    expected: list[dict[int, complex]],
+    progress: Progress | None,
+) -> list[OrderFit]:
+    """The orders of every curve as far as its own samples tell them; expected: coefficients of those above."""
     found = []
-    for number, (curve, band) in enumerate(zip(campaign.curves, bands.tolist(), strict=True)):
+    for number, (curve, band, beyond) in enumerate(zip(campaign.curves, bands.tolist(), expected, strict=True)):
         if progress is not None:
             progress(number, len(campaign.curves), curve.path.name)
-        found.append(fit_orders(curve.sums, [order for order in orders if order <= band]))
+        found.append(fit_orders(curve.sums, [order for order in orders if order <= band], beyond))
     return found
+
+
+def _without_clipped(campaign: Campaign) -> tuple[Campaign, list[str]]:
+    """The campaign without curves that a saturated channel has cut off, and what is said of these.
+
+    A channel saturates at one value: many samples of several curves have it, and none of theirs lies beyond. Where
+    noise or a wave turns back by itself, the digits next to the extreme are about as frequent as the extreme.
+    """
+    value, count, beside = np.moveaxis(np.array([curve.sums.ends for curve in campaign.curves]), 2, 0)
+    flat = (beside > 0) & (count > SETTINGS.flat_top * beside)
+    texts, cut = list[str](), np.zeros(len(value), np.bool_)
+    for side in range(2):
+        for limit, often in zip(*np.unique(value[flat[:, side], side], return_counts=True), strict=True):
+            own = value[:, side] == limit
+            if often < SETTINGS.least_block:
+                continue
+            cut |= own
+            files = sorted(
+                {_file(campaign, curve) for curve, is_own in zip(campaign.curves, own, strict=True) if is_own}
+            )
+            most = int(count[own, side].max())
+            texts.append(
+                f"{int(own.sum())} curves that are cut off at {limit:g}, with up to {most} samples there, as by a "
+                f"channel that saturates: {_some(files)}"
+            )
+    if cut.all():
+        raise InputError(f"{campaign.folder}: no curve is whole: {'; '.join(texts)}. Measure with a wider range")
+    curves = tuple(curve for curve, is_cut in zip(campaign.curves, cut, strict=True) if not is_cut)
+    return replace(campaign, curves=curves), texts
+
+
+def _file(campaign: Campaign, curve: MeasuredCurve) -> str:
+    return curve.path.relative_to(campaign.folder).as_posix()
+
+
+def _some(files: list[str]) -> str:
+    return ", ".join(files[:5]) + (", .." if len(files) > 5 else "")
 
 
 def _not_looked_at(
@@ -168,8 +217,7 @@ def _not_looked_at(
     least = int(bands.min())
     if least < bands.max():
         coarse = sorted({file for file, band in zip(files, bands, strict=True) if band < bands.max()})
-        shown = ", ".join(coarse[:5]) + (", .." if len(coarse) > 5 else "")
-        found.append(f"orders above {least} of {len(coarse)} files with few samples: {shown}")
+        found.append(f"orders above {least} of {len(coarse)} files with few samples: {_some(coarse)}")
     above = [order for order in rig.orders() if order > bands.max()]
     if above:
         found.append(f"orders {_listed(above)} of the rig: a quarter of the samples of a turn is {int(bands.max())}")

@@ -72,6 +72,7 @@ def verdict(result: JointResult, found: Sequence[JointFinding]) -> str:
 _WORDS = {
     "dry_friction": "dry (Coulomb) friction of {0}",
     "viscous_friction": "friction that rises with speed (viscous): {0}",
+    "square_friction": "friction that rises with the square of the speed: {0}",
     "direction_dependent_friction": "friction that rises more in the positive direction, by twice {0}",
     "load_dependent_friction": "friction that grows with the load: {0} of the torque through the joint",
     "dry_friction_drift": "dry friction that changes over the recording, by {0} from its start to its end",
@@ -81,6 +82,7 @@ _WORDS = {
 _UNITS = {
     "dry_friction": "Nm",
     "viscous_friction": "Nm_s",
+    "square_friction": "Nm_s2",
     "direction_dependent_friction": "Nm_s",
     "load_dependent_friction": "",
     "dry_friction_drift": "Nm",
@@ -107,7 +109,7 @@ _ALWAYS = {
 
 def number(value: float, error: float | None, unit: str) -> str:
     """A value with its error and unit in words."""
-    words = {"Nm": "N m", "Nm_s": "N m per rad/s", "": ""}.get(unit, unit)
+    words = {"Nm": "N m", "Nm_s": "N m per rad/s", "Nm_s2": "N m per (rad/s)^2", "": ""}.get(unit, unit)
     return f"{value:.3g}" + (f" +- {error:.1g}" if error is not None else "") + (f" {words}" if words else "")
 
 
@@ -125,12 +127,13 @@ def _part(result: JointResult, name: str) -> JointFinding | None:
         return None
     if name in ("reversal_travel", "reversal_time"):
         return _reversal(result, name)
-    if value < 0 and name in ("dry_friction", "viscous_friction", "load_dependent_friction"):
+    if value < 0 and name in ("dry_friction", "viscous_friction", "square_friction", "load_dependent_friction"):
         return None
     remark = ""
     slow, fast = np.quantile(np.abs(result.rows.speed), (0.1, 0.9))
-    if name in ("dry_friction", "viscous_friction") and fast < SETTINGS.joint_speeds * slow:
-        rate = 1.0 if name == "dry_friction" else fast
+    powers = {"dry_friction": 0, "viscous_friction": 1, "square_friction": 2}
+    if name in powers and fast < SETTINGS.joint_speeds * slow:
+        rate = fast ** powers[name]
         text = f"friction of {number(rate * value, rate * error, 'Nm')} near {fast:.2g} rad/s"
         how = "the speed hardly varied: how much of it is dry and how much rises with speed is not told"
         parameters: dict[str, Value] = {"friction_Nm": (rate * value, rate * error, "Nm")}
@@ -152,6 +155,8 @@ def friction_curve(result: JointResult, speed: np.ndarray) -> np.ndarray:
             found += result.chosen.value(part.name)[0]
         elif part.name == "viscous_friction":
             found += result.chosen.value(part.name)[0] * speed
+        elif part.name == "square_friction":
+            found += result.chosen.value(part.name)[0] * speed**2
         elif part.name == "curved_friction":
             over = speed / part.shape
             found += result.chosen.value(part.name)[0] * (np.exp(-over), np.exp(-(over**2)), 1 / (1 + over))[part.law]
@@ -209,7 +214,7 @@ def _unnamed(result: JointResult, name: str) -> str:
         return (
             f"a part with the form of {name.replace('_', ' ')} and the wrong sign ({value}): no friction drives a joint"
         )
-    if name == "curved_friction":
+    if name in ("curved_friction", "square_friction"):
         return f"friction over speed is bent ({value}), not as by Stribeck's effect"
     return f"a torque that fades after each reversal, of no known cause or too fast to be measured ({value})"
 

@@ -227,6 +227,7 @@ def _clock(rows: JointRows) -> FloatArray:
 KINDS: Mapping[str, PartKind] = {
     "dry_friction": PartKind((lambda r, _s, _: r.sign,)),
     "viscous_friction": PartKind((lambda r, _s, _: r.speed,)),
+    "square_friction": PartKind((lambda r, _s, _: r.speed * np.abs(r.speed),)),
     "curved_friction": PartKind(
         (
             lambda r, s, _: r.sign * np.exp(-np.abs(r.speed) / s),
@@ -245,6 +246,10 @@ KINDS: Mapping[str, PartKind] = {
     "reversal_travel": PartKind((lambda r, s, _: r.sign * np.exp(-r.travel / s),), _travels),
     "reversal_time": PartKind((lambda r, s, _: r.sign * np.exp(-r.since / s),), _times),
 }
+
+
+#: what friction may be over speed: forms of which one may take the place of another
+OVER_SPEED = ("dry_friction", "viscous_friction", "square_friction", "curved_friction")
 
 
 @dataclass(frozen=True)
@@ -333,7 +338,7 @@ def choose(rows: JointRows, moves: Mapping[str, float], beside: Sequence[TorqueP
             parts += both
         else:
             break
-    return _judged(rows, parts, not_told, moves)
+    return _judged(rows, _of_best_form(rows, parts), not_told, moves)
 
 
 def _gains(rows: JointRows, parts: Sequence[TorquePart], fit: Crossed, not_told: set[str]) -> dict[str, PartGain]:
@@ -367,11 +372,37 @@ def _both(
     return [rise, falls[gain.part.law]] if gain.passed else []
 
 
+def _of_best_form(rows: JointRows, parts: list[TorquePart]) -> list[TorquePart]:
+    """The parts with the fewest forms of friction over speed that predict as well as any.
+
+    One by one, a form that is not the true one may come first and another one mend it.
+    """
+    load, basis = np.zeros((len(rows.time), 2)), np.linalg.qr(stacked(parts))[0]
+    rest = [part for part in parts if part.name not in OVER_SPEED]
+    forms = {part.name: part for part in parts if part.name in OVER_SPEED}
+    before = crossed(stacked(parts), rows)
+    for name in OVER_SPEED if forms else ():
+        variants = [v for v in KINDS[name].variants(name, rows, load) if told(v, basis) > SETTINGS.joint_told]
+        if name not in forms and variants:
+            forms[name] = gain_of(variants, parts, rows, before).part
+    sets = [
+        list(some)
+        for count in range(len(forms) + 1)
+        for some in itertools.combinations(forms.values(), count)
+        # two bends at once would take what the form of the other one lacks
+        if len({part.name for part in some} & {"square_friction", "curved_friction"}) < 2
+    ]
+    fits = [crossed(stacked([*rest, *some]), rows).held for some in sets]
+    best = min(fits, key=lambda held: float(held.sum()))
+    good = [n for n, held in enumerate(fits) if not surely(held - best, held)]
+    return [*rest, *sets[min(good, key=lambda n: (len(sets[n]), float(fits[n].sum())))]]
+
+
 def _judged(rows: JointRows, parts: list[TorquePart], not_told: set[str], moves: Mapping[str, float]) -> Chosen:
     """Drop what no longer helps beside the others; list what would do in place of each that stays."""
     while True:
         fit = crossed(stacked(parts), rows)
-        gains, alternatives = {}, {}
+        gains, alternatives, of_forms = {}, {}, np.zeros(len(fit.values))
         now = Chosen(tuple(parts), fit, {}, {}, ())
         for part in parts:
             if part.name in (RIGID, OTHERS):
@@ -383,12 +414,16 @@ def _judged(rows: JointRows, parts: list[TorquePart], not_told: set[str], moves:
                 instead = _gains(rows, rest, before, set())
                 alike = [n for n, g in instead.items() if n != part.name and not g.is_worse_than(gains[part.name])]
                 alternatives[part.name] = tuple(alike)
+                # beside a curved part dry friction is what is left at high speed: another number
+                forms = [instead[n].part for n in alike if {n, part.name} == {"viscous_friction", "square_friction"}]
+                of_forms = np.maximum(of_forms, _of_another(rows, parts, part, forms, fit))
         weak = [name for name, gain in gains.items() if not gain.passed or not _is_sure(now, name)]
         if not weak:
             # what is left beyond the noise may be of any form: as much of it may belong to each part
             left = max(float(fit.held.mean()) * len(fit.held) / len(rows.time) - floor_of(now, rows) ** 2, 0.0)
             size = np.sqrt((stacked(parts) ** 2).mean(axis=0))
-            by_law = np.hypot(_of_laws(rows, parts, now), np.sqrt(left) / np.maximum(size, 1e-300))
+            by_law = np.maximum(_of_laws(rows, parts, now), of_forms)
+            by_law = np.hypot(by_law, np.sqrt(left) / np.maximum(size, 1e-300))
             of_parts = [moves.get(part.name, 0.0) for part in parts for _ in range(part.columns.shape[1])]
             by_law = np.hypot(by_law, of_parts)
             return Chosen(tuple(parts), fit, gains, alternatives, tuple(sorted(not_told)), by_law)
@@ -407,6 +442,18 @@ def _of_laws(rows: JointRows, parts: list[TorquePart], now: Chosen) -> FloatArra
             fits = [crossed(stacked([*parts[:place], v, *parts[place + 1 :]]), rows) for v in variants]
             other = min(fits, key=lambda fit: float(fit.held.sum()))
             found = np.maximum(found, np.abs(other.values - now.fit.values))
+    return found
+
+
+def _of_another(
+    rows: JointRows, parts: list[TorquePart], part: TorquePart, instead: list[TorquePart], fit: Crossed
+) -> FloatArray:
+    """By how much the coefficients of the other parts move when one of `instead` stands in the place of a part."""
+    found = np.zeros(len(fit.values))
+    own = [part is one for one in parts for _ in range(one.columns.shape[1])]
+    for other in instead:
+        moved = np.abs(crossed(stacked([other if one is part else one for one in parts]), rows).values - fit.values)
+        found = np.maximum(found, np.where(own, 0.0, moved))
     return found
 
 

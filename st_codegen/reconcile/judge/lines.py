@@ -42,24 +42,47 @@ def stand_out(power: FloatArray, around: FloatArray, is_open: BoolArray) -> Bool
 
 
 def lines_in_samples(target: FitData, residual: ComplexArray, gap_power: float, highest: int = 300) -> list[Signature]:
-    """Signatures of samples over time: waves of the output's angle that stand above the noise."""
-    left, sigma = residual[:, 0].real.copy(), float(target.sigma[0, 0])
-    assert target.data.angle_rad is not None
-    out: list[Signature] = []
+    """Signatures of samples over time: waves of the output's angle that stand above the noise.
+
+    All that was found is fitted together with a mean that wanders slowly: where turns are not whole, each of them leaks
+    into other orders.
+    """
+    left, sigma, angle = residual[:, 0].real, float(target.sigma[0, 0]), target.data.angle_rad
+    assert angle is not None
+    mean = _slow(angle, target.data.at.sign)
+    found: list[int] = []
     everywhere = np.ones(highest + 1, np.bool_)
-    for _ in range(SETTINGS.most_lines):
-        waves = waves_of_angle(target.data, left, highest)
-        power = np.abs(waves) ** 2
+    while True:
+        orders = [order for order in found if order]
+        waves = np.exp(1j * np.outer(angle, orders))
+        columns = np.hstack([mean, waves.real, waves.imag])
+        values = np.linalg.lstsq(columns, left, rcond=None)[0]
+        amplitudes = np.linalg.norm(values[mean.shape[1] :].reshape(2, -1), axis=0)
+        sizes = dict(zip(orders, (amplitudes / np.sqrt(2)).tolist(), strict=True))
+        sizes[0] = float(np.sqrt(((mean @ values[: mean.shape[1]]) ** 2).mean()))
+        power = np.abs(waves_of_angle(target.data, left - columns @ values, highest)) ** 2
+        power[0] = sizes[0] ** 2
         stands = stand_out(power, power, everywhere)
-        stands[[one.order for one in out]] = False
+        stands[found] = False
         order = int(np.argmax(np.where(stands, power, 0.0)))
-        size = float(np.abs(waves[order])) * (1.0 if order == 0 else np.sqrt(0.5))
+        size = float(np.sqrt(power[order] / (2 if order else 1)))
         # noise of a line: sigma*sqrt(2/n); autocorrelation may double it
-        if not stands[order] or size < 10 * sigma / np.sqrt(len(left)) or size < 0.5 * sigma:
+        is_noise = not stands[order] or size < 10 * sigma / np.sqrt(len(left)) or size < 0.5 * sigma
+        if is_noise or len(found) == SETTINGS.most_lines:
             break
-        left -= (waves[order] * np.exp(1j * order * target.data.angle_rad)).real
-        share = min(1.0, size**2 / max(gap_power, 1e-300))
+        found.append(order)
+    out = []
+    for order in sorted(found, key=lambda order: -sizes[order]):
+        share = min(1.0, sizes[order] ** 2 / max(gap_power, 1e-300))
         name = f"order {order}" if order else "the mean"
-        text = f"{name}: {size:.2g} deg RMS over the recordings"
-        out.append(Signature(order, size, share, {"constant": 1.0}, "both", text))
+        text = f"{name}: {sizes[order]:.2g} deg RMS over the recordings"
+        out.append(Signature(order, sizes[order], share, {"constant": 1.0}, "both", text))
     return out
+
+
+def _slow(angle: FloatArray, sign: FloatArray) -> FloatArray:
+    """Columns of a mean that differs by direction and wanders, no faster than once in two turns, (n, p)."""
+    travelled = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(angle)))])
+    count = int(travelled[-1] / (2 * np.pi))
+    waves = np.cos(np.outer(np.arange(len(angle)) + 0.5, np.arange(count + 1)) * (np.pi / len(angle)))
+    return np.hstack([waves, sign[:, None]])

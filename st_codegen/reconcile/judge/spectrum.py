@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.special import fdtri, gammainccinv, gammaincinv
 
 from st_codegen.errors import InputError, Problems
 from st_codegen.files.csv_tables import RowError, header_of, read_csv
@@ -70,11 +71,16 @@ class Named:
 
 @dataclass(frozen=True)
 class SpectrumResult:
-    """What a spectrum says about a rig. gap: RMS in deg of a curve made of the median sizes."""
+    """What a spectrum says about a rig.
+
+    floor: root mean square amplitude of noise by direction, deg; least: the size from which on an order is no noise;
+    gap: RMS in deg of a curve made of the median sizes.
+    """
 
     rig: RigModel
     spectrum: Spectrum
     floor: Mapping[float, float]
+    least: Mapping[float, float]
     simulated: Mapping[tuple[float, int], float]
     named: tuple[Named, ...]
     unexplained: tuple[int, ...]
@@ -126,20 +132,18 @@ def reconcile_spectrum(rig: RigModel, spectrum: Spectrum, scale: float | None = 
         raise InputError(f"{spectrum.path}: no overlap with the rig: it has none of these orders")
     if scale is None:
         _check_units(rig, spectrum)
-    floor = {sign: _floor(spectrum, sign) for sign in spectrum.signs}
+    noise = {sign: _noise(spectrum, sign) for sign in spectrum.signs}
+    floor, least = ({sign: own[n] for sign, own in noise.items()} for n in range(2))
     lacking = [
         order
         for order in spectrum.orders
         if order > 0
-        and all(
-            simulated[sign, order] == 0.0 and size >= SETTINGS.spectrum_clear * floor[sign]
-            for sign, size in spectrum.of(order).items()
-        )
+        and all(simulated[sign, order] == 0.0 and size >= least[sign] for sign, size in spectrum.of(order).items())
     ]
-    named = _names(lacking, rig, spectrum, floor)
+    named = _names(lacking, rig, spectrum, least)
     left = tuple(sorted(set(lacking) - {one.order for one in named}))
-    before, after, least = (_rms(spectrum, orders, floor) for orders in (lacking, left, []))
-    return SpectrumResult(rig, spectrum, floor, simulated, named, left, (before, after, least))
+    before, after, quiet = (_rms(spectrum, orders, floor) for orders in (lacking, left, []))
+    return SpectrumResult(rig, spectrum, floor, least, simulated, named, left, (before, after, quiet))
 
 
 def _grid(spectrum: Spectrum) -> Conditions:
@@ -167,24 +171,55 @@ def _check_units(rig: RigModel, spectrum: Spectrum) -> None:
     check_units(Observations(at, labels(at), np.array(orders), values.astype(np.complex128)), rig, spectrum.path)
 
 
-def _floor(spectrum: Spectrum, sign: float) -> float:
-    """Median of the quietest listed orders: no less than the noise, since noise stands in all of them."""
+def _noise(spectrum: Spectrum, sign: float) -> tuple[float, float]:
+    """The root mean square amplitude of noise, and the size that none of as many orders reaches in noise, both deg.
+
+    Sizes of noise in one run have a Rayleigh distribution, their powers a Gamma distribution of shape 1; the more runs
+    a median is of, the less they scatter. The level is that of the quiet orders: noise stands in all of them.
+    """
     sizes = np.sort([size for (own, order), size in spectrum.size.items() if own == sign and order > 0])
-    return float(np.median(sizes[: max(3, int(SETTINGS.spectrum_quiet * len(sizes)))]))
+    shape, share, count = _shape(spectrum), SETTINGS.spectrum_quiet, len(sizes)
+    # by two standard errors of a quantile more, since few orders tell it
+    level, most = np.quantile(sizes, (share, share + 2.0 * math.sqrt(share * (1.0 - share) / count)))
+    unit = math.sqrt(gammaincinv(shape, share))
+    # an order is there when all directions show it
+    chance = (SETTINGS.spectrum_chance / count) ** (1.0 / len(spectrum.signs))
+    least = most / unit * math.sqrt(gammainccinv(shape, chance))
+    quietest = float(np.median(sizes[: max(3, int(share * count))]))
+    return float(level / unit * math.sqrt(shape)), max(SETTINGS.spectrum_clear * quietest, float(least))
+
+
+def _shape(spectrum: Spectrum) -> float:
+    """The shape of the Gamma distribution of powers of noise, by how far quiet orders differ that should be alike.
+
+    These are both directions of an order, or, of one direction, orders one after the other; a floor that is another
+    from order to order makes them differ more.
+    """
+    orders = [order for order in spectrum.orders if order > 0 and len(spectrum.of(order)) == len(spectrum.signs)]
+    both = np.log(np.maximum([[spectrum.size[own, order] for own in spectrum.signs] for order in orders], 1e-300))
+    if both.shape[1] == 1:
+        both = np.hstack([both[:-1], both[1:]])
+    quiet = both[np.argsort(both.sum(axis=1), kind="stable")[: max(3, len(both) // 2)]]
+    apart = quiet[:, 0] - quiet[:, 1]
+    apart = np.abs(apart - np.median(apart))
+    shapes = np.geomspace(1.0, 1e4, 200)
+    # the ratio of two such powers has an F distribution
+    usual = np.log(fdtri(2 * shapes, 2 * shapes, 0.75)) / 2.0
+    return float(np.interp(-np.median(apart), -usual, shapes))
 
 
 def _loudness(order: int, spectrum: Spectrum) -> float:
     return max(spectrum.of(order).values(), default=0.0)
 
 
-def _carriers(order: int, constants: Constants, spectrum: Spectrum, floor: Mapping[float, float]) -> list[int]:
+def _carriers(order: int, constants: Constants, spectrum: Spectrum, least: Mapping[float, float]) -> list[int]:
     """Mesh orders that are there and of which an order is a sideband, the loudest first."""
     near = [order - constants.cranks, order + constants.cranks]
     there = [
         carrier
         for carrier in near
         if carrier in constants.mesh_orders()
-        and any(size >= SETTINGS.spectrum_clear * floor[sign] for sign, size in spectrum.of(carrier).items())
+        and any(size >= least[sign] for sign, size in spectrum.of(carrier).items())
         and _loudness(order, spectrum) <= SETTINGS.largest_ratio * _loudness(carrier, spectrum)
     ]
     return sorted(there, key=lambda carrier: -_loudness(carrier, spectrum))
@@ -204,8 +239,8 @@ def _direct(order: int, constants: Constants) -> list[str]:
     return [name for name, orders in known.items() if order in orders]
 
 
-def _name(order: int, constants: Constants, spectrum: Spectrum, floor: Mapping[float, float]) -> Named | None:
-    direct, carriers = _direct(order, constants), _carriers(order, constants, spectrum, floor)
+def _name(order: int, constants: Constants, spectrum: Spectrum, least: Mapping[float, float]) -> Named | None:
+    direct, carriers = _direct(order, constants), _carriers(order, constants, spectrum, least)
     size = _loudness(order, spectrum)
     if direct:
         table = order if direct[0] in ("cycloid_tooth_error", "pin_error", "input_shaft_misalignment") else None
@@ -222,13 +257,13 @@ def _name(order: int, constants: Constants, spectrum: Spectrum, floor: Mapping[f
 
 
 def _names(
-    lacking: Sequence[int], rig: RigModel, spectrum: Spectrum, floor: Mapping[float, float]
+    lacking: Sequence[int], rig: RigModel, spectrum: Spectrum, least: Mapping[float, float]
 ) -> tuple[Named, ...]:
     """Names for the lacking orders, each effect's from the loudest order down to where coincidences become likely."""
     have = set(rig.orders())
-    places = [_name(k, rig.constants, spectrum, floor) for k in range(1, max(spectrum.orders) + 1) if k not in have]
+    places = [_name(k, rig.constants, spectrum, least) for k in range(1, max(spectrum.orders) + 1) if k not in have]
     ranked = sorted(lacking, key=lambda order: -_loudness(order, spectrum))
-    found = [(rank, _name(order, rig.constants, spectrum, floor)) for rank, order in enumerate(ranked, 1)]
+    found = [(rank, _name(order, rig.constants, spectrum, least)) for rank, order in enumerate(ranked, 1)]
     kept: list[Named] = []
     for name in sorted({one.name for _, one in found if one is not None}):
         share = sum(one is not None and one.name == name for one in places) / len(places)
@@ -310,8 +345,10 @@ def _signature(order: int, result: SpectrumResult) -> str:
 
 def spectrum_summary(result: SpectrumResult) -> str:
     """The findings as a few lines."""
+    sizes = " or ".join(f"{least:.2g} deg" for least in dict.fromkeys(result.least.values()))
     lines = [
-        f"Orders that the rig lacks and that stand {SETTINGS.spectrum_clear:g} times above the floor of the spectrum:"
+        f"Orders that the rig lacks and that are larger than {sizes}, which noise like that of the quiet orders "
+        f"reaches in one of {1 / SETTINGS.spectrum_chance:g} spectra:"
     ]
     for one in sorted(result.named, key=lambda one: (one.name, one.order)):
         also = f" (or {', '.join(one.others)})" if one.others else ""

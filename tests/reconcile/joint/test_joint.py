@@ -55,6 +55,7 @@ def test_each_part_is_the_torque_of_its_law():
     expected = {
         "dry_friction": [[1, -1]],
         "viscous_friction": [speed],
+        "square_friction": [[1, -9]],
         "curved_friction": [
             [np.exp(-0.5), -np.exp(-1.5)],
             [np.exp(-0.25), -np.exp(-2.25)],
@@ -90,6 +91,30 @@ def test_friction_and_ripple_with_their_sizes(tmp_path):
     assert "the pins (40)" in found["torque_ripple"]["remarks"][0]
     assert joint["verdict"] == "explained"
     assert joint["gap"]["held_out"]["after"] < 1.25 * joint["gap"]["held_out"]["noise_floor"]
+
+
+def test_drag_of_the_square_of_speed_is_not_called_viscous(tmp_path):
+    columns = plain(viscous=0.0)
+    columns["tau"] += 1.5 * columns["dq"] * np.abs(columns["dq"])
+    (joint,) = report(columns, tmp_path)
+    found = named(joint)
+    assert set(found) == {"dry_friction", "square_friction"}
+    assert found["square_friction"]["parameters"]["square_friction_Nm_s2"]["value"] == pytest.approx(1.5, rel=0.02)
+    assert found["dry_friction"]["parameters"]["dry_friction_Nm"]["value"] == pytest.approx(1.0, rel=0.02)
+    assert joint["verdict"] == "explained"
+
+
+def test_forms_that_noise_does_not_tell_apart_are_both_said(tmp_path):
+    """Then what one of them has taken belongs to it, and the error of the dry part holds the other one too."""
+    columns = plain(viscous=0.0, torque=1.0)
+    columns["tau"] += 0.6 * columns["dq"] * np.abs(columns["dq"])
+    (joint,) = report(columns, tmp_path)
+    found = named(joint)
+    (form,) = found.keys() & {"viscous_friction", "square_friction"}
+    (other,) = {"viscous friction", "square friction"} - {form.replace("_", " ")}
+    assert other in found[form]["alternatives"]
+    dry = found["dry_friction"]["parameters"]["dry_friction_Nm"]
+    assert abs(dry["value"] - 1.0) < 2 * dry["stderr"]
 
 
 def test_nothing_but_a_rigid_joint(tmp_path):

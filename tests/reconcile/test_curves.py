@@ -1,0 +1,93 @@
+"""Curves that were measured badly: with gaps, and cut off by a channel that saturates."""
+
+import numpy as np
+import pytest
+
+from st_codegen.campaign.conditions import OperatingPoint
+from st_codegen.campaign.curves import Curve
+from st_codegen.campaign.orders import curve_sums, fit_orders
+from st_codegen.campaign.reader import Campaign, MeasuredCurve
+from st_codegen.errors import InputError
+from st_codegen.reconcile.data import reading
+from st_codegen.te.harmonics import Direction
+
+from .test_forms import RIG
+
+SIGMA = 2e-4
+TORQUES = (300.0, 900.0, 1500.0, 1800.0)
+
+
+def read(folder, monkeypatch, curve, torques=TORQUES):
+    """What is read of forward curves of the rig at 1000 rpm; curve: of the random numbers, angle and TE of a turn."""
+    random, angle, made = np.random.default_rng(0), np.arange(1000) * 0.36, []
+    for number, torque in enumerate(torques):
+        te = RIG.te_deg(angle, 1.0, 1000.0, torque, 30.0) + SIGMA * random.standard_normal(len(angle))
+        sums = curve_sums(Curve(*curve(random, angle, te)))
+        made.append(
+            MeasuredCurve(folder / f"run{number}.csv", OperatingPoint(1000.0, torque, 30.0), Direction.FORWARD, sums)
+        )
+    monkeypatch.setattr(reading, "read_campaign", lambda *_, **__: Campaign(folder, tuple(made), ()))
+    return reading.read_measured(folder, RIG)
+
+
+def with_gap(random, angle, te):
+    start = random.integers(0, 920)
+    kept = np.r_[:start, start + 70 : 1000]
+    return angle[kept], te[kept]
+
+
+def clipped(_, angle, te):
+    """Cut off where the rig's larger torques take it."""
+    return angle, np.maximum(te, -0.09)
+
+
+def test_orders_above_the_band_do_not_leak_out_of_a_gap(tmp_path, monkeypatch):
+    """A quarter of 930 samples is 232; the rig has 237, 240 and 243, and nothing lies between 200 and 232."""
+    found = read(tmp_path, monkeypatch, with_gap, TORQUES * 3)
+    assert not [order for order in found.orders if order > 165]
+    assert any("orders 237, 240, 243 of the rig" in text for text in found.not_looked_at)
+
+
+@pytest.mark.parametrize("size", [0.3, 1.0, 3.0], ids="{}x".format)
+def test_an_order_above_the_band_may_have_another_size_than_the_rig_says(size):
+    random, angle = np.random.default_rng(0), np.arange(1000) * 0.36
+    te = 1e-3 * np.cos(np.deg2rad(240 * angle)) + 1e-5 * random.standard_normal(1000)
+    sums = curve_sums(Curve(*with_gap(random, angle, te)))
+    fits = fit_orders(sums, [1]), fit_orders(sums, [1], {240: size * 1e-3 * np.exp(0.5j)})
+    leaks = [float(np.sqrt((fit.spectrum[200:] ** 2).mean())) for fit in fits]
+    noise = 2e-5 / np.sqrt(sums.samples)
+    assert leaks[0] > 10 * noise
+    assert leaks[1] < 1.3 * noise
+
+
+def test_what_even_samples_cannot_tell_stays_as_it_is_expected():
+    """Of 300 steps of a turn order 240 is the same as order 60, which is asked for."""
+    angle = np.arange(300) * 1.2
+    te = 1e-3 * np.cos(np.deg2rad(240 * angle)) + 2e-3 * np.cos(np.deg2rad(60 * angle))
+    found = fit_orders(curve_sums(Curve(angle, te)), [60], {240: 1e-3 + 0j})
+    assert found.coefficients == pytest.approx(np.array([2e-3]), abs=1e-8)
+
+
+def test_curves_that_are_cut_off_are_left_out(tmp_path, monkeypatch):
+    whole = read(tmp_path, monkeypatch, lambda _, angle, te: (angle, te), TORQUES * 3)
+    assert len(whole) == 12
+    found = read(tmp_path, monkeypatch, clipped, TORQUES * 3)
+    assert found.at.torque_Nm.max() == 900.0
+    (said,) = (text for text in found.not_looked_at if "cut off" in text)
+    assert "6 curves that are cut off at -0.09," in said
+    assert said.endswith("run10.csv, run11.csv, run2.csv, run3.csv, run6.csv, ..")
+
+
+def test_one_run_that_repeats_its_extreme_is_not_called_cut_off(tmp_path, monkeypatch):
+    assert len(read(tmp_path, monkeypatch, clipped)) == len(TORQUES)
+
+
+def test_rounded_curves_are_whole(tmp_path, monkeypatch):
+    """Ten digits of the converter make many samples alike at the extreme, and about as many beside it."""
+    found = read(tmp_path, monkeypatch, lambda _, angle, te: (angle, np.round(te, 3)), TORQUES * 3)
+    assert len(found) == 12
+
+
+def test_a_campaign_of_which_no_curve_is_whole_is_refused(tmp_path, monkeypatch):
+    with pytest.raises(InputError, match=r"no curve is whole: 12 curves that are cut off at -0\.09, .* wider range"):
+        read(tmp_path, monkeypatch, clipped, (1800.0,) * 12)
