@@ -91,6 +91,19 @@ def conditions_from_name(path: Path) -> OperatingPoint | None:
     return OperatingPoint(*(float(number.replace(",", ".")) for number in found.groups())) if found else None
 
 
+def run_paths(points: Sequence[OperatingPoint]) -> list[str]:
+    """Where the files of runs stand below a campaign's folder: by the rig's names, or numbered.
+
+    Numbered files, which need a `conditions.csv` beside them, where runs repeat, or where a name would not be read as
+    its conditions again (`1e+16rpm`).
+    """
+    paths = [point.rig_path() for point in points]
+    readable = all(conditions_from_name(path) == point for path, point in zip(paths, points, strict=True))
+    if readable and len(set(points)) == len(points):
+        return [path.as_posix() for path in paths]
+    return [f"run_{number:05d}.csv" for number in range(1, len(points) + 1)]
+
+
 def find_runs(folder: Path) -> tuple[RunFile, ...]:
     """All curve files below a folder with their conditions, in order of conditions and path.
 

@@ -30,7 +30,10 @@ Step = tuple[Operator, bool, float]
 
 @dataclass(frozen=True)
 class ChosenRows:
-    """Rows (n, features) for the models of one block; `reached` of `constants` leaves and splits have rows."""
+    """Rows (n, features) for the models of one block; `reached` of `constants` leaves and splits have rows aimed at them.
+
+    Categories, which are drawn at random, and ranges that limit inputs can send such a row elsewhere.
+    """
 
     x: FloatArray
     reached: int

@@ -13,7 +13,7 @@ import pytest
 from st_codegen import generate, load
 from st_codegen.cost.calibrate import read_measurements
 from st_codegen.errors import GeneratedCodeError, InputError
-from st_codegen.live.compare import LiveCode, compare, compared_project
+from st_codegen.live.compare import LiveCode, _times, compare, compared_project
 from st_codegen.live.controller import Signal, connected
 from st_codegen.live.failures import ControllerError, NotRunningError
 from st_codegen.live.plc import PlcState
@@ -415,3 +415,11 @@ def test_each_kind_of_failure_has_a_code(lone, lone_plc, capsys, tmp_path):
             with pytest.raises(ControllerError) as caught:
                 do()
             assert caught.value.codes == (code,)
+
+
+def test_as_many_calls_as_are_said_are_within_the_time_that_is_said():
+    for count in (1, 3, 10, 99, 101):
+        times = np.arange(count) % 7 * 10
+        found = _times([times])
+        assert (times / 10.0 <= found.high_us).mean() >= 0.99
+        assert found.high_us in times / 10.0

@@ -235,6 +235,13 @@ def test_init_names_two_files_of_one_stem_apart(lone_folder, tmp_path):
     assert len(load(lone_folder).models) == 3
 
 
+def test_init_writes_what_can_be_read_whatever_files_are_called(lone_folder):
+    for name in ("e\x1bscape.txt", "be\x07ll.onnx", "größe.json"):
+        (lone_folder / name).write_text("no model")
+    (lone_folder / "st-codegen.toml").write_text(initial_configuration(lone_folder), encoding="utf-8")
+    assert len(load(lone_folder).models) == 1
+
+
 def test_a_range_is_claimed_only_where_it_is_known(lone_folder, tmp_path, capsys):
     joblib, tree = pytest.importorskip("joblib"), pytest.importorskip("sklearn.tree")
     x = np.random.default_rng(1).uniform(3.0, 60.0, (50, 1))
