@@ -95,8 +95,7 @@ class LiveReport:
         if not self.same_bits:
             lines += [f"{name}: {bits}" for name, bits in self.differs.items() if bits.is_open]
         for name, found in self.times.items():
-            lines.append(
-                f"{name}: median {found.median_us:.1f} us a call, 99 % of {found.calls:,} at most {found.high_us:.1f} us"
-            )
+            most = f"99 % of {found.calls:,} at most {found.high_us:.1f} us"
+            lines.append(f"{name}: median {found.median_us:.1f} us a call, {most}")
         lines.append(f"{self.sent:,} rows in {self.seconds:.1f} s: {self.rows_a_second:,.0f} rows a second")
         return lines

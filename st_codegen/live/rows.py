@@ -30,7 +30,7 @@ Step = tuple[Operator, bool, float]
 
 @dataclass(frozen=True)
 class ChosenRows:
-    """Rows (n, features) for the models of one block; `reached` of `constants` leaves and splits have rows aimed at them.
+    """Rows (n, features) for the models of one block; rows are aimed at `reached` of `constants` leaves and splits.
 
     Categories, which are drawn at random, and ranges that limit inputs can send such a row elsewhere.
     """
