@@ -184,7 +184,7 @@ def read_run(path: Path, conditions: OperatingPoint) -> Run:
     """Read one curve file. Memory: the file's numbers, 32 bytes a sample.
 
     Raises BadFileError with the line and the reason: not text, a value that is not a finite number, a missing column,
-    too few samples, less than a revolution, a direction that runs the wrong way.
+    too few samples, less than a revolution or gaps in it, a direction that runs the wrong way.
     """
     layout = _layout(path)
     table = _table(path, layout)
@@ -308,10 +308,22 @@ def _curve(path: Path, layout: _Layout, direction: Direction, angle: Any, te: An
     if span < _LEAST_SPAN_DEG:
         hint = "; it looks like rad, and must be deg" if 6.0 < span < 6.6 else ""
         raise BadFileError(path, layout.skip + samples, f"{direction}: the angle covers {span:.4g} deg of 360{hint}")
+    if (gap := _gap(arrays[0])) > 360.0 - _LEAST_SPAN_DEG:
+        reason = f"{direction}: {gap:.4g} deg of the revolution are without a sample; were samples lost?"
+        raise BadFileError(path, layout.skip + samples, reason)
     if bool(arrays[0][-1] < arrays[0][0]) == (direction is Direction.FORWARD):
         runs = "down" if direction is Direction.FORWARD else "up"
         raise BadFileError(path, layout.skip + 1, f"{direction}: the angle runs {runs}; are the directions exchanged?")
     return Curve(*arrays)
+
+
+def _gap(angle_deg: FloatArray) -> float:
+    """The largest part of a revolution without a sample, deg; 0 where there is a sample in every 5 deg."""
+    turned = np.mod(angle_deg, 360.0)
+    if np.bincount((turned // 5.0).astype(np.int64), minlength=72)[:72].all():
+        return 0.0
+    ordered = np.sort(turned)
+    return float(np.diff(ordered, append=ordered[0] + 360.0).max())
 
 
 def _end(values: FloatArray) -> int:

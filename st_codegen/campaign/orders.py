@@ -97,7 +97,8 @@ def fit_orders(curve: Curve | Sums, orders: Sequence[int]) -> OrderFit:
     """Fit a set of orders to a curve, together with every other order up to the band that stands above the noise.
 
     Fitting the others too keeps them from leaking into the wanted ones where the angles are uneven.
-    Raises InputError for an order above the band (a quarter of the samples, or what the sums were made for).
+    Raises InputError for an order above the band (a quarter of the samples, or what the sums were made for), and for
+    samples at too few different angles.
     """
     wanted = tuple(sorted(set(orders)))
     sums = curve if isinstance(curve, Sums) else curve_sums(curve, max([BAND, *wanted]))
@@ -156,7 +157,16 @@ def _solve(sums: Sums, orders: npt.NDArray[np.intp]) -> ComplexArray:
     mask = _unknowns(orders)
     right = np.concatenate([sums.te[orders].real, sums.te[orders].imag])
     solution = np.zeros(len(mask))
-    solution[mask] = np.linalg.solve(_normal_matrix(sums, orders)[np.ix_(mask, mask)], right[mask])
+    matrix = _normal_matrix(sums, orders)[np.ix_(mask, mask)]
+    known = np.linspace(1.0, 2.0, len(matrix))  # a solution that is known tells how many digits are lost
+    try:
+        found, again = np.linalg.solve(matrix, np.stack([right[mask], matrix @ known], axis=1)).T
+    except np.linalg.LinAlgError:
+        again = np.zeros(len(matrix))
+    if np.abs(again - known).max() > math.sqrt(np.finfo(np.float64).eps):
+        told = ", ".join(map(str, orders))
+        raise InputError(f"the angles of its samples do not tell the orders {told} apart: are its steps coarse?")
+    solution[mask] = found
     return solution[: len(orders)] + 1j * solution[len(orders) :]
 
 
