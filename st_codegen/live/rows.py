@@ -161,7 +161,8 @@ def _around(base: FloatArray, feature: int, threshold: FloatArray) -> list[Float
     """The threshold itself, and its neighbours in float64 and float32."""
     found = []
     for value in threshold:
-        single = np.float32(value)
+        with np.errstate(over="ignore"):  # LightGBM has 1e300 for infinity, which float32 has as infinity
+            single = np.float32(value)
         for near in (
             value,
             np.nextafter(value, -np.inf),

@@ -6,6 +6,7 @@ import shutil
 import socket
 import struct
 import threading
+import warnings
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from st_codegen.live.controller import Signal, connected
 from st_codegen.live.failures import ControllerError, NotRunningError
 from st_codegen.live.plc import PlcState
 from st_codegen.live.record_page import record_of, record_sections, times_csv
-from st_codegen.live.rows import comparison_rows
+from st_codegen.live.rows import _around, comparison_rows
 from st_codegen.passes.choose import Layout, Options
 from tests.cli.helpers import run
 from tests.live.conftest import Running, soft_plc
@@ -423,3 +424,10 @@ def test_as_many_calls_as_are_said_are_within_the_time_that_is_said():
         found = _times([times])
         assert (times / 10.0 <= found.high_us).mean() >= 0.99
         assert found.high_us in times / 10.0
+
+
+def test_rows_around_a_threshold_that_float32_does_not_have():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        rows = np.array(_around(np.zeros(2), 1, np.array([1e300])))
+    assert {1e300, float(np.finfo(np.float32).max)} <= set(rows[:, 1])

@@ -71,6 +71,9 @@ def test_names_ranges_and_outputs_are_those_of_the_configuration(configured, tmp
     got = code.call("FB_P1_Power", dict(zip(["fSpeed", "fTorque", "fTemperature_C"], x.T, strict=True)), 4)
     assert got["bValid"].all()
     assert list(got["bInRange"]) == [False, True, False, True]
+    without_a_range = code.call("FB_P1_Power", {"fSpeed": np.full(3, 600.0), "fTorque": np.full(3, 500.0),
+                                                "fTemperature_C": np.array([1e300, np.inf, -np.inf])}, 3)  # fmt: skip
+    assert list(without_a_range["bInRange"]) == [True, False, False]
     expected = bundle.models[0].predict(np.array([[300.0, *x[0, 1:]], *x[1:]]))[:, 0]
     assert np.array_equal(got["fPower_kW"], expected)  # the first row is limited, the third is not
     assert list(got["bPlausible"]) == list((expected >= 0.0) & (expected <= 1.1))
