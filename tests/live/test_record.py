@@ -353,8 +353,7 @@ def test_what_the_plan_says_is_not_set_beside_it(name):
 
 
 def test_a_rig_of_another_ratio_is_not_put_behind_the_signals(bundle, rig_file, tmp_path):
-    (tmp_path / "other.toml").write_text(
-        rig_file.read_text().replace("reduction_ratio = 81.0", "reduction_ratio = 80.0")
-    )
+    other = rig_file.read_text().replace("reduction_ratio = 81.0", "reduction_ratio = 80.0")
+    (tmp_path / "other.toml").write_text(other)
     with pytest.raises(InputError, match=r"other\.toml: reduction ratio 80, and the text was generated for 81"):
         plant_behind(soft_plc(bundle[1]), tmp_path / "other.toml")
