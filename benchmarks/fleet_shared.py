@@ -118,7 +118,7 @@ def compared(runs: int, families: tuple[str, ...]) -> None:
                 taken += float(lesson.errors[name].mean()) <= alone
             except shared.InputError:  # none of its runs is held out in a direction
                 pass
-            if runs < shared.LEAST_ROWS:
+            if runs < shared.LEAST_POINTS:
                 average = {d: table.direction(d).coefficients.mean(axis=0) for d in Direction}
                 errors = [
                     shared.squared_errors(ORDERS, average[d][None], fresh[name].direction(d).coefficients)

@@ -75,7 +75,7 @@ def errors(learner: Learner, features: Callable[[HarmonicTable, int], Any], orde
     """Mean absolute complex errors: by cross-validation, at the test points."""
     train, test = tables
     x, y = features(train, order), train.column(order)
-    fold = fold_numbers(len(train), FOLDS, 0)
+    fold = fold_numbers(train.conditions, FOLDS, 0)
     left_out = np.empty_like(y)
     for number in range(FOLDS):
         out = fold == number

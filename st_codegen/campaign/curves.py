@@ -91,6 +91,19 @@ def conditions_from_name(path: Path) -> OperatingPoint | None:
     return OperatingPoint(*(float(number.replace(",", ".")) for number in found.groups())) if found else None
 
 
+def run_paths(points: Sequence[OperatingPoint]) -> list[str]:
+    """Where the files of runs stand below a campaign's folder: by the rig's names, or numbered.
+
+    Numbered files, which need a `conditions.csv` beside them, where runs repeat, or where a name would not be read as
+    its conditions again (`1e+16rpm`).
+    """
+    paths = [point.rig_path() for point in points]
+    readable = all(conditions_from_name(path) == point for path, point in zip(paths, points, strict=True))
+    if readable and len(set(points)) == len(points):
+        return [path.as_posix() for path in paths]
+    return [f"run_{number:05d}.csv" for number in range(1, len(points) + 1)]
+
+
 def find_runs(folder: Path) -> tuple[RunFile, ...]:
     """All curve files below a folder with their conditions, in order of conditions and path.
 
@@ -171,7 +184,7 @@ def read_run(path: Path, conditions: OperatingPoint) -> Run:
     """Read one curve file. Memory: the file's numbers, 32 bytes a sample.
 
     Raises BadFileError with the line and the reason: not text, a value that is not a finite number, a missing column,
-    too few samples, less than a revolution, a direction that runs the wrong way.
+    too few samples, less than a revolution or gaps in it, a direction that runs the wrong way.
     """
     layout = _layout(path)
     table = _table(path, layout)
@@ -295,10 +308,22 @@ def _curve(path: Path, layout: _Layout, direction: Direction, angle: Any, te: An
     if span < _LEAST_SPAN_DEG:
         hint = "; it looks like rad, and must be deg" if 6.0 < span < 6.6 else ""
         raise BadFileError(path, layout.skip + samples, f"{direction}: the angle covers {span:.4g} deg of 360{hint}")
+    if (gap := _gap(arrays[0])) > 360.0 - _LEAST_SPAN_DEG:
+        reason = f"{direction}: {gap:.4g} deg of the revolution are without a sample; were samples lost?"
+        raise BadFileError(path, layout.skip + samples, reason)
     if bool(arrays[0][-1] < arrays[0][0]) == (direction is Direction.FORWARD):
         runs = "down" if direction is Direction.FORWARD else "up"
         raise BadFileError(path, layout.skip + 1, f"{direction}: the angle runs {runs}; are the directions exchanged?")
     return Curve(*arrays)
+
+
+def _gap(angle_deg: FloatArray) -> float:
+    """The largest part of a revolution without a sample, deg; 0 where there is a sample in every 5 deg."""
+    turned = np.mod(angle_deg, 360.0)
+    if np.bincount((turned // 5.0).astype(np.int64), minlength=72)[:72].all():
+        return 0.0
+    ordered = np.sort(turned)
+    return float(np.diff(ordered, append=ordered[0] + 360.0).max())
 
 
 def _end(values: FloatArray) -> int:

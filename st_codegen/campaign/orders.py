@@ -106,7 +106,8 @@ def fit_orders(curve: Curve | Sums, orders: Sequence[int], beyond: Mapping[int, 
     Fitting the others too keeps them from leaking into the wanted ones where the angles are uneven, or have a gap.
     beyond: coefficients that are expected of orders above the band, deg. They are fitted as well, each believed to its
     own size; those that the sums do not reach do not count.
-    Raises InputError for an order above the band (a quarter of the samples, or what the sums were made for).
+    Raises InputError for an order above the band (a quarter of the samples, or what the sums were made for), and for
+    samples at too few different angles.
     """
     wanted = tuple(sorted(set(orders)))
     sums = curve if isinstance(curve, Sums) else curve_sums(curve, max([BAND, *wanted]))
@@ -185,7 +186,16 @@ def _solve(sums: Sums, orders: npt.NDArray[np.intp], belief: FloatArray | None =
     right = np.concatenate([sums.te[orders].real, sums.te[orders].imag])
     solution = np.zeros(len(mask))
     matrix = _normal_matrix(sums, orders) + np.diag(np.tile(np.zeros(len(orders)) if belief is None else belief, 2))
-    solution[mask] = np.linalg.solve(matrix[np.ix_(mask, mask)], right[mask])
+    matrix = matrix[np.ix_(mask, mask)]
+    known = np.linspace(1.0, 2.0, len(matrix))  # a solution that is known tells how many digits are lost
+    try:
+        found, again = np.linalg.solve(matrix, np.stack([right[mask], matrix @ known], axis=1)).T
+    except np.linalg.LinAlgError:
+        again = np.zeros(len(matrix))
+    if np.abs(again - known).max() > math.sqrt(np.finfo(np.float64).eps):
+        told = ", ".join(map(str, orders))
+        raise InputError(f"the angles of its samples do not tell the orders {told} apart: are its steps coarse?")
+    solution[mask] = found
     return solution[: len(orders)] + 1j * solution[len(orders) :]
 
 

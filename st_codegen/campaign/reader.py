@@ -120,7 +120,7 @@ def read_campaign(
     if cache and new:
         kept.write(cache)
     if faults and not skip_bad:
-        problems = Problems(f"{folder}: bad curve files (leave them out with --skip-bad)")
+        problems = Problems(f"{folder}: bad curve files (leave them out with --skip-bad; in a fleet: skip_bad = true)")
         faults.sort(key=lambda error: (error.path, error.line or 0))
         problems.errors.extend(faults)
         problems.raise_if_any()

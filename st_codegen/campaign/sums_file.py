@@ -10,34 +10,45 @@ import numpy as np
 
 from st_codegen.campaign.curves import RunFile
 from st_codegen.campaign.orders import Sums
-from st_codegen.errors import MissingExtraError
+from st_codegen.errors import InputError, MissingExtraError
 from st_codegen.files.text import whole_file
 from st_codegen.te.harmonics import Direction
 
-#: changes with the way sums are made: a file of another version is made anew
-_VERSION = 2
+#: changes with the way sums are made, or files are judged: a file of another version is made anew
+_VERSION = 3
 
 
 class SumsFile:
-    """What was read of a folder: by path (relative), with size and time of change of the file it came from."""
+    """What was read of one folder: by path (relative), with size and time of change of the file it came from.
+
+    A file of another folder is made anew: two campaigns that were unpacked at the same time have names, sizes and times
+    in common.
+    """
 
     def __init__(self, folder: Path, band: int) -> None:
         self.folder = folder
-        self.band = band
         self._rows: dict[str, list[dict[str, Any]]] = {}
+        self._head = {"version": _VERSION, "band": band, "folder": str(folder.resolve())}
 
     @classmethod
     def read(cls, path: Path, folder: Path, band: int) -> SumsFile:
-        """What a Parquet file holds; empty where it is missing, broken, of another version or for another band."""
+        """What a Parquet file holds; empty where it is missing, of another version, folder or band.
+
+        Raises InputError for a file that holds something else, which would be written over.
+        """
         pl = _polars()
         new = cls(folder, band)
+        if not path.exists() or (path.is_file() and not path.stat().st_size):
+            return new
         try:
             frame = pl.read_parquet(path, glob=False)
         except (OSError, pl.exceptions.PolarsError):
+            frame = None
+        if frame is None or not {"version", "band", "plain_fft"} <= set(frame.columns):
+            raise InputError(f"{path} is not a file of what was read of curve files: name another one, or delete it")
+        if "folder" not in frame.columns:  # version 1
             return new
-        if not len(frame) or "version" not in frame.columns:
-            return new
-        if frame["version"].unique().to_list() != [_VERSION] or frame["band"].unique().to_list() != [band]:
+        if any(frame[name].unique().to_list() != [value] for name, value in new._head.items()):
             return new
         for row in frame.iter_rows(named=True):
             new._rows.setdefault(row["file"], []).append(row)
@@ -61,7 +72,7 @@ class SumsFile:
         """Keep the sums of the curves that a file holds."""
         size, changed = _stamp(path)
         name = self._name(path)
-        head = {"version": _VERSION, "band": self.band, "file": name, "size": size, "changed_ns": changed}
+        head = {**self._head, "file": name, "size": size, "changed_ns": changed}
         self._rows[name] = [
             {
                 **head,

@@ -82,5 +82,5 @@ def write_profile(
         caches = "cold" if measurement.is_cold else "warm"
         table.add_row(measurement.block, caches, f"{measurement.microseconds:.2f}", f"{modelled:.2f}", error)
     console.print(table)
-    if not fit.is_memory_known:
-        console.print("these times do not tell computing from waiting for memory: measure warm and cold caches")
+    for text in fit.remarks(measurements):
+        console.print(text, soft_wrap=True)

@@ -16,6 +16,7 @@ EXCHANGES = ("start", "end")
 TASK_FORMS = ("one", "two", "split")
 FAMILIES = ("SVM", "MLP", "RF", "DT", "ET", "ERT", "GBM", "HGBM", "LGBM", "XGBM", "ELM")
 MODEL_FORMS = ("native", "skops", "onnx")
+LARGEST_SEED = 2**31 - 1
 #: Mistakes of measuring that `reconcile --accept` corrects, and the word for none of them.
 MISTAKES = (
     "sign", "direction", "home_offset", "column_scale", "ratio", "drift", "axis", "torque", "low_pass", "smoothing",

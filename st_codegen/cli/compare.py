@@ -52,7 +52,7 @@ Examples:
 @controller_options
 @click.option("--block", metavar="FB_X", help="Only this block. Default: the blocks of all models.")
 @click.option("-n", "--rows", type=Whole(min=1), default=10_000, help="Rows a block.")
-@click.option("--seed", type=int, default=0, help="Seed of the random rows.")
+@click.option("--seed", type=Whole(min=0), default=0, help="Seed of the random rows.")
 @click.option(
     "--same-bits",
     is_flag=True,

@@ -10,6 +10,7 @@ import click
 
 from st_codegen.cli.choices import EXCHANGES
 from st_codegen.cli.console import Number, Whole
+from st_codegen.errors import Problems
 
 if TYPE_CHECKING:
     from st_codegen.te.latency import Latency
@@ -67,6 +68,12 @@ def command(
     """
     from st_codegen.te.latency import Exchange, TaskTiming, latency
 
+    problems = Problems("latency")
+    if slow is None and (slow_offset or slow_run):
+        problems.add("--slow-offset and --slow-run are of the slow task: give --slow")
+    if exchange == Exchange.AT_START and (fast_run or slow_run):
+        problems.add("--fast-run and --slow-run have no part in an exchange at the start: give --exchange end")
+    problems.raise_if_any()
     first = TaskTiming("fast", fast, run_us=fast_run)
     chain = [first] if slow is None else [first, TaskTiming("slow", slow, slow_offset, slow_run), first]
     if bus != 0:

@@ -100,6 +100,8 @@ def _setting(text: str) -> tuple[str, float]:
     try:
         if not mark or not name.startswith("f"):
             raise ValueError("NAME=VALUE is expected, of a number")
+        if name.lower() in ("fspeed_rpm", "ftorque_nm", "ftemperature_c"):
+            raise ValueError("the plan gives it, and the files say what the plan says")
         return name, parse_number(value)
     except ValueError as error:
         raise InputError(f"--set {text}: {error}") from None

@@ -39,7 +39,7 @@ A client then finds the PLC at the AMS net id 127.0.0.1.1.1, port 851, and at op
 )
 @click.option(
     "--speed",
-    type=Number(min=0),
+    type=Number(min=0, max=1e6),
     default=1.0,
     help="So many times as fast as the clock; 0: as fast as this machine can.",
 )

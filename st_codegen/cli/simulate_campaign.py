@@ -32,7 +32,7 @@ Examples:
     "--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="New folder for the curve files."
 )
 @click.option("--samples", type=Whole(min=1), help="Samples of a revolution (default: 4000 a second, as on the rig).")
-@click.option("--noise", type=Number(min=0), help="Noise of a sample, deg (default: [noise] of the rig).")
+@click.option("--noise", type=Number(min=0, max=1e3), help="Noise of a sample, deg (default: [noise] of the rig).")
 @click.option("--seed", type=Whole(min=0), default=0, help="Seed of the noise.")
 @effects_option
 @quiet_option

@@ -153,6 +153,8 @@ def command(
         click.echo(json.dumps(rows, indent=1))
     if not quiet:
         console.print(_table(f"{out}/report.html", result, rows))
+        for text in motion_files.remarks(result):
+            console.print(text, soft_wrap=True)
 
 
 def _table(title: str, result: MotionStudy, rows: list[dict[str, Any]]) -> Table:
@@ -165,6 +167,7 @@ def _table(title: str, result: MotionStudy, rows: list[dict[str, Any]]) -> Table
         cells = [label(outcome)]
         for kind in ("rms", "max"):
             cells += [f"{entry[f'{kind}_{when}']:.5f}" for when in ("before", "after")]
-            cells.append(f"{100 * entry[f'{kind}_reduction']:.1f} %")
+            gone = entry[f"{kind}_reduction"]
+            cells.append("-" if gone is None else f"{100 * gone:.1f} %")
         table.add_row(*cells, f"{entry['latency_us']:.1f} us")
     return table

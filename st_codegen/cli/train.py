@@ -52,7 +52,7 @@ Examples:
 @click.option("--most-orders", type=Whole(min=1), default=15, help="How many auto takes.")
 @click.option(
     "--reduction-ratio",
-    type=Number(min=0, min_open=True),
+    type=Number(min=1e-6, max=1e6),
     default=81.0,
     help="Input speed over output speed.",
 )
@@ -103,13 +103,15 @@ def command(
     order the best pair of models is chosen whose worst-case cost fits.
     """
     from st_codegen.campaign.harmonic_table import write_table
+    from st_codegen.emit.literals import identifier
     from st_codegen.training.export import check_place, write_bundle
-    from st_codegen.training.learn import LearningPlan, bundle_head, learn, only_exportable
+    from st_codegen.training.learn import LearningPlan, bundle_head, check_learnable, learn, only_exportable
     from st_codegen.training.measured import measured_table
     from st_codegen.training.page import training_page
     from st_codegen.training.store import FitStore
 
     check_place(out)
+    identifier(name, "--name")
     settings = only_exportable(settings, form)
     plan = LearningPlan(settings, test_share, None, math.inf if limit_us is None else limit_us, repeats, keep_faulty)
     wanted = _orders(orders)
@@ -118,8 +120,7 @@ def command(
             campaign, wanted, most_orders, skip_bad=skip_bad, where=where, cache=cache, progress=progress
         )
     _say_bad(measured, quiet)
-    if table_out:
-        write_table(measured.table, table_out)
+    check_learnable(measured.table)
     lessons = []
     with FitStore(work) as store:
         for direction in measured.table.directions():
@@ -127,6 +128,8 @@ def command(
                 lessons.append(learn(measured.table, direction, plan, store, where, progress))
     head = bundle_head(measured.table, name, reduction_ratio)
     write_bundle(out, head, [model for lesson in lessons for model in lesson.models], form)
+    if table_out:
+        write_table(measured.table, table_out)
     if report:
         write_text(report, training_page(name, measured, lessons))
     if as_json:
@@ -172,7 +175,7 @@ def _facts(lesson: Lesson) -> dict[str, Any]:
     return {
         "direction": lesson.direction.value,
         "faulty": [list(map(float, row)) for row in lesson.train.conditions[lesson.faulty.rows]],
-        "cost_us": round(lesson.choice.cost_us, 3),
+        "cost_us": round(lesson.cost_us, 3),
         "orders": [
             {
                 "order": solution.order,
@@ -182,7 +185,7 @@ def _facts(lesson: Lesson) -> dict[str, Any]:
                 "validation_complex_mae_deg": solution.errors.complex_mae,
                 "test_complex_mae_deg": lesson.test_errors[solution.order].complex_mae,
                 "test_amplitude_mae_deg": lesson.test_errors[solution.order].amplitude_mae,
-                "test_phase_mae_rad": lesson.test_errors[solution.order].phase_mae,
+                "test_phase_mae_rad": lesson.test_errors[solution.order].phase_mae if solution.order else None,
             }
             for solution in lesson.choice.solutions
         ],
@@ -191,12 +194,14 @@ def _facts(lesson: Lesson) -> dict[str, Any]:
 
 def _summary(lesson: Lesson) -> Table:
     title = (
-        f"{lesson.direction}: worst case {lesson.choice.cost_us:.0f} us (estimate), "
-        f"{int(lesson.faulty.rows.sum())} faulty runs left out"
+        f"{lesson.direction}: worst case {lesson.cost_us:.0f} us (estimate), {int(lesson.faulty.rows.sum())} faulty "
+        f"runs left out; errors at the operating points of {len(lesson.study.test)} runs that were kept apart"
     )
     table = table_of(title, ">order", "models", ">amplitude MAE, deg", ">phase MAE, rad", ">complex MAE, deg")
     for solution in lesson.choice.solutions:
         errors = lesson.test_errors[solution.order]
-        numbers = (errors.amplitude_mae, errors.phase_mae, errors.complex_mae)
-        table.add_row(str(solution.order), solution.name, *(f"{number:.3g}" for number in numbers))
+        phase = f"{errors.phase_mae:.3g}" if solution.order else ""
+        table.add_row(
+            str(solution.order), solution.name, f"{errors.amplitude_mae:.3g}", phase, f"{errors.complex_mae:.3g}"
+        )
     return table

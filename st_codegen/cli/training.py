@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from st_codegen.cli.choices import FAMILIES
+from st_codegen.cli.choices import FAMILIES, LARGEST_SEED
 from st_codegen.cli.console import Command, Whole, gathered
 from st_codegen.errors import InputError
 
@@ -43,8 +43,10 @@ _settings_options = gathered(
     click.option(
         "--families", default=",".join(FAMILIES), metavar="NAMES", help="Families to try, with commas between."
     ),
-    click.option("--folds", type=Whole(min=2), default=10, help="Parts of the validation."),
-    click.option("--seed", type=int, default=0, help="The same seed gives the same bits."),
+    click.option(
+        "--folds", type=Whole(min=2), default=10, help="Parts of the validation, no more than operating points."
+    ),
+    click.option("--seed", type=Whole(min=0, max=LARGEST_SEED), default=0, help="The same seed gives the same bits."),
 )
 #: The options --backend, --scheduler and --jobs: `where`.
 place_options = gathered(

@@ -46,7 +46,7 @@ Examples:
 @names_options
 @generated_option("Folder that `generate` wrote; every target in it is verified.")
 @click.option("-n", "--rows", type=Whole(min=1), default=10_000, help="Rows a model.")
-@click.option("--seed", type=int, default=0, help="Seed of the random rows.")
+@click.option("--seed", type=Whole(min=0), default=0, help="Seed of the random rows.")
 @click.option(
     "-j", "--jobs", type=Whole(min=1), default=None, help="Models at the same time (default: one a processor)."
 )

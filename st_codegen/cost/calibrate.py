@@ -11,16 +11,21 @@ gives the worst path, so measure with inputs that take it, or the longest of man
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from st_codegen.cost.profile import Profile
+from st_codegen.cost.profile import LARGEST_FACTOR, SMALLEST_FACTOR, Profile
 from st_codegen.cost.report import project_cost
-from st_codegen.errors import Problems
+from st_codegen.errors import InputError, Problems
 from st_codegen.files.csv_tables import RowError, read_csv
+from st_codegen.files.toml_text import toml_value
 from st_codegen.st.tree import Project
+
+#: Times that a call can have, us: from a cycle or two to a quarter of an hour.
+_SHORTEST_US, _LONGEST_US = 1e-3, 1e9
 
 
 @dataclass(frozen=True)
@@ -41,6 +46,23 @@ class Calibration:
     modelled: tuple[float, ...]
     is_memory_known: bool
 
+    def remarks(self, measurements: Sequence[Measurement]) -> list[str]:
+        """What a user of the profile has to know of it."""
+        found = []
+        if not self.is_memory_known:
+            what = "one factor for both" if self.memory == self.compute else "memory keeps the factor 1"
+            found.append(
+                f"these times do not tell computing from waiting for memory ({what}): measure the longest calls of the "
+                "same blocks with warm and with cold caches"
+            )
+        longer = [m.microseconds / t for m, t in zip(measurements, self.modelled, strict=True) if m.microseconds > t]
+        if (most := max(longer, default=1.0)) >= 1.0005:  # less is not seen in a tenth of a percent
+            found.append(
+                f"{len(longer)} of {len(measurements)} measured times are longer than the model gives, by up to "
+                f"{most - 1.0:.1%}: a worst case by this profile is no bound, so leave at least as much of a budget"
+            )
+        return found
+
 
 def read_measurements(path: Path) -> tuple[Measurement, ...]:
     """A CSV with the columns `block,caches,us`, caches being `warm` or `cold`. Raises InputError with all problems."""
@@ -50,8 +72,8 @@ def read_measurements(path: Path) -> tuple[Measurement, ...]:
     for row in table.rows:
         with problems.collect():
             time, caches = table.number(row, "us"), table.text(row, "caches")
-            if time <= 0.0:
-                raise RowError(row.line, f"us: {time:g} is not above 0")
+            if not _SHORTEST_US <= time <= _LONGEST_US:
+                raise RowError(row.line, f"us: {time:g} is not in {_SHORTEST_US:g} .. {_LONGEST_US:g}")
             if caches not in ("warm", "cold"):
                 raise RowError(row.line, f"caches must be warm or cold, not {caches!r}")
             found.append(Measurement(table.text(row, "block"), caches == "cold", time))
@@ -65,7 +87,8 @@ def calibrate(project: Project, profile: Profile, measurements: tuple[Measuremen
     """The factors that bring the model nearest to the measurements.
 
     Where these cannot tell the two apart (a single one, or none that waits for memory), `memory` stays 1. Raises
-    InputError for blocks that the project does not have, or whose loops have no known bound.
+    InputError for blocks that the project does not have, or whose loops have no known bound, and for factors that no
+    profile takes.
     """
     whole = project_cost(project, replace(profile, compute_factor=1.0, memory_factor=1.0))
     computing = project_cost(project, replace(profile, compute_factor=1.0, memory_factor=0.0))
@@ -85,6 +108,11 @@ def calibrate(project: Project, profile: Profile, measurements: tuple[Measuremen
     modelled = np.array(parts)
     measured = np.array([measurement.microseconds for measurement in measurements])
     compute, memory, is_memory_known = _factors(modelled / measured[:, None])
+    if not all(SMALLEST_FACTOR <= factor <= LARGEST_FACTOR for factor in (compute, memory)):
+        raise InputError(
+            f"the measured times are {compute:.3g} times those of the model; a profile takes {SMALLEST_FACTOR:g} .. "
+            f"{LARGEST_FACTOR:g}: are they in us, and of these blocks?"
+        )
     fitted = modelled @ np.array([compute, memory])
     return Calibration(compute, memory, tuple(float(value) for value in fitted), is_memory_known)
 
@@ -108,7 +136,7 @@ def _factors(relative: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> tup
 
 def with_factors(profile: Profile, fit: Calibration, name: str) -> str:
     """The text of a profile with other factors, all comments kept."""
-    text = re.sub(r'(?m)^name\s*=\s*".*"$', f'name = "{name}"', profile.text, count=1)
+    text = re.sub(r"(?m)^name\s*=.*$", lambda _: f"name = {toml_value(name)}", profile.text, count=1)
     head, mark, tail = text.partition("[factors]")
     if not mark:
         return f"{text.rstrip()}\n\n[factors]\ncompute = {fit.compute:.6g}\nmemory = {fit.memory:.6g}\n"

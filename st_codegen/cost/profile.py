@@ -27,6 +27,8 @@ _MACHINE = {
 }
 #: What must be above 0 is at least this.
 _SMALLEST = 1e-9
+#: What a profile takes as factors.
+SMALLEST_FACTOR, LARGEST_FACTOR = _SMALLEST, 1e6
 _MAY_BE_ZERO = {"mispredicted_warm", "mispredicted_cold", "mispredict_cycles", "l1_data_bytes", "l2_bytes"}
 
 
@@ -91,7 +93,9 @@ def _profile(file: TomlTable, name: str, text: str) -> Profile:
     with file.table("cycles", required=True) as table:
         cycles = {operation: _sourced(table, operation.value, 0.0, 1e6, sources) for operation in CostClass}
     with file.table("factors") as table:
-        compute, memory = (table.number(key, 1.0, low=_SMALLEST, high=1e6) for key in ("compute", "memory"))
+        compute, memory = (
+            table.number(key, 1.0, low=SMALLEST_FACTOR, high=LARGEST_FACTOR) for key in ("compute", "memory")
+        )
     return Profile(
         name,
         description,

@@ -35,7 +35,7 @@ from st_codegen.rig.model import RigModel, read_rig
 from st_codegen.training.export import FORMATS
 from st_codegen.training.families import FAMILIES, candidates, family_named
 from st_codegen.training.learn import only_exportable
-from st_codegen.training.study import SearchSettings
+from st_codegen.training.study import LARGEST_SEED, SearchSettings
 
 #: A folder's name on every system: no dots, so that none is a way out of its folder or one of the fleet's own files.
 _NAME = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9_-]{0,62}[A-Za-z0-9])?")
@@ -220,7 +220,7 @@ def _options(table: TomlTable, base: AxisOptions) -> AxisOptions:
         base,
         most_orders=table.whole("most_orders", base.most_orders, low=1),
         folds=table.whole("folds", base.folds, low=2),
-        seed=table.whole("seed", base.seed, high=2**31),
+        seed=table.whole("seed", base.seed, high=LARGEST_SEED),
         test_share=table.number("test_share", base.test_share, low=0.01, high=0.9),
         skip_bad=table.flag("skip_bad", base.skip_bad),
         keep_faulty=table.flag("keep_faulty", base.keep_faulty),

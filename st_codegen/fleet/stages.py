@@ -39,10 +39,11 @@ from st_codegen.rig.effects import catalogue
 from st_codegen.rig.model import read_rig
 from st_codegen.threads import one_thread
 from st_codegen.training.export import write_bundle
-from st_codegen.training.learn import LEAST_ROWS, bundle_head, learn
+from st_codegen.training.learn import LEAST_POINTS, bundle_head, learn
 from st_codegen.training.search import LEARNERS, Backend, versions
 from st_codegen.training.shared import own_errors
 from st_codegen.training.store import FitStore
+from st_codegen.training.study import operating_points
 
 RECORD = "stages.json"
 TRAIN, COMPILE, CHECK, RECONCILE = "train", "compile", "check", "reconcile"
@@ -198,7 +199,7 @@ class _Stages:
                 own = float(own_errors(table, axis_plan(self.options), part.points, store, Backend(1)).mean())
             except InputError as error:
                 return {"shared": found | {"why_not": str(error)}}
-            few = min(len(table.direction(direction)) for direction in table.directions()) < LEAST_ROWS
+            few = min(operating_points(table.direction(one)) for one in table.directions()) < LEAST_POINTS
             found |= {
                 "taken": part.mean_square <= own,
                 "rms_deg": math.sqrt(part.mean_square),

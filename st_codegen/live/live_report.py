@@ -9,7 +9,7 @@ from st_codegen.proof.verify import ModelReport
 
 @dataclass
 class BlockTimes:
-    """Times of a block's calls on the controller, us: their median, and the quantile of which `calibrate` is told."""
+    """Times of a block's calls on the controller, us: their median, and the time that 99 % of them need at most."""
 
     calls: int
     median_us: float
@@ -42,7 +42,7 @@ class OtherBits:
 class LiveReport:
     """What was compared with what, by model and by block around models, and how long the calls took.
 
-    `rows` has, by block, the rows, and of how many leaves and splits in all how many have rows of their own. `differs`
+    `rows` has, by block, the rows, and of how many leaves and splits in all how many have rows aimed at them. `differs`
     has, by model or block, the rows with other bits than the text has here: a failure where nothing leaves them open.
     """
 
@@ -89,12 +89,13 @@ class LiveReport:
         for name, (rows, tried, constants) in self.rows.items():
             if constants:
                 share = f"all {constants:,}" if tried == constants else f"{tried:,} of {constants:,}"
-                lines.append(f"{name}: {rows:,} rows, with rows of their own for {share} leaves and splits")
+                lines.append(f"{name}: {rows:,} rows, with rows aimed at {share} leaves and splits")
             else:
                 lines.append(f"{name}: {rows:,} rows")
         if not self.same_bits:
             lines += [f"{name}: {bits}" for name, bits in self.differs.items() if bits.is_open]
         for name, found in self.times.items():
-            lines.append(f"{name}: median {found.median_us:.1f} us a call, 99 % below {found.high_us:.1f} us")
+            most = f"99 % of {found.calls:,} at most {found.high_us:.1f} us"
+            lines.append(f"{name}: median {found.median_us:.1f} us a call, {most}")
         lines.append(f"{self.sent:,} rows in {self.seconds:.1f} s: {self.rows_a_second:,.0f} rows a second")
         return lines

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from st_codegen.emit.output import read_manifest
 from st_codegen.errors import InputError
 from st_codegen.ir import AnyArray
 from st_codegen.live.plc import SoftPlc
@@ -161,6 +162,12 @@ def _stepped(angle_deg: float, steps: float) -> float:
 
 
 def plant_behind(plc: SoftPlc, path: Path, seed: int = 0) -> SimulatedRig:
-    """The rig of a file behind a PLC. Raises InputError for a rig that does not fit its cycle."""
+    """The rig of a file behind a PLC. Raises InputError for a rig that does not fit its cycle, or its text's ratio."""
     _, rig = read_machine(path)
+    manifest = read_manifest(plc.code.folder)
+    made_for = (manifest.purpose or {}).get("reduction_ratio") if manifest is not None else None
+    if made_for not in (None, rig.model.reduction_ratio):
+        raise InputError(
+            f"{path}: reduction ratio {rig.model.reduction_ratio:g}, and the text was generated for {made_for:g}"
+        )
     return SimulatedRig(plc, rig, seed)

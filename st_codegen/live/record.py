@@ -20,15 +20,15 @@ from typing import Any
 import numpy as np
 
 from st_codegen.campaign.conditions import CONDITION_COLUMNS, OperatingPoint
-from st_codegen.campaign.curves import CONDITIONS_FILE, Curve, Run, write_run
+from st_codegen.campaign.curves import CONDITIONS_FILE, Curve, Run, run_paths, write_run
 from st_codegen.emit.output import COMPARISON, read_manifest
-from st_codegen.errors import GeneratedCodeError, InputError
+from st_codegen.errors import GeneratedCodeError, InputError, Problems
 from st_codegen.files.text import make_folder, write_text
 from st_codegen.ir import AnyArray, BoolArray, FloatArray
 from st_codegen.live.controller import Controller, Signal, must_be_of, must_run
 from st_codegen.live.failures import ControllerError, MeasurementError, OtherClientError
 from st_codegen.te.compensation.codes import EXPERIMENT_STATE, TE_ERROR
-from st_codegen.te.compensation.programs import EXPERIMENT_SIGNALS
+from st_codegen.te.compensation.programs import EXPERIMENT_SIGNALS, SLOW_US
 from st_codegen.te.compensation.recorder import LIST, SAMPLES
 from st_codegen.te.harmonics import Direction
 
@@ -38,6 +38,8 @@ PLAN_FILE = "record.json"
 _DIGITS = 12
 #: A curve must cover so much of a revolution, deg.
 _LEAST_SPAN_DEG = 355.0
+#: Cycle time of the task that PRG_Experiment and PRG_Record run in.
+_CYCLE_S = SLOW_US * 1e-6
 _STATES = {code.value: code for code in EXPERIMENT_STATE.all}
 _ERRORS = {code.value: code for code in TE_ERROR.all}
 _RING = (
@@ -95,11 +97,7 @@ def recorded_project(folder: Path) -> RecordedProject:
 def planned(points: Sequence[OperatingPoint]) -> tuple[PlannedRun, ...]:
     """The runs, the coolest first, since nothing cools the oil; numbered files where conditions repeat."""
     ordered = sorted(points, key=lambda point: point.temperature_C)
-    unique = len(set(ordered)) == len(ordered)
-    return tuple(
-        PlannedRun(point, point.rig_path().as_posix() if unique else f"run_{number:05d}.csv")
-        for number, point in enumerate(ordered, 1)
-    )
+    return tuple(PlannedRun(*run) for run in zip(ordered, run_paths(ordered), strict=True))
 
 
 def open_campaign(folder: Path, runs: Sequence[PlannedRun]) -> list[PlannedRun]:
@@ -138,7 +136,10 @@ def record(
     MeasurementError where a measurement ends early; the axis is stopped first, or stops by itself where the connection
     is lost. What was finished before stays.
     """
+    _check_samples(project, runs, recording)
     missing = open_campaign(folder, runs)
+    if len(missing) < len(runs):
+        _note_conditions(folder, runs)  # those of the last file may be missing, where a run was killed behind it
     if not missing:
         return 0
     experiment = MeasuringClient(controller, project, recording)
@@ -153,15 +154,29 @@ def record(
 
             curves = experiment.measure(run.point, where, told)
             write_run(Run(run.point, curves), folder / run.file, digits=_DIGITS)
-            if not run.file.startswith("Test_"):
-                _write_conditions(folder, runs)
+            _note_conditions(folder, runs)
     finally:
         experiment.release()
     return len(missing)
 
 
-def _write_conditions(folder: Path, runs: Sequence[PlannedRun]) -> None:
-    """The conditions of the numbered files that are there."""
+def _check_samples(project: RecordedProject, runs: Sequence[PlannedRun], recording: RecordSettings) -> None:
+    """Raise one InputError for speeds at which a revolution has fewer cycles than samples are wanted."""
+    problems = Problems("record")
+    for speed in dict.fromkeys(run.point.speed_rpm for run in runs):
+        most = int(60.0 * project.ratio / speed / _CYCLE_S)
+        if most < recording.samples:
+            problems.add(
+                f"{speed:g} rpm: a revolution has {most} samples at most, one each cycle of {_CYCLE_S * 1e6:g} us, and "
+                f"{recording.samples} are wanted: ask for fewer (--samples), or measure slower"
+            )
+    problems.raise_if_any()
+
+
+def _note_conditions(folder: Path, runs: Sequence[PlannedRun]) -> None:
+    """Write the conditions of the numbered files that are there; other files have them in their names."""
+    if all(run.file.startswith("Test_") for run in runs):
+        return
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["file", *CONDITION_COLUMNS])
@@ -224,8 +239,7 @@ class MeasuringClient:
             raise MeasurementError(f"{where}: {error}; the axis stands, and what was measured before is kept") from None
 
     def _measured(self, point: OperatingPoint, told: Callable[[str], None]) -> dict[Direction, Curve]:
-        cycle_s = 0.0005
-        every = max(1, int(60.0 * self.project.ratio / point.speed_rpm / cycle_s / self.recording.samples))
+        every = max(1, int(60.0 * self.project.ratio / point.speed_rpm / _CYCLE_S / self.recording.samples))
         settings = {
             "fSpeed_rpm": point.speed_rpm,
             "fTorque_Nm": point.torque_Nm,

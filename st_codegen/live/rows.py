@@ -30,7 +30,10 @@ Step = tuple[Operator, bool, float]
 
 @dataclass(frozen=True)
 class ChosenRows:
-    """Rows (n, features) for the models of one block; `reached` of `constants` leaves and splits have rows."""
+    """Rows (n, features) for the models of one block; rows are aimed at `reached` of `constants` leaves and splits.
+
+    Categories, which are drawn at random, and ranges that limit inputs can send such a row elsewhere.
+    """
 
     x: FloatArray
     reached: int
@@ -158,7 +161,8 @@ def _around(base: FloatArray, feature: int, threshold: FloatArray) -> list[Float
     """The threshold itself, and its neighbours in float64 and float32."""
     found = []
     for value in threshold:
-        single = np.float32(value)
+        with np.errstate(over="ignore"):  # LightGBM has 1e300 for infinity, which float32 has as infinity
+            single = np.float32(value)
         for near in (
             value,
             np.nextafter(value, -np.inf),

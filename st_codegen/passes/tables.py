@@ -111,7 +111,8 @@ def _axes(model: ModelIR, most: int) -> tuple[CellAxis, ...] | None:
 def _too_many_thresholds(op: TreeEnsemble, most: int) -> bool:
     """Whether the thresholds of one column alone are far too many: spares the exact count for large ensembles."""
     numbers = [np.unique(op.threshold[op.split == number]) for number in range(len(op.columns))]
-    return any(len(np.unique(found.astype(np.float32))) > most for found in numbers)
+    with np.errstate(over="ignore"):  # beyond float32 all are alike: LightGBM has 1e300 for infinity
+        return any(len(np.unique(found.astype(np.float32))) > most for found in numbers)
 
 
 def _collect(model: ModelIR, op: TreeEnsemble, number: int, column: Column, edges: dict[int, list[FloatArray]]) -> None:

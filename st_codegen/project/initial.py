@@ -57,7 +57,8 @@ def initial_configuration(
         if found:
             models[name] = found["m"].ir
         else:
-            reasons[name] = str(problems.errors[0]).splitlines()[0].encode("ascii", "replace").decode()
+            line = str(problems.errors[0]).splitlines()[0]
+            reasons[name] = "".join(c if " " <= c <= "~" else "?" for c in line)  # it becomes a comment of the file
     if not models:
         why = "".join(f"\n  - {name}: {reason}" for name, reason in reasons.items())
         raise InputError(f"{folder}: no model files; supported are {known_formats()}{why}")

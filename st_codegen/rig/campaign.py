@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from st_codegen.campaign.conditions import CONDITION_COLUMNS, Conditions, OperatingPoint
-from st_codegen.campaign.curves import CONDITIONS_FILE, Curve, Run, write_run
+from st_codegen.campaign.curves import CONDITIONS_FILE, Curve, Run, conditions_from_name, run_paths, write_run
 from st_codegen.errors import InputError, Problems
 from st_codegen.files.csv_tables import RowError, read_csv
 from st_codegen.files.folders import check_replaceable, replace_folder
@@ -90,7 +90,7 @@ def simulate_campaign(
     measuring: Measuring = Measuring(),
     progress: Progress | None = None,
 ) -> None:
-    """Write a campaign: the rig's folders and names, or numbered files with `conditions.csv` where runs repeat.
+    """Write a campaign: the rig's folders and names, or numbered files with `conditions.csv` (`curves.run_paths`).
 
     The folder appears complete or not at all. Raises InputError where it exists and is not empty, or where the samples
     are too few for the rig's orders.
@@ -101,20 +101,19 @@ def simulate_campaign(
     if measuring.samples is not None and measuring.samples <= max(_LEAST_SAMPLES, 2 * max(rig.orders())):
         least = max(_LEAST_SAMPLES, 2 * max(rig.orders())) + 1
         raise InputError(f"{measuring.samples} samples a revolution are too few: this rig needs {least}")
-    unique = len(set(conditions)) == len(conditions)
+    paths = run_paths(conditions)
     folder = Path(os.path.realpath(folder))
     make_folder(folder.parent)
-    with temporary_folder(folder.parent) as made:
+    with temporary_folder(folder.parent, becomes=folder) as made:
         stage = made / "stage"
         stage.mkdir()
         rows = []
-        for number, point in enumerate(conditions):
-            path = point.rig_path() if unique else Path(f"run_{number + 1:05d}.csv")
+        for number, (point, path) in enumerate(zip(conditions, paths, strict=True)):
             if progress is not None:
-                progress(number, len(conditions), path.name)
+                progress(number, len(conditions), Path(path).name)
             write_run(simulate_run(rig, point, measuring, number), stage / path, digits=_DIGITS)
-            rows.append([path.as_posix(), point.speed_rpm, point.torque_Nm, point.temperature_C])
-        if not unique:
+            rows.append([path, point.speed_rpm, point.torque_Nm, point.temperature_C])
+        if not conditions_from_name(Path(paths[0])):
             with (stage / CONDITIONS_FILE).open("w", encoding="utf-8", newline="") as file:
                 writer = csv.writer(file, lineterminator="\n")
                 writer.writerows([["file", *CONDITION_COLUMNS], *rows])

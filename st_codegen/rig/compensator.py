@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import tempfile
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -184,6 +185,9 @@ class RunningCompensator:
         self._slow = slow
         self._roles = roles
         self._load_given = load_given
+        #: calls of the correcting task, and of these those that refused their inputs, by the number of the error
+        self.calls = 0
+        self.refused: Counter[int] = Counter()
 
     def correct(self, inputs: TaskInputs) -> float:
         """The correction of the motor's reference, deg. Raises GeneratedCodeError where the controller would stop."""
@@ -194,6 +198,9 @@ class RunningCompensator:
         if self._slow is None or self._load_given:
             self._operating_point(inputs)
         _guarded(self._fast)
+        self.calls += 1
+        if not self._ports["bValid"]:
+            self.refused[int(self._ports["eError"])] += 1
         return float(self._ports["fCorrection_deg"])
 
     def prepare(self, inputs: TaskInputs) -> None:

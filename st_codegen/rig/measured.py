@@ -6,6 +6,8 @@ beyond them the value of the nearest run stands. The measuring chain's delay is 
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,15 +33,18 @@ class _Flank:
         """Repeated runs count as their mean. Raises InputError where a combination of levels is missing."""
         pairs = [np.unique(column, return_inverse=True) for column in table.conditions.T]
         levels, places = tuple(level for level, _ in pairs), tuple(place for _, place in pairs)
-        runs = np.zeros([len(level) for level in levels], np.int64)
-        np.add.at(runs, places, 1)
-        if missing := np.argwhere(runs == 0).tolist():
-            speed, torque, temperature = (level[index] for level, index in zip(levels, missing[0], strict=True))
+        sizes, there = [len(level) for level in levels], set(zip(*(place.tolist() for place in places), strict=True))
+        # without the grid itself: of conditions that are no levels, such as measured temperatures, it has no end
+        if missing := math.prod(sizes) - len(there):
+            first = next(point for point in itertools.product(*map(range, sizes)) if point not in there)
+            speed, torque, temperature = (level[index] for level, index in zip(levels, first, strict=True))
             raise InputError(
-                f"{len(missing)} of {runs.size} points of the grid of speeds, torques and temperatures are missing, "
+                f"{missing} of {math.prod(sizes)} points of the grid of speeds, torques and temperatures are missing, "
                 f"the first of them {speed:g} rpm, {torque:g} N m, {temperature:g} degC; measure them, or leave their "
                 "levels out"
             )
+        runs = np.zeros(sizes, np.int64)
+        np.add.at(runs, places, 1)
         sums = np.zeros((*runs.shape, len(table.orders)), np.complex128)
         np.add.at(sums, places, table.coefficients)
         sums /= runs[..., np.newaxis]

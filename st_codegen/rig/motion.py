@@ -3,6 +3,7 @@ output."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -16,6 +17,7 @@ from st_codegen.rig.axis_parameters import AxisParameters, Encoders, Thermal
 from st_codegen.rig.compensator import EmittedCompensator, RunningCompensator
 from st_codegen.rig.profiles import MotionProfile
 from st_codegen.rig.tasks import Plc, TaskForm, TaskInputs, TaskSettings
+from st_codegen.te.compensation.codes import TE_ERROR
 
 #: Standstill before the profile starts: the compensator's ramp has its 0.5 s, the loops settle.
 LEAD_IN_S = 1.0
@@ -187,6 +189,9 @@ def run(
         published = plc.tick(n, sample, float(references[n]))
         if published is not None:
             setpoint = published
+        if n == plan.first and running is not None:  # what was said before the motion is that of the first calls
+            running.calls = 0
+            running.refused.clear()
         rows[n, :6] = setpoint, axis.theta_mot_deg, axis.theta_in_deg, axis.theta_out_deg, seen_in, seen_out
         if running is not None:
             rows[n, 6:] = running.weight, running.te_deg
@@ -220,8 +225,17 @@ class Size:
 
     @classmethod
     def of(cls, values: FloatArray) -> Size:
-        """The root mean square and the largest magnitude of an error over time, deg."""
-        return cls(float(np.sqrt(np.mean(values**2))), float(np.abs(values).max())) if len(values) else cls(0.0, 0.0)
+        """The root mean square and the largest magnitude of an error over time, deg; NaN of no time."""
+        return (
+            cls(float(np.sqrt(np.mean(values**2))), float(np.abs(values).max()))
+            if len(values)
+            else cls(math.nan, math.nan)
+        )
+
+
+def or_none(value: float) -> float | None:
+    """What is not known is null in JSON."""
+    return value if math.isfinite(value) else None
 
 
 @dataclass(frozen=True)
@@ -246,7 +260,7 @@ class MotionOutcome:
 
     The error after is theta_out with compensation against theta_in / ratio of the same motion without it: what is left
     of TE at the output, without the drive's own lag, which both have. `following`: theta_out against the profile,
-    drive included.
+    drive included. `refused`: in which calls the blocks refused their inputs, so that they did not correct, and why.
     """
 
     case: CompensationCase
@@ -259,11 +273,14 @@ class MotionOutcome:
     error_before_deg: FloatArray
     error_after_deg: FloatArray
     predicted_deg: FloatArray
+    refused: str = ""
 
     @property
     def reduction(self) -> tuple[float, float]:
-        """Share of RMS and maximum that is gone, over the whole motion."""
-        return 1.0 - self.after.rms / self.before.rms, 1.0 - self.after.maximum / self.before.maximum
+        """Share of RMS and maximum that is gone, over the whole motion; NaN where there was nothing."""
+        pairs = (self.after.rms, self.before.rms), (self.after.maximum, self.before.maximum)
+        rms, maximum = (1.0 - after / before if before else math.nan for after, before in pairs)
+        return rms, maximum
 
 
 def compare(
@@ -289,7 +306,18 @@ def compare(
         error_before_deg=old,
         error_after_deg=new,
         predicted_deg=after.predicted_deg[moving],
+        refused=_refused(running),
     )
+
+
+def _refused(running: RunningCompensator) -> str:
+    """In which calls a compensator refused its inputs, and why; empty where it took all."""
+    if not running.refused:
+        return ""
+    share = sum(running.refused.values()) / running.calls
+    known = {code.value: code for code in TE_ERROR.all}
+    reasons = "; ".join(f"{known[number].name}: {known[number].comment}" for number in sorted(running.refused))
+    return f"no correction in {share:.2%} of the calls ({reasons})"
 
 
 def lead_time_s(rig: Rig, form: TaskForm) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +15,7 @@ import numpy as np
 from st_codegen.files.folders import write_texts
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.report import PageSection, PageTable, figure, figures, page
-from st_codegen.rig.motion import MotionOutcome, MotionPlan, MotionRecord, Rig
+from st_codegen.rig.motion import MotionOutcome, MotionPlan, MotionRecord, Rig, or_none
 
 #: Columns of recordings in time (docs/effects.md): s, deg of the fast side, deg of the output, rpm, N m, degC.
 RECORDING = "t,theta_ref,theta_mot,theta_in,theta_out,speed_rpm,torque_Nm,temperature_C"
@@ -55,17 +57,18 @@ def row(study: MotionStudy, outcome: MotionOutcome) -> dict[str, Any]:
         "rms_after": outcome.after.rms,
         "max_before": outcome.before.maximum,
         "max_after": outcome.after.maximum,
-        "rms_reduction": outcome.reduction[0],
-        "max_reduction": outcome.reduction[1],
-        "full_rms_before": outcome.full_before.rms,
-        "full_rms_after": outcome.full_after.rms,
-        "full_max_before": outcome.full_before.maximum,
-        "full_max_after": outcome.full_after.maximum,
+        "rms_reduction": or_none(outcome.reduction[0]),
+        "max_reduction": or_none(outcome.reduction[1]),
+        "full_rms_before": or_none(outcome.full_before.rms),
+        "full_rms_after": or_none(outcome.full_after.rms),
+        "full_max_before": or_none(outcome.full_before.maximum),
+        "full_max_after": or_none(outcome.full_after.maximum),
         "following_rms_before": outcome.following_before.rms,
         "following_rms_after": outcome.following_after.rms,
         "latency_us": timing.best_us,
         "limit_Hz": timing.frequency_hz,
         "limit_output_rpm": timing.output_speed_rpm(highest) if highest else None,
+        "refused": outcome.refused,
     }
 
 
@@ -76,6 +79,11 @@ def label(outcome: MotionOutcome) -> str:
     lead = f", lead {case.lead_s * 1e6:.0f} us" if case.lead_s else ""
     load = "" if case.load == "none" else f", load {case.load}"
     return f"{orders}, {case.law}, {case.form}{lead}{load}{', ahead' if case.ahead else ''}"
+
+
+def remarks(study: MotionStudy) -> list[str]:
+    """Where the blocks did not do what a case is called after."""
+    return [f"{label(outcome)}: {outcome.refused}" for outcome in study.outcomes if outcome.refused]
 
 
 def write(study: MotionStudy, out: Path, *, recording: bool = False) -> None:
@@ -93,14 +101,12 @@ def write(study: MotionStudy, out: Path, *, recording: bool = False) -> None:
 
 
 def _csv(rows: Sequence[dict[str, Any]]) -> str:
-    lines = [",".join(rows[0])] if rows else []
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(rows[0])
     for entry in rows:
-        cells = [
-            " ".join(map(str, value)) if isinstance(value, list) else "" if value is None else str(value)
-            for value in entry.values()
-        ]
-        lines.append(",".join(cells))
-    return "\n".join(lines) + "\n"
+        writer.writerow([" ".join(map(str, value)) if isinstance(value, list) else value for value in entry.values()])
+    return text.getvalue()
 
 
 def _curves(study: MotionStudy) -> str:
@@ -147,7 +153,7 @@ def html(study: MotionStudy) -> str:
     """The page: table of cases, curves, profile, timing."""
     profile = study.plan.profile
     sections = [
-        PageSection("Before and after", _MEANING, _table(study)),
+        PageSection("Before and after", "\n\n".join([_MEANING, *remarks(study)]), _table(study)),
         PageSection("Error of the output", figures=[_error_picture(study)]),
         PageSection(
             "Prediction",

@@ -149,6 +149,8 @@ def read_profile(path: Path, cycle_s: float, limits: tuple[float, float] = (22.2
     _check(time, angle, torque, problems, limits)
     problems.raise_if_any()
     grid = np.arange(math.floor((time[-1] - time[0]) / cycle_s + 1e-9) + 1) * cycle_s
+    if len(grid) < 2:
+        raise InputError(f"{path}: {time[-1] - time[0]:g} s long, and a cycle of the main task takes {cycle_s:g} s")
     curve = PchipInterpolator(time - time[0], angle)
     return MotionProfile(
         path.stem, grid, curve(grid), curve.derivative()(grid), np.interp(grid, time - time[0], torque)

@@ -19,6 +19,8 @@ from st_codegen.te.purpose import transmission_error
 #: `--lead auto`
 AUTO = -1.0
 _LONGEST_LEAD_US = 1e6
+#: Inputs of the block that have an option of their own.
+_OWN_OPTIONS = {"fLead_s": "--lead", "fFullSpeed_rpm": "--law"}
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,8 @@ def parse_inputs(texts: Sequence[str]) -> dict[str, float]:
     found = {}
     for text in texts:
         name, _, value = text.partition("=")
+        if option := _OWN_OPTIONS.get(name.strip()):
+            raise InputError(f"'{text}': give {option}, after which a case is called")
         try:
             found[name.strip()] = parse_number(value)
         except ValueError:

@@ -40,6 +40,7 @@ class TaskSettings:
             raise InputError(f"slow_us = {self.slow_us:g} is no multiple of main_us = {self.main_us:g}")
         if self.transfer_us >= self.main_us:
             raise InputError(f"transfer_us = {self.transfer_us:g} does not fit main_us = {self.main_us:g}")
+        self.latency(TaskForm.TWO)  # times of which no age can be told are refused here, before anything moves
 
     @property
     def ratio(self) -> int:

@@ -32,6 +32,11 @@ class Exchange(StrEnum):
     AT_END = "end"
 
 
+_TICKS = 10  # a tick is 0.1 us: all times are integers
+_ROUNDING = 1e-12  # of a time that is computed from others
+_LONGEST_US = 1e7
+
+
 @dataclass(frozen=True)
 class TaskTiming:
     """A cyclic task: cycle time, start of its first cycle, and time of one run, all in us.
@@ -47,6 +52,9 @@ class TaskTiming:
     def __post_init__(self) -> None:
         if not (math.isfinite(self.cycle_us) and self.cycle_us >= 0.1):
             raise InputError(f"task {self.name}: cycle time {self.cycle_us} us; give 0.1 or more")
+        for time_us in (self.cycle_us, self.offset_us, self.run_us):
+            if abs(time_us * _TICKS - round(time_us * _TICKS)) > _ROUNDING * max(1.0, abs(time_us)):
+                raise InputError(f"task {self.name}: {time_us} us; give whole multiples of 0.1 us")
         if not 0 <= self.offset_us < self.cycle_us:
             raise InputError(f"task {self.name}: offset {self.offset_us} us; give 0 .. less than {self.cycle_us}")
         if not 0 <= self.run_us <= self.cycle_us:
@@ -81,25 +89,24 @@ class Latency:
         return order * output_speed_rpm / 60.0 * 360.0 * (self.mean_us * 1e-6 - lead_s)
 
 
-_TICKS = 10  # a tick is 0.1 us: all times are integers
-
-
 def latency(chain: Sequence[TaskTiming], *, output_us: float = 0.0, exchange: Exchange = Exchange.AT_START) -> Latency:
     """Age of what the last task of `chain` hands over, counted from the start of the first one, plus `output_us`.
 
     A task may occur several times in the chain: [bus, main, slow, main] is the paper's. Raises InputError for an empty
-    chain, and for times whose common period is longer than 10 s.
+    chain, for times whose common period is longer than 10 s, and where nothing takes any time.
     """
     if not chain:
         raise InputError("no task: name at least the one that reads the encoder")
-    if not (math.isfinite(output_us) and output_us >= 0):
-        raise InputError(f"output time {output_us} us; give 0 or more")
+    if not 0 <= output_us <= _LONGEST_US:
+        raise InputError(f"output time {output_us} us; give 0 .. {_LONGEST_US:.0f} (10 s)")
     last = chain[-1]
     period = math.lcm(*(_ticks(task.cycle_us) for task in chain))
-    if period > 10_000_000 * _TICKS:
+    if period > _LONGEST_US * _TICKS:
         raise InputError("the tasks' common period is longer than 10 s: give cycle times that are multiples of 1 us")
     starts = range(_ticks(last.offset_us), _ticks(last.offset_us) + period, _ticks(last.cycle_us))
     ages = [_age(chain, start, exchange) for start in starts]
+    if min(ages) / _TICKS + output_us <= 0:
+        raise InputError("nothing takes any time: give the cycle of the bus, the time of a run, or the output's")
     return Latency(*(age / _TICKS + output_us for age in (min(ages), sum(ages) / len(ages), max(ages))))
 
 

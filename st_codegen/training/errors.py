@@ -43,8 +43,8 @@ def errors_of(order: int, predicted: ComplexArray, truth: ComplexArray) -> Error
     if order == 0:
         around = bare = np.zeros(len(truth))
     else:
-        around = np.angle(predicted * truth.conj())
         bare = np.angle(predicted) - np.angle(truth)
+        around = np.angle(np.exp(1j * bare))
     return Errors(_mae(size), _rmse(size), _mae(around), _rmse(around), _mae(away), _rmse(away), _mae(bare))
 
 

@@ -47,9 +47,9 @@ def gains(
     """The gain by order, for the models that were chosen; empty where no run is faulty."""
     if not faulty.rows.any():
         return {}
-    fold = fold_numbers(len(train), _FOLDS, settings.seed)
+    fold = fold_numbers(train.conditions, _FOLDS, settings.seed)
     error = {s.order: np.full((2, len(train)), np.nan) for s in solutions}
-    for number in range(_FOLDS):
+    for number in np.unique(fold):
         asked = (fold == number) & ~faulty.rows
         truth = train.rows(asked)
         for row, left_out in enumerate((np.zeros_like(faulty.rows), faulty.rows)):

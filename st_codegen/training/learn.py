@@ -3,29 +3,32 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from st_codegen.campaign.harmonic_table import HarmonicTable
-from st_codegen.errors import InputError
+from st_codegen.errors import InputError, Problems
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.te.bundle_file import LARGEST_PLAY
 from st_codegen.te.harmonics import Direction
 from st_codegen.threads import one_thread
 from st_codegen.training.choice import Choice, choose
+from st_codegen.training.cost import worst_case_us
 from st_codegen.training.errors import Errors, errors_of
 from st_codegen.training.export import BundleHead, FittedModel
 from st_codegen.training.families import FAMILIES, Learner, family_named
 from st_codegen.training.faulty import Faulty, faulty_runs
-from st_codegen.training.search import LEARNERS, Backend, FitOutcome, FitTask, Progress, run_tasks
+from st_codegen.training.search import LEARNERS, Backend, FitOutcome, FitTask, Progress, point_numbers, run_tasks
 from st_codegen.training.store import FitStore
-from st_codegen.training.study import SearchSettings, Solution, Study, study
+from st_codegen.training.study import SearchSettings, Solution, Study, operating_points, study
 from st_codegen.training.targets import combined, mean_direction, values
 
-#: fewer rows in a direction cannot be split, cross-validated and learned from
-LEAST_ROWS = 20
+#: fewer operating points in a direction cannot be split, cross-validated and learned from
+LEAST_POINTS = 20
+#: larger numbers are not learned: libraries add squares of them in float32
+_LARGEST = 1e15
 
 #: Pairs of runs without load, forward and backward, from which a play is read.
 _LEAST_PAIRS = 4
@@ -60,7 +63,9 @@ class ConfidenceInterval:
 class Lesson:
     """One direction: the search, what was chosen, how good it is on points kept apart, and the final models.
 
-    intervals: by order, of the complex MAE (deg) over repeated splits, where there were any.
+    The final models are learned anew from all runs: `test_errors` are those of models learned without the points.
+    costs_us: by order, worst case of the final models; intervals: by order, of the complex MAE (deg) over repeated
+    splits, where there were any.
     """
 
     direction: Direction
@@ -70,22 +75,44 @@ class Lesson:
     choice: Choice
     test_errors: Mapping[int, Errors]
     models: tuple[FittedModel, ...]
+    costs_us: Mapping[int, float]
     intervals: Mapping[int, ConfidenceInterval] = field(default_factory=dict)
+
+    @property
+    def cost_us(self) -> float:
+        """Worst case of one evaluation of all final models."""
+        return sum(self.costs_us.values())
+
+
+def check_learnable(table: HarmonicTable) -> None:
+    """Raise one InputError where a direction has too few operating points, or numbers are too large to be learned."""
+    problems = Problems("harmonic table")
+    for direction in table.directions():
+        if (points := operating_points(table.direction(direction))) < LEAST_POINTS:
+            problems.add(
+                f"{points} operating points in one direction, {direction}: at least {LEAST_POINTS} are needed to learn "
+                "from"
+            )
+    columns = {"speed_rpm": table.speed_rpm, "torque_Nm": table.torque_Nm, "temperature_C": table.temperature_C}
+    columns |= {f"A{order}": np.abs(table.column(order)) for order in table.orders}
+    for name, column in columns.items():
+        if (largest := np.abs(column).max(initial=0.0)) > _LARGEST:
+            problems.add(f"{name} reaches {largest:.3g}; no more than {_LARGEST:g} is learned: is the unit right?")
+    problems.raise_if_any()
 
 
 def split_rows(table: HarmonicTable, plan: LearningPlan) -> BoolArray:
-    """Which rows of one direction are test rows, bool (n,): the points of the plan, or a random share.
+    """Which rows of one direction are test rows, bool (n,): those at the points of the plan, or at a random share.
 
-    Raises InputError where a test point is not in the table, or too few rows are left.
+    Raises InputError where a test point is not in the table, or `check_learnable` finds something.
     """
-    rows = len(table)
-    if rows < LEAST_ROWS:
-        raise InputError(f"{rows} operating points in one direction: at least {LEAST_ROWS} are needed to learn from")
+    check_learnable(table)
     if plan.test_points is None:
-        order = np.random.default_rng(plan.settings.seed).permutation(rows)
-        mask = np.zeros(rows, np.bool_)
-        mask[order[: max(1, round(plan.test_share * rows))]] = True
-        return mask
+        count = operating_points(table)
+        order = np.random.default_rng(plan.settings.seed).permutation(count)
+        mask = np.zeros(count, np.bool_)
+        mask[order[: max(1, round(plan.test_share * count))]] = True
+        return mask[point_numbers(table.conditions)]
     wanted = {tuple(map(float, point)) for point in plan.test_points}
     points = [tuple(map(float, row)) for row in table.conditions]
     if missing := sorted(wanted - set(points)):
@@ -109,12 +136,51 @@ def learn(
     faulty = faulty_runs(train)
     good = train if plan.keep_faulty else train.rows(~faulty.rows)
     searched = study(good, test, plan.settings, store, backend, progress=progress)
-    choice = choose(searched, limit_us=plan.limit_us)
-    errors = {s.order: errors_of(s.order, s.test, test.column(s.order)) for s in choice.solutions}
     every = rows if plan.keep_faulty else rows.rows(~faulty_runs(rows).rows)
-    models = tuple(model for s in choice.solutions for model in fitted(every, direction, s, plan.settings))
+    choice, models = chosen_models(searched, every, direction, plan)
+    errors = {s.order: errors_of(s.order, s.test, test.column(s.order)) for s in choice.solutions}
+    costs = {s.order: costs_us(model for model in models if model.order == s.order) for s in choice.solutions}
     intervals = repeated(rows, choice, plan, store, backend, progress) if plan.repeats else {}
-    return Lesson(direction, faulty, train, searched, choice, errors, models, intervals)
+    return Lesson(direction, faulty, train, searched, choice, errors, models, costs, intervals)
+
+
+def chosen_models(
+    searched: Study, rows: HarmonicTable, direction: Direction, plan: LearningPlan
+) -> tuple[Choice, tuple[FittedModel, ...]]:
+    """The choice of a search, and its models learned from all rows, which together cost at most what the plan allows.
+
+    Models of more rows can be larger than those of the search, so that another choice may be needed. Raises InputError
+    where even the cheapest do not fit.
+    """
+    known: dict[tuple[object, ...], list[FittedModel]] = {}
+
+    def learned(solution: Solution) -> list[FittedModel]:
+        key = (solution.order, solution.kind, *(candidate.key for candidate in solution.candidates))
+        if key not in known:
+            known[key] = fitted(rows, direction, solution, plan.settings)
+        return known[key]
+
+    limit, models = plan.limit_us, tuple[FittedModel, ...]()
+    while True:
+        try:
+            choice = choose(searched, limit_us=limit)
+        except InputError:
+            if not models:
+                raise
+            raise InputError(
+                f"learned from all runs the cheapest models take {costs_us(models):.1f} us in the worst case, and "
+                f"{plan.limit_us:.1f} us are allowed: model fewer orders, try cheaper families (DT, ET, MLP), or allow "
+                "more"
+            ) from None
+        models = tuple(model for s in choice.solutions for model in learned(s))
+        if costs_us(models) <= plan.limit_us:
+            return choice, models
+        limit = math.nextafter(choice.cost_us, 0.0)
+
+
+def costs_us(models: Iterable[FittedModel]) -> float:
+    """Worst case of one evaluation of some models."""
+    return sum(worst_case_us(model.estimator) for model in models)
 
 
 def fitted(

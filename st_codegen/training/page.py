@@ -68,15 +68,16 @@ def _models_section(lesson: Lesson) -> PageSection:
                 errors.phase_mae if solution.order else "",
                 errors.complex_mae,
                 *spread,
-                f"{solution.cost_us:.1f}",
+                f"{lesson.costs_us[solution.order]:.1f}",
             )
         )
     repeated = ("complex, repeated splits (95 %)",) if lesson.intervals else ()
     errors_of = ("amplitude MAE, deg", "phase MAE, rad", "complex MAE, deg", *repeated)
     columns = ("order", "models", *errors_of, "worst case, us")
     text = (
-        f"Chosen by cross-validation on {len(lesson.study.learn)} operating points, errors on {len(lesson.study.test)} "
-        f"that were kept apart. Worst case of all models: {lesson.choice.cost_us:.0f} us (estimate)."
+        f"Chosen by cross-validation on {len(lesson.study.learn)} runs, errors on {len(lesson.study.test)} at "
+        "operating points that were kept apart. The models of the bundle were learned again, these runs included, so "
+        f"that of themselves no error is known. Their worst case: {lesson.cost_us:.0f} us (estimate)."
     )
     return PageSection(f"Models, {lesson.direction}", text, PageTable(columns, rows))
 

@@ -54,6 +54,7 @@ class FitTask:
     def key(self) -> str:
         """SHA-256 over all that decides the result, the versions of the libraries included."""
         digest = hashlib.sha256(f"{self.candidate.key}|{self.folds}|{self.seed}|{versions(_LIBRARIES)}".encode())
+        digest.update(fold_numbers(self.x, self.folds, self.seed).tobytes())
         for array in (self.x, self.y, self.x_test):
             digest.update(str(array.shape).encode())
             digest.update(np.ascontiguousarray(array, np.float64).tobytes())
@@ -82,10 +83,24 @@ def versions(libraries: tuple[str, ...]) -> str:
     return json.dumps(found)
 
 
-def fold_numbers(rows: int, folds: int, seed: int) -> npt.NDArray[np.intp]:
-    """The fold of each row, (rows,): `folds` parts of nearly equal size, at random."""
-    numbers = np.arange(rows) % folds
-    return np.random.default_rng(seed).permutation(numbers)
+def point_numbers(x: FloatArray) -> npt.NDArray[np.intp]:
+    """The operating point of each row of x (n, features), (n,): numbers from 0, in the order in which points appear."""
+    _, first, inverse = np.unique(x, axis=0, return_index=True, return_inverse=True)
+    numbers: npt.NDArray[np.intp] = np.argsort(np.argsort(first))[inverse.reshape(-1)]
+    return numbers
+
+
+def fold_numbers(x: FloatArray, folds: int, seed: int) -> npt.NDArray[np.intp]:
+    """The fold of each row of x (n, features), (n,): parts with about as many operating points each, at random.
+
+    Runs at one point are of one fold, or a model would be judged at points that it has learned. There are at most as
+    many folds as points.
+    """
+    points = point_numbers(x)
+    count = int(points.max(initial=-1)) + 1
+    numbers = np.arange(count) % max(1, min(folds, count))
+    folded: npt.NDArray[np.intp] = np.random.default_rng(seed).permutation(numbers)[points]
+    return folded
 
 
 def run_task(task: FitTask) -> FitOutcome:
@@ -93,8 +108,8 @@ def run_task(task: FitTask) -> FitOutcome:
     with one_thread(*LEARNERS):
         folds = np.full(len(task.y), np.nan)
         if task.folds > 1:
-            number = fold_numbers(len(task.y), task.folds, task.seed)
-            for fold in range(task.folds):
+            number = fold_numbers(task.x, task.folds, task.seed)
+            for fold in np.unique(number):
                 left_out = number == fold
                 model = task.candidate.fit(task.x[~left_out], task.y[~left_out], task.seed)
                 folds[left_out] = model.predict(task.x[left_out])

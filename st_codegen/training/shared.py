@@ -17,13 +17,12 @@ from st_codegen.campaign.harmonic_table import HarmonicTable, joined
 from st_codegen.errors import InputError
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.te.harmonics import AxisCorrection, Direction
-from st_codegen.training.choice import choose
 from st_codegen.training.export import FittedModel
 from st_codegen.training.faulty import faulty_runs
-from st_codegen.training.learn import LEAST_ROWS, LearningPlan, fitted, learn
+from st_codegen.training.learn import LEAST_POINTS, LearningPlan, chosen_models, learn
 from st_codegen.training.search import Backend
 from st_codegen.training.store import FitStore
-from st_codegen.training.study import study
+from st_codegen.training.study import operating_points, study
 from st_codegen.training.targets import mean_direction
 
 #: A factor of the mean beyond this, or below its inverse, is taken for one that the runs do not show: 1 in its place.
@@ -78,7 +77,7 @@ def own_errors(
         if is_test.all() or not is_test.any():
             raise InputError(f"{is_test.sum()} of {len(rows)} runs {direction} are at the operating points held out")
         test = rows.rows(is_test)
-        if len(rows) < LEAST_ROWS:
+        if operating_points(rows) < LEAST_POINTS:
             predicted = np.broadcast_to(rows.coefficients[~is_test].mean(axis=0), test.coefficients.shape)
         else:
             lesson = learn(table, direction, replace(plan, test_points=test.conditions), store, backend)
@@ -172,18 +171,17 @@ def _learned(
     train, test, every = (
         together([getattr(part, kind) for part in parts.values()]) for kind in ("train", "test", "every")
     )
-    solutions = choose(study(train, test, plan.settings, store, backend), limit_us=plan.limit_us).solutions
-    models = [model for solution in solutions for model in fitted(every, direction, solution, plan.settings)]
+    choice, models = chosen_models(study(train, test, plan.settings, store, backend), every, direction, plan)
     ends = np.cumsum([0, *(len(part.test) for part in parts.values())])
     found = {}
     for number, (name, part) in enumerate(parts.items()):
         predicted = [
             complex(*own.parts) * solution.test[ends[number] : ends[number + 1]] + own.offset_deg
-            for own, solution in zip(corrections[number], solutions, strict=True)
+            for own, solution in zip(corrections[number], choice.solutions, strict=True)
         ]
         errors = squared_errors(part.test.orders, np.stack(predicted, axis=1), part.test.coefficients)
         found[name] = corrections[number], errors
-    return models, found
+    return list(models), found
 
 
 def _without(table: HarmonicTable, corrections: Sequence[AxisCorrection]) -> HarmonicTable:

@@ -5,13 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from st_codegen.campaign.harmonic_table import HarmonicTable
+from st_codegen.errors import InputError
 from st_codegen.ir.arrays import ComplexArray
 from st_codegen.training.errors import Errors, errors_of
 from st_codegen.training.families import Learner
 from st_codegen.training.search import Backend, FitOutcome, FitTask, Progress, run_tasks
 from st_codegen.training.store import FitStore
 from st_codegen.training.targets import Coordinates, combined, kinds, mean_direction, values
+
+#: LightGBM takes no larger seed, scikit-learn none below 0.
+LARGEST_SEED = 2**31 - 1
+#: With two folds some families cannot be fitted to fewer.
+_LEAST_POINTS = 10
 
 
 @dataclass(frozen=True)
@@ -114,6 +122,11 @@ def tasks_of(
     return groups, tasks
 
 
+def operating_points(table: HarmonicTable) -> int:
+    """The number of different operating points, whatever the direction."""
+    return len(np.unique(table.conditions, axis=0))
+
+
 def study(
     learn: HarmonicTable,
     test: HarmonicTable,
@@ -124,7 +137,15 @@ def study(
     orders: Sequence[int] | None = None,
     progress: Progress | None = None,
 ) -> Study:
-    """Search one direction: learn from some rows, predict others. Both tables have the rows of one direction."""
+    """Search one direction: learn from some rows, predict others. Both tables have the rows of one direction.
+
+    Raises InputError where there are too few operating points to learn from.
+    """
+    if (points := operating_points(learn)) < _LEAST_POINTS:
+        raise InputError(
+            f"{points} operating points are left to learn from, and at least {_LEAST_POINTS} are needed: keep fewer "
+            "for testing, or measure more"
+        )
     groups, tasks = tasks_of(learn, test, settings, learn.orders if orders is None else orders)
     done = run_tasks(tasks, store, backend, progress)
     outcomes, start, width = {}, 0, len(settings.candidates)

@@ -48,7 +48,8 @@ def values(coefficients: ComplexArray, quantity: Quantity, order: int, turn: flo
 def mean_direction(coefficients: ComplexArray) -> float:
     """The angle (rad) around which the phases lie."""
     size = np.abs(coefficients)
-    return float(np.angle((coefficients / np.where(size > 0, size, 1.0)).sum()))
+    # what is smaller has no inverse in float64, and counts as nothing
+    return float(np.angle((coefficients / np.where(size >= np.finfo(np.float64).tiny, size, 1.0)).sum()))
 
 
 def combined(order: int, kind: Coordinates, parts: tuple[FloatArray, ...]) -> ComplexArray:

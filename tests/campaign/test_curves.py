@@ -112,6 +112,7 @@ FAULTS = {
     "half a direction": (lambda text: "Transmission_Error_Fw\n1\n", 1, "only one of"),
     "column twice": (lambda text: text.replace("_Bw", "_Fw"), 1, "is there twice"),
     "three columns": (lambda text: "1,2,3\n1,2,3\n", 1, "3 columns and no header"),
+    "samples lost": (lambda text: "".join(text.splitlines(True)[:300] + text.splitlines(True)[400:]), 901, "lost?"),
     "exchanged": (columns_exchanged, 2, "are the directions exchanged"),
 }
 

@@ -14,6 +14,7 @@ pytest.importorskip("joblib")
 from st_codegen.campaign import reader
 from st_codegen.campaign.conditions import OperatingPoint
 from st_codegen.campaign.curves import Curve, Run, write_run
+from st_codegen.campaign.orders import BAND
 from st_codegen.campaign.reader import AROUND, read_campaign
 from st_codegen.errors import InputError, MissingExtraError
 from st_codegen.te.harmonics import Direction
@@ -21,6 +22,8 @@ from st_codegen.training.measured import measured_table
 from st_codegen.training.search import Backend
 
 ORDERS = (0, 1, 39)
+#: Other digits, as many.
+_NINES = str.maketrans("12345678", "87654321")
 VALUES = np.array([-0.03, 0.0172 * np.exp(0.3j), 1e-3 * np.exp(2j)])
 
 
@@ -128,12 +131,42 @@ def test_changed_files_are_read_again(folder, tmp_path):
     assert len(campaign.curves) == 10
 
 
-@pytest.mark.parametrize("content", [b"", b"no parquet"])
-def test_a_broken_cache_is_made_anew(folder, tmp_path, content):
+def test_a_cache_of_another_version_is_made_anew(folder, tmp_path):
+    pl = pytest.importorskip("polars")
     cache = tmp_path / "curves.parquet"
-    cache.write_bytes(content)
-    assert len(read_campaign(folder, jobs=1, cache=cache).curves) == 12
-    assert cache.stat().st_size > 1000
+    pl.DataFrame({"version": [1], "band": [BAND], "plain_fft": [0.0]}).write_parquet(cache)
+    for _ in range(2):
+        assert len(read_campaign(folder, jobs=1, cache=cache).curves) == 12
+        assert cache.stat().st_size > 10_000
+        cache.write_bytes(b"")
+
+
+def test_files_of_others_are_not_written_over(folder, tmp_path):
+    pl = pytest.importorskip("polars")
+    cache = tmp_path / "mine.parquet"
+    pl.DataFrame({"mine": [1, 2]}).write_parquet(cache)
+    for content in (cache.read_bytes(), b"no parquet"):
+        cache.write_bytes(content)
+        with pytest.raises(InputError, match=r"mine\.parquet is not a file of what was read of curve files"):
+            read_campaign(folder, jobs=1, cache=cache)
+        assert cache.read_bytes() == content
+
+
+def test_a_campaign_with_names_sizes_and_times_of_another_one_is_read(folder, tmp_path):
+    """As two folders have that were unpacked from archives, which keep times of whole seconds."""
+    cache, other = tmp_path / "curves.parquet", tmp_path / "other"
+    for path in sorted(folder.rglob("*.csv")):
+        copy = other / path.relative_to(folder)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        head, *lines = path.read_text().splitlines()
+        columns = [line.split(",") for line in lines]
+        text = "\n".join([head, *(",".join([a, te.translate(_NINES), b, back]) for a, te, b, back in columns)]) + "\n"
+        copy.write_text(text)
+        for one in (path, copy):
+            os.utime(one, ns=(10**18, 10**18))
+        assert copy.stat().st_size == path.stat().st_size
+    first, second = (coefficients(read_campaign(one, jobs=1, cache=cache)) for one in (folder, other))
+    assert np.abs(first.coefficients[::2] - second.coefficients[::2]).min() > 0
 
 
 def test_another_band_is_another_cache(folder, tmp_path):
@@ -156,7 +189,7 @@ def spoil(folder):
 
 def test_bad_files_are_reported_all_at_once(folder, tmp_path):
     files = spoil(folder)
-    with pytest.raises(InputError, match=r"--skip-bad\): 4 problems") as error:
+    with pytest.raises(InputError, match=r"skip_bad = true\): 4 problems") as error:
         read_campaign(folder, jobs=2)
     text = str(error.value)
     assert f"{files[0]}, line 101: 'x' is not a number" in text

@@ -26,6 +26,7 @@ RIG = Path(__file__).parents[2] / "examples" / "rv160n" / "rig.toml"
 CONDITIONS = "speed_rpm,torque_Nm,temperature_C\n1000,900,30\n"
 PROFILE = "t,theta_out,torque_Nm\n0,0,0\n1,1,0\n2,2,0\n3,3,0\n"
 TABLE = "direction,speed_rpm,torque_Nm,temperature_C,A0,A1,phi1\nforward,1,2,3,4,5,6\n"
+MANY = TABLE + "".join(f"forward,{speed},2,3,4,5,6\n" for speed in range(2, 40))
 TIMES = "block,caches,us\nFB_Te,warm,1.5\n"
 LONG = "x" * 140_000
 DEEP = "[" * 100_000
@@ -222,7 +223,7 @@ CASES = {
     "odd orders to train": (lambda p: p.train(TABLE, "--orders", "0,1_0"), "--orders 0,1_0"),
     "no ratio": (lambda p: p.train(TABLE, "--reduction-ratio", "nan"), "'nan' is not finite"),
     "fits in a folder": (lambda p: p.train(TABLE, "--work", p.models), "director"),
-    "fits in another file": (lambda p: p.train(TABLE, "--work", p.rig), "not a file of finished fits"),
+    "fits in another file": (lambda p: p.train(MANY, "--work", p.rig), "not a file of finished fits"),
     "tables of nothing": (lambda p: ["tables", p.folder], "not found"),
     "reconcile with Latin-1": (lambda p: p.reconcile(TABLE.encode() + b"\xe4"), "UTF-8"),
     "reconcile with a long field": (lambda p: p.reconcile(TABLE + LONG), "field larger"),
@@ -333,7 +334,7 @@ def test_every_kind_of_failure_has_its_exit_code(place, capsys, monkeypatch, err
     [
         (lambda p: p.predict("f0,f1,f2\n" + "1,2,3\n" * 2000), "y.csv"),
         (lambda p: [p.lone, "--target", "iec", "--out", p.out, "-q"], "out"),
-        (lambda p: [*p.campaign()[:-1], p.out / "runs"], "out"),
+        (lambda p: [*p.campaign()[:-1], p.out / "runs"], "out/runs"),
     ],
 )
 def test_a_disk_that_fills_is_named_and_nothing_is_left(place, capsys, command, named):

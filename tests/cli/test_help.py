@@ -117,6 +117,7 @@ def test_options_offer_what_the_rooms_have():
     from st_codegen.te.latency import Exchange
     from st_codegen.training.export import FORMATS
     from st_codegen.training.families import FAMILIES
+    from st_codegen.training.study import LARGEST_SEED
 
     assert tuple(TARGETS) == choices.TARGETS
     assert tuple(Layout) == choices.LAYOUTS
@@ -126,6 +127,7 @@ def test_options_offer_what_the_rooms_have():
     assert tuple(Exchange) == choices.EXCHANGES
     assert tuple(TaskForm) == choices.TASK_FORMS
     assert tuple(FAMILIES) == choices.FAMILIES
+    assert LARGEST_SEED == choices.LARGEST_SEED
     assert choices.MODEL_FORMS == FORMATS
     assert (choices.MISTAKES, choices.AS_IS) == (NAMES, AS_IS)
     assert (choices.UPDATED_MODELS, choices.UPDATED_CODE) == (MODELS, CODE)

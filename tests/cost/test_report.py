@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from st_codegen.cli.costs import cost_table
-from st_codegen.cost.calibrate import Measurement, calibrate, read_measurements, with_factors
+from st_codegen.cost.calibrate import Calibration, Measurement, calibrate, read_measurements, with_factors
 from st_codegen.cost.operations import CostClass
 from st_codegen.cost.profile import load_profile, profiles_folder
 from st_codegen.cost.profile_files import profile_names
@@ -186,3 +186,33 @@ def test_parts_of_less_than_a_five_hundredth_are_added_up_in_one_row():
     table = cost_table("all", [SimpleNamespace(parts=parts)])
     assert list(table.columns[0].cells) == ["FB_A", "FB_B", "2 others", "sum"]
     assert list(table.columns[-1].cells) == ["99.5%", "0.2%", "0.2%", "100.0%"]
+
+
+def test_a_profile_is_written_whatever_its_name_is(tmp_path):
+    for stem in ('a"b', r"a\1", "größe", "a'b"):
+        path = tmp_path / f"{stem}.toml"
+        path.write_text(with_factors(PROFILE, Calibration(2.0, 0.5, (), True), stem), encoding="utf-8")
+        assert (load_profile(path).name, load_profile(path).compute_factor) == (stem, 2.0)
+
+
+@pytest.mark.parametrize(("us", "message"), [("1e-300", "is not in 0.001"), ("1e300", "is not in 0.001")])
+def test_times_that_no_call_has_are_refused(tmp_path, us, message):
+    (tmp_path / "t.csv").write_text(f"block,caches,us\nFB_A,warm,{us}\n")
+    with pytest.raises(InputError, match=message):
+        read_measurements(tmp_path / "t.csv")
+
+
+def test_factors_that_no_profile_takes_are_refused():
+    checked = project(TWO)
+    with pytest.raises(InputError, match="times those of the model; a profile takes"):
+        calibrate(checked, PROFILE, (Measurement(next(iter(project_cost(checked, PROFILE).blocks)), False, 1e9),))
+
+
+def test_what_a_calibration_does_not_know_is_said():
+    times = tuple(Measurement("FB_A", cold, us) for cold, us in ((False, 1.0), (True, 9.0)))
+    assert Calibration(1.0, 1.0, (2.0, 9.0), True).remarks(times) == []
+    (alike,) = Calibration(0.5, 0.5, (2.0, 9.0), False).remarks(times)
+    assert "one factor for both" in alike
+    alone, longer = Calibration(0.5, 1.0, (0.8, 9.0), False).remarks(times)
+    assert "memory keeps the factor 1" in alone
+    assert longer.startswith("1 of 2 measured times are longer than the model gives, by up to 25.0%")

@@ -6,6 +6,7 @@ import shutil
 import socket
 import struct
 import threading
+import warnings
 
 import numpy as np
 import pytest
@@ -13,12 +14,12 @@ import pytest
 from st_codegen import generate, load
 from st_codegen.cost.calibrate import read_measurements
 from st_codegen.errors import GeneratedCodeError, InputError
-from st_codegen.live.compare import LiveCode, compare, compared_project
+from st_codegen.live.compare import LiveCode, _times, compare, compared_project
 from st_codegen.live.controller import Signal, connected
 from st_codegen.live.failures import ControllerError, NotRunningError
 from st_codegen.live.plc import PlcState
 from st_codegen.live.record_page import record_of, record_sections, times_csv
-from st_codegen.live.rows import comparison_rows
+from st_codegen.live.rows import _around, comparison_rows
 from st_codegen.passes.choose import Layout, Options
 from tests.cli.helpers import run
 from tests.live.conftest import Running, soft_plc
@@ -415,3 +416,18 @@ def test_each_kind_of_failure_has_a_code(lone, lone_plc, capsys, tmp_path):
             with pytest.raises(ControllerError) as caught:
                 do()
             assert caught.value.codes == (code,)
+
+
+def test_as_many_calls_as_are_said_are_within_the_time_that_is_said():
+    for count in (1, 3, 10, 99, 101):
+        times = np.arange(count) % 7 * 10
+        found = _times([times])
+        assert (times / 10.0 <= found.high_us).mean() >= 0.99
+        assert found.high_us in times / 10.0
+
+
+def test_rows_around_a_threshold_that_float32_does_not_have():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        rows = np.array(_around(np.zeros(2), 1, np.array([1e300])))
+    assert {1e300, float(np.finfo(np.float32).max)} <= set(rows[:, 1])

@@ -14,15 +14,17 @@ import pytest
 import st_codegen.live.record as record_module
 from st_codegen import generate
 from st_codegen.campaign.conditions import OperatingPoint
-from st_codegen.campaign.curves import read_run
+from st_codegen.campaign.curves import Curve, Run, find_runs, read_run, write_run
 from st_codegen.campaign.orders import curve_sums, fit_orders
 from st_codegen.campaign.reader import read_campaign
+from st_codegen.cli.record import _setting
 from st_codegen.errors import GeneratedCodeError, InputError
 from st_codegen.live.controller import Signal, connected
 from st_codegen.live.failures import ControllerError, MeasurementError, OtherClientError
 from st_codegen.live.plant import plant_behind
 from st_codegen.live.plc import PlcState
 from st_codegen.live.record import (
+    RecordedProject,
     RecordSettings,
     _curves,
     open_campaign,
@@ -33,6 +35,7 @@ from st_codegen.live.record import (
 from st_codegen.rig.campaign import Measuring, simulate_run
 from st_codegen.rig.model import read_rig
 from st_codegen.te.compensation.codes import EXPERIMENT_STATE
+from st_codegen.te.harmonics import Direction
 from tests.live.conftest import Running, soft_plc
 
 pytest.importorskip("pyads")
@@ -323,3 +326,34 @@ def test_a_stop_by_the_operator_brings_the_axis_to_rest_first(plc, bundle, tmp_p
     assert process.returncode == 130, message
     assert "Traceback" not in message
     at_rest(plc)
+
+
+def test_samples_that_a_revolution_does_not_have_are_refused(tmp_path):
+    project = RecordedProject(81.0, 1)
+    with pytest.raises(InputError, match=r"1800 rpm: a revolution has 5400 samples at most, .*10000 are wanted"):
+        record(None, project, planned([POINT]), tmp_path / "c", RecordSettings(10_000))
+    assert not (tmp_path / "c").exists()
+
+
+def test_the_conditions_of_a_file_whose_run_was_killed_are_written_at_last(tmp_path):
+    runs = planned([POINT, POINT])
+    open_campaign(tmp_path / "c", runs)
+    for run in runs:
+        write_run(Run(run.point, dict.fromkeys(Direction, Curve(np.zeros(3), np.zeros(3)))), tmp_path / "c" / run.file)
+    assert record(None, RecordedProject(81.0, 1), runs, tmp_path / "c", QUICK) == 0
+    assert [file.conditions for file in find_runs(tmp_path / "c")] == [POINT, POINT]
+
+
+@pytest.mark.parametrize("name", ["fSpeed_rpm", "ftorque_nm", "fTemperature_C"])
+def test_what_the_plan_says_is_not_set_beside_it(name):
+    """The files would be named by the plan's conditions, and measured at others."""
+    with pytest.raises(InputError, match="the plan gives it"):
+        _setting(f"{name}=5")
+    assert _setting("fAcceleration_rpm_s=5") == ("fAcceleration_rpm_s", 5.0)
+
+
+def test_a_rig_of_another_ratio_is_not_put_behind_the_signals(bundle, rig_file, tmp_path):
+    other = rig_file.read_text().replace("reduction_ratio = 81.0", "reduction_ratio = 80.0")
+    (tmp_path / "other.toml").write_text(other)
+    with pytest.raises(InputError, match=r"other\.toml: reduction ratio 80, and the text was generated for 81"):
+        plant_behind(soft_plc(bundle[1]), tmp_path / "other.toml")

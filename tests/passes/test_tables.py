@@ -1,6 +1,7 @@
 """Cell tables: equal to the trees to the bit, on every threshold, every neighbour and everything that is no number."""
 
 import dataclasses
+import warnings
 
 import numpy as np
 import pytest
@@ -257,3 +258,14 @@ def test_many_columns_are_searched_in_a_loop(target, tmp_path):
     for limits in (None, Limits(4096)):
         got = run(table, target, tmp_path, x, limits)
         assert np.array_equal(reference.evaluate(made, x), got, equal_nan=True)
+
+
+def test_the_infinity_of_lightgbm_is_a_threshold_like_others():
+    """LightGBM writes 1e300 for infinity, which has no float32: no warning, and a table all the same."""
+    trees = random_trees(
+        np.random.default_rng(0), features=1, thresholds=(1.0, 2.0, 1e300), comparison=Comparison.LESS_OR_EQUAL
+    )
+    assert (trees.threshold == 1e300).any()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert cells_of(model(trees, features=1), MOST) is not None

@@ -71,6 +71,9 @@ def test_names_ranges_and_outputs_are_those_of_the_configuration(configured, tmp
     got = code.call("FB_P1_Power", dict(zip(["fSpeed", "fTorque", "fTemperature_C"], x.T, strict=True)), 4)
     assert got["bValid"].all()
     assert list(got["bInRange"]) == [False, True, False, True]
+    without_a_range = code.call("FB_P1_Power", {"fSpeed": np.full(3, 600.0), "fTorque": np.full(3, 500.0),
+                                                "fTemperature_C": np.array([1e300, np.inf, -np.inf])}, 3)  # fmt: skip
+    assert list(without_a_range["bInRange"]) == [True, False, False]
     expected = bundle.models[0].predict(np.array([[300.0, *x[0, 1:]], *x[1:]]))[:, 0]
     assert np.array_equal(got["fPower_kW"], expected)  # the first row is limited, the third is not
     assert list(got["bPlausible"]) == list((expected >= 0.0) & (expected <= 1.1))
@@ -233,6 +236,13 @@ def test_init_names_two_files_of_one_stem_apart(lone_folder, tmp_path):
     (lone_folder / "te-lgb.txt").write_text((lone_folder / "te.txt").read_text())
     (lone_folder / "st-codegen.toml").write_text(initial_configuration(lone_folder))
     assert len(load(lone_folder).models) == 3
+
+
+def test_init_writes_what_can_be_read_whatever_files_are_called(lone_folder):
+    for name in ("e\x1bscape.txt", "be\x07ll.onnx", "größe.json"):
+        (lone_folder / name).write_text("no model")
+    (lone_folder / "st-codegen.toml").write_text(initial_configuration(lone_folder), encoding="utf-8")
+    assert len(load(lone_folder).models) == 1
 
 
 def test_a_range_is_claimed_only_where_it_is_known(lone_folder, tmp_path, capsys):

@@ -56,6 +56,15 @@ def test_full_size_is_that_of_the_rig():
     assert Measuring().count(1800, 81.0) == 10800
 
 
+def test_conditions_that_no_name_holds_are_numbered(tmp_path):
+    points = (OperatingPoint(1e16, 1e-5, 30.0), OperatingPoint(1000.0, 0.0, -5.5))
+    simulate_campaign(read_rig(RIG), points, tmp_path / "c", Measuring(samples=500))
+    assert {file.conditions for file in find_runs(tmp_path / "c")} == set(points)
+    simulate_campaign(read_rig(RIG), points[1:], tmp_path / "d", Measuring(samples=500))
+    assert not (tmp_path / "d" / "conditions.csv").exists()
+    assert [file.conditions for file in find_runs(tmp_path / "d")] == [points[1]]
+
+
 def test_repeated_runs_are_numbered(tmp_path):
     rig = read_rig(RIG)
     point = OperatingPoint(1000, 900, 30)

@@ -165,3 +165,12 @@ def test_what_is_wrong_in_the_table_of_the_rig_file_is_said_with_all_else(tmp_pa
         parse_rig("[rig]\nreduction_ratio = 81\n\n[measured]\ntable = 3\n", folder=tmp_path)
     with pytest.raises(InputError, match=r"\[measured\]: .*'table'"):
         parse_rig("[rig]\nreduction_ratio = 81\n\n[measured]\n", folder=tmp_path)
+
+
+def test_conditions_that_are_no_levels_make_no_grid_in_memory(tmp_path):
+    """2,000 runs, no number of which is there twice: a grid of them would have 8e9 points."""
+    count = 2000
+    points = np.arange(count, dtype=np.float64)
+    table = HarmonicTable(np.arange(count) % 2 == 1, points, points, points, (0,), np.zeros((count, 1)))
+    with pytest.raises(InputError, match=r"forward, 999999000 of 1000000000 points .* them 0 rpm, 0 N m, 2 degC"):
+        rig_with(tmp_path, table)

@@ -13,7 +13,7 @@ from st_codegen.rig.compensator import LAWS, EmittedCompensator, restricted, rol
 from st_codegen.rig.effects import catalogue
 from st_codegen.rig.machine import another_specimen, machine_of
 from st_codegen.rig.model import parse_rig
-from st_codegen.rig.motion import CompensationCase, LoadSource, Told, compare, lead_time_s, plan, run
+from st_codegen.rig.motion import CompensationCase, LoadSource, Size, Told, compare, lead_time_s, or_none, plan, run
 from st_codegen.rig.profiles import MotionProfile
 from st_codegen.rig.study import AUTO, MotionWish, parse_inputs, parse_lead, parse_orders, simulate, with_oil
 from st_codegen.rig.tasks import TaskForm, TaskInputs, TaskSettings
@@ -312,3 +312,12 @@ def test_features_the_rig_does_not_know(linear_bundle):
     strange = dataclasses.replace(te.features[1], name="humidity", unit="%")
     with pytest.raises(InputError, match="humidity"):
         roles_of(dataclasses.replace(te, features=(te.features[0], strange, te.features[2])))
+
+
+def test_of_no_error_no_share_is_gone(linear_rig, compensator, moved):
+    planned, before = moved
+    outcome = compare(linear_rig, planned, before, compensator, CompensationCase(ORDERS, "full", TaskForm.ONE))
+    assert outcome.refused == ""
+    nothing = dataclasses.replace(outcome, before=Size(0.0, 0.0))
+    assert np.isnan(nothing.reduction).all()
+    assert or_none(nothing.reduction[0]) is None

@@ -74,6 +74,7 @@ def test_a_file_with_semicolons_and_commas(tmp_path):
         ("t,theta_out,torque_Nm\n0,0,0\n1,1000,0\n2,1001,0\n3,1002,0\n", "rpm"),
         ("t,theta_out,torque_Nm\n0,0,0\n1,1,9000\n2,2,0\n3,3,0\n", "9000"),
         ("t,theta_out,torque_Nm\n0,0,0\n1000,1,0\n2000,2,0\n3000,3,0\n", "longest"),
+        ("t,theta_out,torque_Nm\n0,0,0\n1e-6,0,0\n2e-6,0,0\n3e-6,0,0\n", "a cycle of the main task"),
     ],
 )
 def test_faulty_files(tmp_path, text, part):

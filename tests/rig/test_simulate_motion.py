@@ -121,6 +121,8 @@ def test_the_page_in_a_browser(out, tmp_path):
         ({"--orders": "0,2"}, "order 2"),
         ({"--lead": "long"}, "microseconds"),
         ({"--set": "fWrong=1"}, "fWrong"),
+        ({"--set": "fLead_s=0.01"}, "give --lead"),
+        ({"--set": "fFullSpeed_rpm=10"}, "give --law"),
         ({"--target": "basic"}, "basic"),
     ],
 )
@@ -167,3 +169,22 @@ def test_the_page_lists_the_tasks_that_moved_and_no_others(files, linear_folder,
     timing = (tmp_path / "o" / "report.html").read_text(encoding="utf-8").split("<h2>Timing")[1]
     rows = re.findall(r"<tr><td>(\w+)</td>", timing)
     assert rows == ["one"]
+
+
+def test_what_the_blocks_refused_and_what_nobody_knows_is_said(files, linear_folder, tmp_path, capsys):
+    """At rest no weight is 1 under the published law, and a blend of 11 s is refused by the block, call after call."""
+    rest = tmp_path / 'at, "rest".csv'
+    rest.write_text("t,theta_out,torque_Nm\n" + "".join(f"{0.01 * row},0,0\n" for row in range(5)))
+    changes = {"--profile": rest, "--out": tmp_path / "out", "--law": "published", "--set": "fBlendTime_s=11"}
+    with pytest.raises(SystemExit) as caught:
+        main([*arguments(files, linear_folder, **changes), "--tasks", "one"])
+    assert caught.value.code == 0
+    said = "no correction in 100.00% of the calls (PARAMETER: a limit, rate or time outside of its range)"
+    assert said in capsys.readouterr().err.replace("\n", " ")
+    assert said in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    (row,) = json.loads((tmp_path / "out" / "motion.json").read_text())
+    assert row["refused"] == said
+    assert [row[f"full_{key}"] for key in ("rms_before", "rms_after", "max_before", "max_after")] == [None] * 4
+    with (tmp_path / "out" / "motion.csv").open(newline="") as file:
+        (cells,) = csv.DictReader(file)
+    assert (cells["profile"], cells["full_rms_before"]) == ('at, "rest"', "")

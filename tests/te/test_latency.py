@@ -6,6 +6,7 @@ import pytest
 
 from st_codegen.cli.main import main
 from st_codegen.errors import InputError
+from st_codegen.rig.tasks import TaskSettings
 from st_codegen.te.latency import Exchange, TaskTiming, latency, paper_latency
 
 BUS, FAST, SLOW = TaskTiming("bus", 250.0), TaskTiming("fast", 250.0), TaskTiming("slow", 500.0)
@@ -114,3 +115,27 @@ def test_times_that_make_no_sense_end_the_command_with_a_message(capsys):
     assert run("--fast", "0") == 2
     assert "cycle time" in capsys.readouterr().err
     assert run("--fast", "250", "--slow", "500", "--slow-offset", "600") == 2
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        (["--bus", "0", "--exchange", "end"], "nothing takes any time"),
+        (["--slow", "333.333"], "task slow: 333.333 us; give whole multiples of 0.1 us"),
+        (["--slow", "500", "--slow-offset", "499.96"], "task slow: 499.96 us; give whole multiples of 0.1 us"),
+        (["--output", "1e308"], "give 0 .. 10000000 (10 s)"),
+        (["--slow-offset", "100"], "give --slow"),
+        (["--slow", "500", "--slow-run", "100"], "give --exchange end"),
+    ],
+)
+def test_times_that_would_be_rounded_or_passed_over_are_refused(options, text, capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(["latency", "--fast", "250", *options])
+    assert caught.value.code == 2
+    assert text in capsys.readouterr().err.replace("\n", " ")
+
+
+def test_the_tasks_of_a_rig_are_whole_multiples_of_a_tick():
+    with pytest.raises(InputError, match=r"task bus: 250\.04 us; give whole multiples of 0\.1 us"):
+        TaskSettings(main_us=250.04, slow_us=500.08)
+    assert TaskSettings(main_us=0.3 * 100, slow_us=0.1 * 600, transfer_us=0.0).ratio == 2

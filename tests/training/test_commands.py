@@ -157,7 +157,10 @@ def test_bad_files_stop_it_and_nothing_is_written(tmp_path, capsys):
         (["--families", "KNN"], "unknown family 'KNN'"),
         (["--families", ","], "--families is empty"),
         (["--backend", "dask"], "go together"),
-        (["--reduction-ratio", "0"], "is not in the range x>0"),
+        (["--reduction-ratio", "0"], "is not in the range 1e-06<=x"),
+        (["--reduction-ratio", "1e9"], "is not in the range 1e-06<=x"),  # a bundle.toml takes no more
+        (["--name", "größe"], "use printable ASCII"),
+        (["--seed", "-1"], "is not in the range 0<=x"),
         (["--format", "onnx", "--families", "LGBM"], "none of these families can be saved as onnx"),
         (["--limit-us", "0.01"], "model fewer orders"),
     ],
@@ -166,9 +169,10 @@ def test_refusals(tmp_path, capsys, arguments, message):
     write_table(a_table(), tmp_path / "t.csv")
     fast = {"--families": "DT", "--folds": "2", "--jobs": "1", "--work": tmp_path / "f.sqlite"}
     rest = [part for key, value in fast.items() if key not in arguments for part in (key, value)]
-    given = refused(capsys, "train", tmp_path / "t.csv", "--out", tmp_path / "m", *arguments, *rest)
+    written = [tmp_path / "m", tmp_path / "table.csv"]
+    given = refused(capsys, "train", tmp_path / "t.csv", "--out", written[0], "--table", written[1], *arguments, *rest)
     assert message in " ".join(given.split())
-    assert not (tmp_path / "m").exists()
+    assert not any(path.exists() for path in written)
 
 
 def test_tables_without_the_measured_data(tmp_path, capsys):

@@ -14,14 +14,24 @@ from st_codegen.ir.reference import evaluate
 from st_codegen.project.bundle import load
 from st_codegen.te.harmonics import Direction, Play, Quantity
 from st_codegen.training.choice import choose, loss
+from st_codegen.training.cost import worst_case_us
 from st_codegen.training.errors import errors_of
 from st_codegen.training.export import write_bundle
 from st_codegen.training.families import Learner
 from st_codegen.training.faulty import Faulty, faulty_runs
 from st_codegen.training.faulty_gain import Gain, gains, near_to
-from st_codegen.training.learn import LearningPlan, bundle_head, interval, learn, only_exportable, play_deg, split_rows
+from st_codegen.training.learn import (
+    LearningPlan,
+    bundle_head,
+    check_learnable,
+    interval,
+    learn,
+    only_exportable,
+    play_deg,
+    split_rows,
+)
 from st_codegen.training.paper import reconstruction
-from st_codegen.training.search import Backend
+from st_codegen.training.search import Backend, fold_numbers
 from st_codegen.training.store import FitStore
 from st_codegen.training.study import SearchSettings, Solution, study
 from st_codegen.training.tables import _gain_section
@@ -329,3 +339,66 @@ def test_what_is_better_without_the_faulty_runs_is_bold():
     table = _gain_section(comparison).table
     assert [float(value) for value in table.rows[0]] == [1, 2, 1, 4, 3, 6, 5]
     assert table.strong == {(0, 2), (0, 4), (0, 6)}
+
+
+def repeated_points(table, times):
+    """The table several times over, with other noise each time."""
+    random = np.random.default_rng(1)
+    return joined([changed(table, slice(None), lambda c: c + 1e-6 * random.normal(size=c.shape)) for _ in range(times)])
+
+
+def test_runs_at_one_operating_point_are_kept_apart_together(table):
+    many = repeated_points(table, 3)
+    is_test = split_rows(many, LearningPlan(SETTINGS))
+    assert is_test.sum() == 3 * round(0.2 * len(table))
+    points = [set(map(tuple, many.conditions[rows])) for rows in (is_test, ~is_test)]
+    assert not points[0] & points[1]
+    # a table without repeated points is split as before
+    assert np.array_equal(split_rows(table, LearningPlan(SETTINGS)), is_test[: len(table)])
+    fold = fold_numbers(many.conditions, 5, 0)
+    assert np.array_equal(fold[: len(table)], fold[len(table) : 2 * len(table)])
+    assert np.array_equal(np.unique(fold), np.arange(5))
+    few = repeated_points(table.rows(np.arange(19)), 3)
+    with pytest.raises(InputError, match="19 operating points in one direction, forward: at least 20"):
+        split_rows(few, LearningPlan(SETTINGS))
+
+
+def test_more_folds_than_points_leave_each_point_out_once(table):
+    few = table.rows(np.arange(12))
+    with FitStore(None) as store:
+        searched = study(few, few, SearchSettings(FEW[1:2], folds=100), store, Backend(1), orders=(0,))
+    (outcome,) = searched.outcomes[0, Coordinates.POLAR][0]
+    assert np.isfinite(outcome.folds).all()
+    with FitStore(None) as store, pytest.raises(InputError, match="9 operating points are left to learn from"):
+        study(table.rows(np.arange(9)), few, SETTINGS, store, Backend(1))
+
+
+def test_numbers_that_libraries_cannot_square_are_refused(table):
+    huge = replace(changed(table, slice(0, 1), lambda c: c * 1e30), speed_rpm=table.speed_rpm * 1e14)
+    with pytest.raises(InputError, match=r"5 problems(?s:.*)speed_rpm reaches 1\.8e\+17; no more than 1e\+15"):
+        check_learnable(huge)
+
+
+def test_amplitudes_without_an_inverse_have_phases():
+    c = np.array([1e-310 * np.exp(1j), 1e-3 * np.exp(2j), 0.0])
+    assert mean_direction(c) == pytest.approx(2.0)
+    errors = errors_of(1, c * np.exp(0.25j), c)
+    assert errors_of(1, np.array([1e-200 + 0j]), np.array([1e-200j])).phase_mae == pytest.approx(np.pi / 2)
+    assert errors.phase_mae == pytest.approx((0.25 + 0.25 + 0.0) / 3)
+
+
+def test_the_cost_is_that_of_the_models_that_are_written(table):
+    """A tree of all runs is deeper than one of the training part: the limit holds for what is written."""
+    settings = SearchSettings((Learner("ERT", {"n_estimators": 8}), Learner("DT", {"max_depth": 2})), folds=3)
+    only = table.only([0])
+    with FitStore(None) as store:
+        free = learn(only, Direction.FORWARD, LearningPlan(settings), store, Backend(1))
+        assert free.cost_us == sum(worst_case_us(model.estimator) for model in free.models)
+        limit = (free.cost_us + free.choice.cost_us) / 2
+        assert free.choice.cost_us < limit < free.cost_us
+        limited = learn(only, Direction.FORWARD, LearningPlan(settings, limit_us=limit), store, Backend(1))
+        assert limited.cost_us <= limit
+        assert limited.choice.solutions[0].candidates[0].family == "DT"
+        alone = replace(settings, candidates=settings.candidates[:1])
+        with pytest.raises(InputError, match=rf"from all runs .* take {free.cost_us:.1f} us .*{limit:.1f} us are"):
+            learn(only, Direction.FORWARD, LearningPlan(alone, limit_us=limit), store, Backend(1))

@@ -19,7 +19,7 @@ from st_codegen.reconcile.run import Reconciliation
 from st_codegen.rig.compensator import EmittedCompensator
 from st_codegen.rig.machine import another_specimen, machine_of
 from st_codegen.rig.model import RigModel
-from st_codegen.rig.motion import CompensationCase, Size, compare, lead_time_s, plan, run
+from st_codegen.rig.motion import CompensationCase, Size, compare, lead_time_s, or_none, plan, run
 from st_codegen.rig.profiles import profile_named
 from st_codegen.rig.tasks import TaskForm
 from st_codegen.te.bundle_file import BUNDLE_FILE, read_description
@@ -117,8 +117,8 @@ class Update:
                         "orders": list(c.orders),
                         "rms": c.whole.rms,
                         "max": c.whole.maximum,
-                        "full_rms": c.full.rms,
-                        "full_max": c.full.maximum,
+                        "full_rms": or_none(c.full.rms),
+                        "full_max": or_none(c.full.maximum),
                     }
                     for c in moved.cases
                 ],

@@ -106,3 +106,13 @@ def test_the_numbers_that_a_model_takes_fill_lanes_of_their_own():
     axis = InputAxis(0, first, last)
     assert {-2.0, np.nextafter(3.0, np.inf)} <= set(axis.low)
     assert {np.nextafter(-2.0, -np.inf), 3.0} <= set(axis.high)
+
+
+@pytest.mark.parametrize("name", ["torch_gru", "keras_lstm", "torch_lstm_both_ways", "torch_rnn"])
+def test_recurrent_layers_are_followed(name, tmp_path):
+    pytest.importorskip("onnx")
+    shutil.copy(GOLDEN.parent / "tests" / "walkers" / "data" / "networks" / f"{name}.onnx", tmp_path)
+    bundle = load(tmp_path)
+    generate(bundle, "iec", tmp_path / "out")
+    (result,) = prove(bundle, tmp_path / "out").results
+    assert result.verdict is Verdict.PROVED, result
