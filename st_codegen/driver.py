@@ -375,10 +375,10 @@ def _staged(
         out.mkdir(parents=True, exist_ok=True)
     is_large = sum(block.table_bytes for plan in plans for block in plan.blocks) > _LARGE_TABLES
     with (
-        reader(target.dialect, portable=target.is_portable, is_large=is_large) as other,
+        reader(is_large=is_large) as other,
         output.staged(out or Path(tempfile.gettempdir()), files, known, other.tell) as stage,
     ):
-        if not other.finds_in_order(stage):
+        if not other.finds_in_order(stage, target.dialect, portable=target.is_portable):
             check_emitted(stage, target.dialect, portable=target.is_portable)
         yield _Staged(stage, compiled, purpose, known)
 

@@ -188,6 +188,7 @@ def command(
     from st_codegen.emit.output import check_place
     from st_codegen.emit.targets import target_named
     from st_codegen.project.bundle import load
+    from st_codegen.proof.emitted import one_reader
     from st_codegen.proof.explain import Pricing, real_remarks
 
     if html is not None and (only_check or not explain):
@@ -197,24 +198,25 @@ def command(
     for target in chosen:
         check_place(out / target.name)
     wishes = wishes_of(wished, chosen)
-    with progress_bar("loading", quiet=quiet) as progress:
-        bundle = load(models, trust_pickle=trust_pickle, outputs=outputs, progress=progress, real=real, **names)
-    for name, text in real_remarks(bundle.irs).items():
-        console.print(f"{name}: {text}", soft_wrap=True, markup=False)
-    pricing = {t.name: Pricing(t, limits_for(t, wished["max_array"]), machine) for t in chosen}
-    for target in chosen if profile is not None else ():
-        wishes[target.name]["cost"] = pricing[target.name]
-    if only_check:
-        _check(bundle, chosen, out, wishes, limit=limit, stat=stat, provenance=provenance)
-    explained: list[Explanation] = []
-    announce = None if quiet else lambda text: console.print(text, soft_wrap=True)
-    for target in chosen:
-        generated = generate(bundle, target, out, force=force, announce=announce, **wishes[target.name])
-        if not quiet:
-            _show_generated(generated)
-        if explain:
-            explained.append(_explanation(bundle, generated, target, pricing[target.name], machine))
-            print_explanation(explained[-1])
+    with one_reader():
+        with progress_bar("loading", quiet=quiet) as progress:
+            bundle = load(models, trust_pickle=trust_pickle, outputs=outputs, progress=progress, real=real, **names)
+        for name, text in real_remarks(bundle.irs).items():
+            console.print(f"{name}: {text}", soft_wrap=True, markup=False)
+        pricing = {t.name: Pricing(t, limits_for(t, wished["max_array"]), machine) for t in chosen}
+        for target in chosen if profile is not None else ():
+            wishes[target.name]["cost"] = pricing[target.name]
+        if only_check:
+            _check(bundle, chosen, out, wishes, limit=limit, stat=stat, provenance=provenance)
+        explained: list[Explanation] = []
+        announce = None if quiet else lambda text: console.print(text, soft_wrap=True)
+        for target in chosen:
+            generated = generate(bundle, target, out, force=force, announce=announce, **wishes[target.name])
+            if not quiet:
+                _show_generated(generated)
+            if explain:
+                explained.append(_explanation(bundle, generated, target, pricing[target.name], machine))
+                print_explanation(explained[-1])
     if html is not None:
         from st_codegen.cli.pages import explain_sections, write_pages
 

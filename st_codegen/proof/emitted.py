@@ -7,6 +7,7 @@ import os
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
 
 from st_codegen.errors import DefectError, GeneratedCodeError
@@ -14,6 +15,7 @@ from st_codegen.processes import can_be_copied, make_copy, other_processors
 from st_codegen.proof.runner import GeneratedCode
 from st_codegen.st.check.generated import single_rounds
 from st_codegen.st.check.portable import violations_in
+from st_codegen.st.syntax.parser import get_ready
 from st_codegen.st.syntax.source import read_ahead
 
 #: Problems that a message lists.
@@ -44,52 +46,82 @@ class Reader:
     The copy only spares time: where it does not find a folder in order, `check_emitted` says why.
     """
 
-    def __init__(self, child: int | None = None, told: int = -1) -> None:
-        self._child, self._told = child, told
+    def __init__(self, child: int | None = None, told: int = -1, answers: int = -1) -> None:
+        self._child, self._told, self._answers = child, told, answers
+
+    @classmethod
+    def made(cls) -> Reader:
+        """A copy that reads; nobody where a copy would have no processor."""
+        if not (can_be_copied() and other_processors()):
+            return cls()
+        reading, told = os.pipe()
+        answers, answering = os.pipe()
+
+        def read() -> None:
+            os.close(told)
+            os.close(answers)
+            get_ready()
+            with os.fdopen(reading) as lines:
+                for path, dialect, portable in map(json.loads, lines):
+                    if dialect is None:
+                        read_ahead(Path(path))
+                    else:
+                        check_emitted(Path(path), dialect, portable=portable)
+                        os.write(answering, b"\n")
+
+        child = make_copy(read)
+        os.close(reading)
+        os.close(answering)
+        return cls(child, told, answers)
 
     def tell(self, path: Path) -> None:
-        """Say that a file is written, or a whole folder."""
+        """Say that a file is written."""
+        self._say(path, None, portable=False)
+
+    def finds_in_order(self, folder: Path, dialect: str, *, portable: bool) -> bool:
+        """Whether the copy has read a whole folder, and `check_emitted` raised nothing."""
+        self._say(folder, dialect, portable=portable)
+        return self._child is not None and os.read(self._answers, 1) != b""  # it ends where it finds something
+
+    def _say(self, path: Path, dialect: str | None, *, portable: bool) -> None:
         if self._child is not None:
             with suppress(BrokenPipeError):  # it has ended
-                os.write(self._told, f"{json.dumps(str(path))}\n".encode())
-
-    def finds_in_order(self, folder: Path) -> bool:
-        """Whether the copy has read the folder, and `check_emitted` raised nothing."""
-        if self._child is None:
-            return False
-        self.tell(folder)
-        child, self._child = self._child, None
-        return os.waitpid(child, 0)[1] == 0
+                os.write(self._told, f"{json.dumps([str(path), dialect, portable])}\n".encode())
 
     def end(self) -> None:
         """Leave no copy behind."""
         if self._child is not None:
             os.kill(self._child, signal.SIGKILL)
             os.waitpid(self._child, 0)
-        if self._told >= 0:
             os.close(self._told)
+            os.close(self._answers)
+            self._child = None
+
+
+#: Who reads all that is written, where `one_reader` says so.
+_ONE: ContextVar[Reader | None] = ContextVar("_ONE", default=None)
 
 
 @contextmanager
-def reader(dialect: str, *, portable: bool, is_large: bool) -> Iterator[Reader]:
-    """One who reads text as `check_emitted` does, where it `is_large` and there is a processor for it."""
-    if not (is_large and can_be_copied() and other_processors()):
-        yield Reader()
+def one_reader() -> Iterator[None]:
+    """Have all text that is written inside the block read by one copy, which gets ready while models are loaded."""
+    made = Reader.made()
+    token = _ONE.set(made)
+    try:
+        yield
+    finally:
+        _ONE.reset(token)
+        made.end()
+
+
+@contextmanager
+def reader(*, is_large: bool) -> Iterator[Reader]:
+    """One who reads text as `check_emitted` does: that of `one_reader`, or a new one where the text `is_large`."""
+    one = _ONE.get()
+    if one is not None:
+        yield one
         return
-    reading, told = os.pipe()
-
-    def read() -> None:
-        os.close(told)
-        with os.fdopen(reading) as lines:
-            for path in (Path(json.loads(line)) for line in lines):
-                if path.is_dir():
-                    check_emitted(path, dialect, portable=portable)
-                    return
-                read_ahead(path)
-        raise EOFError
-
-    made = Reader(make_copy(read), told)
-    os.close(reading)
+    made = Reader.made() if is_large else Reader()
     try:
         yield made
     finally:

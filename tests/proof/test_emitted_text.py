@@ -11,7 +11,7 @@ from st_codegen import driver
 from st_codegen.errors import DefectError
 from st_codegen.processes import can_be_copied, children
 from st_codegen.proof import emitted
-from st_codegen.proof.emitted import check_emitted, reader
+from st_codegen.proof.emitted import check_emitted, one_reader, reader
 
 MODEL = Path(__file__).resolve().parents[2] / "golden" / "lone" / "models" / "lightgbm_gbdt.txt"
 GOOD = """FUNCTION_BLOCK FB_A
@@ -81,11 +81,11 @@ def two_processors(monkeypatch):
 
 @pytest.mark.parametrize("is_large", [True, False])
 def test_a_reader_along_finds_what_is_in_order(is_large, two_processors, tmp_path):
-    with reader("iec", portable=True, is_large=is_large) as other:
+    with reader(is_large=is_large) as other:
         for name in "AB":
             (tmp_path / f"FB_{name}.st").write_text(GOOD.format("1.0").replace("FB_A", f"FB_{name}"))
             other.tell(tmp_path / f"FB_{name}.st")
-        assert other.finds_in_order(tmp_path) == is_large  # nobody reads what is small
+        assert other.finds_in_order(tmp_path, "iec", portable=True) == is_large  # nobody reads what is small
 
 
 @pytest.mark.parametrize("bad", [LOOP, GOOD.format("1E5"), GOOD.format("y"), "no text"])
@@ -94,27 +94,27 @@ def test_a_reader_along_finds_what_is_wrong(bad, later, two_processors, tmp_path
     """Also what was in order when it was told of it."""
     file = tmp_path / "FB_A.st"
     file.write_text(GOOD.format("1.0") if later else bad)
-    with reader("iec", portable=True, is_large=True) as other:
+    with reader(is_large=True) as other:
         other.tell(file)
         if later:
             time.sleep(0.5)
             file.write_text(bad)
-        assert not other.finds_in_order(tmp_path)
+        assert not other.finds_in_order(tmp_path, "iec", portable=True)
 
 
 def test_a_reader_that_ends_is_no_answer(two_processors, tmp_path):
     (tmp_path / "FB_A.st").write_text(GOOD.format("1.0"))
     before = set(children(os.getpid()))
-    with reader("iec", portable=True, is_large=True) as other:
+    with reader(is_large=True) as other:
         (child,) = set(children(os.getpid())) - before
         os.kill(child, signal.SIGKILL)
         time.sleep(0.2)
         other.tell(tmp_path / "FB_A.st")
-        assert not other.finds_in_order(tmp_path)
+        assert not other.finds_in_order(tmp_path, "iec", portable=True)
 
 
 def test_a_reader_ends_with_what_it_reads_for(two_processors, tmp_path):
-    with pytest.raises(ZeroDivisionError), reader("iec", portable=True, is_large=True) as other:
+    with pytest.raises(ZeroDivisionError), reader(is_large=True) as other:
         other.tell(tmp_path / "FB_A.st")
         raise ZeroDivisionError
 
@@ -123,3 +123,20 @@ def test_what_was_read_along_is_not_read_again(two_processors, tmp_path, monkeyp
     monkeypatch.setattr(driver, "_LARGE_TABLES", -1)
     monkeypatch.setattr(driver, "check_emitted", lambda *_, **__: pytest.fail("read twice"))
     assert driver.generate(MODEL, "twincat", tmp_path / "out").files
+
+
+def test_one_reader_reads_all_that_is_written(two_processors, tmp_path, monkeypatch):
+    """Also what is small, and several projects, one after another."""
+    monkeypatch.setattr(driver, "check_emitted", lambda *_, **__: pytest.fail("read twice"))
+    with one_reader():
+        (child,) = children(os.getpid())
+        for target in ("iec", "twincat"):
+            assert driver.generate(MODEL, target, tmp_path / "out").files
+            assert children(os.getpid()) == [child]
+
+
+def test_what_the_one_reader_finds_wrong_is_said(two_processors, tmp_path):
+    (tmp_path / "FB_A.st").write_text(LOOP)
+    with one_reader(), reader(is_large=False) as other:
+        assert not other.finds_in_order(tmp_path, "iec", portable=True)
+        assert not other.finds_in_order(tmp_path, "iec", portable=True)  # it has ended

@@ -71,6 +71,9 @@ _LOG_ERFC = (
 )
 
 
+#: Weighted sums that are computed in one loop: each number is read once for all of them, and none waits for the others.
+_SUMS_TOGETHER = 4
+
 #: Columns that are picked in a line each; of more, tables say which.
 _PICKED_ONE_BY_ONE = 64
 
@@ -306,15 +309,10 @@ def layers_of(ops: Sequence[Operation]) -> dict[int, tuple[Linear, Activation]]:
 
 def _lay_out_sums(op: Linear, step: Step, listing: Listing, title: str, function: dict[str, object]) -> None:
     declare_result(op, step, listing)
-    listing.local("nBase", "DINT")
-    listing.locals("LREAL", "fSum")
     stepwise = op.order is SummationOrder.SEQUENTIAL and op.precision is not Precision.FLOAT64
-    if stepwise:
-        listing.local("fTerm", "LREAL")
     outputs, columns = op.weights.shape
     bias = listing.table(step.table("BIAS"), "LREAL", op.bias)
     runs = listing.chunks(np.full(outputs, columns), "neuron")
-    listing.loop("nRow", *(stop - first for first, stop in runs))
     listing.loop("nColumn", columns)
     parts = []
     for number, (first, stop) in enumerate(runs):
@@ -323,12 +321,18 @@ def _lay_out_sums(op: Linear, step: Step, listing: Listing, title: str, function
             Group(f"row {row}", (row - first) * columns, (row - first + 1) * columns) for row in range(first, stop)
         ]
         name = listing.table(step.table(stem), "LREAL", np.ravel(op.weights[first:stop]), groups)
-        parts.append({"name": name, "first": first, "last": stop - 1})
+        parts.append({"name": name, "loops": _loops_of_sums(range(first, stop), columns, listing)})
+    if stepwise:
+        listing.local("fTerm", "LREAL")
+    if outputs > 1:
+        listing.local("fColumn", "LREAL")
+    if function["function"]:
+        listing.loop("nRow", outputs)
     listing.section(
         title,
         "linear",
         step=step,
-        columns=columns,
+        last_row=outputs - 1,
         last_column=columns - 1,
         bias=bias,
         parts=parts,
@@ -336,6 +340,29 @@ def _lay_out_sums(op: Linear, step: Step, listing: Listing, title: str, function
         single=op.precision is Precision.FLOAT32,
         **function,
     )
+
+
+def _loops_of_sums(rows: range, columns: int, listing: Listing) -> list[dict[str, object]]:
+    """Loops over rows of weights: of `_SUMS_TOGETHER` rows in a round, then one round of those that are left."""
+    whole = len(rows) // _SUMS_TOGETHER * _SUMS_TOGETHER
+    loops: list[dict[str, object]] = []
+    for part, together in ((rows[:whole], _SUMS_TOGETHER), (rows[whole:], len(rows) - whole)):
+        if not part:
+            continue
+        starts = part[::together]
+        has_rounds = len(starts) > 1
+        listing.loop("nRow", len(starts))
+        if has_rounds:
+            listing.local("nBase", "DINT")
+        sums = []
+        for number in range(together):
+            name = f"fSum{number + 1}" if number else "fSum"
+            listing.local(name, "LREAL")
+            row = ("nRow", number) if has_rounds else (str(starts[0] + number),)
+            before = ("nBase", number * columns) if has_rounds else ((starts[0] - rows[0] + number) * columns,)
+            sums.append({"name": name, "row": row, "at": (*before, "nColumn")})
+        loops.append({"first": starts[0], "last": starts[-1], "sums": sums, "numbers": together * columns})
+    return loops
 
 
 @lay_out.register

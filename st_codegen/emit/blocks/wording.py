@@ -22,6 +22,7 @@ _MEANINGS = {
     "bInside": "no input was found outside of its range",
     "bLeft": "the split goes left",
     "bUsable": "nothing has gone wrong so far",
+    "fColumn": "number in the column",
     "fCosine": "A * cos(phi), deg",
     "fCycle": "last usable cycle time, s",
     "fDelta": "distance along one column",

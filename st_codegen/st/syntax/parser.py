@@ -82,6 +82,11 @@ def _tables() -> ParseTables | None:
         return None
 
 
+def get_ready() -> None:
+    """Make the tables of the grammar now, which the first text would have to wait for."""
+    _tables()
+
+
 @cache
 def reserved_words() -> frozenset[str]:
     """The words that cannot be names, upper case."""
