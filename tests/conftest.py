@@ -11,8 +11,16 @@ from st_codegen.emit.targets import TARGETS
 from st_codegen.passes.choose import Layout, Options
 from st_codegen.project.bundle import load
 from tests.examples import register
+from tests.reading import remembered
 
 register()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def texts_read_once():
+    """Structured Text is read once; the tests of what reads it, in `st/`, read each time."""
+    with remembered():
+        yield
 
 
 def pytest_addoption(parser):
