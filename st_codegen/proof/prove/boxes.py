@@ -13,14 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from st_codegen.ir.arrays import AnyArray, BoolArray, FloatArray, IntArray
-from st_codegen.proof.prove.axis import (
-    HIGHEST,
-    LOWEST,
-    AxisValue,
-    InputAxis,
-    NotProvedError,
-    from_keys,
-)
+from st_codegen.proof.prove.axis import HIGHEST, LOWEST, AxisValue, InputAxis, NotProvedError, from_keys
 
 #: A space of more lanes than this is given up.
 MOST_LANES = 4_000_000

@@ -13,27 +13,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from st_codegen.ir.arrays import AnyArray, BoolArray
-from st_codegen.proof.prove.axis import (
-    InputAxis,
-    NotProvedError,
-    input_value,
-)
+from st_codegen.proof.prove.axis import InputAxis, NotProvedError, input_value
 from st_codegen.proof.prove.boxes import Lanes, Slots
 from st_codegen.proof.prove.by_case import follow
 from st_codegen.proof.prove.inputs import InputTerms
 from st_codegen.proof.prove.intervals import rounds
 from st_codegen.proof.prove.operations import Recogniser, ValueOperations
 from st_codegen.proof.prove.terms import Term
-from st_codegen.proof.prove.values import (
-    LOST,
-    NOTHING,
-    All,
-    Bits,
-    ComputedError,
-    Kept,
-    Value,
-    is_scalar,
-)
+from st_codegen.proof.prove.values import LOST, NOTHING, All, Bits, ComputedError, Kept, Value, is_scalar
 from st_codegen.st import Project
 from st_codegen.st import tree as t
 from st_codegen.st.types import ArrayType, Elementary, StructType

@@ -10,11 +10,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from st_codegen.ir.arrays import AnyArray, BoolArray
-from st_codegen.proof.prove.axis import (
-    AxisValue,
-    InputAxis,
-    NotProvedError,
-)
+from st_codegen.proof.prove.axis import AxisValue, InputAxis, NotProvedError
 from st_codegen.proof.prove.boxes import Lanes, Slots, Space
 from st_codegen.proof.prove.terms import Term
 from st_codegen.proof.prove.values import (

@@ -12,14 +12,7 @@ from typing import Literal
 import numpy as np
 
 from st_codegen.ir.arrays import AnyArray, BoolArray, FloatArray
-from st_codegen.proof.prove.axis import (
-    HIGHEST,
-    LOWEST,
-    AxisValue,
-    InputAxis,
-    NotProvedError,
-    bisected,
-)
+from st_codegen.proof.prove.axis import HIGHEST, LOWEST, AxisValue, InputAxis, NotProvedError, bisected
 from st_codegen.proof.prove.boxes import Lanes, Slots, Space
 from st_codegen.proof.prove.floats import COMPARE, FLIPPED, INFINITY, MAGNITUDE, OPERATIONS, run_chain
 from st_codegen.proof.prove.inputs import InputTerms
@@ -27,12 +20,7 @@ from st_codegen.proof.prove.intervals import compute
 from st_codegen.proof.prove.joining import Joining
 from st_codegen.proof.prove.terms import Term
 from st_codegen.proof.prove.terms import Value as Number
-from st_codegen.proof.prove.values import (
-    Bits,
-    ComputedError,
-    Value,
-    is_scalar,
-)
+from st_codegen.proof.prove.values import Bits, ComputedError, Value, is_scalar
 from st_codegen.st.types import Elementary, Type
 
 _FLOAT = {"ADD": "add", "SUB": "sub", "MUL": "mul", "DIV": "div", "MIN": "min", "MAX": "max"}

@@ -21,17 +21,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import InputError, UnsupportedModelError, errors_name
-from st_codegen.ir import (
-    Feature,
-    FloatArray,
-    Function,
-    Label,
-    NanRule,
-    Precision,
-    Source,
-    TreeColumn,
-    TreeEnsemble,
-)
+from st_codegen.ir import Feature, FloatArray, Function, Label, NanRule, Precision, Source, TreeColumn, TreeEnsemble
 from st_codegen.walkers.base import Classified, GraphBuilder, LoadedModel, Predictor, Walked, library, walks
 from st_codegen.walkers.classes import (
     above,

@@ -17,16 +17,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import (
-    FLOAT32_OVERFLOW,
-    AnyArray,
-    BoolArray,
-    FloatArray,
-    Int32Array,
-    IntArray,
-    Precision,
-    TreeColumn,
-)
+from st_codegen.ir import FLOAT32_OVERFLOW, AnyArray, BoolArray, FloatArray, Int32Array, IntArray, Precision, TreeColumn
 from st_codegen.walkers.base import Classified, GraphBuilder, Walked, walks
 from st_codegen.walkers.classes import above, complement, labels_of, largest, softmax
 from st_codegen.walkers.fitted import Fitted
