@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable, Iterable, Mapping
-from functools import singledispatchmethod
+from functools import partial, singledispatchmethod
 
 import numpy as np
 
@@ -45,7 +45,7 @@ from st_codegen.ir import (
 )
 from st_codegen.ir.base import COS_REACH, Elementwise
 from st_codegen.proof.prove.axis import NotProvedError
-from st_codegen.proof.prove.formulas import branch, erf, exp, expm1, log1p, logistic, rounded, softplus, tanh
+from st_codegen.proof.prove.formulas import erf, exp, expm1, log1p, logistic, rounded, softplus, tanh
 from st_codegen.proof.prove.inputs import InputTerms
 from st_codegen.proof.prove.terms import Term, Terms, Value
 
@@ -119,13 +119,11 @@ class Demand:
 
     def _limited(self, number: int, x: Value) -> Value:
         declared = self.model.features[number]
-        y = self.terms.where(self.missing[0][number], lambda: 0.0, lambda: x)
+        y = self.terms.where(self.missing[0][number], 0.0, x)
         if declared.lower is None or declared.upper is None:
             return y
         low, high = declared.lower, declared.upper
-        return branch(
-            self.terms, "LT", y, low, lambda: low, lambda: branch(self.terms, "GT", y, high, lambda: high, lambda: y)
-        )
+        return self.terms.branch("LT", y, low, low, lambda: self.terms.branch("GT", y, high, high, y))
 
     # --- building blocks --------------------------------------------------------------------------------------------
 
@@ -133,10 +131,15 @@ class Demand:
         condition = self.terms.compare(operator, one, other)
         self.valid = self.terms.choice(condition, False, self.valid)
 
-    def _sum(self, start: Value, terms: list[Value]) -> Value:
+    def _rounded(self, precision: Precision, operation: str, *arguments: Value) -> Value:
+        """An operation whose result is rounded to a precision."""
+        return rounded(self.terms, self.terms.real(operation, *arguments), precision)
+
+    def _sum(self, terms: Iterable[Value]) -> Value:
+        total: Value = 0.0
         for term in terms:
-            start = self.terms.real("add", start, term)
-        return start
+            total = self.terms.real("add", total, term)
+        return total
 
     # --- operations -------------------------------------------------------------------------------------------------
 
@@ -159,7 +162,7 @@ class Demand:
                 least = abs(constant) * (1.0 / op.ceiling)
                 result.append(self._guarded(pair, least, op.precision))
             else:
-                result.append(rounded(self.terms, self.terms.real(_SYMBOL[op.operator], *pair), op.precision))
+                result.append(self._rounded(op.precision, _SYMBOL[op.operator], *pair))
         return result
 
     @value.register
@@ -170,21 +173,13 @@ class Demand:
                 least = self.terms.real("mul", self.terms.real("abs", pair[0]), 1.0 / op.ceiling)
                 result.append(self._guarded(pair, least, op.precision))
             else:
-                result.append(rounded(self.terms, self.terms.real(_SYMBOL[op.operator], *pair), op.precision))
+                result.append(self._rounded(op.precision, _SYMBOL[op.operator], *pair))
         return result
 
     def _guarded(self, pair: tuple[Value, ...], least: Value, precision: Precision) -> Value:
-        terms = self.terms
-        size = terms.real("abs", pair[1])
+        size = self.terms.real("abs", pair[1])
         self._refuse("LE", size, least)
-        return branch(
-            self.terms,
-            "LE",
-            size,
-            least,
-            lambda: 0.0,
-            lambda: rounded(self.terms, self.terms.real("div", *pair), precision),
-        )
+        return self.terms.branch("LE", size, least, 0.0, lambda: self._rounded(precision, "div", *pair))
 
     @value.register
     def _(self, _: Round, given: list[list[Value]]) -> list[Value]:
@@ -198,10 +193,8 @@ class Demand:
     @value.register
     def _(self, op: Exceeds, given: list[list[Value]]) -> list[Value]:
         name = "GE" if op.inclusive else "GT"
-        return [
-            branch(self.terms, name, x, cut, lambda: 1.0, lambda: 0.0)
-            for x, cut in zip(given[0], op.cut.tolist(), strict=True)
-        ]
+        pairs = zip(given[0], op.cut.tolist(), strict=True)
+        return [self.terms.branch(name, x, cut, 1.0, 0.0) for x, cut in pairs]
 
     def _largest(self, columns: list[Value]) -> tuple[Value, Value]:
         """The largest of some numbers and its place, of equal ones the first."""
@@ -209,8 +202,8 @@ class Demand:
         best: Value = 0
         for number, x in enumerate(columns[1:], 1):
             above = self.terms.compare("GT", x, largest)
-            best = self.terms.where(above, lambda n=number: n, lambda b=best: b)  # type: ignore[misc]
-            largest = self.terms.where(above, lambda x=x: x, lambda y=largest: y)  # type: ignore[misc]
+            best = self.terms.where(above, number, best)
+            largest = self.terms.where(above, x, largest)
         return largest, best
 
     @value.register
@@ -223,7 +216,7 @@ class Demand:
                 break
             before = terms.compare("LT", number, best)
             near = terms.compare("LE", terms.real("sub", largest, x), op.merged)
-            best = self.terms.where(terms.both(before, near), lambda n=number: n, lambda b=best: b)  # type: ignore[misc]
+            best = terms.where(terms.both(before, near), number, best)
         return [terms.integer("ireal", best, low=0, high=op.n_columns - 1) if isinstance(best, Term) else float(best)]
 
     @value.register
@@ -231,11 +224,11 @@ class Demand:
         largest, _ = self._largest(given[0])
         below = [self.terms.real("sub", x, largest) for x in given[0]]
         powers = [exp(self.terms, x, op.precision) for x in below]
-        total = self._sum(0.0, powers)
+        total = self._sum(powers)
         if op.logarithm:
             total = self.terms.real("ln", total)
-            return [rounded(self.terms, self.terms.real("sub", x, total), op.precision) for x in below]
-        return [rounded(self.terms, self.terms.real("div", power, total), op.precision) for power in powers]
+            return [self._rounded(op.precision, "sub", x, total) for x in below]
+        return [self._rounded(op.precision, "div", power, total) for power in powers]
 
     @value.register
     def _(self, op: FillMissing, given: list[list[Value]]) -> list[Value]:
@@ -245,9 +238,9 @@ class Demand:
             if op.sentinel is not None:
                 apart = self.terms.real("abs", self.terms.real("sub", x, op.sentinel))
                 condition = self.terms.negated(self.terms.compare("GT", apart, 0.0))
-                value = self.terms.where(condition, lambda fill=fill: fill, lambda x=x: x)  # type: ignore[misc]
+                value = self.terms.where(condition, fill, x)
             if self.model.accepts_nan:
-                value = self.terms.where(missing, lambda fill=fill: fill, lambda v=value: v)  # type: ignore[misc]
+                value = self.terms.where(missing, fill, value)
             result.append(value)
         return result
 
@@ -259,14 +252,14 @@ class Demand:
 
             def below(piece: int, column: int = column, x: Value = x, missing: Value = missing) -> Value:
                 fill = 0.0 if op.missing is None else float(np.nan_to_num(op.missing[column]))
-                return self.terms.where(missing, lambda: fill, lambda: self._piece(op, column, piece, x))
+                return self.terms.where(missing, fill, lambda: self._piece(op, column, piece, x))
 
             first, last = op.start[column : column + 2].tolist()
             result.append(self._among(op.knots, first, last, x, below))
             if op.refuses:
 
                 def taken(piece: int, column: int = column, x: Value = x, missing: Value = missing) -> Value:
-                    return self.terms.where(missing, lambda: self.valid, lambda: self._answers(op, column, piece, x))
+                    return self.terms.where(missing, self.valid, lambda: self._answers(op, column, piece, x))
 
                 self.valid = self._among(op.knots, first, last, x, taken)
         return result
@@ -276,8 +269,7 @@ class Demand:
         if low == high:
             return then(low)
         middle = (low + high) // 2
-        return branch(
-            self.terms,
+        return self.terms.branch(
             "LT",
             float(knots[middle]),
             x,
@@ -290,10 +282,8 @@ class Demand:
         return knot < op.start[column + 1] and self.terms.compare("LE", float(op.knots[knot]), x)
 
     def _answers(self, op: Piecewise, column: int, knot: int, x: Value) -> Value:
-        sides = [
-            (lambda: self.valid) if math.isfinite(number) else (lambda: False)
-            for number in (np.append(op.at, 0.0)[knot], op.pieces[knot + column, 0])
-        ]
+        numbers = np.append(op.at, 0.0)[knot], op.pieces[knot + column, 0]
+        sides = [self.valid if math.isfinite(number) else False for number in numbers]
         return self.terms.where(self._on(op, column, knot, x), *sides)
 
     def _piece(self, op: Piecewise, column: int, knot: int, x: Value) -> Value:
@@ -313,7 +303,7 @@ class Demand:
             return total
 
         number = float(np.append(op.without_refusals().at, 0.0)[knot])
-        return self.terms.where(self._on(op, column, knot, x), lambda: number, polynomial)
+        return self.terms.where(self._on(op, column, knot, x), number, polynomial)
 
     @value.register
     def _(self, op: Linear, given: list[list[Value]]) -> list[Value]:
@@ -367,22 +357,18 @@ class Demand:
         everywhere: dict[Function, Callable[[], Value]] = {
             Function.IDENTITY: lambda: x,
             Function.RELU: lambda: real("max", x, 0.0),
-            Function.LEAKY_RELU: lambda: branch(
-                self.terms, "LT", x, 0.0, lambda: real("mul", op.parameter, x), lambda: x
-            ),
-            Function.SIGNED_SQUARE: lambda: real("mul", x, real("abs", x)),
+            Function.LEAKY_RELU: lambda: terms.branch("LT", x, 0.0, lambda: real("mul", op.parameter, x), x),
+            Function.SIGNED_SQUARE: lambda: real("mul", x, size),
             Function.TANH: lambda: tanh(terms, x),
             Function.LOGISTIC: lambda: logistic(terms, x),
             Function.SOFTPLUS: lambda: softplus(terms, x),
-            Function.ELU: lambda: branch(
-                self.terms, "LT", x, 0.0, lambda: real("mul", op.parameter, expm1(terms, x)), lambda: x
-            ),
-            Function.ABS: lambda: real("abs", x),
+            Function.ELU: lambda: terms.branch("LT", x, 0.0, lambda: real("mul", op.parameter, expm1(terms, x)), x),
+            Function.ABS: lambda: size,
             Function.ERF: lambda: erf(terms, x, size),
             Function.GELU: lambda: real(
                 "mul", real("mul", 0.5, x), real("add", 1.0, erf(terms, x, real("mul", size, math.sqrt(0.5))))
             ),
-            Function.SOFTSIGN: lambda: real("div", x, real("add", 1.0, real("abs", x))),
+            Function.SOFTSIGN: lambda: real("div", x, real("add", 1.0, size)),
         }
         refusing: dict[Function, tuple[str, Value, float, Callable[[], Value]]] = {
             Function.LOG1P: ("LE", x, -1.0, lambda: log1p(terms, x)),
@@ -404,7 +390,7 @@ class Demand:
             return formula()
         refused = terms.compare(operator, number, end)
         self.valid = terms.choice(refused, False, self.valid)
-        return terms.where(refused, lambda: 0.0, formula)
+        return terms.where(refused, 0.0, formula)
 
     def _power(self, op: Activation, x: Value) -> Value:
         """exp(exponent * log(|x|)) with the sign of x where the exponent is odd; 0.0 of 0.0."""
@@ -414,13 +400,11 @@ class Demand:
             refused = terms.either(terms.compare("LT", x, 0.0), refused)
 
         def power() -> Value:
-            y = exp(self.terms, terms.real("mul", op.parameter, terms.real("ln", size)))
-            if op.parameter % 2 != 1:
-                return y
-            return branch(self.terms, "LT", x, 0.0, lambda: terms.real("neg", y), lambda: y)
+            y = exp(terms, terms.real("mul", op.parameter, terms.real("ln", size)))
+            return y if op.parameter % 2 != 1 else terms.branch("LT", x, 0.0, lambda: terms.real("neg", y), y)
 
         self.valid = terms.choice(refused, False, self.valid)
-        return terms.where(refused, lambda: 0.0, lambda: branch(self.terms, "GT", size, 0.0, power, lambda: 0.0))
+        return terms.where(refused, 0.0, lambda: terms.branch("GT", size, 0.0, power, 0.0))
 
     @value.register
     def _(self, op: Normalize, given: list[list[Value]]) -> list[Value]:
@@ -429,19 +413,20 @@ class Demand:
             return self._by_largest(op, x)
         total: Value = 0.0
         for column in x:
-            square = terms.real("mul", column, column)
-            term = terms.real("abs", column) if op.norm is Norm.L1 else rounded(self.terms, square, op.precision)
-            total = rounded(self.terms, terms.real("add", total, term), op.precision)
+            term = (
+                terms.real("abs", column) if op.norm is Norm.L1 else self._rounded(op.precision, "mul", column, column)
+            )
+            total = self._rounded(op.precision, "add", total, term)
 
         def quotient(column: Value) -> Value:
             if op.norm is Norm.L1:
-                return rounded(self.terms, terms.real("div", column, total), op.precision)
-            y = rounded(self.terms, terms.real("mul", column, column), op.precision)
-            y = rounded(self.terms, terms.real("div", y, total), op.precision)
-            y = rounded(self.terms, terms.real("sqrt", y), op.precision)
-            return branch(self.terms, "LT", column, 0.0, lambda: terms.real("neg", y), lambda: y)
+                return self._rounded(op.precision, "div", column, total)
+            y = self._rounded(op.precision, "mul", column, column)
+            y = self._rounded(op.precision, "div", y, total)
+            y = self._rounded(op.precision, "sqrt", y)
+            return terms.branch("LT", column, 0.0, lambda: terms.real("neg", y), y)
 
-        return [branch(self.terms, "GT", total, 0.0, lambda c=c: quotient(c), lambda c=c: c) for c in x]  # type: ignore[misc]
+        return [terms.branch("GT", total, 0.0, partial(quotient, column), column) for column in x]
 
     def _by_largest(self, op: Normalize, x: list[Value]) -> list[Value]:
         terms = self.terms
@@ -453,13 +438,7 @@ class Demand:
         for column in x:
             least = terms.real("mul", terms.real("abs", column), 1.0 / op.ceiling)
             above = terms.compare("GT", size, least)
-            result.append(
-                self.terms.where(
-                    above,
-                    lambda c=column: rounded(self.terms, terms.real("div", c, largest), op.precision),  # type: ignore[misc]
-                    lambda c=column: c,  # type: ignore[misc]
-                )
-            )
+            result.append(terms.where(above, partial(self._rounded, op.precision, "div", column, largest), column))
             with terms.assuming(above, False):
                 refused = terms.compare("GT", size, 0.0)
             self.valid = terms.choice(above, self.valid, terms.choice(refused, False, self.valid))
@@ -477,7 +456,7 @@ class Demand:
         """The sum of the squared differences of two vectors, or of their magnitudes."""
         terms = self.terms
         deltas = [terms.real("sub", column, number) for column, number in zip(x, vector, strict=True)]
-        return self._sum(0.0, [terms.real("mul", d, d) if squared else terms.real("abs", d) for d in deltas])
+        return self._sum(terms.real("mul", d, d) if squared else terms.real("abs", d) for d in deltas)
 
     @value.register
     def _(self, op: KernelSum, given: list[list[Value]]) -> list[Value]:
@@ -491,13 +470,13 @@ class Demand:
     def _kernel(self, op: KernelSum, x: list[Value], vector: list[float]) -> Value:
         terms = self.terms
         if op.kernel is Kernel.RBF:
-            return exp(self.terms, terms.real("mul", -op.gamma, self._distance(x, vector)))
-        product = self._sum(0.0, [terms.real("mul", column, number) for column, number in zip(x, vector, strict=True)])
+            return exp(terms, terms.real("mul", -op.gamma, self._distance(x, vector)))
+        product = self._sum(terms.real("mul", *pair) for pair in zip(x, vector, strict=True))
         if op.kernel is Kernel.LINEAR:
             return product
         argument = terms.real("add", terms.real("mul", op.gamma, product), op.coef0)
         if op.kernel is Kernel.SIGMOID:
-            return tanh(self.terms, argument)
+            return tanh(terms, argument)
         power: Value = 1.0
         for _ in range(op.degree):
             power = terms.real("mul", power, argument)
@@ -509,16 +488,16 @@ class Demand:
         factors = []
         for column, axis in zip(op.columns, op.axes, strict=True):
             deltas = [terms.real("sub", given[0][column], number) for number in axis.tolist()]
-            factors.append([exp(self.terms, terms.real("mul", -op.gamma, terms.real("mul", d, d))) for d in deltas])
+            factors.append([exp(terms, terms.real("mul", -op.gamma, terms.real("mul", d, d))) for d in deltas])
         work: list[Value] = list(op.coefficients.ravel().tolist())
         for factor in reversed(factors):
             size = len(factor)
             work = [
-                self._sum(0.0, [terms.real("mul", work[row * size + n], factor[n]) for n in range(size)])
+                self._sum(terms.real("mul", work[row * size + n], factor[n]) for n in range(size))
                 for row in range(len(work) // size)
             ]
-        sums = [terms.real("add", value, number) for value, number in zip(work, op.intercept.tolist(), strict=True)]
-        return [rounded(self.terms, value, op.precision) for value in sums]
+        pairs = zip(work, op.intercept.tolist(), strict=True)
+        return [self._rounded(op.precision, "add", *pair) for pair in pairs]
 
 
 def _flags(op: Operation, flags: list[list[Value]]) -> list[Value]:
