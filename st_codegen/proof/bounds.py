@@ -543,10 +543,10 @@ def _(op: WeightedMedian, operands: list[FloatArray], given: list[FloatArray], r
 
 @step.register
 def _(op: FactoredKernel, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
-    return step(_unfactored(op), operands, given, result)
+    return step(unfactored(op), operands, given, result)
 
 
-def _unfactored(op: FactoredKernel) -> KernelSum:
+def unfactored(op: FactoredKernel) -> KernelSum:
     """The kernel sum over all points of the grid that a factored kernel stands for."""
     columns = np.argsort(op.columns)
     points = np.stack(np.meshgrid(*op.axes, indexing="ij"), -1).reshape(-1, len(op.axes))[:, columns]

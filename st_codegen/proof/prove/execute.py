@@ -90,7 +90,7 @@ class Executor(ValueOperations):
         for statement in statements:
             gone = self._statement(statement, mask)
             if gone is not False:
-                left = gone if left is False else self._logic("OR", left, gone)
+                left = self._logic("OR", left, gone)
                 mask = self._logic("AND", mask, self._not(gone))
                 if not self._any(mask):
                     break
@@ -136,15 +136,13 @@ class Executor(ValueOperations):
             self._require_known(condition, rest)
             taken = self._inside(rest, condition)
             if self._any(taken):
-                gone = self._block(branch.body, taken)
-                left = gone if left is False else left if gone is False else self._logic("OR", left, gone)
+                left = self._logic("OR", left, self._block(branch.body, taken))
             if isinstance(condition, All):
                 return left
             rest = self._inside(rest, self._not(condition))
             if not self._any(rest):
                 return left
-        gone = self._block(statement.otherwise, rest)
-        return gone if left is False else left if gone is False else self._logic("OR", left, gone)
+        return self._logic("OR", left, self._block(statement.otherwise, rest))
 
     @staticmethod
     def _undecided(branch: t.Branch, statement: t.If) -> NotProvedError:

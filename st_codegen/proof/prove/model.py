@@ -68,6 +68,11 @@ class InputDomain:
     high: IntArray
     nan: tuple[bool, ...]
 
+    def lanes_within(self, axis: InputAxis) -> BoolArray:
+        """The lanes of the axis of an input that lie in the domain."""
+        number = axis.feature
+        return axis.within(self.low[number], self.high[number], nan=self.nan[number])
+
 
 def domain_of(model: ModelIR) -> InputDomain:
     """The domain of a model: inputs are limited to the declared ranges first, and refused from a magnitude on."""
@@ -233,12 +238,13 @@ def _combined(op: Combine, one: Column | str, other: Column | str) -> Column | s
 
 
 def changes(
-    column: Column, thresholds: FloatArray, strict: BoolArray, domain: InputDomain
+    column: Column, thresholds: FloatArray, strict: BoolArray | bool, domain: InputDomain
 ) -> tuple[IntArray, BoolArray]:
     """The last key up to which a comparison with each threshold is as for the smallest number, and what it is.
 
     Below the threshold where `strict`, else not above it.
     """
+    strict = np.broadcast_to(strict, thresholds.shape)
 
     def decide(x: FloatArray, chosen: IntArray) -> BoolArray:
         value, limit = column.value(x), thresholds[chosen]
@@ -305,7 +311,7 @@ class Ensemble:
             self.codes[number] = self._category(number, column) if rule.categorical else self._numbers(rule, column)
             return
         thresholds, back = np.unique(op.threshold[at], return_inverse=True)
-        last, below = self._changes(column, thresholds, strict=op.comparison is Comparison.LESS)
+        last, below = changes(column, thresholds, op.comparison is Comparison.LESS, self.domain)
         self.last[at], self.below[at] = last[back], below[back]
         (of_nan,), (is_missing,) = _read(rule, column.value(np.array([np.nan])))
         self.nan[at] = op.missing_left[at] if is_missing else self._decision(np.full(len(at), of_nan), op.threshold[at])
@@ -323,9 +329,6 @@ class Ensemble:
     def _decision(self, value: FloatArray, threshold: FloatArray) -> BoolArray:
         left = value < threshold if self.op.comparison is Comparison.LESS else value <= threshold
         return np.asarray(left | (threshold == np.inf), np.bool_)
-
-    def _changes(self, column: Column, thresholds: FloatArray, *, strict: bool) -> tuple[IntArray, BoolArray]:
-        return changes(column, thresholds, np.full(len(thresholds), strict), self.domain)
 
     def _numbers(self, rule: TreeColumn, column: Column) -> AxisValue:
         """A column in steps, on an axis that is cut where it may change."""
@@ -350,7 +353,7 @@ class Ensemble:
         gap = rule.missing_interval
         points = points if gap is None else np.append(points, gap)
         for strict in (True, False):
-            axis.cut(self._changes(column, points, strict=strict)[0])
+            axis.cut(changes(column, points, strict, self.domain)[0])
         value, missing = _read(rule, column.value(axis.low))
         with np.errstate(invalid="ignore"):
             inside = np.clip(value, -(2.0**40), 2.0**40)
@@ -373,30 +376,20 @@ class Ensemble:
         node = Lanes(space, np.full(space.lanes, op.roots[tree], np.int64))
         while True:
             here = node.lift().value
-            inner = op.split[here] >= 0
-            if not np.any(inner):
+            if not np.any(op.split[here] >= 0):
                 return Lanes(space, op.leaf[here].astype(np.int64))
             missing = self._missing(space, node)
+            codes, coded = self._category_decisions(space, node)
+            here = node.lift().value
+            compared = (op.split[here] >= 0) & ~coded
+            goes = space.decide(self.feature[here], self.last[here], self.below[here], self.nan[here], compared)
             here = node.lift().value
             inner = op.split[here] >= 0
-            categories = self._category_decisions(space, node)
-            here = node.lift().value
-            inner = op.split[here] >= 0
-            left = Lanes(
-                space,
-                space.decide(
-                    self.feature[here], self.last[here], self.below[here], self.nan[here], inner & ~categories[1]
-                ),
-            )
-            here = node.lift().value
-            inner = op.split[here] >= 0
-            goes = left.value
             if missing is not None:
                 goes = np.where(missing.lift().value.astype(np.bool_), op.missing_left[here], goes)
-            if categories[0] is not None:
-                codes = categories[0].lift()
-                assert codes.known is not None
-                goes = np.where(codes.known, codes.value, goes)
+            if codes is not None:
+                coded = np.asarray(codes.lift().known)
+                goes = np.where(coded, codes.value, goes)
             node = Lanes(space, np.where(inner, np.where(goes, op.left[here], op.right[here]), here).astype(np.int64))
 
     def _missing(self, space: Space, node: Lanes) -> Lanes | None:

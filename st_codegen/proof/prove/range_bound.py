@@ -95,7 +95,7 @@ def _boxes(ends: FloatArray) -> Ends:
 def _widened(op: Operation, ends: Ends, share: float) -> Ends:
     if isinstance(op, Select):
         return ends
-    margin = share * np.maximum(np.abs(ends[0]), np.abs(ends[1])) + 1e-300
+    margin = share * magnitude(ends) + 1e-300
     return ends[0] - margin, ends[1] + margin
 
 
@@ -139,10 +139,12 @@ def _(op: Select, operands: list[Ends]) -> Ends:
 def _(op: Scale, operands: list[Ends]) -> Ends:
     if op.reverse and op.operator is Operator.DIVIDE:
         raise NotProvedError("no bound on the whole range is known for a quotient by a computed number")
-    return _sorted(reference.apply(op, [operands[0][0]]), reference.apply(op, [operands[0][1]]))
+    return _of_ends(op, operands[0])
 
 
-def _sorted(one: FloatArray, other: FloatArray) -> Ends:
+def _of_ends(op: Operation, operand: Ends) -> Ends:
+    """What a monotone operation makes of both ends, in order."""
+    one, other = (reference.apply(op, [end]) for end in operand)
     return np.minimum(one, other), np.maximum(one, other)
 
 
@@ -153,7 +155,7 @@ def _(op: Operation, operands: list[Ends]) -> Ends:
     if isinstance(op, FillMissing) and op.sentinel is not None:
         low, high = operands[0]
         return np.minimum(low, op.fill), np.maximum(high, op.fill)
-    return reference.apply(op, [operands[0][0]]), reference.apply(op, [operands[0][1]])
+    return _of_ends(op, operands[0])
 
 
 @interval.register
@@ -174,7 +176,7 @@ def _(op: Activation, operands: list[Ends]) -> Ends:
         beyond = operands[0][0] <= -1.0 if op.function is Function.LOG1P else operands[0][1] > op.limit
         if np.any(beyond):
             raise NotProvedError(f"{op.function.value} does not exist on the whole range")
-    ends = _sorted(reference.apply(op, [operands[0][0]]), reference.apply(op, [operands[0][1]]))
+    ends = _of_ends(op, operands[0])
     if op.function in (Function.LEAKY_RELU, Function.ELU) and op.parameter < 0:
         inside = (operands[0][0] < 0) & (operands[0][1] > 0)
         return np.where(inside, np.minimum(ends[0], 0.0), ends[0]), np.where(inside, np.maximum(ends[1], 0.0), ends[1])
