@@ -8,7 +8,7 @@ import pkgutil
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cache, wraps
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -34,6 +34,7 @@ from st_codegen.ir import (
     SummationOrder,
 )
 from st_codegen.ir.missing import Origins, origins_after
+from st_codegen.walkers.fitted import Fitted
 
 #: Rows (rows, features) -> predictions (rows, outputs), computed by the source library alone. Only rows that the
 #: library accepts (`reference.valid_rows`) are passed.
@@ -269,8 +270,10 @@ def _registers(table: dict[tuple[str, str], Any]) -> Callable[..., Callable[[_Wa
 
         `trusts` names the types that a file with such an object holds beyond those that skops trusts itself; none of
         them may run code from the file when it is loaded. `finite`: the library raises for NaN and infinities.
-        `double`: an attribute with which the library computes in float32 where it was fitted on float32.
+        `double`: an attribute with which the library computes in float32 where it was fitted on float32. Walkers of
+        scikit-learn are given an estimator as what `fit` left in it, those of other libraries as it is.
         """
+        names = [name.rpartition(".") for name in " ".join(classes).split()]
 
         def register(walker: _Walker) -> _Walker:
             @wraps(walker)
@@ -284,13 +287,12 @@ def _registers(table: dict[tuple[str, str], Any]) -> Callable[..., Callable[[_Wa
                         f"{type(estimator).__name__} was fitted on float32, and scikit-learn computes parts of its "
                         "answers in that: fit it on X.astype('float64') and a y of that kind"
                     )
-                return walker(estimator, builder, value)
+                return walker(estimator if names[0][0] else Fitted(estimator), builder, value)
 
             _TRUSTED.update(trusts)
-            for name in " ".join(classes).split():
-                package, _, class_name = name.rpartition(".")
-                table[package or "sklearn", class_name] = checked
-            return cast(_Walker, checked)
+            for package, _, name in names:
+                table[package or "sklearn", name] = checked
+            return walker
 
         return register
 
