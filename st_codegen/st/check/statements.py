@@ -10,8 +10,8 @@ from st_codegen.st import tree as t
 from st_codegen.st import walk
 from st_codegen.st.check.calls import check_assignable
 from st_codegen.st.check.declare import Declarations
-from st_codegen.st.check.symbols import DeclaredUnit, failure
-from st_codegen.st.errors import Problem, StCheckError
+from st_codegen.st.check.symbols import DeclaredUnit, failure, noted
+from st_codegen.st.errors import Problem
 from st_codegen.st.types import ArrayType, BlockType, EnumType, Type
 
 #: Statements inside of statements are followed by recursion, here and by all that reads a checked tree.
@@ -40,12 +40,10 @@ class Statements:
     def _body(self, nodes: Iterable[t.Statement]) -> tuple[t.Statement, ...]:
         made: list[t.Statement] = []
         for node in nodes:
-            try:
+            with noted(self._problems):
                 if self._depth > MAX_NESTED or self._loops > MAX_LOOPS:
                     raise failure(node, f"more than {MAX_NESTED} nested statements or {MAX_LOOPS} nested loops")
                 made.append(self._statement(node))
-            except StCheckError as error:
-                self._problems += error.problems
         return tuple(made)
 
     def _statement(self, node: t.Statement) -> t.Statement:  # noqa: PLR0911 - one return a case
@@ -80,11 +78,10 @@ class Statements:
 
     def _condition(self, node: t.Expression) -> t.Expression:
         """A condition; a wrong one is reported, and checking goes on with what it guards."""
-        try:
-            return self._expressions.condition(node)
-        except StCheckError as error:
-            self._problems += error.problems
-            return node
+        condition = node
+        with noted(self._problems):
+            condition = self._expressions.condition(node)
+        return condition
 
     def _loop_body(self, nodes: Iterable[t.Statement]) -> tuple[t.Statement, ...]:
         self._loops += 1
@@ -121,10 +118,8 @@ class Statements:
         for branch in node.branches:
             labels = []
             for label in branch.choices:
-                try:
+                with noted(self._problems):
                     labels.append(self._label(label, type_, taken))
-                except StCheckError as error:
-                    self._problems += error.problems
             branches.append(replace(branch, body=self.body(branch.body), labels=tuple(labels)))
         return replace(node, selector=selector, branches=tuple(branches), otherwise=self.body(node.otherwise))
 
