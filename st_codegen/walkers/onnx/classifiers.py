@@ -54,10 +54,6 @@ def _labels(node: GraphNode, integers: str) -> tuple[Label, ...]:
     return tuple(labels)
 
 
-def _zero_and_one(labels: tuple[Label, ...]) -> tuple[Label, ...]:
-    return ("0", "1") if isinstance(labels[0], str) else (0, 1)
-
-
 def _post_transform(node: GraphNode) -> str:
     name = node.text("post_transform", "NONE")
     if name not in ("NONE", "LOGISTIC", "SOFTMAX"):
@@ -86,10 +82,6 @@ def _beside(walk: GraphWalk, one: Tensor, other: Tensor) -> Tensor:
 
 def _column(tensor: Tensor, number: int) -> Tensor:
     return tensor.moved(lambda array: array[:, number : number + 1])
-
-
-def _choice(labels: tuple[Label, ...], number: int) -> LabelOperand:
-    return LabelOperand(number, labels, (1,))
 
 
 # --- trees ---------------------------------------------------------------------------------------------------------
@@ -121,7 +113,7 @@ def _tree_classifier(call: NodeCall) -> Result:
         )
     if len(base):
         scores = with_constant(walk, scores, Operator.ADD, base)
-    return _choice(labels, largest(walk.builder, walk.settle(scores))), _transformed(walk, scores, transform)
+    return LabelOperand(largest(walk.builder, walk.settle(scores)), labels), _transformed(walk, scores, transform)
 
 
 def _given(forest: Forest) -> tuple[BoolArray, BoolArray]:
@@ -163,7 +155,7 @@ def _two_classes(
     decides = first if alone else second
     index = above(walk.builder, walk.settle(decides), 0.5 if one_given and positive else 0.0)
     # with weights of both classes onnxruntime answers 1 and 0, whatever integers the labels are
-    choice = _choice(labels if one_given or isinstance(labels[0], str) else (0, 1), index)
+    choice = LabelOperand(index, labels if one_given or isinstance(labels[0], str) else (0, 1))
     if alone and len(base) < 2:
         return choice, _pair(walk, first, positive, transform)
     return choice, _transformed(walk, _beside(walk, first, second), transform)
@@ -196,11 +188,11 @@ def _linear_classifier(call: NodeCall) -> Result:
     weights = call.node.floats("coefficients", len(bias) * tensor.size)
     scores = apply_linear(walk, tensor, weights.reshape(len(bias), -1), bias, (1, len(bias)))
     if len(bias) > 1:
-        return _choice(labels, largest(walk.builder, walk.settle(scores))), _transformed(walk, scores, transform)
+        return LabelOperand(largest(walk.builder, walk.settle(scores)), labels), _transformed(walk, scores, transform)
     index = above(walk.builder, walk.settle(scores))
     if len(labels) > 2:
-        return _choice(_zero_and_one(labels), index), scores
-    return _choice(labels, index), _pair(walk, scores, positive=True, transform=transform)
+        return LabelOperand(index, ("0", "1") if isinstance(labels[0], str) else (0, 1)), scores
+    return LabelOperand(index, labels), _pair(walk, scores, positive=True, transform=transform)
 
 
 @operator("SVMClassifier", 1, domain=_DOMAIN)
@@ -219,8 +211,8 @@ def _svm_classifier(call: NodeCall) -> Result:
     walk.refuse_special(tensor)
     coefficients = pair_coefficients(weights.reshape(count - 1, total), per_class)
     op = kernel_sum(node, walk.settle(tensor), vectors, coefficients, rho)
-    scores = walk.computed(walk.builder.add(op), (1, pairs), FLOAT32, special=False)
-    choice = _choice(labels, largest(walk.builder, pair_votes(walk.builder, walk.settle(scores), count)))
+    scores = walk.computed(op, (1, pairs), FLOAT32)
+    choice = LabelOperand(largest(walk.builder, pair_votes(walk.builder, walk.settle(scores), count)), labels)
     if coupled:
         walk.notes.append(_LEFT_OUT)
         return choice, None
@@ -243,7 +235,7 @@ def _linear_machine(call: NodeCall, tensor: Tensor, labels: tuple[Label, ...], c
         reached = above(walk.builder, value, 0.5 if positive else 0.0, inclusive=positive)
         picked = walk.builder.beside(reached, index)
         index = above(walk.builder, whole_sums(walk.builder, picked, np.ones((1, 3)), np.zeros(1)), 0.5)
-    return _choice(labels, index), _transformed(walk, scores, transform)
+    return LabelOperand(index, labels), _transformed(walk, scores, transform)
 
 
 # --- the ends of graphs --------------------------------------------------------------------------------------------

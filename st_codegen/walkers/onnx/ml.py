@@ -72,8 +72,8 @@ def _normalizer(call: NodeCall) -> Operand:
         raise UnsupportedModelError("norm L2 of double numbers; cast the input to float")
     tensor = call.walk.as_type(tensor, FLOAT32)
     call.walk.refuse_special(tensor)
-    value = call.walk.builder.add(Normalize(inputs=(call.walk.settle(tensor),), norm=norm, width=tensor.size))
-    return call.walk.computed(value, tensor.shape, FLOAT32, special=False)
+    op = Normalize(inputs=(call.walk.settle(tensor),), norm=norm, width=tensor.size)
+    return call.walk.computed(op, tensor.shape, FLOAT32)
 
 
 def _float32_row(call: NodeCall) -> Tensor:
@@ -108,7 +108,7 @@ def _svm_regressor(call: NodeCall) -> Operand:
     vectors = call.node.floats("support_vectors", n_vectors * tensor.size).reshape(n_vectors, tensor.size)
     call.walk.refuse_special(tensor)
     op = kernel_sum(call.node, call.walk.settle(tensor), vectors, coefficients, rho)
-    return call.walk.computed(call.walk.builder.add(op), (1, 1), FLOAT32, special=False)
+    return call.walk.computed(op, (1, 1), FLOAT32)
 
 
 def kernel_sum(
@@ -170,7 +170,7 @@ def trees(call: NodeCall, read: Callable[[GraphNode, NumberType], Forest]) -> Te
         value, column = np.array([call.walk.gathered(value, column)]), np.arange(tensor.size)
     precision = Precision.FLOAT32 if tensor.unrounded else Precision.FLOAT64
     ensemble = build_ensemble(forest, (int(value[0]),), column, precision)
-    return call.walk.computed(call.walk.builder.add(ensemble), (1, forest.n_targets), tensor.dtype, special=False)
+    return call.walk.computed(ensemble, (1, forest.n_targets), tensor.dtype)
 
 
 @operator("TreeEnsembleRegressor", 1, 3, domain=_DOMAIN)
@@ -191,7 +191,7 @@ def _binarizer(call: NodeCall) -> Operand:
     tensor, walk = call.computed(), call.walk
     walk.refuse_special(tensor)
     cut = np.full(tensor.size, call.node.number("threshold"))
-    return walk.computed(walk.builder.add(Exceeds((walk.settle(tensor),), cut)), tensor.shape, tensor.dtype, False)
+    return walk.computed(Exceeds((walk.settle(tensor),), cut), tensor.shape, tensor.dtype)
 
 
 @operator("Imputer", 1, domain=_DOMAIN)
@@ -208,8 +208,8 @@ def _imputer(call: NodeCall) -> Operand:
     else:
         walk.refuse_special(tensor)
         value, sentinel, tensor = walk.settle(tensor), replaced, replace(tensor, unrounded=False)
-    value = walk.builder.add(FillMissing((value,), fills, sentinel))
-    return replace(walk.computed(value, tensor.shape, tensor.dtype, special=False), unrounded=tensor.unrounded)
+    filled = walk.computed(FillMissing((value,), fills, sentinel), tensor.shape, tensor.dtype)
+    return replace(filled, unrounded=tensor.unrounded)
 
 
 @operator("OneHotEncoder", 1, domain=_DOMAIN)
@@ -232,7 +232,7 @@ def _one_hot_encoder(call: NodeCall) -> Operand:
         walk.builder.add(Exceeds((number,), np.tile(ends, tensor.size), inclusive=True)) for ends in (low, high)
     )
     value = walk.builder.combine(reached, "-", passed)
-    return walk.computed(value, shape, FLOAT32, special=False)
+    return walk.computed(value, shape, FLOAT32)
 
 
 @operator("LabelEncoder", 2, 4, domain=_DOMAIN)
@@ -280,4 +280,4 @@ def _encoded_numbers(call: NodeCall) -> Tensor:
         at=np.tile(values[first].astype(np.float64), width),
         pieces=np.full((width * (count + 1), 1), float(default[0])),
     )
-    return call.walk.computed(call.walk.builder.add(op), tensor.shape, tensor.dtype, special=False)
+    return call.walk.computed(op, tensor.shape, tensor.dtype)

@@ -43,6 +43,7 @@ from st_codegen.walkers.onnx.operands import (
     check_size,
     require_float,
     require_tensor,
+    together,
 )
 
 #: Operations that one Softmax of a matrix may become: one a row.
@@ -87,7 +88,7 @@ def combined(walk: GraphWalk, code: Operator, left: Operand, right: Operand) -> 
     left, right = require_tensor(left), require_tensor(right)
     values = tuple(walk.settle(_spread(require_float(side), shape)) for side in (left, right))
     op = Combine(inputs=values, operator=code, width=math.prod(shape), precision=left.precision)
-    return walk.computed(walk.builder.add(op), shape, left.dtype, left.special or right.special)
+    return walk.computed(op, shape, left.dtype, left.special or right.special)
 
 
 def _scaled(
@@ -101,7 +102,7 @@ def _scaled(
         precision=tensor.precision,
         reverse=reverse,
     )
-    return walk.computed(walk.builder.add(scale), shape, tensor.dtype, tensor.special)
+    return walk.computed(scale, shape, tensor.dtype, tensor.special)
 
 
 def _spread(tensor: Tensor, shape: tuple[int, ...]) -> Tensor:
@@ -149,7 +150,7 @@ def apply_linear(walk: GraphWalk, tensor: Tensor, weights: AnyArray, bias: AnyAr
         check_size([tensor.size // count, len(weights)])
         starts, offsets = np.arange(0, tensor.size, count, dtype=np.int32), np.arange(count, dtype=np.int32)
         op = SlidingLinear(own, weights, bias, starts, offsets, tensor.precision)
-    return walk.computed(walk.builder.add(op), shape, tensor.dtype, special=False)
+    return walk.computed(op, shape, tensor.dtype)
 
 
 def _matrix(constant: ConstantOperand, tensor: Tensor) -> FloatArray:
@@ -274,7 +275,7 @@ def apply_activation(walk: GraphWalk, tensor: Tensor, function: Function, parame
     """A function of each number."""
     walk.refuse_special(tensor)
     op = Activation((walk.settle(tensor),), function, tensor.size, parameter, tensor.precision)
-    return walk.computed(walk.builder.add(op), tensor.shape, tensor.dtype, special=False)
+    return walk.computed(op, tensor.shape, tensor.dtype)
 
 
 def apply_softmax(walk: GraphWalk, scores: Tensor, logarithm: bool = False) -> Tensor:
@@ -285,11 +286,10 @@ def apply_softmax(walk: GraphWalk, scores: Tensor, logarithm: bool = False) -> T
         raise UnsupportedModelError(f"shares within each of {count} rows; at most {_MAX_SHARES} are supported")
     found = []
     for number in range(count):
-        row = replace(scores, value=scores.value[number], column=scores.column[number])
+        row = scores.moved(partial(np.take, indices=number, axis=0))
         op = Softmax((walk.settle(row),), width, scores.precision, logarithm)
-        found.append(walk.computed(walk.builder.add(op), (1, width), scores.dtype, special=False))
-    value, column = (np.concatenate([getattr(part, name) for part in found]) for name in ("value", "column"))
-    return replace(found[0], value=value, column=column)
+        found.append(walk.computed(op, (1, width), scores.dtype))
+    return together(found, np.concatenate)
 
 
 def with_constant(
@@ -354,8 +354,8 @@ def _clip(call: NodeCall) -> Operand:
             bounds[number] = float(np.clip(bound.ravel()[0], limits.min, limits.max))
     call.walk.refuse_special(tensor)
     lower, upper = (np.full(tensor.size, bound) for bound in bounds)
-    value = call.walk.builder.add(Clip(inputs=(call.walk.settle(tensor),), lower=lower, upper=upper))
-    return call.walk.computed(value, tensor.shape, tensor.dtype, special=False)
+    op = Clip(inputs=(call.walk.settle(tensor),), lower=lower, upper=upper)
+    return call.walk.computed(op, tensor.shape, tensor.dtype)
 
 
 def _reduction(call: NodeCall) -> Operand:
@@ -393,7 +393,7 @@ def _mean_of_picked(walk: GraphWalk, picked: PickedOperand, divides: bool) -> Te
     dtype = whole.dtype if whole.dtype in (FLOAT32, FLOAT64) else FLOAT64
     precision = Precision.FLOAT32 if dtype == FLOAT32 else Precision.FLOAT64
     mean = NearestMean(tuple(inputs), values, picked.count, precision=precision, divides=divides)
-    return walk.computed(walk.builder.add(mean), (1,), dtype, special=False)
+    return walk.computed(mean, (1,), dtype)
 
 
 def total_of(walk: GraphWalk, rows: Tensor) -> Tensor:
@@ -433,13 +433,10 @@ def extreme_of(walk: GraphWalk, rows: Tensor, code: Operator) -> Tensor:
     walk.refuse_special(rows)
     while rows.shape[1] > 1:
         half = (rows.shape[1] + 1) // 2
-        sides = (replace(rows, value=rows.value[:, part], column=rows.column[:, part]) for part in _halves(half))
+        ends = slice(half), slice(-half, None)
+        sides = (replace(rows, value=rows.value[:, part], column=rows.column[:, part]) for part in ends)
         rows = replace(require_tensor(combined(walk, code, *sides)), special=False)
     return rows
-
-
-def _halves(half: int) -> tuple[slice, slice]:
-    return slice(half), slice(-half, None)
 
 
 def _log_sum_exp(walk: GraphWalk, rows: Tensor) -> Tensor:

@@ -11,7 +11,7 @@ The representation knows the comparisons `<` and `<=` whose true side is the lef
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,7 +138,7 @@ class _Tests:
         self._check_thresholds(flat.order, mode, value)
         intervals = _intervals(forest, flat.order)
         count = np.ones(len(mode), np.int64)
-        count[_is_equality(mode)] = 0
+        count[np.isin(mode, (Mode.EQ, Mode.NEQ, Mode.MEMBER, Mode.MEMBER_INTEGER))] = 0
         np.add.at(count, intervals.node, 2)
         self.start: IntArray = np.concatenate([[0], np.cumsum(count)[:-1]])
         self.owner: IntArray = np.repeat(np.arange(len(mode)), count)
@@ -224,10 +224,6 @@ class _Intervals:
     high_open: BoolArray
 
 
-def _is_equality(mode: NDArray[np.int8]) -> BoolArray:
-    return np.isin(mode, (Mode.EQ, Mode.NEQ, Mode.MEMBER, Mode.MEMBER_INTEGER))
-
-
 def _intervals(forest: Forest, order: IntArray) -> _Intervals:
     """The intervals of all tests of equality."""
     mode = forest.mode[order]
@@ -238,13 +234,7 @@ def _intervals(forest: Forest, order: IntArray) -> _Intervals:
     for node in np.flatnonzero(np.isin(mode, (Mode.MEMBER, Mode.MEMBER_INTEGER))):
         parts.append(_member_intervals(forest, int(node), int(order[node])))
     rank = np.argsort(np.concatenate([part.node for part in parts]), kind="stable")
-    return _Intervals(
-        node=np.concatenate([part.node for part in parts])[rank],
-        low=np.concatenate([part.low for part in parts])[rank],
-        high=np.concatenate([part.high for part in parts])[rank],
-        low_open=np.concatenate([part.low_open for part in parts])[rank],
-        high_open=np.concatenate([part.high_open for part in parts])[rank],
-    )
+    return _Intervals(*(np.concatenate([getattr(p, entry.name) for p in parts])[rank] for entry in fields(_Intervals)))
 
 
 def _member_intervals(forest: Forest, position: int, node: int) -> _Intervals:
