@@ -122,13 +122,9 @@ def votes_and_confidences(builder: GraphBuilder, seconds: int, scores: int, coun
     first, second = pair_members(count)
     votes = whole_sums(builder, seconds, second - first, first.sum(axis=1))
     confidence = builder.linear(scores, second - first)
-    return builder.combine(votes, "+", _squashed(builder, confidence))
-
-
-def _squashed(builder: GraphBuilder, value: int) -> int:
-    """x / (3 * (|x| + 1)) of each column."""
-    size = builder.function(value, "leaky_relu", parameter=-1.0)  # |x|
-    return builder.combine(value, "/", builder.chain(size, ("+", 1.0), ("*", 3.0)))
+    size = builder.function(confidence, "leaky_relu", parameter=-1.0)  # |x|, and x / (3 * (|x| + 1)) below one vote
+    squashed = builder.combine(confidence, "/", builder.chain(size, ("+", 1.0), ("*", 3.0)))
+    return builder.combine(votes, "+", squashed)
 
 
 @walks(

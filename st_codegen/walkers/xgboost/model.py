@@ -18,6 +18,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from operator import methodcaller
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +40,7 @@ from st_codegen.ir import (
     SummationOrder,
     TreeColumn,
 )
-from st_codegen.walkers.base import Classified, GraphBuilder, LoadedModel, Predictor, Walked, library, walks
+from st_codegen.walkers.base import Classified, GraphBuilder, LoadedModel, Predictor, Walked, booster_of, library, walks
 from st_codegen.walkers.catboost import model as catboost
 from st_codegen.walkers.classes import above, complement, largest, last_below, most_probable, numbers_of, softmax
 from st_codegen.walkers.forest import ParsedTree, category_note, flatten
@@ -158,21 +159,8 @@ class XgboostBooster:
             _load(lambda: xgboost.Booster.__init__(self, model_file=bytearray(model)))
 
 
-def features_of(estimator: Any) -> tuple[str, ...] | None:
-    """Feature names of a fitted XGBRegressor, XGBRFRegressor or Booster; None where it was trained without names."""
-    names = _booster(estimator).feature_names
-    return None if names is None else tuple(names)
-
-
 def _booster(estimator: Any) -> Any:
-    if type(estimator).__name__ == "Booster":
-        return estimator
-    if not estimator.__sklearn_is_fitted__():
-        raise InputError("not fitted: call fit() before saving it")
-    booster = estimator.get_booster()
-    if type(booster).__name__ != "Booster":
-        raise InputError("the fitted Booster is missing; the file is damaged")
-    return booster
+    return booster_of(estimator, methodcaller("get_booster"))
 
 
 def _model_of(estimator: Any) -> tuple[BoosterModel, _Path]:
