@@ -111,10 +111,6 @@ class InputAxis:
         self.ends = new
         self._measure()
 
-    def cut_below(self, numbers: FloatArray) -> None:
-        """Make lanes begin at these numbers."""
-        self.cut(to_keys(numbers) - 1)
-
 
 @dataclass
 class AxisValue:

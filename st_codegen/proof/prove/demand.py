@@ -127,8 +127,8 @@ class Demand:
 
     # --- building blocks --------------------------------------------------------------------------------------------
 
-    def _refuse(self, operator: str, one: Value, other: Value) -> None:
-        condition = self.terms.compare(operator, one, other)
+    def _refuse(self, condition: Value) -> None:
+        """There is no answer where a condition holds."""
         self.valid = self.terms.choice(condition, False, self.valid)
 
     def _rounded(self, precision: Precision, operation: str, *arguments: Value) -> Value:
@@ -178,7 +178,7 @@ class Demand:
 
     def _guarded(self, pair: tuple[Value, ...], least: Value, precision: Precision) -> Value:
         size = self.terms.real("abs", pair[1])
-        self._refuse("LE", size, least)
+        self._refuse(self.terms.compare("LE", size, least))
         return self.terms.branch("LE", size, least, 0.0, lambda: self._rounded(precision, "div", *pair))
 
     @value.register
@@ -389,7 +389,7 @@ class Demand:
         if not math.isfinite(end):
             return formula()
         refused = terms.compare(operator, number, end)
-        self.valid = terms.choice(refused, False, self.valid)
+        self._refuse(refused)
         return terms.where(refused, 0.0, formula)
 
     def _power(self, op: Activation, x: Value) -> Value:
@@ -403,7 +403,7 @@ class Demand:
             y = exp(terms, terms.real("mul", op.parameter, terms.real("ln", size)))
             return y if op.parameter % 2 != 1 else terms.branch("LT", x, 0.0, lambda: terms.real("neg", y), y)
 
-        self.valid = terms.choice(refused, False, self.valid)
+        self._refuse(refused)
         return terms.where(refused, 0.0, lambda: terms.branch("GT", size, 0.0, power, 0.0))
 
     @value.register

@@ -12,7 +12,7 @@ from st_codegen.ir import ModelIR, Scale, Select, TreeEnsemble, reference
 from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray
 from st_codegen.passes.jumps import largest_jump
 from st_codegen.proof.prove.arithmetic import Findings, check_plausible, first_missing, numbers_of, same_number
-from st_codegen.proof.prove.axis import AxisValue, InputAxis, NotProvedError, from_keys, require_assigned
+from st_codegen.proof.prove.axis import AxisValue, InputAxis, NotProvedError, from_keys, require_assigned, to_keys
 from st_codegen.proof.prove.boxes import Lanes, Slots, Space
 from st_codegen.proof.prove.by_case import converted
 from st_codegen.proof.prove.demand import Demand
@@ -422,7 +422,7 @@ class TreeProof:
         for axis, feature in zip(self.run.executor.axes, self.model.features, strict=False):
             low, high = feature.checked or (-_LARGEST, _LARGEST)  # an infinity is in no range
             with np.errstate(over="ignore"):
-                axis.cut_below(np.array([low, np.nextafter(high, np.inf)]))
+                axis.cut(to_keys(np.array([low, np.nextafter(high, np.inf)])) - 1)  # lanes begin at these numbers
             wanted = np.append((axis.low[:-1] >= low) & (axis.high[:-1] <= high), True)
             if low == 0.0:
                 wanted |= axis.low == 0.0

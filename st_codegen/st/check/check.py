@@ -118,11 +118,10 @@ def _pou(declarations: Declarations, unit: DeclaredUnit, problems: list[Problem]
     declaration = unit.declaration
     if declaration is None or unit.kind is None:
         return None
-    made = None
-    with noted(problems):
+    try:
         body = Statements(declarations, unit, problems).body(declaration.body)
         base = declaration.base
-        made = t.Pou(
+        return t.Pou(
             unit.kind,
             unit.name,
             unit.key,
@@ -136,4 +135,6 @@ def _pou(declarations: Declarations, unit: DeclaredUnit, problems: list[Problem]
             modifiers=declaration.modifiers,
             is_native=unit.is_native,
         )
-    return made
+    except StCheckError as error:
+        problems += error.problems
+        return None

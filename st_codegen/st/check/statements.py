@@ -11,7 +11,7 @@ from st_codegen.st import walk
 from st_codegen.st.check.calls import check_assignable
 from st_codegen.st.check.declare import Declarations
 from st_codegen.st.check.symbols import DeclaredUnit, failure, noted
-from st_codegen.st.errors import Problem
+from st_codegen.st.errors import Problem, StCheckError
 from st_codegen.st.types import ArrayType, BlockType, EnumType, Type
 
 #: Statements inside of statements are followed by recursion, here and by all that reads a checked tree.
@@ -78,10 +78,11 @@ class Statements:
 
     def _condition(self, node: t.Expression) -> t.Expression:
         """A condition; a wrong one is reported, and checking goes on with what it guards."""
-        condition = node
-        with noted(self._problems):
-            condition = self._expressions.condition(node)
-        return condition
+        try:
+            return self._expressions.condition(node)
+        except StCheckError as error:
+            self._problems += error.problems
+            return node
 
     def _loop_body(self, nodes: Iterable[t.Statement]) -> tuple[t.Statement, ...]:
         self._loops += 1
