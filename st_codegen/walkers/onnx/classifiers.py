@@ -12,22 +12,9 @@ from typing import Literal
 
 import numpy as np
 
+from st_codegen import ir
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import (
-    Activation,
-    BoolArray,
-    FloatArray,
-    Function,
-    IntArray,
-    Label,
-    Normalize,
-    Operator,
-    Round,
-    Scale,
-    Select,
-    Softmax,
-    TreeEnsemble,
-)
+from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray
 from st_codegen.walkers.base import GraphBuilder
 from st_codegen.walkers.classes import above, largest, pair_coefficients, pair_votes, whole_sums
 from st_codegen.walkers.onnx.file import GraphNode
@@ -46,9 +33,9 @@ _LEFT_OUT = (
 )
 
 
-def _labels(node: GraphNode, integers: str) -> tuple[Label, ...]:
+def _labels(node: GraphNode, integers: str) -> tuple[ir.Label, ...]:
     """The labels of a classifier, texts before integers."""
-    labels: list[Label] = [*node.texts("classlabels_strings")] or [*node.integers(integers).tolist()]
+    labels: list[ir.Label] = [*node.texts("classlabels_strings")] or [*node.integers(integers).tolist()]
     if len(labels) < 2:
         raise UnsupportedModelError(f"{len(labels)} labels, a classifier has two or more")
     return tuple(labels)
@@ -70,7 +57,7 @@ def _transformed(walk: GraphWalk, scores: Tensor, transform: str) -> Tensor:
     if transform == "NONE":
         return scores
     if transform == "LOGISTIC":
-        return apply_activation(walk, scores, Function.LOGISTIC)
+        return apply_activation(walk, scores, ir.Function.LOGISTIC)
     return apply_softmax(walk, scores)
 
 
@@ -112,7 +99,7 @@ def _tree_classifier(call: NodeCall) -> Result:
             "choose it where none sets it; export the model with a weight for each label in each leaf"
         )
     if len(base):
-        scores = with_constant(walk, scores, Operator.ADD, base)
+        scores = with_constant(walk, scores, ir.Operator.ADD, base)
     return LabelOperand(largest(walk.builder, walk.settle(scores)), labels), _transformed(walk, scores, transform)
 
 
@@ -127,7 +114,7 @@ def _given(forest: Forest) -> tuple[BoolArray, BoolArray]:
 
 def _two_classes(
     walk: GraphWalk,
-    labels: tuple[Label, ...],
+    labels: tuple[ir.Label, ...],
     scores: Tensor,
     base: FloatArray,
     forest: Forest,
@@ -147,10 +134,10 @@ def _two_classes(
         )
     first, second = _column(scores, 0), _column(scores, 1)
     if len(base) and ever[0] and (alone or len(base) == 1):
-        first = with_constant(walk, first, Operator.ADD, base[0])
+        first = with_constant(walk, first, ir.Operator.ADD, base[0])
     if len(base) == 2 and not alone:  # the score of the first class becomes that of the second
-        second = with_constant(walk, first, Operator.ADD, base[1])
-        first = with_constant(walk, second, Operator.MULTIPLY, -1.0) if ever[0] else _column(scores, 0)
+        second = with_constant(walk, first, ir.Operator.ADD, base[1])
+        first = with_constant(walk, second, ir.Operator.MULTIPLY, -1.0) if ever[0] else _column(scores, 0)
     one_given = bool(np.sum(ever) == 1)
     decides = first if alone else second
     index = above(walk.builder, walk.settle(decides), 0.5 if one_given and positive else 0.0)
@@ -168,8 +155,8 @@ def _pair(walk: GraphWalk, score: Tensor, positive: bool, transform: str) -> Ten
     """
     score = walk.as_type(score, FLOAT32)
     if positive and transform != "LOGISTIC":
-        return _beside(walk, with_constant(walk, score, Operator.SUBTRACT, 1.0, left=True), score)
-    both = _beside(walk, with_constant(walk, score, Operator.MULTIPLY, -1.0), score)
+        return _beside(walk, with_constant(walk, score, ir.Operator.SUBTRACT, 1.0, left=True), score)
+    both = _beside(walk, with_constant(walk, score, ir.Operator.MULTIPLY, -1.0), score)
     return _transformed(walk, both, transform if transform == "LOGISTIC" else "NONE")
 
 
@@ -221,7 +208,9 @@ def _svm_classifier(call: NodeCall) -> Result:
     return choice, _pair(walk, scores, transform != "NONE", transform)
 
 
-def _linear_machine(call: NodeCall, tensor: Tensor, labels: tuple[Label, ...], coupled: bool, transform: str) -> Result:
+def _linear_machine(
+    call: NodeCall, tensor: Tensor, labels: tuple[ir.Label, ...], coupled: bool, transform: str
+) -> Result:
     """A machine without support vectors: weights for each label, and one number added to all."""
     node, walk, count = call.node, call.walk, len(labels)
     weights, rho = node.floats("coefficients", count * tensor.size), node.floats("rho")
@@ -259,7 +248,7 @@ def _number_of_the(best: Literal["largest", "smallest"], *versions: int) -> None
         last, count = call.node.integer("select_last_index"), tensor.size
         flat = tensor.moved(lambda array: np.ravel(array)[:: -1 if last else 1])
         if best == "smallest":
-            flat = with_constant(walk, flat, Operator.MULTIPLY, -1.0)
+            flat = with_constant(walk, flat, ir.Operator.MULTIPLY, -1.0)
         index = largest(walk.builder, walk.settle(flat))
         if last:
             index = walk.builder.scale(index, "-", count - 1.0, reverse=True)
@@ -301,22 +290,22 @@ def are_shares(builder: GraphBuilder, tensor: Tensor) -> bool:
 def _range(builder: GraphBuilder, value: int, column: int) -> tuple[float, float]:
     """The least and the largest number in a column of a value, as far as its operations tell."""
     op = builder.ops[value - 1] if value else None
-    if isinstance(op, Select | Round):
+    if isinstance(op, ir.Select | ir.Round):
         places = [(one, at) for one in op.inputs for at in range(builder.width(one))]
-        return _range(builder, *places[op.columns[column] if isinstance(op, Select) else column])
-    if isinstance(op, Scale) and op.reverse and op.operator is Operator.SUBTRACT:
+        return _range(builder, *places[op.columns[column] if isinstance(op, ir.Select) else column])
+    if isinstance(op, ir.Scale) and op.reverse and op.operator is ir.Operator.SUBTRACT:
         low, high = _range(builder, op.inputs[0], column)
         return float(op.constant[column]) - high, float(op.constant[column]) - low
-    if isinstance(op, TreeEnsemble):
+    if isinstance(op, ir.TreeEnsemble):
         return _range_of_trees(op, column)
-    shares = isinstance(op, Softmax) and not op.logarithm
-    shares |= isinstance(op, Activation) and op.function is Function.LOGISTIC
-    if isinstance(op, Normalize):
+    shares = isinstance(op, ir.Softmax) and not op.logarithm
+    shares |= isinstance(op, ir.Activation) and op.function is ir.Function.LOGISTIC
+    if isinstance(op, ir.Normalize):
         shares = all(_range(builder, op.inputs[0], other)[0] >= 0.0 for other in range(op.width))
     return (0.0, 1.0) if shares else (-math.inf, math.inf)
 
 
-def _range_of_trees(op: TreeEnsemble, column: int) -> tuple[float, float]:
+def _range_of_trees(op: ir.TreeEnsemble, column: int) -> tuple[float, float]:
     leaves = np.flatnonzero(op.split < 0)
     of_tree = np.searchsorted(op.roots, leaves, side="right") - 1
     value = op.leaf_value[op.leaf[leaves]]
