@@ -48,21 +48,18 @@ def arithmetic_of(target: str) -> Arithmetic:
     return ARITHMETIC.get(target, _OWN_TEXT)
 
 
-def _unit_tests(folder: Path) -> Library | None:
-    return TCUNIT if (folder / "Tests").is_dir() else None
-
-
-def _strings(folder: Path) -> Library | None:
-    return TC2_STANDARD if (folder / "Tests").is_dir() else None
-
-
-def _system(folder: Path) -> Library | None:
-    return TC2_SYSTEM if any(folder.rglob(f"{PROGRAM}.*")) else None
+def _beside(library: Library, pattern: str) -> Callable[[Path], Library | None]:
+    """A library that is needed where a folder has files of a pattern."""
+    return lambda folder: library if any(folder.glob(pattern)) else None
 
 
 #: For each library that generated text may call, whether (and with which contents) a generated folder needs it.
 LIBRARIES: Entries[Callable[[Path], Library | None]] = Entries(
-    {"unit tests": _unit_tests, "strings": _strings, "system": _system}
+    {
+        "unit tests": _beside(TCUNIT, "Tests/*"),
+        "strings": _beside(TC2_STANDARD, "Tests/*"),
+        "system": _beside(TC2_SYSTEM, f"**/{PROGRAM}.*"),
+    }
 )
 
 

@@ -15,47 +15,15 @@ from typing import Literal
 
 import numpy as np
 
-from st_codegen.ir import (
-    Activation,
-    ArgMax,
-    BoolArray,
-    CellTable,
-    Clip,
-    ColumnFunction,
-    Combine,
-    Comparison,
-    Distances,
-    FactoredKernel,
-    FloatArray,
-    Function,
-    Kernel,
-    KernelSum,
-    Linear,
-    ModelIR,
-    NearestMean,
-    Norm,
-    Normalize,
-    Operation,
-    Operator,
-    Piecewise,
-    Precision,
-    Rank,
-    Round,
-    Scale,
-    Scan,
-    Select,
-    SlidingLinear,
-    Softmax,
-    TreeEnsemble,
-    WeightedMedian,
-    reference,
-)
+from st_codegen import ir
+from st_codegen.ir import reference
+from st_codegen.ir.arrays import BoolArray, FloatArray
 from st_codegen.passes.kernels import grid_of
 
 #: Unit roundoff of each precision.
-UNIT = {Precision.FLOAT64: 2.0**-53, Precision.FLOAT32: 2.0**-24}
+UNIT = {ir.Precision.FLOAT64: 2.0**-53, ir.Precision.FLOAT32: 2.0**-24}
 #: An operation in REAL is rounded, and so was the coefficient that it reads.
-UNIT[Precision.REAL] = (1.0 + UNIT[Precision.FLOAT32]) ** 2 - 1.0
+UNIT[ir.Precision.REAL] = (1.0 + UNIT[ir.Precision.FLOAT32]) ** 2 - 1.0
 
 #: Relative error of one transcendental function, in units of roundoff: libraries document up to 4 ulp (8 u) for their
 #: vectorised versions; the generated formulas have at most 8 roundings besides one EXP, LN or quotient of 2 ulp.
@@ -68,14 +36,14 @@ ERF_FORMULA = 2e-10
 _TINY = 1e-307
 
 #: What two evaluations of a small exponential may differ by beyond their relative error, where it has lost digits.
-_SMALLEST = {Precision.FLOAT64: _TINY, Precision.FLOAT32: 2.0**-148}
+_SMALLEST = {ir.Precision.FLOAT64: _TINY, ir.Precision.FLOAT32: 2.0**-148}
 #: In REAL 0 is taken for exponentials below exp(-87).
-_SMALLEST[Precision.REAL] = 2e-38
+_SMALLEST[ir.Precision.REAL] = 2e-38
 #: What an operation in REAL and the coefficient that it reads may lose below the normal numbers.
-_UNDERFLOW = {Precision.FLOAT64: 0.0, Precision.FLOAT32: 0.0, Precision.REAL: 2.0**-148}
+_UNDERFLOW = {ir.Precision.FLOAT64: 0.0, ir.Precision.FLOAT32: 0.0, ir.Precision.REAL: 2.0**-148}
 
 
-def difference_bound(model: ModelIR, x: FloatArray) -> FloatArray:
+def difference_bound(model: ir.ModelIR, x: FloatArray) -> FloatArray:
     """Bound on |library - generated code| for rows of `x` (rows, features), shape (rows, outputs).
 
     0 where the result must be equal to the bit; infinite where rounding may send a row through another leaf of a tree
@@ -86,7 +54,7 @@ def difference_bound(model: ModelIR, x: FloatArray) -> FloatArray:
     return differences(model, x)[-1]
 
 
-def text_bound(model: ModelIR, x: FloatArray) -> FloatArray:
+def text_bound(model: ir.ModelIR, x: FloatArray) -> FloatArray:
     """Bound on |reference - generated code|, for the same rows: what a controller's own EXP and its like may change.
 
     In LREAL it is that on |library - generated code|. In REAL the reference rounds as the text does, step by step, so
@@ -107,34 +75,38 @@ def text_bound(model: ModelIR, x: FloatArray) -> FloatArray:
     return found[-1]
 
 
-def _has_one_result(op: Operation) -> bool:
+def _has_one_result(op: ir.Operation) -> bool:
     """Whether text of an operation in REAL has one result only: it calls nothing that controllers compute as they like.
 
     Formulas of several operations in one statement count among what they compute as they like.
     """
-    if isinstance(op, Activation):
-        return op.function in (Function.IDENTITY, Function.RELU, Function.LEAKY_RELU, Function.ABS)
-    if isinstance(op, KernelSum):
-        return op.kernel in (Kernel.LINEAR, Kernel.POLYNOMIAL)
-    return not isinstance(op, Softmax)
+    if isinstance(op, ir.Activation):
+        return op.function in (ir.Function.IDENTITY, ir.Function.RELU, ir.Function.LEAKY_RELU, ir.Function.ABS)
+    if isinstance(op, ir.KernelSum):
+        return op.kernel in (ir.Kernel.LINEAR, ir.Kernel.POLYNOMIAL)
+    return not isinstance(op, ir.Softmax)
 
 
-def differences(model: ModelIR, x: FloatArray) -> list[FloatArray]:
+def differences(model: ir.ModelIR, x: FloatArray) -> list[FloatArray]:
     """That bound for all values of a model: the inputs, then the result of each operation, each (rows, width)."""
     values = reference.trace(model, x)
     with np.errstate(all="ignore"):
         return _behind(model.ops, values, np.zeros_like(values[0]))
 
 
-def _is_root_from_zero(op: Operation, ops: Sequence[Operation]) -> bool:
+def _is_root_from_zero(op: ir.Operation, ops: Sequence[ir.Operation]) -> bool:
     """Whether an operation is the square root, in LREAL, of numbers that were limited to 0 and above."""
-    if not isinstance(op, Activation) or op.function is not Function.SQRT or op.precision is not Precision.FLOAT64:
+    if (
+        not isinstance(op, ir.Activation)
+        or op.function is not ir.Function.SQRT
+        or op.precision is not ir.Precision.FLOAT64
+    ):
         return False
     before = ops[op.inputs[0] - 1] if op.inputs[0] else None
-    return isinstance(before, Clip) and bool(np.all(before.lower >= 0))
+    return isinstance(before, ir.Clip) and bool(np.all(before.lower >= 0))
 
 
-def _behind(ops: Sequence[Operation], values: list[FloatArray], first: FloatArray) -> list[FloatArray]:
+def _behind(ops: Sequence[ir.Operation], values: list[FloatArray], first: FloatArray) -> list[FloatArray]:
     """The bounds on all values, `first` being that on value 0."""
     found = [first]
     for number, op in enumerate(ops, 1):
@@ -143,43 +115,43 @@ def _behind(ops: Sequence[Operation], values: list[FloatArray], first: FloatArra
         difference = step(op, operands, given, values[number])
         if _is_root_from_zero(op, ops):  # |sqrt(a) - sqrt(b)| <= sqrt(|a - b|), where the slope has no bound
             moved = np.sqrt(given[0])
-            rounded = 2 * FUNCTION_ROUNDINGS * UNIT[Precision.FLOAT64] * (values[number] + moved) + _TINY
+            rounded = 2 * FUNCTION_ROUNDINGS * UNIT[ir.Precision.FLOAT64] * (values[number] + moved) + _TINY
             difference = np.fmin(difference, moved + rounded)
         found.append(np.where(np.isnan(difference), np.inf, difference))
     return found
 
 
-def gamma(terms: int, precision: Precision) -> float:
+def gamma(terms: int, precision: ir.Precision) -> float:
     """Relative error of a sum of so many terms, in any order."""
     unit = UNIT[precision]
     return terms * unit / (1.0 - terms * unit)
 
 
-def _rounding(op: Operation, result: FloatArray, difference: FloatArray) -> FloatArray:
+def _rounding(op: ir.Operation, result: FloatArray, difference: FloatArray) -> FloatArray:
     """Rounding after one exact elementwise operation: equal inputs round to equal results, others add an error each.
 
     In REAL the library rounds nothing that counts, so that equal inputs have other results, too.
     """
-    precision = getattr(op, "precision", Precision.FLOAT64)
+    precision = getattr(op, "precision", ir.Precision.FLOAT64)
     unit = UNIT[precision]
-    if precision is Precision.REAL:
+    if precision is ir.Precision.REAL:
         return np.asarray(difference * (1 + unit) + unit * (np.abs(result) + difference) + _UNDERFLOW[precision])
     return np.where(difference > 0, difference * (1 + unit) + 2 * unit * (np.abs(result) + difference), 0.0)
 
 
 @singledispatch
-def step(op: Operation, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+def step(op: ir.Operation, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     """Bound on the difference of the results when the operands differ by at most `given`."""
     raise NotImplementedError(type(op).__name__)
 
 
 @step.register
-def _(op: Select, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+def _(op: ir.Select, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     return np.hstack(given)[:, op.columns]
 
 
 @step.register
-def _(op: Scale, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+def _(op: ir.Scale, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     constant = np.broadcast_to(op.constant, operands[0].shape)
     zero = np.zeros_like(given[0]) if op.doubt is None else np.broadcast_to(op.doubt, given[0].shape)
     pair, errors = (
@@ -189,19 +161,19 @@ def _(op: Scale, operands: list[FloatArray], given: list[FloatArray], result: Fl
 
 
 @step.register
-def _(op: Combine, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+def _(op: ir.Combine, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     return _rounding(op, result, _arithmetic(op.operator, operands, given))
 
 
-def _arithmetic(operator: Operator, operands: list[FloatArray], given: list[FloatArray]) -> FloatArray:
+def _arithmetic(operator: ir.Operator, operands: list[FloatArray], given: list[FloatArray]) -> FloatArray:
     (a, b), (da, db) = operands, given
-    if operator in (Operator.ADD, Operator.SUBTRACT):
+    if operator in (ir.Operator.ADD, ir.Operator.SUBTRACT):
         return da + db
-    if operator is Operator.MULTIPLY:
+    if operator is ir.Operator.MULTIPLY:
         product = np.abs(a) * db + np.abs(b) * da + da * db
         return np.where(np.isnan(product) & (da + db > 0), np.inf, product)  # infinity times zero
-    if operator in (Operator.MAXIMUM, Operator.MINIMUM):
-        turned = 1.0 if operator is Operator.MAXIMUM else -1.0
+    if operator in (ir.Operator.MAXIMUM, ir.Operator.MINIMUM):
+        turned = 1.0 if operator is ir.Operator.MAXIMUM else -1.0
         middle = np.maximum(turned * a, turned * b)
         above, below = (np.maximum(turned * a + s * da, turned * b + s * db) for s in (1.0, -1.0))
         return np.asarray(np.maximum(above - middle, middle - below), np.float64)
@@ -210,26 +182,26 @@ def _arithmetic(operator: Operator, operands: list[FloatArray], given: list[Floa
 
 
 @step.register
-def _(op: Round, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
-    unit = UNIT[Precision.FLOAT32]
+def _(op: ir.Round, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+    unit = UNIT[ir.Precision.FLOAT32]
     return np.where(given[0] > 0, given[0] + 2 * unit * (np.abs(operands[0]) + given[0]), 0.0)
 
 
 @step.register
-def _(op: ColumnFunction, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+def _(op: ir.ColumnFunction, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     moved = op.slope(operands[0], given[0]) * given[0]
     return _rounding(op, result, moved) if op.computes else moved
 
 
 @step.register
-def _(op: Piecewise, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+def _(op: ir.Piecewise, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     moved = np.where(given[0] > 0, op.slope(operands[0], given[0]) * given[0], 0.0)
     # a power of the argument, by whatever formula: no more than sixteen roundings, of numbers as large as its terms
-    return moved + 2 * gamma(16 * (op.degree + 1), Precision.FLOAT64) * (op.terms(operands[0]) + moved) * op.computes
+    return moved + 2 * gamma(16 * (op.degree + 1), ir.Precision.FLOAT64) * (op.terms(operands[0]) + moved) * op.computes
 
 
 @step.register
-def _(op: ArgMax, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+def _(op: ir.ArgMax, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     x, difference = operands[0], given[0]
     rows = np.arange(len(x))
     chosen = result[:, 0].astype(np.int64)
@@ -244,10 +216,10 @@ def _(op: ArgMax, operands: list[FloatArray], given: list[FloatArray], result: F
 
 
 @step.register
-def _(op: Softmax, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+def _(op: ir.Softmax, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     # each exponent may be off by what the operands are, and by the roundings of x - max (or of x - log of the sum);
     # the sum in the denominator by as much again
-    unit = UNIT[op.precision] + UNIT[Precision.FLOAT64]
+    unit = UNIT[op.precision] + UNIT[ir.Precision.FLOAT64]
     size = np.max(np.abs(operands[0]) + given[0], axis=1, keepdims=True) + np.log(op.width)
     exponent = np.max(given[0], axis=1, keepdims=True) + 4 * unit * size
     relative = np.expm1(2 * exponent) + (2 * FUNCTION_ROUNDINGS + op.width + 4) * unit
@@ -259,7 +231,7 @@ def _(op: Softmax, operands: list[FloatArray], given: list[FloatArray], result: 
 
 
 @step.register
-def _(op: Linear, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+def _(op: ir.Linear, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     weights = np.abs(op.weights)
     difference = given[0] @ weights.T
     difference = np.where(np.isnan(difference), np.inf, difference)  # infinity times zero
@@ -277,7 +249,7 @@ def _(op: Linear, operands: list[FloatArray], given: list[FloatArray], result: F
 
 
 @step.register
-def _(op: SlidingLinear, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+def _(op: ir.SlidingLinear, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     weights, columns = np.abs(op.weights).T, op.columns
     moved = given[0][:, columns] @ weights
     moved = np.where(np.isnan(moved), np.inf, moved).reshape(result.shape)  # infinity times zero
@@ -286,7 +258,7 @@ def _(op: SlidingLinear, operands: list[FloatArray], given: list[FloatArray], re
 
 
 @step.register
-def _(op: Scan, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+def _(op: ir.Scan, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     state, found = np.zeros((len(result), len(op.initial))), []
     for start, values in zip(op.starts.tolist(), reference.rounds(op, operands[0]), strict=True):
         state = _behind(op.body, values, np.hstack([given[0][:, start : start + op.columns], state]))[-1]
@@ -294,74 +266,78 @@ def _(op: Scan, operands: list[FloatArray], given: list[FloatArray], result: Flo
     return np.hstack(found)
 
 
-def sum_rounding(terms: int, size: FloatArray, result: FloatArray, precision: Precision) -> FloatArray:
+def sum_rounding(terms: int, size: FloatArray, result: FloatArray, precision: ir.Precision) -> FloatArray:
     """One adds in a precision, the other in LREAL, with one rounding at the end where it is to equal float32."""
     library = gamma(terms, precision) * size
-    generated = gamma(terms, Precision.FLOAT64) * size
-    last = UNIT[precision] * np.abs(result) if precision is Precision.FLOAT32 else 0.0
+    generated = gamma(terms, ir.Precision.FLOAT64) * size
+    last = UNIT[precision] * np.abs(result) if precision is ir.Precision.FLOAT32 else 0.0
     return np.asarray(library + generated + last + 2 * terms * _UNDERFLOW[precision])
 
 
 @step.register
-def _(op: Activation, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+def _(op: ir.Activation, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     x, difference = operands[0], given[0]
     moved = np.where(difference > 0, _slope(op, x, difference) * difference, 0.0)
     if op.exact:
         return _rounding(op, result, moved)
-    roundings = FUNCTION_ROUNDINGS * (UNIT[op.precision] + UNIT[Precision.FLOAT64])
+    roundings = FUNCTION_ROUNDINGS * (UNIT[op.precision] + UNIT[ir.Precision.FLOAT64])
     # libraries lose digits where they take 1 - y or exp(x) - 1 instead of the accurate form (onnxruntime's Sigmoid and
     # Elu), and softplus adds a part of up to log(2): the error is then one of a number of this size
     size = np.abs(result) + moved
-    if op.function in (Function.LOGISTIC, Function.SOFTPLUS, Function.SIN, Function.COS):
+    if op.function in (ir.Function.LOGISTIC, ir.Function.SOFTPLUS, ir.Function.SIN, ir.Function.COS):
         size = size + 1.0
-    elif op.function is Function.ELU:
+    elif op.function is ir.Function.ELU:
         size = size + abs(op.parameter)
-    elif op.function is Function.ERF:
+    elif op.function is ir.Function.ERF:
         size = size + 1.0
-    elif op.function is Function.GELU:
+    elif op.function is ir.Function.GELU:
         size = np.abs(x) + moved
-    formula = ERF_FORMULA if op.function in (Function.ERF, Function.GELU) else 0.0
-    if op.function is Function.POWER:  # the roundings of the argument of its exponential
+    formula = ERF_FORMULA if op.function in (ir.Function.ERF, ir.Function.GELU) else 0.0
+    if op.function is ir.Function.POWER:  # the roundings of the argument of its exponential
         argument = np.abs(op.parameter * np.log(np.where(x == 0, 1.0, np.abs(x))))
-        lost = np.expm1(8 * UNIT[Precision.FLOAT64] * argument)
+        lost = np.expm1(8 * UNIT[ir.Precision.FLOAT64] * argument)
         power: FloatArray = moved + (roundings + lost) * size + _SMALLEST[op.precision]
         return power
-    return moved + (roundings + formula) * size + max(_TINY, _SMALLEST[op.precision] * (op.precision is Precision.REAL))
+    return (
+        moved + (roundings + formula) * size + max(_TINY, _SMALLEST[op.precision] * (op.precision is ir.Precision.REAL))
+    )
 
 
 #: The largest slopes of functions that are not as steep as the identity, or steeper.
-_STEEPEST = {Function.LOGISTIC: 0.25, Function.ERF: 1.13, Function.GELU: 1.13}
+_STEEPEST = {ir.Function.LOGISTIC: 0.25, ir.Function.ERF: 1.13, ir.Function.GELU: 1.13}
 
 
-def _slope(op: Activation, x: FloatArray, difference: FloatArray) -> FloatArray:
+def _slope(op: ir.Activation, x: FloatArray, difference: FloatArray) -> FloatArray:
     """Largest slope of the function within `difference` of x."""
     near = np.abs(x) + difference
     constant = np.ones_like(x)
-    if op.function in (Function.EXP, Function.EXPM1):
+    if op.function in (ir.Function.EXP, ir.Function.EXPM1):
         return np.exp(x + difference)
-    if op.function in (Function.SQRT, Function.LOG, Function.LOG1P):
-        room = x - difference + (op.function is Function.LOG1P)
-        slope = 0.5 / np.sqrt(room) if op.function is Function.SQRT else 1.0 / room
+    if op.function in (ir.Function.SQRT, ir.Function.LOG, ir.Function.LOG1P):
+        room = x - difference + (op.function is ir.Function.LOG1P)
+        slope = 0.5 / np.sqrt(room) if op.function is ir.Function.SQRT else 1.0 / room
         return np.where(room > 0, slope, np.where(difference > 0, np.inf, 0.0))
-    if op.function is Function.SIGNED_SQUARE:
+    if op.function is ir.Function.SIGNED_SQUARE:
         return 2.0 * near
-    if op.function is Function.POWER:
+    if op.function is ir.Function.POWER:
         steepest = near if op.parameter >= 1 else np.abs(x) - difference
         return np.where(steepest > 0, np.abs(op.parameter) * np.abs(steepest) ** (op.parameter - 1), np.inf)
-    if op.function in (Function.LEAKY_RELU, Function.ELU):
+    if op.function in (ir.Function.LEAKY_RELU, ir.Function.ELU):
         return constant * max(1.0, abs(op.parameter))
     return _STEEPEST.get(op.function, 1.0) * constant
 
 
 @step.register
-def _(op: Normalize, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+def _(op: ir.Normalize, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     x, difference = operands[0], given[0]
-    if op.norm is Norm.MAX:
+    if op.norm is ir.Norm.MAX:
         size = np.abs(np.max(x, axis=1, keepdims=True))
         moved = np.max(difference, axis=1, keepdims=True)
     else:
         size = (
-            np.sum(np.abs(x), axis=1, keepdims=True) if op.norm is Norm.L1 else np.linalg.norm(x, axis=1, keepdims=True)
+            np.sum(np.abs(x), axis=1, keepdims=True)
+            if op.norm is ir.Norm.L1
+            else np.linalg.norm(x, axis=1, keepdims=True)
         )
         moved = np.sum(difference, axis=1, keepdims=True)
     room = size - moved
@@ -370,7 +346,7 @@ def _(op: Normalize, operands: list[FloatArray], given: list[FloatArray], result
 
 
 @step.register
-def _(op: KernelSum, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+def _(op: ir.KernelSum, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     x, moved = operands[0], given[0]
 
     def kernel(vector: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -380,7 +356,7 @@ def _(op: KernelSum, operands: list[FloatArray], given: list[FloatArray], result
 
 
 def kernel_difference(
-    op: KernelSum,
+    op: ir.KernelSum,
     kernel: Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray]],
     moved: FloatArray,
     result: FloatArray,
@@ -408,7 +384,7 @@ def kernel_difference(
 
 
 def _kernel_change(
-    op: KernelSum,
+    op: ir.KernelSum,
     kernel: FloatArray,
     x: FloatArray,
     delta: FloatArray,
@@ -421,22 +397,22 @@ def _kernel_change(
     One of them may be a product of `factors` exponentials: each has the error of a function, each product one rounding.
     """
     terms = len(vector)
-    both = gamma(terms + 4, op.precision) + gamma(terms + 4, Precision.FLOAT64)
-    function = FUNCTION_ROUNDINGS * (UNIT[op.precision] + UNIT[Precision.FLOAT64])
-    if op.kernel is Kernel.RBF:
+    both = gamma(terms + 4, op.precision) + gamma(terms + 4, ir.Precision.FLOAT64)
+    function = FUNCTION_ROUNDINGS * (UNIT[op.precision] + UNIT[ir.Precision.FLOAT64])
+    if op.kernel is ir.Kernel.RBF:
         lost = np.sum(np.square(x + vector) if op.expands else delta**2, axis=1)
         argument = op.gamma * (both * lost + np.sum(2 * delta * moved + moved**2, axis=1))
-        function += (factors - 1) * (FUNCTION_ROUNDINGS + 1) * UNIT[Precision.FLOAT64]
-        tiny = max(_TINY, _SMALLEST[op.precision] * (op.precision is Precision.REAL))
+        function += (factors - 1) * (FUNCTION_ROUNDINGS + 1) * UNIT[ir.Precision.FLOAT64]
+        tiny = max(_TINY, _SMALLEST[op.precision] * (op.precision is ir.Precision.REAL))
         return np.asarray(kernel * (np.expm1(argument) + function) + factors * tiny)
     size = np.sum(x * vector, axis=1)
     change = both * size + np.sum(vector * moved, axis=1)
     change = change + _UNDERFLOW[op.precision] * (np.sum(x, axis=1) + 2 * terms)
-    if op.kernel is Kernel.LINEAR:
+    if op.kernel is ir.Kernel.LINEAR:
         return np.asarray(change)
     base = np.abs(op.gamma) * size + abs(op.coef0)
     change = abs(op.gamma) * change + both * base + _UNDERFLOW[op.precision]
-    if op.kernel is Kernel.SIGMOID:
+    if op.kernel is ir.Kernel.SIGMOID:
         return np.asarray(change + function * kernel)
     larger = (base + change) ** op.degree
     # a product falls below the normal numbers only where all factors behind it are below 1, too
@@ -444,10 +420,10 @@ def _kernel_change(
 
 
 @step.register
-def _(op: Distances, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+def _(op: ir.Distances, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     x, moved = operands[0], given[0]
     found = np.empty_like(result)
-    both = 2 * gamma(op.operand_width + 4, Precision.FLOAT64)
+    both = 2 * gamma(op.operand_width + 4, ir.Precision.FLOAT64)
     for column, vector in enumerate(op.vectors):
         delta = np.abs(x - vector)
         lost, change = np.sum(delta, axis=1), np.sum(moved, axis=1)
@@ -459,13 +435,13 @@ def _(op: Distances, operands: list[FloatArray], given: list[FloatArray], result
         if op.root:  # |sqrt(a) - sqrt(b)| is below sqrt(|a - b|), and below |a - b| / sqrt(a)
             own = result[:, column]
             apart = np.where(apart > 0, apart / np.maximum(own, np.sqrt(apart)), 0.0) * (1.0 + 1e-15)
-            apart = apart + np.where(same, 0.0, 2 * FUNCTION_ROUNDINGS * UNIT[Precision.FLOAT64] * (own + apart))
+            apart = apart + np.where(same, 0.0, 2 * FUNCTION_ROUNDINGS * UNIT[ir.Precision.FLOAT64] * (own + apart))
         found[:, column] = apart
     return found
 
 
 @step.register
-def _(op: NearestMean, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+def _(op: ir.NearestMean, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     x, moved = operands[0], given[0]
     low, high = x - moved, x + moved
     found = np.empty_like(result)
@@ -490,14 +466,14 @@ def _(op: NearestMean, operands: list[FloatArray], given: list[FloatArray], resu
     if op.inverse or not whole:  # whole numbers are added without rounding
         found += 2 * gamma(2 * op.count + 6, op.precision) * largest
     else:
-        found = np.where(found <= 4 * UNIT[Precision.FLOAT64] * largest, 0.0, found)
-        if op.precision is Precision.FLOAT32 and op.divides:  # the quotient is rounded
+        found = np.where(found <= 4 * UNIT[ir.Precision.FLOAT64] * largest, 0.0, found)
+        if op.precision is ir.Precision.FLOAT32 and op.divides:  # the quotient is rounded
             found += 2 * UNIT[op.precision] * np.abs(result)
     return np.maximum(found, 0.0)
 
 
 def _range_of_mean(
-    op: NearestMean, given: FloatArray, low: FloatArray, high: FloatArray, sure: BoolArray, possible: BoolArray
+    op: ir.NearestMean, given: FloatArray, low: FloatArray, high: FloatArray, sure: BoolArray, possible: BoolArray
 ) -> tuple[FloatArray, FloatArray]:
     """The least and the largest mean of `given`, for numbers of these intervals, of what surely and possibly counts."""
     values = given[:, possible]
@@ -517,7 +493,7 @@ def _range_of_mean(
     if np.any(low[possible] <= 1e-300) or np.any(sure != possible):
         return ends
     middle = (low + high)[possible] / 2
-    share = float(np.max((high - low)[possible] / (2 * low[possible]))) + 4 * UNIT[Precision.FLOAT64]
+    share = float(np.max((high - low)[possible] / (2 * low[possible]))) + 4 * UNIT[ir.Precision.FLOAT64]
     if share >= 0.5:
         return ends
     weights = np.min(middle) / middle
@@ -527,13 +503,13 @@ def _range_of_mean(
 
 
 @step.register
-def _(op: WeightedMedian, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+def _(op: ir.WeightedMedian, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     x, moved = operands[0], np.max(given[0], axis=1)
     order = np.argsort(x, axis=1, kind="stable")
     rising, reached = np.take_along_axis(x, order, axis=1), np.cumsum(op.weights[order], axis=1)
     unsure = (moved > 0) | np.any(np.diff(rising, axis=1) == 0, axis=1)
     # another order of additions than this one reaches half of the weights before or behind it
-    slack = np.where(unsure, 4 * gamma(len(op.weights), Precision.FLOAT64) * reached[:, -1], 0.0)[:, None]
+    slack = np.where(unsure, 4 * gamma(len(op.weights), ir.Precision.FLOAT64) * reached[:, -1], 0.0)[:, None]
     half = 0.5 * reached[:, -1:]
     first = np.argmax(reached + slack >= half, axis=1)
     last = np.where(np.any(reached - slack >= half, axis=1), np.argmax(reached - slack >= half, axis=1), x.shape[1] - 1)
@@ -542,28 +518,28 @@ def _(op: WeightedMedian, operands: list[FloatArray], given: list[FloatArray], r
 
 
 @step.register
-def _(op: FactoredKernel, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
-    return step(_unfactored(op), operands, given, result)
+def _(op: ir.FactoredKernel, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+    return step(unfactored(op), operands, given, result)
 
 
-def _unfactored(op: FactoredKernel) -> KernelSum:
+def unfactored(op: ir.FactoredKernel) -> ir.KernelSum:
     """The kernel sum over all points of the grid that a factored kernel stands for."""
     columns = np.argsort(op.columns)
     points = np.stack(np.meshgrid(*op.axes, indexing="ij"), -1).reshape(-1, len(op.axes))[:, columns]
-    return KernelSum(
-        op.inputs, Kernel.RBF, points, op.coefficients, op.intercept, gamma=op.gamma, precision=op.precision
+    return ir.KernelSum(
+        op.inputs, ir.Kernel.RBF, points, op.coefficients, op.intercept, gamma=op.gamma, precision=op.precision
     )
 
 
-@step.register(Rank)
-@step.register(CellTable)
-def _(op: Operation, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+@step.register(ir.Rank)
+@step.register(ir.CellTable)
+def _(op: ir.Operation, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     unsure = np.any(np.hstack(given) > 0, axis=1, keepdims=True)
     return np.where(unsure, np.inf, np.zeros_like(result))
 
 
 @step.register
-def _(op: TreeEnsemble, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+def _(op: ir.TreeEnsemble, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     unsure = np.zeros(len(result), np.bool_)
     for number, column in enumerate(op.columns):
         difference = given[0][:, column.column]
@@ -575,10 +551,10 @@ def _(op: TreeEnsemble, operands: list[FloatArray], given: list[FloatArray], res
     if op.linear is not None:
         unsure |= np.any(given[0] > 0, axis=1)
     spread = _leaf_spread(op)
-    return np.where(unsure[:, None], spread, 0.0) + (_lost(op) if op.sum_precision is Precision.REAL else 0.0)
+    return np.where(unsure[:, None], spread, 0.0) + (_lost(op) if op.sum_precision is ir.Precision.REAL else 0.0)
 
 
-def _lost(op: TreeEnsemble) -> FloatArray:
+def _lost(op: ir.TreeEnsemble) -> FloatArray:
     """How far the sum in REAL may lie from the library's in LREAL, for each output, whatever the inputs are.
 
     A leaf passes its own rounding, at most one addition a tree, that of the base and the division, here and in the
@@ -586,7 +562,7 @@ def _lost(op: TreeEnsemble) -> FloatArray:
     ones are off by an absolute amount, at most once a leaf, once for the base and once in the division.
     """
     terms = op.n_trees + 4
-    relative = np.expm1(terms * np.log1p(UNIT[Precision.FLOAT32]))
+    relative = np.expm1(terms * np.log1p(UNIT[ir.Precision.FLOAT32]))
     scale = min(abs(op.divisor), 1.0)  # a base that is added last is not divided
     leaves = np.zeros(op.width)
     stops = np.append(op.roots[1:], op.n_nodes)
@@ -599,17 +575,17 @@ def _lost(op: TreeEnsemble) -> FloatArray:
     return np.asarray(sums * relative * (1.0 + 1e-12) + underflow)
 
 
-def _crosses(op: TreeEnsemble, number: int, value: FloatArray, difference: FloatArray) -> BoolArray:
+def _crosses(op: ir.TreeEnsemble, number: int, value: FloatArray, difference: FloatArray) -> BoolArray:
     """Whether a threshold of the column lies between the two ends of a value's interval."""
     thresholds = np.unique(op.threshold[op.split == number])
-    side: Literal["left", "right"] = "right" if op.comparison is Comparison.LESS else "left"
+    side: Literal["left", "right"] = "right" if op.comparison is ir.Comparison.LESS else "left"
     low = reference.rounded(value - difference, op.input_precision)
     high = reference.rounded(value + difference, op.input_precision)
     crossed: BoolArray = np.searchsorted(thresholds, low, side) != np.searchsorted(thresholds, high, side)
     return crossed
 
 
-def _leaf_spread(op: TreeEnsemble) -> FloatArray:
+def _leaf_spread(op: ir.TreeEnsemble) -> FloatArray:
     """The largest possible change of each output: every tree goes from its largest to its smallest leaf."""
     if op.linear is not None:
         return np.full(op.width, np.inf)

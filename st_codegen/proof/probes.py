@@ -7,52 +7,20 @@ from functools import singledispatch
 
 import numpy as np
 
-from st_codegen.ir import (
-    Exceeds,
-    Feature,
-    FloatArray,
-    KernelSum,
-    ModelIR,
-    Operation,
-    Operator,
-    Piecewise,
-    Scale,
-    Select,
-    TreeEnsemble,
-)
+from st_codegen import ir
+from st_codegen.ir.arrays import FloatArray
 
 #: Values that libraries and controllers treat in special ways. They are tried in every column.
 SPECIAL = np.array(
     [
-        np.nan,
-        np.inf,
-        -np.inf,
-        0.0,
-        -0.0,
-        5e-324,
-        -5e-324,
-        1e-35,
-        1.0000000180025095e-35,
-        -1e-36,
-        1.0,
-        -1.0,
-        -0.5,
-        2.5,
-        255.0,
-        256.0,
-        16777216.0,
-        -16777217.0,
-        2147483648.0,
-        3.4028234663852886e38,
-        3.4028235677973366e38,
-        -3.5e38,
-        1e300,
-        -1.7976931348623157e308,
+        *(np.nan, np.inf, -np.inf, 0.0, -0.0, 5e-324, -5e-324, 1e-35, 1.0000000180025095e-35, -1e-36),
+        *(1.0, -1.0, -0.5, 2.5, 255.0, 256.0, 16777216.0, -16777217.0, 2147483648.0),
+        *(3.4028234663852886e38, 3.4028235677973366e38, -3.5e38, 1e300, -1.7976931348623157e308),
     ]
 )
 
 
-def probe_rows(model: ModelIR, rows: int, seed: int = 0, *, sampled: bool = False) -> FloatArray:
+def probe_rows(model: ir.ModelIR, rows: int, seed: int = 0, *, sampled: bool = False) -> FloatArray:
     """At least `rows` rows (rows, features), deterministic: special values, thresholds, and the rest at random.
 
     Every threshold that can be traced back to an input is there with its two neighbours in float64 and in float32, even
@@ -93,7 +61,7 @@ def _rows_of(points: list[FloatArray], lower: FloatArray, upper: FloatArray, ran
     return rows
 
 
-def operating_range(model: ModelIR) -> tuple[FloatArray, FloatArray]:
+def operating_range(model: ir.ModelIR) -> tuple[FloatArray, FloatArray]:
     """Lower and upper ends of each feature, between which models are tried.
 
     As declared, else of the training data where they are known, else (`RangeSource.GUESS`) as the thresholds, vectors
@@ -115,7 +83,7 @@ class RangeSource(StrEnum):
     GUESS = "guess from the model's numbers"
 
 
-def range_source(feature: Feature) -> RangeSource:
+def range_source(feature: ir.Feature) -> RangeSource:
     """What the operating range of a feature is known from."""
     if feature.checked is not None:
         return RangeSource.DECLARED
@@ -136,7 +104,7 @@ def _special_rows(lower: FloatArray, upper: FloatArray, random: np.random.Genera
     return np.vstack([rows, everywhere])
 
 
-def _critical_points(model: ModelIR) -> list[tuple[FloatArray, FloatArray]]:
+def _critical_points(model: ir.ModelIR) -> list[tuple[FloatArray, FloatArray]]:
     """For each feature, the inputs at which some split changes its mind.
 
     First thresholds and neighbours, then the points around them where rounding to float32 changes over.
@@ -144,12 +112,12 @@ def _critical_points(model: ModelIR) -> list[tuple[FloatArray, FloatArray]]:
     near: list[list[FloatArray]] = [[] for _ in model.features]
     changeover: list[list[FloatArray]] = [[] for _ in model.features]
     for op in model.ops:
-        if isinstance(op, Exceeds | Piecewise):
+        if isinstance(op, ir.Exceeds | ir.Piecewise):
             for place, values in enumerate(_typical(op)):
                 feature, steps = origin(model, op.inputs[0], place)
                 if feature is not None:
                     near[feature].append(_neighbours(undone(values, steps)))
-        if not isinstance(op, TreeEnsemble):
+        if not isinstance(op, ir.TreeEnsemble):
             continue
         for number, column in enumerate(op.columns):
             feature, steps = origin(model, op.inputs[0], column.column)
@@ -192,12 +160,12 @@ def _changeovers(values: FloatArray) -> FloatArray:
     return np.concatenate([halves, np.nextafter(halves, -np.inf), np.nextafter(halves, np.inf)])
 
 
-def origin(model: ModelIR, value: int, column: int) -> tuple[int | None, list[tuple[Operator, bool, float]]]:
+def origin(model: ir.ModelIR, value: int, column: int) -> tuple[int | None, list[tuple[ir.Operator, bool, float]]]:
     """The feature that a column is a scaled copy of, and the scaling steps from feature to column; None if none."""
-    steps: list[tuple[Operator, bool, float]] = []
+    steps: list[tuple[ir.Operator, bool, float]] = []
     while value:
         op = model.ops[value - 1]
-        if isinstance(op, Select):
+        if isinstance(op, ir.Select):
             at = int(op.columns[column])
             for operand in op.inputs:
                 width = model.value_width(operand)
@@ -205,7 +173,7 @@ def origin(model: ModelIR, value: int, column: int) -> tuple[int | None, list[tu
                     value, column = operand, at
                     break
                 at -= width
-        elif isinstance(op, Scale):
+        elif isinstance(op, ir.Scale):
             steps.append((op.operator, op.reverse, float(op.constant[column])))
             value = op.inputs[0]
         else:
@@ -213,24 +181,24 @@ def origin(model: ModelIR, value: int, column: int) -> tuple[int | None, list[tu
     return column, steps[::-1]
 
 
-def undone(values: FloatArray, steps: list[tuple[Operator, bool, float]]) -> FloatArray:
+def undone(values: FloatArray, steps: list[tuple[ir.Operator, bool, float]]) -> FloatArray:
     """The inputs that scaling steps take to the given values, up to rounding."""
     with np.errstate(all="ignore"):
         for operator, reverse, constant in reversed(steps):
-            if operator is Operator.ADD:
+            if operator is ir.Operator.ADD:
                 values = values - constant
-            elif operator is Operator.SUBTRACT:
+            elif operator is ir.Operator.SUBTRACT:
                 values = constant - values if reverse else values + constant
-            elif operator in (Operator.MAXIMUM, Operator.MINIMUM):
+            elif operator in (ir.Operator.MAXIMUM, ir.Operator.MINIMUM):
                 continue
-            elif operator is Operator.MULTIPLY:
+            elif operator is ir.Operator.MULTIPLY:
                 values = values / constant
             else:
                 values = constant / values if reverse else values * constant
     return values[np.isfinite(values)]
 
 
-def _suggested_range(model: ModelIR) -> tuple[FloatArray, FloatArray]:
+def _suggested_range(model: ir.ModelIR) -> tuple[FloatArray, FloatArray]:
     """A range for features that declare none, from the numbers inside the model."""
     low, high = np.full(len(model.features), np.inf), np.full(len(model.features), -np.inf)
     for op in model.ops:
@@ -247,37 +215,37 @@ def _suggested_range(model: ModelIR) -> tuple[FloatArray, FloatArray]:
 
 
 @singledispatch
-def _typical(_: Operation) -> list[FloatArray]:
+def _typical(_: ir.Operation) -> list[FloatArray]:
     """For each column that the operation reads, numbers in the middle of what it was trained on."""
     return []
 
 
 @_typical.register
-def _(op: KernelSum) -> list[FloatArray]:
+def _(op: ir.KernelSum) -> list[FloatArray]:
     return list(op.support_vectors.T)
 
 
 @_typical.register
-def _(op: Scale) -> list[FloatArray]:
+def _(op: ir.Scale) -> list[FloatArray]:
     # what follows a scaler is of the order of 1
     if op.reverse:
         return []
-    ends = np.array([-3.0, 3.0]) if op.operator in (Operator.MULTIPLY, Operator.DIVIDE) else np.array([-1.0, 1.0])
+    ends = np.array([-3.0, 3.0]) if op.operator in (ir.Operator.MULTIPLY, ir.Operator.DIVIDE) else np.array([-1.0, 1.0])
     return [undone(ends, [(op.operator, False, float(constant))]) for constant in op.constant]
 
 
 @_typical.register
-def _(op: Exceeds) -> list[FloatArray]:
+def _(op: ir.Exceeds) -> list[FloatArray]:
     return list(op.cut[:, None])
 
 
 @_typical.register
-def _(op: Piecewise) -> list[FloatArray]:
+def _(op: ir.Piecewise) -> list[FloatArray]:
     return np.split(op.knots, op.start[1:-1])
 
 
 @_typical.register
-def _(op: TreeEnsemble) -> list[FloatArray]:
+def _(op: ir.TreeEnsemble) -> list[FloatArray]:
     width = 1 + max((column.column for column in op.columns), default=-1)
     values: list[FloatArray] = [np.zeros(0)] * width
     for number, column in enumerate(op.columns):

@@ -20,11 +20,9 @@ from st_codegen.emit.output import Manifest, content_of, read_manifest
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.ir import FloatArray
+from st_codegen.project.bundle import Progress
 from st_codegen.proof.probes import RangeSource
 from st_codegen.proof.runner import BlockResult, GeneratedCode, target_folders
-
-#: Called with (number done, total, what is next).
-Progress = Callable[[int, int, str], None]
 
 #: Points of a curve
 _CURVE = 120

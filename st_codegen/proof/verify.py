@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -29,7 +29,7 @@ from st_codegen.errors import GeneratedCodeError
 from st_codegen.files.html_text import html_table
 from st_codegen.ir import AnyArray, BoolArray, FloatArray, IntArray, Label, ModelIR, TreeEnsemble, reference
 from st_codegen.passes.jumps import largest_jump, unsure_columns
-from st_codegen.project.bundle import Bundle
+from st_codegen.project.bundle import Bundle, Progress
 from st_codegen.project.purpose import BlockCheck
 from st_codegen.proof import bounds
 from st_codegen.proof.arithmetic import arithmetic_of
@@ -47,9 +47,6 @@ _SECONDS_A_ROW = 5e-7
 #: What proving takes for a tree, and for a node of it: `python benchmarks/prove.py 300 31` took 2.1 s of the processor,
 #: `python benchmarks/prove.py 50 1001` (2,001 nodes a tree) took 1.4 s.
 _SECONDS_A_TREE, _SECONDS_A_NODE = 6.5e-3, 1.1e-5
-
-#: Called with (number done, total, what is next).
-Progress = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True)

@@ -7,15 +7,7 @@ from pathlib import Path
 
 from st_codegen.st.check.check import check
 from st_codegen.st.dialects import DIALECTS, TWINCAT, Dialect, find_dialect
-from st_codegen.st.errors import (
-    Position,
-    Problem,
-    StCheckError,
-    StError,
-    StRuntimeError,
-    StSyntaxError,
-    StUsageError,
-)
+from st_codegen.st.errors import Position, Problem, StCheckError, StError, StRuntimeError, StSyntaxError, StUsageError
 from st_codegen.st.run.machine import Machine
 from st_codegen.st.run.natives import Library, NativeBlock, NativeCall
 from st_codegen.st.syntax.source import ParsedFiles, read_paths, read_texts

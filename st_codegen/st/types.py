@@ -124,9 +124,7 @@ NUMBERS: dict[str, Elementary] = {
     "REAL": REAL,
     "LREAL": LREAL,
 }
-SINT, INT, DINT, LINT = (NUMBERS[name] for name in ("SINT", "INT", "DINT", "LINT"))
-USINT, UINT, UDINT, ULINT = (NUMBERS[name] for name in ("USINT", "UINT", "UDINT", "ULINT"))
-BYTE, WORD, DWORD, LWORD = (NUMBERS[name] for name in ("BYTE", "WORD", "DWORD", "LWORD"))
+INT, DINT, LINT, ULINT = (NUMBERS[name] for name in ("INT", "DINT", "LINT", "ULINT"))
 UNSUPPORTED = frozenset(
     {"DATE", "TIME_OF_DAY", "TOD", "DATE_AND_TIME", "DT", "LDATE", "LTOD", "LDT"}
     | {"CHAR", "WCHAR", "ANY", "XINT", "UXINT", "XWORD"}

@@ -8,11 +8,11 @@ import pkgutil
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cache, wraps
-from typing import Any, TypeVar, cast
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from st_codegen.errors import MissingExtraError, UnsupportedModelError
+from st_codegen.errors import InputError, MissingExtraError, UnsupportedModelError
 from st_codegen.ir import (
     Activation,
     AnyArray,
@@ -34,6 +34,7 @@ from st_codegen.ir import (
     SummationOrder,
 )
 from st_codegen.ir.missing import Origins, origins_after
+from st_codegen.walkers.fitted import Fitted
 
 #: Rows (rows, features) -> predictions (rows, outputs), computed by the source library alone. Only rows that the
 #: library accepts (`reference.valid_rows`) are passed.
@@ -243,34 +244,31 @@ class GraphBuilder:
         return tuple(names), Classes(result.labels, kinds)
 
 
-#: Adds the operations of a fitted estimator that reads value `value` to a builder; returns what it computes.
-EstimatorWalker = Callable[[Any, GraphBuilder, int], Walked]
-
 #: Packages whose fitted objects are walked, each by the modules of the folder of its name, and the libraries' names.
 LIBRARIES = {"sklearn": "scikit-learn", "lightgbm": "LightGBM", "xgboost": "XGBoost", "statsmodels": "statsmodels"}
 
-#: Adds the operations of a fitted estimator's `transform`.
-TransformWalker = Callable[[Any, GraphBuilder, int], int]
-
+_Result = TypeVar("_Result")
 _Walker = TypeVar("_Walker", bound=Callable[..., Any])
-
-_WALKERS: dict[tuple[str, str], EstimatorWalker] = {}
-_TRANSFORMS: dict[tuple[str, str], TransformWalker] = {}
 _TRUSTED: set[str] = set()
 
 
-def _registers(table: dict[tuple[str, str], Any]) -> Callable[..., Callable[[_Walker], _Walker]]:
-    """A decorator that enters a function into a table as the walker of classes."""
+class _Registry(Generic[_Result]):
+    """What adds the operations of a fitted estimator that reads a value to a builder, by library and class."""
 
-    def register_as(
-        *classes: str, trusts: Iterable[str] = (), finite: bool = False, double: str = ""
+    def __init__(self) -> None:
+        self._walkers: dict[tuple[str, str], Callable[[Any, GraphBuilder, int], _Result]] = {}
+
+    def __call__(
+        self, *classes: str, trusts: Iterable[str] = (), finite: bool = False, double: str = ""
     ) -> Callable[[_Walker], _Walker]:
-        """Enter the walker of classes, such as 'SVR NuSVR' of scikit-learn or 'xgboost.Booster'.
+        """A decorator that enters the walker of classes, such as 'SVR NuSVR' of scikit-learn or 'xgboost.Booster'.
 
         `trusts` names the types that a file with such an object holds beyond those that skops trusts itself; none of
         them may run code from the file when it is loaded. `finite`: the library raises for NaN and infinities.
-        `double`: an attribute with which the library computes in float32 where it was fitted on float32.
+        `double`: an attribute with which the library computes in float32 where it was fitted on float32. Walkers of
+        scikit-learn are given an estimator as what `fit` left in it, those of other libraries as it is.
         """
+        names = [name.rpartition(".") for name in " ".join(classes).split()]
 
         def register(walker: _Walker) -> _Walker:
             @wraps(walker)
@@ -284,23 +282,26 @@ def _registers(table: dict[tuple[str, str], Any]) -> Callable[..., Callable[[_Wa
                         f"{type(estimator).__name__} was fitted on float32, and scikit-learn computes parts of its "
                         "answers in that: fit it on X.astype('float64') and a y of that kind"
                     )
-                return walker(estimator, builder, value)
+                return walker(estimator if names[0][0] else Fitted(estimator), builder, value)
 
             _TRUSTED.update(trusts)
-            for name in " ".join(classes).split():
-                package, _, class_name = name.rpartition(".")
-                table[package or "sklearn", class_name] = checked
-            return cast(_Walker, checked)
+            for package, _, name in names:
+                self._walkers[package or "sklearn", name] = checked
+            return walker
 
         return register
 
-    return register_as
+    def of(self, package: str) -> dict[str, Callable[[Any, GraphBuilder, int], _Result]]:
+        """The walkers of a library by the names of their classes; none of a package that is no library of ours."""
+        if package in LIBRARIES:
+            _import_walkers(package)
+        return {name: walker for (owner, name), walker in self._walkers.items() if owner == package}
 
 
 #: Enters what classes compute by `predict`.
-walks = _registers(_WALKERS)
+walks: _Registry[Walked] = _Registry()
 #: Enters what classes compute by `transform`: inside a Pipeline, or alone where they predict nothing.
-transforms = _registers(_TRANSFORMS)
+transforms: _Registry[int] = _Registry()
 
 
 def trusted_types() -> frozenset[str]:
@@ -318,6 +319,18 @@ def library(package: str, extra: str, purpose: str) -> Any:
         raise MissingExtraError(package.partition(".")[0], extra, purpose) from None
 
 
+def booster_of(estimator: Any, made: Callable[[Any], Any]) -> Any:
+    """A Booster itself, or that of a fitted estimator of LightGBM or XGBoost. Raises InputError where there is none."""
+    if type(estimator).__name__ == "Booster":
+        return estimator
+    if not estimator.__sklearn_is_fitted__():
+        raise InputError("not fitted: call fit() before saving it")
+    booster = made(estimator)
+    if type(booster).__name__ != "Booster":
+        raise InputError("the fitted Booster is missing; the file is damaged")
+    return booster
+
+
 @cache
 def _import_walkers(package: str) -> None:
     """Import the walkers of a library; none of them imports the library itself."""
@@ -326,29 +339,13 @@ def _import_walkers(package: str) -> None:
         importlib.import_module(f"{folder.__name__}.{module.name}")
 
 
-def known_walkers(package: str) -> dict[str, EstimatorWalker]:
-    """The walkers of a library by the names of their classes; none of a package that is no library of ours."""
-    return _known(package, _WALKERS)
-
-
-def known_transforms(package: str) -> dict[str, TransformWalker]:
-    """The walkers of a library's `transform` by the names of their classes."""
-    return _known(package, _TRANSFORMS)
-
-
-def _known(package: str, table: dict[tuple[str, str], _Walker]) -> dict[str, _Walker]:
-    if package in LIBRARIES:
-        _import_walkers(package)
-    return {name: walker for (owner, name), walker in table.items() if owner == package}
-
-
 def walk_transform(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Add the operations of a fitted estimator's `transform`. Raises UnsupportedModelError where it has no walker."""
     package, name = type(estimator).__module__.partition(".")[0], type(estimator).__name__
-    walker = known_transforms(package).get(name)
+    walker = transforms.of(package).get(name)
     if walker is not None:
         return walker(estimator, builder, value)
-    if name in known_walkers(package):
+    if name in walks.of(package):
         raise UnsupportedModelError(f"{name} is compiled where it predicts, not as a step that transforms")
     raise unsupported(package, name)
 
@@ -372,9 +369,9 @@ def walk_classifier(estimator: Any, builder: GraphBuilder, value: int) -> Classi
 def walk_any(estimator: Any, builder: GraphBuilder, value: int) -> Walked:
     """Add the operations of any fitted estimator. Raises UnsupportedModelError for a class that has no walker."""
     package = type(estimator).__module__.partition(".")[0]
-    walker: EstimatorWalker | None = known_walkers(package).get(type(estimator).__name__)
+    walker = walks.of(package).get(type(estimator).__name__)
     if walker is None and not hasattr(estimator, "predict"):
-        walker = known_transforms(package).get(type(estimator).__name__)
+        walker = transforms.of(package).get(type(estimator).__name__)
     if walker is None:
         raise unsupported(package, type(estimator).__name__)
     return walker(estimator, builder, value)
@@ -382,7 +379,7 @@ def walk_any(estimator: Any, builder: GraphBuilder, value: int) -> Walked:
 
 def is_known(package: str, name: str) -> bool:
     """Whether a class of a library is compiled."""
-    return name in known_walkers(package) or name in known_transforms(package)
+    return name in walks.of(package) or name in transforms.of(package)
 
 
 _BEFORE_THRESHOLD = (

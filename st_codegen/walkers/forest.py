@@ -8,18 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from st_codegen import ir
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import (
-    AnyArray,
-    BoolArray,
-    Comparison,
-    FloatArray,
-    Int32Array,
-    IntArray,
-    LinearLeaves,
-    TreeColumn,
-    TreeEnsemble,
-)
+from st_codegen.ir.arrays import AnyArray, BoolArray, FloatArray, Int32Array, IntArray
 from st_codegen.ir.preorder import Preorder, preorder
 
 #: Answers of all category splits together; more would not fit a controller by orders of magnitude.
@@ -69,7 +60,7 @@ class ParsedTree:
 
 
 #: Makes the column of a feature read in a numbered way, with that many category codes (0: numbers).
-ColumnMaker = Callable[[int, int, int], TreeColumn]
+ColumnMaker = Callable[[int, int, int], ir.TreeColumn]
 
 
 def flatten(
@@ -80,7 +71,7 @@ def flatten(
     members_left: bool = False,
     zero: float = 0.0,
     **rule: Any,
-) -> TreeEnsemble:
+) -> ir.TreeEnsemble:
     """Lay trees out parent first, left child next, and number leaves, columns and category tables accordingly.
 
     The operation reads `value`; `rule` is that of `laid_out`. `members_left`: the categories of a set
@@ -133,14 +124,14 @@ def side_by_side(sizes: IntArray, left: AnyArray, right: AnyArray) -> Preorder:
 
 def laid_out(
     value: int, layout: Preorder, *, split: AnyArray, threshold: AnyArray, missing_left: AnyArray, **fields: Any
-) -> TreeEnsemble:
+) -> ir.TreeEnsemble:
     """The operation that reads `value` by trees in a layout, by `<=` unless `fields`, its other fields, say otherwise.
 
     The arrays have an entry a node in the order of the layout, of which those of leaves do not count; `leaf_value` has
     a row a leaf.
     """
     inner = layout.left >= 0
-    return TreeEnsemble(
+    return ir.TreeEnsemble(
         inputs=(value,),
         roots=layout.roots,
         split=np.where(inner, split, -1).astype(np.int32),
@@ -149,7 +140,7 @@ def laid_out(
         right=layout.right,
         missing_left=inner & missing_left,
         leaf=np.where(inner, -1, np.cumsum(~inner) - 1).astype(np.int32),
-        **{"comparison": Comparison.LESS_OR_EQUAL} | fields,
+        **{"comparison": ir.Comparison.LESS_OR_EQUAL} | fields,
     )
 
 
@@ -204,7 +195,7 @@ def _category_tables(
     return {int(c): int(n_codes[c]) for c in np.unique(columns)}, row, table
 
 
-def _linear_leaves(trees: Sequence[ParsedTree], leaf_rows: IntArray, zero: float) -> LinearLeaves | None:
+def _linear_leaves(trees: Sequence[ParsedTree], leaf_rows: IntArray, zero: float) -> ir.LinearLeaves | None:
     """Linear models of all leaves in their new order; leaves of plain trees become constants."""
     if all(tree.linear is None for tree in trees):
         return None
@@ -220,7 +211,7 @@ def _linear_leaves(trees: Sequence[ParsedTree], leaf_rows: IntArray, zero: float
     taken = counts[leaf_rows]
     new_start = np.concatenate([[0], np.cumsum(taken)])
     entry = np.repeat(start[leaf_rows] - new_start[:-1], taken) + np.arange(new_start[-1])
-    return LinearLeaves(
+    return ir.LinearLeaves(
         constant=np.concatenate([model.constant for model in models])[leaf_rows],
         start=new_start.astype(np.int32),
         column=np.concatenate([model.column for model in models])[entry].astype(np.int32),

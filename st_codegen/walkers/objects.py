@@ -6,13 +6,7 @@ import importlib
 from pathlib import Path
 from typing import Any
 
-from st_codegen.errors import (
-    InputError,
-    StCodegenError,
-    UnsupportedModelError,
-    UntrustedFileError,
-    with_subject,
-)
+from st_codegen.errors import InputError, StCodegenError, UnsupportedModelError, UntrustedFileError, with_subject
 from st_codegen.walkers.base import LIBRARIES, LoadedModel, is_known, library, trusted_types, unsupported
 from st_codegen.walkers.skops_file import checked_archive, classes_in
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from st_codegen.walkers.base import LIBRARIES, known_transforms, known_walkers
+from st_codegen.walkers.base import LIBRARIES, transforms, walks
 from st_codegen.walkers.catboost.model import OBJECTIVES as CATBOOST_LOSSES
 from st_codegen.walkers.lightgbm.model import OBJECTIVES as LIGHTGBM_OBJECTIVES
 from st_codegen.walkers.xgboost.model import OBJECTIVES as XGBOOST_OBJECTIVES
@@ -22,16 +22,16 @@ def supported() -> Iterator[tuple[str, str, tuple[str, ...]]]:
     """Library, what its models give, and their names; the operators of ONNX where its package is installed."""
     for package, library in LIBRARIES.items():
         found: dict[str, list[str]] = {}
-        for name, walker in known_walkers(package).items():
+        for name, walker in walks.of(package).items():
             found.setdefault(_GIVES[walker.__annotations__["return"]], []).append(name)
         for gives in dict.fromkeys(_GIVES.values()):
             if gives in found:
                 yield library, gives, tuple(sorted(found[gives]))
-        if known_transforms(package):
+        if transforms.of(package):
             yield (
                 library,
                 "columns, in a Pipeline, or alone where it has no predict",
-                tuple(sorted(known_transforms(package))),
+                tuple(sorted(transforms.of(package))),
             )
     yield "LightGBM", "objectives", LIGHTGBM_OBJECTIVES
     yield "XGBoost", "objectives", XGBOOST_OBJECTIVES

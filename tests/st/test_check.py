@@ -11,7 +11,7 @@ from st_codegen.st import StCheckError, parse_project, walk
 from st_codegen.st import tree as t
 from st_codegen.st.check.coercion import common_type, converts_implicitly
 from st_codegen.st.dialects import IEC, TWINCAT
-from st_codegen.st.types import DINT, INT, LREAL, REAL, UDINT
+from st_codegen.st.types import DINT, INT, LREAL, NUMBERS, REAL
 from tests.st.helpers import block, problems, project
 
 VARIABLES = (
@@ -421,8 +421,8 @@ FUNCTION_BLOCK B EXTENDS A VAR_OUTPUT y : DINT; END_VAR METHOD M END_METHOD END_
     [
         (INT, DINT, True),
         (DINT, INT, False),
-        (DINT, UDINT, False),
-        (UDINT, DINT, False),
+        (DINT, NUMBERS["UDINT"], False),
+        (NUMBERS["UDINT"], DINT, False),
         (INT, REAL, True),
         (DINT, REAL, False),
         (DINT, LREAL, True),
@@ -443,8 +443,8 @@ def test_common_type_is_the_smallest_that_holds_both() -> None:
 
 
 def test_a_sign_and_no_sign_have_a_common_type_only_where_one_holds_the_other() -> None:
-    assert common_type(DINT, UDINT, TWINCAT) is None  # no documentation says which type TwinCAT computes in
-    assert common_type(UDINT, INT, TWINCAT) is None
+    assert common_type(DINT, NUMBERS["UDINT"], TWINCAT) is None  # no documentation says which type TwinCAT computes in
+    assert common_type(NUMBERS["UDINT"], INT, TWINCAT) is None
     assert common_type(TWINCAT.types["UINT"], DINT, TWINCAT) is DINT
     source = block("b := n < w;", "b : BOOL; n : DINT; w : DWORD;")
     assert problems(source, "twincat") == ["no operation between DINT and DWORD: convert one of them"]

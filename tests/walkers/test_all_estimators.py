@@ -21,7 +21,7 @@ from sklearn.utils import all_estimators
 from st_codegen.errors import InputError
 from st_codegen.ir import digest, reference
 from st_codegen.proof import bounds
-from st_codegen.walkers.base import _NEAR, is_known, known_walkers
+from st_codegen.walkers.base import _NEAR, is_known, walks
 from st_codegen.walkers.objects import from_estimator, load_skops
 from st_codegen.walkers.supported import table
 from tests.classifiers import SCORE, THREE, X, loaded
@@ -94,7 +94,7 @@ def test_an_estimator_is_compiled_or_refused_in_one_line(name, dtype, tmp_path):
         model = loaded(estimator)
     except InputError as error:
         assert "\n" not in str(error) and len(str(error)) < 6000
-        known = name in known_walkers("sklearn") if hasattr(estimator, "predict") else is_known("sklearn", name)
+        known = name in walks.of("sklearn") if hasattr(estimator, "predict") else is_known("sklearn", name)
         assert not known or "is not supported" not in str(error)
         return
     skops.io.dump(estimator, tmp_path / "saved.skops")
@@ -121,7 +121,7 @@ def test_what_computes_in_float32_where_it_was_fitted_on_it_is_refused(name):
 
 def test_most_estimators_that_predict_are_compiled():
     predicting = {name for name, kind in ESTIMATORS.items() if hasattr(kind, "predict")}
-    assert len(predicting & set(known_walkers("sklearn"))) >= 75
+    assert len(predicting & set(walks.of("sklearn"))) >= 75
 
 
 def test_the_page_of_models_is_what_the_command_prints():
@@ -140,4 +140,4 @@ def test_the_table_of_libraries_names_no_class_that_is_not_compiled():
 @pytest.mark.parametrize("name", sorted(_NEAR))
 def test_what_a_refusal_names_instead_is_compiled(name):
     words = re.findall(r"[A-Z]\w+", _NEAR[name].partition("(")[0])
-    assert words and all(is_known("sklearn", word) for word in words) and name not in known_walkers("sklearn")
+    assert words and all(is_known("sklearn", word) for word in words) and name not in walks.of("sklearn")

@@ -300,7 +300,8 @@ def test_source_says_what_was_read(tmp_path: Path) -> None:
 def test_features_of_objects() -> None:
     x, y = table()
     regressor = lgb.LGBMRegressor(n_estimators=2, n_jobs=1, verbosity=-1).fit(x, y, feature_name=["a", "b", "c"])
-    assert walker.features_of(regressor) == walker.features_of(regressor.booster_) == ("a", "b", "c")
+    for model in (regressor, regressor.booster_):
+        assert [feature.name for feature in walker.load_object(model, "m").ir.features] == ["a", "b", "c"]
 
 
 def test_unfitted_estimator_is_refused() -> None:

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from st_codegen import ir
 from st_codegen.errors import InputError, MissingExtraError, UnsupportedModelError
 from st_codegen.ir import FLOAT32_OVERFLOW, Activation, FillMissing, Function, Operator, Scale, TreeEnsemble, reference
 from st_codegen.ir.arrays import FloatArray
@@ -311,7 +312,7 @@ def test_estimator_behind_a_scaler_reads_the_scaled_value(booster: str) -> None:
     builder = GraphBuilder(3)
     scaled = builder.add(Scale((0,), Operator.DIVIDE, np.full(3, 7.0)))
     result = walk_estimator(regressor, builder, scaled)
-    model = builder.model("model", tuple(walker.Feature(f"f{i}") for i in range(3)), walker.Source("", "", ""))
+    model = builder.model("model", tuple(ir.Feature(f"f{i}") for i in range(3)), ir.Source("", "", ""))
     assert result == len(model.ops)
     assert set(model.magnitude_limits) == {None}
     assert np.array_equal(reference.evaluate(model, x)[:, 0], regressor.predict(x / 7))
@@ -375,9 +376,7 @@ def test_source_and_feature_names(tmp_path: Path) -> None:
     assert (source.library, source.version) == ("XGBoost", xgb.__version__)
     assert source.model_class == "XGBoost model (dart, reg:squarederror)"
     assert [feature.name for feature in model.ir.features] == ["speed", "torque", "oil °C"]
-    assert walker.features_of(booster) == ("speed", "torque", "oil °C")
     unnamed = train({}, matrix(x, label=y))
-    assert walker.features_of(unnamed) is None
     assert [feature.name for feature in saved(unnamed, tmp_path).ir.features] == ["f0", "f1", "f2"]
 
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from st_codegen.ir import FactoredKernel, Kernel, KernelSum, ModelIR
 from st_codegen.passes.kernels import factored
+from st_codegen.proof.bounds import unfactored
 from st_codegen.proof.prove.axis import NotProvedError, from_keys
 from st_codegen.proof.prove.demand import Demand
 from st_codegen.proof.prove.disagree import OtherExpressionError, SearchedInputs, parts_of
@@ -33,14 +34,18 @@ _PATH: Path = ("BLOCK",)
 
 
 @dataclass(frozen=True)
-class ArithmeticProof:
-    """How many operations the outputs have, and how far they may lie from the library's anywhere in the range."""
+class Findings:
+    """How a model was proved, how large that was and how far it may lie from its library, as in `ProofResult`."""
 
-    operations: int
-    bound: tuple[float, ...]
+    method: str
+    trees: int = 0
+    boxes: int = 0
+    operations: int = 0
+    bound: tuple[float, ...] = ()
+    claims: tuple[str, ...] = ()
 
 
-def prove_arithmetic(model: ModelIR, project: Project, block: str, outputs: tuple[int, ...]) -> ArithmeticProof:
+def prove_arithmetic(model: ModelIR, project: Project, block: str, outputs: tuple[int, ...]) -> Findings:
     """Prove a model without trees. Raises NotProvedError with what is missing."""
     candidates = [model]
     on_grid = factored(model)
@@ -57,7 +62,7 @@ def prove_arithmetic(model: ModelIR, project: Project, block: str, outputs: tupl
     else:
         raise min(differences, key=lambda difference: difference.apart)
     _check_all_inputs(model, project, block, outputs)
-    return ArithmeticProof(operations, range_bound(model))
+    return Findings(METHOD, operations=operations, bound=range_bound(model))
 
 
 def _is_the_same(model: ModelIR, on_grid: ModelIR) -> bool:
@@ -66,14 +71,14 @@ def _is_the_same(model: ModelIR, on_grid: ModelIR) -> bool:
         if isinstance(op, KernelSum) and isinstance(other, FactoredKernel):
             if op.kernel is not Kernel.RBF or op.inputs != other.inputs:
                 return False
-            order = np.argsort(other.columns)
-            grid = np.stack(np.meshgrid(*other.axes, indexing="ij"), -1).reshape(-1, len(other.axes))[:, order]
-            used = np.any(other.coefficients != 0, axis=0)
-            rows = [(*point, *numbers) for point, numbers in zip(grid[used], other.coefficients.T[used], strict=True)]
-            own = [(*v, *c) for v, c in zip(op.support_vectors, op.coefficients.T, strict=True) if np.any(c)]
-            if sorted(rows) != sorted(own) or op.gamma != other.gamma:
+            whole = unfactored(other)
+            rows, own = (
+                sorted((*v, *c) for v, c in zip(one.support_vectors, one.coefficients.T, strict=True) if np.any(c))
+                for one in (whole, op)
+            )
+            if rows != own or op.gamma != whole.gamma or op.precision is not whole.precision:
                 return False
-            if not np.array_equal(op.intercept, other.intercept) or op.precision is not other.precision:
+            if not np.array_equal(op.intercept, whole.intercept):
                 return False
         elif op is not other:
             return False
@@ -100,7 +105,7 @@ def _compared(model: ModelIR, project: Project, block: str, outputs: tuple[int, 
         reason = f"{where}: not the expression that the model demands, which {first_missing(demand, got)}"
         raise OtherExpressionError(reason, got, demand.put_out(), taken)
     _check_range(model, terms, inputs, held)
-    return size_of(demand.outputs)
+    return len(parts_of(demand.outputs))
 
 
 def first_missing(demand: Demand, got: list[Value]) -> str:
@@ -145,7 +150,7 @@ def _check_range(model: ModelIR, terms: Terms, inputs: list[Term], held: dict[st
         with terms.assuming(terms.compare("LT", x, low), False):
             above = terms.compare("GT", x, high)
         inside = terms.choice(above, False, inside)
-    if not _same_conditions(held["bInRange"], inside):
+    if _conditions(held["bInRange"]) != _conditions(inside):
         raise NotProvedError("bInRange is not what the declared ranges demand")
 
 
@@ -153,10 +158,6 @@ def _conditions(value: object) -> set[object]:
     if isinstance(value, Term) and value.operation == "and":
         return set().union(*(_conditions(argument) for argument in value.arguments))
     return {id(value) if isinstance(value, Term) else value}
-
-
-def _same_conditions(one: object, other: object) -> bool:
-    return _conditions(one) == _conditions(other)
 
 
 def _executed(terms: Terms, project: Project, block: str, intervals: list[Interval]) -> tuple[Symbolic, list[Term]]:
@@ -259,8 +260,3 @@ def same_number(one: object, other: object) -> bool:
     if isinstance(one, Term) or isinstance(other, Term):
         return one is other
     return one == other and math.copysign(1.0, one) == math.copysign(1.0, other)  # type: ignore[arg-type]
-
-
-def size_of(outputs: list[Value]) -> int:
-    """How many terms some values have, parts that they share counted once."""
-    return len(parts_of(outputs))

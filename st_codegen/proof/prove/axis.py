@@ -32,6 +32,12 @@ class NotProvedError(Exception):
         return self if self.place is not None else type(self)(self.reason, place)
 
 
+def require_assigned(known: BoolArray | None, active: BoolArray | bool = True, what: str = "a number") -> None:
+    """Raise NotProvedError unless a value is known in every active lane (`known` None: in all lanes)."""
+    if known is not None and np.any(active & ~known):
+        raise NotProvedError(f"{what} is read before it is assigned")
+
+
 def to_keys(x: FloatArray) -> IntArray:
     """Integers in the order of float64 numbers, one apart for neighbours; -0.0 comes right before 0.0."""
     bits = np.ascontiguousarray(x, np.float64).view(np.int64)
@@ -89,7 +95,11 @@ class InputAxis:
     @property
     def taken(self) -> BoolArray:
         """The lanes that the model takes."""
-        return np.append((self.starts >= self.first) & (self.ends <= self.last), self.nan)
+        return self.within(self.first, self.last, nan=self.nan)
+
+    def within(self, first: int, last: int, *, nan: bool) -> BoolArray:
+        """The lanes of which all numbers lie between two keys, and that of NaN where `nan`."""
+        return np.append((self.starts >= first) & (self.ends <= last), nan)
 
     def cut(self, ends: IntArray) -> None:
         """End lanes at these keys too."""
@@ -100,10 +110,6 @@ class InputAxis:
         self.parents.append(np.append(parent, len(self.ends)))
         self.ends = new
         self._measure()
-
-    def cut_below(self, numbers: FloatArray) -> None:
-        """Make lanes begin at these numbers."""
-        self.cut(to_keys(numbers) - 1)
 
 
 @dataclass
@@ -192,8 +198,7 @@ class AxisValue:
         taken = self.axis.taken
         lanes = np.flatnonzero(taken[:-1])
         first, last = (values[lanes] for values in self.ends())
-        if self.known is not None and not np.all(self.known[taken]):
-            raise NotProvedError("an element is read before it is assigned")
+        require_assigned(self.known, taken, what="an element")
         sequence = np.column_stack([first, last]).ravel()
         if np.any(np.isnan(sequence.astype(np.float64))):
             return None

@@ -13,14 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from st_codegen.ir.arrays import AnyArray, BoolArray, FloatArray, IntArray
-from st_codegen.proof.prove.axis import (
-    HIGHEST,
-    LOWEST,
-    AxisValue,
-    InputAxis,
-    NotProvedError,
-    from_keys,
-)
+from st_codegen.proof.prove.axis import HIGHEST, LOWEST, AxisValue, InputAxis, NotProvedError, from_keys
+from st_codegen.proof.prove.floats import bits
 
 #: A space of more lanes than this is given up.
 MOST_LANES = 4_000_000
@@ -107,10 +101,10 @@ class Space:
         value.held_alike()
         feature = value.axis.feature
         ends, constant = value.axis.ends, value.constant
-        bits = constant.view(np.int64) if constant.dtype == np.float64 else constant.astype(np.int64)
+        key = bits(constant)
         known = np.ones(len(constant), np.bool_) if value.known is None else value.known
         varies = np.zeros(len(constant), np.bool_) if value.chain is None else value.chain > 0
-        change = (bits[1:-1] != bits[:-2]) | (known[1:-1] != known[:-2]) | varies[1:-1] | varies[:-2]
+        change = (key[1:-1] != key[:-2]) | (known[1:-1] != known[:-2]) | varies[1:-1] | varies[:-2]
         run = np.append(np.flatnonzero(change), len(ends) - 1)  # last lane of each run
         run_ends = ends[run]
         low, high, nan = self.low[:, feature], self.high[:, feature], self.nan[:, feature]
@@ -118,7 +112,7 @@ class Space:
         first = np.searchsorted(run_ends, low)
         last = np.where(numbers, np.searchsorted(run_ends, high), first - 1)
         # NaN joins the run that has the same value, where the lane reaches it
-        same = np.flatnonzero((bits[run] == bits[-1]) & (known[run] == known[-1]))
+        same = np.flatnonzero((key[run] == key[-1]) & (known[run] == known[-1]))
         joins = np.full(self.lanes, -1)
         if same.size:
             nearest = same[np.minimum(np.searchsorted(same, first), len(same) - 1)]

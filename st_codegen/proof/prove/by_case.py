@@ -17,6 +17,7 @@ import numpy as np
 from st_codegen.ir.arrays import AnyArray
 from st_codegen.proof.prove.axis import AxisValue, NotProvedError
 from st_codegen.proof.prove.boxes import Lanes, Slots, Space
+from st_codegen.proof.prove.floats import bits
 from st_codegen.proof.prove.inputs import InputTerms
 from st_codegen.proof.prove.symbolic import Held, Path, Symbolic, anything
 from st_codegen.proof.prove.terms import Term, Terms, Value
@@ -68,8 +69,8 @@ def follow(executor: Boxes, statement: t.Statement) -> None:
         _give_back(executor, before, _executed(executor, statement, before))
         return
     space, arrays = executor.joined(list(cases.values()), True)
-    bits = [array.view(np.int64) if array.dtype == np.float64 else array.astype(np.int64) for array in arrays]
-    rows, first, back = np.unique(np.column_stack(bits), axis=0, return_index=True, return_inverse=True)
+    keys = np.column_stack([bits(array) for array in arrays])
+    rows, first, back = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     if len(rows) > _MOST_CASES:
         raise NotProvedError(f"more than {_MOST_CASES:,} cases")
     found = [

@@ -12,6 +12,7 @@ from st_codegen.ir import ModelIR
 from st_codegen.project.bundle import Bundle
 from st_codegen.project.configuration import CONFIGURATION_FILE
 from st_codegen.proof.prove.prove import ProofResult, ProveReport, Verdict
+from st_codegen.proof.prove.texts import output_names
 from st_codegen.proof.runner import target_folders
 
 FORMAT = "st-codegen certificate 1"
@@ -78,7 +79,7 @@ def _entry(result: ProofResult, model: ModelIR) -> dict[str, Any]:
         "file": model.source.file,
         "target": result.target,
         "block": result.block,
-        "outputs": [_variable(model, result, number) for number in result.outputs],
+        "outputs": output_names(model, result.outputs),
         "inputs": [feature.name for feature in model.features],
         "verdict": result.verdict.value,
     }
@@ -89,12 +90,6 @@ def _entry(result: ProofResult, model: ModelIR) -> dict[str, Any]:
     else:
         entry["reason"] = result.reason
     return entry
-
-
-def _variable(model: ModelIR, result: ProofResult, number: int) -> str:
-    """The block's output: the model's own name for it, unless the block holds several models."""
-    alone = result.outputs == tuple(range(len(model.variables)))
-    return model.variables[number] if alone else f"fOut{number + 1}"
 
 
 def _sha256(path: Path) -> str:

@@ -9,61 +9,33 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable, Iterable, Mapping
-from functools import singledispatchmethod
+from functools import partial, singledispatchmethod
 
 import numpy as np
 
-from st_codegen.ir import (
-    Activation,
-    ArgMax,
-    Clip,
-    ColumnFunction,
-    Combine,
-    Distances,
-    Exceeds,
-    FactoredKernel,
-    FillMissing,
-    FloatArray,
-    Function,
-    Kernel,
-    KernelSum,
-    Linear,
-    ModelIR,
-    Norm,
-    Normalize,
-    Operation,
-    Operator,
-    Piecewise,
-    Precision,
-    Round,
-    Scale,
-    Scan,
-    Select,
-    SlidingLinear,
-    Softmax,
-    SummationOrder,
-)
+from st_codegen import ir
+from st_codegen.ir.arrays import FloatArray
 from st_codegen.ir.base import COS_REACH, Elementwise
 from st_codegen.proof.prove.axis import NotProvedError
-from st_codegen.proof.prove.formulas import branch, erf, exp, expm1, log1p, logistic, rounded, softplus, tanh
+from st_codegen.proof.prove.formulas import erf, exp, expm1, log1p, logistic, rounded, softplus, tanh
 from st_codegen.proof.prove.inputs import InputTerms
 from st_codegen.proof.prove.terms import Term, Terms, Value
 
-_SYMBOL = {Operator.ADD: "add", Operator.SUBTRACT: "sub", Operator.MULTIPLY: "mul", Operator.DIVIDE: "div"}
-_SYMBOL |= {Operator.MAXIMUM: "max", Operator.MINIMUM: "min"}
+_SYMBOL = {ir.Operator.ADD: "add", ir.Operator.SUBTRACT: "sub", ir.Operator.MULTIPLY: "mul", ir.Operator.DIVIDE: "div"}
+_SYMBOL |= {ir.Operator.MAXIMUM: "max", ir.Operator.MINIMUM: "min"}
 
 
 class Demand:
     """The outputs of a model as expressions of its inputs, and where it has an answer (`valid`)."""
 
-    def __init__(self, terms: Terms, model: ModelIR) -> None:
+    def __init__(self, terms: Terms, model: ir.ModelIR) -> None:
         self.terms, self.model = terms, model
         self.valid: Value = True
         self.missing: dict[int, list[Value]] = {}
         self.values: dict[int, list[Value]] = {}
 
     @classmethod
-    def of_inputs(cls, terms: Terms, model: ModelIR, inputs: list[Term]) -> Demand:
+    def of_inputs(cls, terms: Terms, model: ir.ModelIR, inputs: list[Term]) -> Demand:
         """What a model without trees demands of inputs, which it limits first."""
         demand = cls(terms, model)
         demand.missing[0] = [terms.negated(terms.is_number(x)) for x in inputs]
@@ -75,7 +47,7 @@ class Demand:
     def of_trees(
         cls,
         terms: Terms,
-        model: ModelIR,
+        model: ir.ModelIR,
         inputs: InputTerms,
         sums: Mapping[int, list[Value]],
         valid: Value,
@@ -119,89 +91,82 @@ class Demand:
 
     def _limited(self, number: int, x: Value) -> Value:
         declared = self.model.features[number]
-        y = self.terms.where(self.missing[0][number], lambda: 0.0, lambda: x)
+        y = self.terms.where(self.missing[0][number], 0.0, x)
         if declared.lower is None or declared.upper is None:
             return y
         low, high = declared.lower, declared.upper
-        return branch(
-            self.terms, "LT", y, low, lambda: low, lambda: branch(self.terms, "GT", y, high, lambda: high, lambda: y)
-        )
+        return self.terms.branch("LT", y, low, low, lambda: self.terms.branch("GT", y, high, high, y))
 
     # --- building blocks --------------------------------------------------------------------------------------------
 
-    def _refuse(self, operator: str, one: Value, other: Value) -> None:
-        condition = self.terms.compare(operator, one, other)
+    def _refuse(self, condition: Value) -> None:
+        """There is no answer where a condition holds."""
         self.valid = self.terms.choice(condition, False, self.valid)
 
-    def _sum(self, start: Value, terms: list[Value]) -> Value:
+    def _rounded(self, precision: ir.Precision, operation: str, *arguments: Value) -> Value:
+        """An operation whose result is rounded to a precision."""
+        return rounded(self.terms, self.terms.real(operation, *arguments), precision)
+
+    def _sum(self, terms: Iterable[Value]) -> Value:
+        total: Value = 0.0
         for term in terms:
-            start = self.terms.real("add", start, term)
-        return start
+            total = self.terms.real("add", total, term)
+        return total
 
     # --- operations -------------------------------------------------------------------------------------------------
 
     @singledispatchmethod
-    def value(self, op: Operation, _: list[list[Value]]) -> list[Value]:
+    def value(self, op: ir.Operation, _: list[list[Value]]) -> list[Value]:
         """The columns of the result of an operation."""
         raise NotProvedError(f"the operation {type(op).__name__} is not followed outside of trees")
 
     @value.register
-    def _(self, op: Select, given: list[list[Value]]) -> list[Value]:
+    def _(self, op: ir.Select, given: list[list[Value]]) -> list[Value]:
         joined = [column for value in given for column in value]
         return [joined[column] for column in op.columns]
 
     @value.register
-    def _(self, op: Scale, given: list[list[Value]]) -> list[Value]:
+    def _(self, op: ir.Scale, given: list[list[Value]]) -> list[Value]:
         result = []
         for x, constant in zip(given[0], op.constant.tolist(), strict=True):
             pair = (constant, x) if op.reverse else (x, constant)
-            if op.reverse and op.operator is Operator.DIVIDE:
+            if op.reverse and op.operator is ir.Operator.DIVIDE:
                 least = abs(constant) * (1.0 / op.ceiling)
                 result.append(self._guarded(pair, least, op.precision))
             else:
-                result.append(rounded(self.terms, self.terms.real(_SYMBOL[op.operator], *pair), op.precision))
+                result.append(self._rounded(op.precision, _SYMBOL[op.operator], *pair))
         return result
 
     @value.register
-    def _(self, op: Combine, given: list[list[Value]]) -> list[Value]:
+    def _(self, op: ir.Combine, given: list[list[Value]]) -> list[Value]:
         result = []
         for pair in zip(*given, strict=True):
-            if op.operator is Operator.DIVIDE:
+            if op.operator is ir.Operator.DIVIDE:
                 least = self.terms.real("mul", self.terms.real("abs", pair[0]), 1.0 / op.ceiling)
                 result.append(self._guarded(pair, least, op.precision))
             else:
-                result.append(rounded(self.terms, self.terms.real(_SYMBOL[op.operator], *pair), op.precision))
+                result.append(self._rounded(op.precision, _SYMBOL[op.operator], *pair))
         return result
 
-    def _guarded(self, pair: tuple[Value, ...], least: Value, precision: Precision) -> Value:
-        terms = self.terms
-        size = terms.real("abs", pair[1])
-        self._refuse("LE", size, least)
-        return branch(
-            self.terms,
-            "LE",
-            size,
-            least,
-            lambda: 0.0,
-            lambda: rounded(self.terms, self.terms.real("div", *pair), precision),
-        )
+    def _guarded(self, pair: tuple[Value, ...], least: Value, precision: ir.Precision) -> Value:
+        size = self.terms.real("abs", pair[1])
+        self._refuse(self.terms.compare("LE", size, least))
+        return self.terms.branch("LE", size, least, 0.0, lambda: self._rounded(precision, "div", *pair))
 
     @value.register
-    def _(self, _: Round, given: list[list[Value]]) -> list[Value]:
+    def _(self, _: ir.Round, given: list[list[Value]]) -> list[Value]:
         return [self.terms.real("single", x) for x in given[0]]
 
     @value.register
-    def _(self, op: Clip, given: list[list[Value]]) -> list[Value]:
+    def _(self, op: ir.Clip, given: list[list[Value]]) -> list[Value]:
         ends = zip(given[0], op.lower.tolist(), op.upper.tolist(), strict=True)
         return [self.terms.real("min", self.terms.real("max", x, low), high) for x, low, high in ends]
 
     @value.register
-    def _(self, op: Exceeds, given: list[list[Value]]) -> list[Value]:
+    def _(self, op: ir.Exceeds, given: list[list[Value]]) -> list[Value]:
         name = "GE" if op.inclusive else "GT"
-        return [
-            branch(self.terms, name, x, cut, lambda: 1.0, lambda: 0.0)
-            for x, cut in zip(given[0], op.cut.tolist(), strict=True)
-        ]
+        pairs = zip(given[0], op.cut.tolist(), strict=True)
+        return [self.terms.branch(name, x, cut, 1.0, 0.0) for x, cut in pairs]
 
     def _largest(self, columns: list[Value]) -> tuple[Value, Value]:
         """The largest of some numbers and its place, of equal ones the first."""
@@ -209,12 +174,12 @@ class Demand:
         best: Value = 0
         for number, x in enumerate(columns[1:], 1):
             above = self.terms.compare("GT", x, largest)
-            best = self.terms.where(above, lambda n=number: n, lambda b=best: b)  # type: ignore[misc]
-            largest = self.terms.where(above, lambda x=x: x, lambda y=largest: y)  # type: ignore[misc]
+            best = self.terms.where(above, number, best)
+            largest = self.terms.where(above, x, largest)
         return largest, best
 
     @value.register
-    def _(self, op: ArgMax, given: list[list[Value]]) -> list[Value]:
+    def _(self, op: ir.ArgMax, given: list[list[Value]]) -> list[Value]:
         """The place of the first column that is the largest, or lies below it by `merged` at most."""
         terms = self.terms
         largest, best = self._largest(given[0])
@@ -223,50 +188,50 @@ class Demand:
                 break
             before = terms.compare("LT", number, best)
             near = terms.compare("LE", terms.real("sub", largest, x), op.merged)
-            best = self.terms.where(terms.both(before, near), lambda n=number: n, lambda b=best: b)  # type: ignore[misc]
+            best = terms.where(terms.both(before, near), number, best)
         return [terms.integer("ireal", best, low=0, high=op.n_columns - 1) if isinstance(best, Term) else float(best)]
 
     @value.register
-    def _(self, op: Softmax, given: list[list[Value]]) -> list[Value]:
+    def _(self, op: ir.Softmax, given: list[list[Value]]) -> list[Value]:
         largest, _ = self._largest(given[0])
         below = [self.terms.real("sub", x, largest) for x in given[0]]
         powers = [exp(self.terms, x, op.precision) for x in below]
-        total = self._sum(0.0, powers)
+        total = self._sum(powers)
         if op.logarithm:
             total = self.terms.real("ln", total)
-            return [rounded(self.terms, self.terms.real("sub", x, total), op.precision) for x in below]
-        return [rounded(self.terms, self.terms.real("div", power, total), op.precision) for power in powers]
+            return [self._rounded(op.precision, "sub", x, total) for x in below]
+        return [self._rounded(op.precision, "div", power, total) for power in powers]
 
     @value.register
-    def _(self, op: FillMissing, given: list[list[Value]]) -> list[Value]:
+    def _(self, op: ir.FillMissing, given: list[list[Value]]) -> list[Value]:
         result = []
         for x, missing, fill in zip(given[0], self.missing[op.inputs[0]], op.fill.tolist(), strict=True):
             value: Value = x
             if op.sentinel is not None:
                 apart = self.terms.real("abs", self.terms.real("sub", x, op.sentinel))
                 condition = self.terms.negated(self.terms.compare("GT", apart, 0.0))
-                value = self.terms.where(condition, lambda fill=fill: fill, lambda x=x: x)  # type: ignore[misc]
+                value = self.terms.where(condition, fill, x)
             if self.model.accepts_nan:
-                value = self.terms.where(missing, lambda fill=fill: fill, lambda v=value: v)  # type: ignore[misc]
+                value = self.terms.where(missing, fill, value)
             result.append(value)
         return result
 
     @value.register
-    def _(self, op: Piecewise, given: list[list[Value]]) -> list[Value]:
+    def _(self, op: ir.Piecewise, given: list[list[Value]]) -> list[Value]:
         result = []
         for column, x in enumerate(given[0]):
             missing = self.missing[op.inputs[0]][column] if op.missing is not None else False
 
             def below(piece: int, column: int = column, x: Value = x, missing: Value = missing) -> Value:
                 fill = 0.0 if op.missing is None else float(np.nan_to_num(op.missing[column]))
-                return self.terms.where(missing, lambda: fill, lambda: self._piece(op, column, piece, x))
+                return self.terms.where(missing, fill, lambda: self._piece(op, column, piece, x))
 
             first, last = op.start[column : column + 2].tolist()
             result.append(self._among(op.knots, first, last, x, below))
             if op.refuses:
 
                 def taken(piece: int, column: int = column, x: Value = x, missing: Value = missing) -> Value:
-                    return self.terms.where(missing, lambda: self.valid, lambda: self._answers(op, column, piece, x))
+                    return self.terms.where(missing, self.valid, lambda: self._answers(op, column, piece, x))
 
                 self.valid = self._among(op.knots, first, last, x, taken)
         return result
@@ -276,8 +241,7 @@ class Demand:
         if low == high:
             return then(low)
         middle = (low + high) // 2
-        return branch(
-            self.terms,
+        return self.terms.branch(
             "LT",
             float(knots[middle]),
             x,
@@ -285,18 +249,16 @@ class Demand:
             lambda: self._among(knots, low, middle, x, then),
         )
 
-    def _on(self, op: Piecewise, column: int, knot: int, x: Value) -> Value:
+    def _on(self, op: ir.Piecewise, column: int, knot: int, x: Value) -> Value:
         """Whether x is a knot of a column, where that is the first one that does not lie below x."""
         return knot < op.start[column + 1] and self.terms.compare("LE", float(op.knots[knot]), x)
 
-    def _answers(self, op: Piecewise, column: int, knot: int, x: Value) -> Value:
-        sides = [
-            (lambda: self.valid) if math.isfinite(number) else (lambda: False)
-            for number in (np.append(op.at, 0.0)[knot], op.pieces[knot + column, 0])
-        ]
+    def _answers(self, op: ir.Piecewise, column: int, knot: int, x: Value) -> Value:
+        numbers = np.append(op.at, 0.0)[knot], op.pieces[knot + column, 0]
+        sides = [self.valid if math.isfinite(number) else False for number in numbers]
         return self.terms.where(self._on(op, column, knot, x), *sides)
 
-    def _piece(self, op: Piecewise, column: int, knot: int, x: Value) -> Value:
+    def _piece(self, op: ir.Piecewise, column: int, knot: int, x: Value) -> Value:
         """The number of a knot where x is that, else the polynomial of the piece below it."""
         real = self.terms.real
         first, last = op.start[column : column + 2].tolist()
@@ -313,11 +275,11 @@ class Demand:
             return total
 
         number = float(np.append(op.without_refusals().at, 0.0)[knot])
-        return self.terms.where(self._on(op, column, knot, x), lambda: number, polynomial)
+        return self.terms.where(self._on(op, column, knot, x), number, polynomial)
 
     @value.register
-    def _(self, op: Linear, given: list[list[Value]]) -> list[Value]:
-        single = op.order is SummationOrder.SEQUENTIAL and op.precision is Precision.FLOAT32
+    def _(self, op: ir.Linear, given: list[list[Value]]) -> list[Value]:
+        single = op.order is ir.SummationOrder.SEQUENTIAL and op.precision is ir.Precision.FLOAT32
         result = []
         for weights, bias in zip(op.weights.tolist(), op.bias.tolist(), strict=True):
             total: Value = bias
@@ -330,14 +292,14 @@ class Demand:
         return result
 
     @value.register
-    def _(self, op: Scan, given: list[list[Value]]) -> list[Value]:
+    def _(self, op: ir.Scan, given: list[list[Value]]) -> list[Value]:
         columns = [column for value in given for column in value]
         state: list[Value] = list(op.initial.tolist())
         result: list[Value] = []
         for start in op.starts.tolist():
             values = [columns[start : start + op.columns] + state]
             for step in op.body:
-                if isinstance(step, FillMissing | Piecewise):  # these read flags, which a round has none of
+                if isinstance(step, ir.FillMissing | ir.Piecewise):  # these read flags, which a round has none of
                     raise NotProvedError(f"{type(step).__name__} in a recurrent layer is not followed")
                 values.append(self.value(step, [values[value] for value in step.inputs]))
             state = values[-1]
@@ -345,7 +307,7 @@ class Demand:
         return result
 
     @value.register
-    def _(self, op: SlidingLinear, given: list[list[Value]]) -> list[Value]:
+    def _(self, op: ir.SlidingLinear, given: list[list[Value]]) -> list[Value]:
         result = []
         for columns in op.columns.tolist():
             for weights, bias in zip(op.weights.tolist(), op.bias.tolist(), strict=True):
@@ -357,43 +319,39 @@ class Demand:
         return result
 
     @value.register
-    def _(self, op: Activation, given: list[list[Value]]) -> list[Value]:
+    def _(self, op: ir.Activation, given: list[list[Value]]) -> list[Value]:
         return [rounded(self.terms, self._function(op, x), op.precision) for x in given[0]]
 
-    def _function(self, op: Activation, x: Value) -> Value:
+    def _function(self, op: ir.Activation, x: Value) -> Value:
         terms, real = self.terms, self.terms.real
         size = real("abs", x)
         #: Functions with a value for every number, and those that refuse some: which, as a comparison, and how.
-        everywhere: dict[Function, Callable[[], Value]] = {
-            Function.IDENTITY: lambda: x,
-            Function.RELU: lambda: real("max", x, 0.0),
-            Function.LEAKY_RELU: lambda: branch(
-                self.terms, "LT", x, 0.0, lambda: real("mul", op.parameter, x), lambda: x
-            ),
-            Function.SIGNED_SQUARE: lambda: real("mul", x, real("abs", x)),
-            Function.TANH: lambda: tanh(terms, x),
-            Function.LOGISTIC: lambda: logistic(terms, x),
-            Function.SOFTPLUS: lambda: softplus(terms, x),
-            Function.ELU: lambda: branch(
-                self.terms, "LT", x, 0.0, lambda: real("mul", op.parameter, expm1(terms, x)), lambda: x
-            ),
-            Function.ABS: lambda: real("abs", x),
-            Function.ERF: lambda: erf(terms, x, size),
-            Function.GELU: lambda: real(
+        everywhere: dict[ir.Function, Callable[[], Value]] = {
+            ir.Function.IDENTITY: lambda: x,
+            ir.Function.RELU: lambda: real("max", x, 0.0),
+            ir.Function.LEAKY_RELU: lambda: terms.branch("LT", x, 0.0, lambda: real("mul", op.parameter, x), x),
+            ir.Function.SIGNED_SQUARE: lambda: real("mul", x, size),
+            ir.Function.TANH: lambda: tanh(terms, x),
+            ir.Function.LOGISTIC: lambda: logistic(terms, x),
+            ir.Function.SOFTPLUS: lambda: softplus(terms, x),
+            ir.Function.ELU: lambda: terms.branch("LT", x, 0.0, lambda: real("mul", op.parameter, expm1(terms, x)), x),
+            ir.Function.ABS: lambda: size,
+            ir.Function.ERF: lambda: erf(terms, x, size),
+            ir.Function.GELU: lambda: real(
                 "mul", real("mul", 0.5, x), real("add", 1.0, erf(terms, x, real("mul", size, math.sqrt(0.5))))
             ),
-            Function.SOFTSIGN: lambda: real("div", x, real("add", 1.0, real("abs", x))),
+            ir.Function.SOFTSIGN: lambda: real("div", x, real("add", 1.0, size)),
         }
-        refusing: dict[Function, tuple[str, Value, float, Callable[[], Value]]] = {
-            Function.LOG1P: ("LE", x, -1.0, lambda: log1p(terms, x)),
-            Function.SQRT: ("LT", x, 0.0, lambda: real("sqrt", x)),
-            Function.LOG: ("LE", x, 0.0, lambda: real("ln", x)),
-            Function.EXP: ("GT", x, op.limit, lambda: exp(terms, x)),
-            Function.EXPM1: ("GT", x, op.limit, lambda: expm1(terms, x)),
-            Function.SIN: ("GT", size, COS_REACH, lambda: real("sin", x)),
-            Function.COS: ("GT", size, COS_REACH, lambda: real("cos", x)),
+        refusing: dict[ir.Function, tuple[str, Value, float, Callable[[], Value]]] = {
+            ir.Function.LOG1P: ("LE", x, -1.0, lambda: log1p(terms, x)),
+            ir.Function.SQRT: ("LT", x, 0.0, lambda: real("sqrt", x)),
+            ir.Function.LOG: ("LE", x, 0.0, lambda: real("ln", x)),
+            ir.Function.EXP: ("GT", x, op.limit, lambda: exp(terms, x)),
+            ir.Function.EXPM1: ("GT", x, op.limit, lambda: expm1(terms, x)),
+            ir.Function.SIN: ("GT", size, COS_REACH, lambda: real("sin", x)),
+            ir.Function.COS: ("GT", size, COS_REACH, lambda: real("cos", x)),
         }
-        if op.function is Function.POWER:
+        if op.function is ir.Function.POWER:
             return self._power(op, x)
         if op.function in everywhere:
             return everywhere[op.function]()
@@ -403,10 +361,10 @@ class Demand:
         if not math.isfinite(end):
             return formula()
         refused = terms.compare(operator, number, end)
-        self.valid = terms.choice(refused, False, self.valid)
-        return terms.where(refused, lambda: 0.0, formula)
+        self._refuse(refused)
+        return terms.where(refused, 0.0, formula)
 
-    def _power(self, op: Activation, x: Value) -> Value:
+    def _power(self, op: ir.Activation, x: Value) -> Value:
         """exp(exponent * log(|x|)) with the sign of x where the exponent is odd; 0.0 of 0.0."""
         terms, size = self.terms, self.terms.real("abs", x)
         refused = terms.compare("GT" if op.parameter > 0 else "LT", size, min(op.furthest, sys.float_info.max))
@@ -414,36 +372,37 @@ class Demand:
             refused = terms.either(terms.compare("LT", x, 0.0), refused)
 
         def power() -> Value:
-            y = exp(self.terms, terms.real("mul", op.parameter, terms.real("ln", size)))
-            if op.parameter % 2 != 1:
-                return y
-            return branch(self.terms, "LT", x, 0.0, lambda: terms.real("neg", y), lambda: y)
+            y = exp(terms, terms.real("mul", op.parameter, terms.real("ln", size)))
+            return y if op.parameter % 2 != 1 else terms.branch("LT", x, 0.0, lambda: terms.real("neg", y), y)
 
-        self.valid = terms.choice(refused, False, self.valid)
-        return terms.where(refused, lambda: 0.0, lambda: branch(self.terms, "GT", size, 0.0, power, lambda: 0.0))
+        self._refuse(refused)
+        return terms.where(refused, 0.0, lambda: terms.branch("GT", size, 0.0, power, 0.0))
 
     @value.register
-    def _(self, op: Normalize, given: list[list[Value]]) -> list[Value]:
+    def _(self, op: ir.Normalize, given: list[list[Value]]) -> list[Value]:
         terms, x = self.terms, given[0]
-        if op.norm is Norm.MAX:
+        if op.norm is ir.Norm.MAX:
             return self._by_largest(op, x)
         total: Value = 0.0
         for column in x:
-            square = terms.real("mul", column, column)
-            term = terms.real("abs", column) if op.norm is Norm.L1 else rounded(self.terms, square, op.precision)
-            total = rounded(self.terms, terms.real("add", total, term), op.precision)
+            term = (
+                terms.real("abs", column)
+                if op.norm is ir.Norm.L1
+                else self._rounded(op.precision, "mul", column, column)
+            )
+            total = self._rounded(op.precision, "add", total, term)
 
         def quotient(column: Value) -> Value:
-            if op.norm is Norm.L1:
-                return rounded(self.terms, terms.real("div", column, total), op.precision)
-            y = rounded(self.terms, terms.real("mul", column, column), op.precision)
-            y = rounded(self.terms, terms.real("div", y, total), op.precision)
-            y = rounded(self.terms, terms.real("sqrt", y), op.precision)
-            return branch(self.terms, "LT", column, 0.0, lambda: terms.real("neg", y), lambda: y)
+            if op.norm is ir.Norm.L1:
+                return self._rounded(op.precision, "div", column, total)
+            y = self._rounded(op.precision, "mul", column, column)
+            y = self._rounded(op.precision, "div", y, total)
+            y = self._rounded(op.precision, "sqrt", y)
+            return terms.branch("LT", column, 0.0, lambda: terms.real("neg", y), y)
 
-        return [branch(self.terms, "GT", total, 0.0, lambda c=c: quotient(c), lambda c=c: c) for c in x]  # type: ignore[misc]
+        return [terms.branch("GT", total, 0.0, partial(quotient, column), column) for column in x]
 
-    def _by_largest(self, op: Normalize, x: list[Value]) -> list[Value]:
+    def _by_largest(self, op: ir.Normalize, x: list[Value]) -> list[Value]:
         terms = self.terms
         largest = x[0]
         for column in x[1:]:
@@ -453,20 +412,14 @@ class Demand:
         for column in x:
             least = terms.real("mul", terms.real("abs", column), 1.0 / op.ceiling)
             above = terms.compare("GT", size, least)
-            result.append(
-                self.terms.where(
-                    above,
-                    lambda c=column: rounded(self.terms, terms.real("div", c, largest), op.precision),  # type: ignore[misc]
-                    lambda c=column: c,  # type: ignore[misc]
-                )
-            )
+            result.append(terms.where(above, partial(self._rounded, op.precision, "div", column, largest), column))
             with terms.assuming(above, False):
                 refused = terms.compare("GT", size, 0.0)
             self.valid = terms.choice(above, self.valid, terms.choice(refused, False, self.valid))
         return result
 
     @value.register
-    def _(self, op: Distances, given: list[list[Value]]) -> list[Value]:
+    def _(self, op: ir.Distances, given: list[list[Value]]) -> list[Value]:
         result = []
         for vector in op.vectors.tolist():
             total = self._distance(given[0], vector, squared=op.squared)
@@ -477,10 +430,10 @@ class Demand:
         """The sum of the squared differences of two vectors, or of their magnitudes."""
         terms = self.terms
         deltas = [terms.real("sub", column, number) for column, number in zip(x, vector, strict=True)]
-        return self._sum(0.0, [terms.real("mul", d, d) if squared else terms.real("abs", d) for d in deltas])
+        return self._sum(terms.real("mul", d, d) if squared else terms.real("abs", d) for d in deltas)
 
     @value.register
-    def _(self, op: KernelSum, given: list[list[Value]]) -> list[Value]:
+    def _(self, op: ir.KernelSum, given: list[list[Value]]) -> list[Value]:
         result: list[Value] = list(op.intercept.tolist())
         for vector, coefficients in zip(op.support_vectors.tolist(), op.coefficients.T.tolist(), strict=True):
             kernel = self._kernel(op, given[0], vector)
@@ -488,45 +441,45 @@ class Demand:
                 result[output] = self.terms.real("add", result[output], self.terms.real("mul", coefficient, kernel))
         return [rounded(self.terms, value, op.precision) for value in result]
 
-    def _kernel(self, op: KernelSum, x: list[Value], vector: list[float]) -> Value:
+    def _kernel(self, op: ir.KernelSum, x: list[Value], vector: list[float]) -> Value:
         terms = self.terms
-        if op.kernel is Kernel.RBF:
-            return exp(self.terms, terms.real("mul", -op.gamma, self._distance(x, vector)))
-        product = self._sum(0.0, [terms.real("mul", column, number) for column, number in zip(x, vector, strict=True)])
-        if op.kernel is Kernel.LINEAR:
+        if op.kernel is ir.Kernel.RBF:
+            return exp(terms, terms.real("mul", -op.gamma, self._distance(x, vector)))
+        product = self._sum(terms.real("mul", *pair) for pair in zip(x, vector, strict=True))
+        if op.kernel is ir.Kernel.LINEAR:
             return product
         argument = terms.real("add", terms.real("mul", op.gamma, product), op.coef0)
-        if op.kernel is Kernel.SIGMOID:
-            return tanh(self.terms, argument)
+        if op.kernel is ir.Kernel.SIGMOID:
+            return tanh(terms, argument)
         power: Value = 1.0
         for _ in range(op.degree):
             power = terms.real("mul", power, argument)
         return power
 
     @value.register
-    def _(self, op: FactoredKernel, given: list[list[Value]]) -> list[Value]:
+    def _(self, op: ir.FactoredKernel, given: list[list[Value]]) -> list[Value]:
         terms = self.terms
         factors = []
         for column, axis in zip(op.columns, op.axes, strict=True):
             deltas = [terms.real("sub", given[0][column], number) for number in axis.tolist()]
-            factors.append([exp(self.terms, terms.real("mul", -op.gamma, terms.real("mul", d, d))) for d in deltas])
+            factors.append([exp(terms, terms.real("mul", -op.gamma, terms.real("mul", d, d))) for d in deltas])
         work: list[Value] = list(op.coefficients.ravel().tolist())
         for factor in reversed(factors):
             size = len(factor)
             work = [
-                self._sum(0.0, [terms.real("mul", work[row * size + n], factor[n]) for n in range(size)])
+                self._sum(terms.real("mul", work[row * size + n], factor[n]) for n in range(size))
                 for row in range(len(work) // size)
             ]
-        sums = [terms.real("add", value, number) for value, number in zip(work, op.intercept.tolist(), strict=True)]
-        return [rounded(self.terms, value, op.precision) for value in sums]
+        pairs = zip(work, op.intercept.tolist(), strict=True)
+        return [self._rounded(op.precision, "add", *pair) for pair in pairs]
 
 
-def _flags(op: Operation, flags: list[list[Value]]) -> list[Value]:
+def _flags(op: ir.Operation, flags: list[list[Value]]) -> list[Value]:
     """For each column of a result whether it is missing, as the input is that it comes from."""
-    if isinstance(op, Select):
+    if isinstance(op, ir.Select):
         joined = [flag for value in flags for flag in value]
         return [joined[column] for column in op.columns]
-    if isinstance(op, ColumnFunction):
+    if isinstance(op, ir.ColumnFunction):
         kept = op.keeps_missing
         return [flag if kept is None or kept[column] else False for column, flag in enumerate(flags[0])]
     return flags[0] if isinstance(op, Elementwise) and len(flags[0]) == op.width else [False] * op.width

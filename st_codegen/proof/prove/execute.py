@@ -13,27 +13,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from st_codegen.ir.arrays import AnyArray, BoolArray
-from st_codegen.proof.prove.axis import (
-    InputAxis,
-    NotProvedError,
-    input_value,
-)
+from st_codegen.proof.prove.axis import InputAxis, NotProvedError, input_value
 from st_codegen.proof.prove.boxes import Lanes, Slots
 from st_codegen.proof.prove.by_case import follow
 from st_codegen.proof.prove.inputs import InputTerms
 from st_codegen.proof.prove.intervals import rounds
 from st_codegen.proof.prove.operations import Recogniser, ValueOperations
 from st_codegen.proof.prove.terms import Term
-from st_codegen.proof.prove.values import (
-    LOST,
-    NOTHING,
-    All,
-    Bits,
-    ComputedError,
-    Kept,
-    Value,
-    is_scalar,
-)
+from st_codegen.proof.prove.values import LOST, NOTHING, All, Bits, ComputedError, Kept, Value, is_scalar
 from st_codegen.st import Project
 from st_codegen.st import tree as t
 from st_codegen.st.types import ArrayType, Elementary, StructType
@@ -103,7 +90,7 @@ class Executor(ValueOperations):
         for statement in statements:
             gone = self._statement(statement, mask)
             if gone is not False:
-                left = gone if left is False else self._logic("OR", left, gone)
+                left = self._logic("OR", left, gone)
                 mask = self._logic("AND", mask, self._not(gone))
                 if not self._any(mask):
                     break
@@ -149,15 +136,13 @@ class Executor(ValueOperations):
             self._require_known(condition, rest)
             taken = self._inside(rest, condition)
             if self._any(taken):
-                gone = self._block(branch.body, taken)
-                left = gone if left is False else left if gone is False else self._logic("OR", left, gone)
+                left = self._logic("OR", left, self._block(branch.body, taken))
             if isinstance(condition, All):
                 return left
             rest = self._inside(rest, self._not(condition))
             if not self._any(rest):
                 return left
-        gone = self._block(statement.otherwise, rest)
-        return gone if left is False else left if gone is False else self._logic("OR", left, gone)
+        return self._logic("OR", left, self._block(statement.otherwise, rest))
 
     @staticmethod
     def _undecided(branch: t.Branch, statement: t.If) -> NotProvedError:

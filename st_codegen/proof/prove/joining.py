@@ -10,11 +10,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from st_codegen.ir.arrays import AnyArray, BoolArray
-from st_codegen.proof.prove.axis import (
-    AxisValue,
-    InputAxis,
-    NotProvedError,
-)
+from st_codegen.proof.prove.axis import AxisValue, InputAxis, NotProvedError, require_assigned
 from st_codegen.proof.prove.boxes import Lanes, Slots, Space
 from st_codegen.proof.prove.terms import Term
 from st_codegen.proof.prove.values import (
@@ -47,8 +43,7 @@ class Joining:
             active = self._active(mask, condition.space)
         else:
             return
-        if np.any(active & ~np.asarray(condition.lift().known)):
-            raise NotProvedError("a decision is read before it is assigned")
+        require_assigned(condition.lift().known, active, "a decision")
 
     def _merged(self, new: Value, old: Value, mask: Value) -> Value:
         """`new` where the mask holds, else `old`."""
@@ -124,8 +119,7 @@ class Joining:
                 continue
             if isinstance(item, AxisValue):
                 value, known = space.resolve(item, active)
-                if not np.all(known[self._active(mask, space) & (slots.index.lift().value == number)]):
-                    raise NotProvedError("an element is read before it is assigned")
+                require_assigned(known, self._active(mask, space) & (slots.index.lift().value == number), "an element")
             elif is_scalar(item):
                 value = np.full(space.lanes, item)
             else:
@@ -238,8 +232,8 @@ class Joining:
         active = self._active(mask, space)
         for part in parts:
             part.lift()
-            if needed and part.known is not None and np.any(active & ~part.known):
-                raise NotProvedError("a number is read before it is assigned")
+            if needed:
+                require_assigned(part.known, active)
         return space, [part.value for part in parts]
 
     def _elementwise(
@@ -262,8 +256,8 @@ class Joining:
             for value in on_axis:
                 if value.chain is not None and np.any((value.chain > 0) & active):
                     raise NotProvedError("a number that varies with an input where a constant is needed")
-                if needed and value.known is not None and np.any(active & ~value.known):
-                    raise NotProvedError("a number is read before it is assigned")
+                if needed:
+                    require_assigned(value.known, active)
             return AxisValue(axis, np.asarray(compute(*(value.constant for value in on_axis), active)))
         space, arrays = self.joined(values, mask, needed=needed)
         return Lanes(space, np.asarray(compute(*arrays, self._active(mask, space))))

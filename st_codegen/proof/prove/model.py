@@ -12,25 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from st_codegen.ir import (
-    Activation,
-    Clip,
-    Combine,
-    Comparison,
-    Exceeds,
-    FillMissing,
-    ModelIR,
-    NanRule,
-    Operation,
-    Operator,
-    Piecewise,
-    Round,
-    Scale,
-    Select,
-    TreeColumn,
-    TreeEnsemble,
-    reference,
-)
+from st_codegen import ir
+from st_codegen.ir import reference
 from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray
 from st_codegen.ir.base import Elementwise
 from st_codegen.passes.jumps import largest_jump
@@ -68,8 +51,13 @@ class InputDomain:
     high: IntArray
     nan: tuple[bool, ...]
 
+    def lanes_within(self, axis: InputAxis) -> BoolArray:
+        """The lanes of the axis of an input that lie in the domain."""
+        number = axis.feature
+        return axis.within(self.low[number], self.high[number], nan=self.nan[number])
 
-def domain_of(model: ModelIR) -> InputDomain:
+
+def domain_of(model: ir.ModelIR) -> InputDomain:
     """The domain of a model: inputs are limited to the declared ranges first, and refused from a magnitude on."""
     low, high = [], []
     for feature, limit, accepted in zip(model.features, model.magnitude_limits, model.accepted_numbers, strict=True):
@@ -98,7 +86,7 @@ class ModelSide:
     interval: `computed` gives the number of that axis and the interval for a column that an ensemble reads.
     """
 
-    def __init__(self, model: ModelIR, computed: Callable[[TreeEnsemble, int], tuple[int, Interval]]) -> None:
+    def __init__(self, model: ir.ModelIR, computed: Callable[[ir.TreeEnsemble, int], tuple[int, Interval]]) -> None:
         self.model, self.computed = model, computed
         self.domain = domain_of(model)
         columns: list[list[Column | str]] = [[Column(f, self._limited(f)) for f in range(len(model.features))]]
@@ -107,7 +95,7 @@ class ModelSide:
         for number, op in enumerate(model.ops, 1):
             given = [column for value in op.inputs for column in columns[value]]
             columns.append(_columns_after(op, given, self.domain, refusals))
-            if isinstance(op, TreeEnsemble):
+            if isinstance(op, ir.TreeEnsemble):
                 for place in {op.columns[split].column for split in np.unique(op.split[op.split >= 0]).tolist()}:
                     given[place] = self._standing(op, place, given[place])
                 self.ensembles[number] = Ensemble(op, given, self.domain, largest_jump(model))
@@ -118,7 +106,7 @@ class ModelSide:
         nan = tuple(there or feature in self.accepted for feature, there in enumerate(self.domain.nan))
         self.domain = dataclasses.replace(self.domain, nan=nan)
 
-    def _standing(self, op: TreeEnsemble, place: int, column: Column | str) -> Column | str:
+    def _standing(self, op: ir.TreeEnsemble, place: int, column: Column | str) -> Column | str:
         """A column that an ensemble reads, on an axis of its own where it is not followed on that of an input."""
         if isinstance(column, Column):
             return column
@@ -157,18 +145,18 @@ def _accepted(feature: int, refusals: list[Column], *, nan: bool) -> AxisValue:
 
 
 def _columns_after(
-    op: Operation, given: list[Column | str], domain: InputDomain, refusals: list[Column]
+    op: ir.Operation, given: list[Column | str], domain: InputDomain, refusals: list[Column]
 ) -> list[Column | str]:
     """The columns of a result; the reason for what depends on several inputs, or is neither monotone nor in steps.
 
     `refusals` takes those of which some numbers are refused, as whether they are.
     """
-    if isinstance(op, Select):
+    if isinstance(op, ir.Select):
         return [given[column] for column in op.columns]
-    if isinstance(op, Combine):
+    if isinstance(op, ir.Combine):
         half = len(given) // 2
         return [_combined(op, one, other) for one, other in zip(given[:half], given[half:], strict=True)]
-    kind = f"{type(op).__name__} ({op.function.value})" if isinstance(op, Activation) else type(op).__name__
+    kind = f"{type(op).__name__} ({op.function.value})" if isinstance(op, ir.Activation) else type(op).__name__
     if not isinstance(op, Elementwise):
         return [f"{kind} computes of several inputs together"] * op.width
     result: list[Column | str] = []
@@ -179,41 +167,41 @@ def _columns_after(
             result.append(column if isinstance(column, str) else reason)
             continue
         steps = column.steps
-        if isinstance(step, Piecewise | Exceeds) and steps is None:
-            at = np.repeat(step.knots if isinstance(step, Piecewise) else step.cut, 2)
+        if isinstance(step, ir.Piecewise | ir.Exceeds) and steps is None:
+            at = np.repeat(step.knots if isinstance(step, ir.Piecewise) else step.cut, 2)
             steps, _ = changes(column, at, np.arange(len(at)) % 2 == 0, domain)
-        if isinstance(step, Piecewise) and step.refuses:
+        if isinstance(step, ir.Piecewise) and step.refuses:
             refusals.append(Column(column.feature, _refused(step, column), steps))
             step = step.without_refusals()
         result.append(Column(column.feature, _after(step, column), steps))
     return result
 
 
-def _refused(step: Operation, column: Column) -> Callable[[FloatArray], FloatArray]:
+def _refused(step: ir.Operation, column: Column) -> Callable[[FloatArray], FloatArray]:
     return lambda x: (np.isnan(_after(step, column)(x)) & ~np.isnan(column.value(x))).astype(np.float64)
 
 
-def _step(op: Operation, number: int, *, monotone: bool) -> Operation | None:  # noqa: PLR0911 - one return a kind
+def _step(op: ir.Operation, number: int, *, monotone: bool) -> ir.Operation | None:  # noqa: PLR0911 - one return a kind
     """One column of an operation that keeps a column monotone, or in steps; None where it does not."""
-    if isinstance(op, Scale) and not (monotone and op.reverse and op.operator is Operator.DIVIDE):
-        return Scale((0,), op.operator, op.constant[number : number + 1], op.precision, op.reverse)
-    if isinstance(op, Round):
-        return Round((0,), 1)
-    if isinstance(op, Clip):
-        return Clip((0,), op.lower[number : number + 1], op.upper[number : number + 1])
-    if isinstance(op, FillMissing) and op.sentinel is None:
-        return FillMissing((0,), op.fill[number : number + 1])
-    if isinstance(op, Exceeds):
-        return Exceeds((0,), op.cut[number : number + 1], inclusive=op.inclusive)
-    if isinstance(op, Piecewise) and op.degree == 0:
+    if isinstance(op, ir.Scale) and not (monotone and op.reverse and op.operator is ir.Operator.DIVIDE):
+        return ir.Scale((0,), op.operator, op.constant[number : number + 1], op.precision, op.reverse)
+    if isinstance(op, ir.Round):
+        return ir.Round((0,), 1)
+    if isinstance(op, ir.Clip):
+        return ir.Clip((0,), op.lower[number : number + 1], op.upper[number : number + 1])
+    if isinstance(op, ir.FillMissing) and op.sentinel is None:
+        return ir.FillMissing((0,), op.fill[number : number + 1])
+    if isinstance(op, ir.Exceeds):
+        return ir.Exceeds((0,), op.cut[number : number + 1], inclusive=op.inclusive)
+    if isinstance(op, ir.Piecewise) and op.degree == 0:
         first, last = op.start[number : number + 2]
         missing = None if op.missing is None else op.missing[number : number + 1]
         pieces = op.pieces[first + number : last + number + 1]
-        return Piecewise((0,), np.array([0, last - first]), op.knots[first:last], op.at[first:last], pieces, missing)
+        return ir.Piecewise((0,), np.array([0, last - first]), op.knots[first:last], op.at[first:last], pieces, missing)
     return None
 
 
-def _after(step: Operation, *before: Column) -> Callable[[FloatArray], FloatArray]:
+def _after(step: ir.Operation, *before: Column) -> Callable[[FloatArray], FloatArray]:
     def value(x: FloatArray) -> FloatArray:
         with np.errstate(all="ignore"):
             return reference.apply(step, [column.value(x)[:, None] for column in before])[:, 0]
@@ -221,24 +209,25 @@ def _after(step: Operation, *before: Column) -> Callable[[FloatArray], FloatArra
     return value
 
 
-def _combined(op: Combine, one: Column | str, other: Column | str) -> Column | str:
+def _combined(op: ir.Combine, one: Column | str, other: Column | str) -> Column | str:
     """Two columns in steps of the same input."""
     reason = f"Combine ({op.operator.value}) computes of two columns"
     if isinstance(one, str) or isinstance(other, str) or one.feature != other.feature:
         return reason
-    if one.steps is None or other.steps is None or op.operator not in (Operator.ADD, Operator.SUBTRACT):
+    if one.steps is None or other.steps is None or op.operator not in (ir.Operator.ADD, ir.Operator.SUBTRACT):
         return reason
     step = dataclasses.replace(op, inputs=(0, 1), width=1)
     return Column(one.feature, _after(step, one, other), np.union1d(one.steps, other.steps))
 
 
 def changes(
-    column: Column, thresholds: FloatArray, strict: BoolArray, domain: InputDomain
+    column: Column, thresholds: FloatArray, strict: BoolArray | bool, domain: InputDomain
 ) -> tuple[IntArray, BoolArray]:
     """The last key up to which a comparison with each threshold is as for the smallest number, and what it is.
 
     Below the threshold where `strict`, else not above it.
     """
+    strict = np.broadcast_to(strict, thresholds.shape)
 
     def decide(x: FloatArray, chosen: IntArray) -> BoolArray:
         value, limit = column.value(x), thresholds[chosen]
@@ -254,9 +243,9 @@ def changes(
     return last, first
 
 
-def _read(rule: TreeColumn, value: FloatArray) -> tuple[FloatArray, BoolArray]:
+def _read(rule: ir.TreeColumn, value: FloatArray) -> tuple[FloatArray, BoolArray]:
     """Numbers as trees read a column, 0.0 in place of NaN, and which of them count as missing."""
-    missing = np.isnan(value) & (rule.nan is NanRule.MISSING)
+    missing = np.isnan(value) & (rule.nan is ir.NanRule.MISSING)
     value = np.where(np.isnan(value), 0.0, value)
     if rule.missing_interval is not None:
         low, high = rule.missing_interval
@@ -267,7 +256,7 @@ def _read(rule: TreeColumn, value: FloatArray) -> tuple[FloatArray, BoolArray]:
 class Ensemble:
     """Decisions of an ensemble on its model's inputs: for each node the last key of one side, and what NaN does."""
 
-    def __init__(self, op: TreeEnsemble, given: list[Column | str], domain: InputDomain, jump: float) -> None:
+    def __init__(self, op: ir.TreeEnsemble, given: list[Column | str], domain: InputDomain, jump: float) -> None:
         self.op = op
         self.domain = domain
         nodes = op.n_nodes
@@ -305,7 +294,7 @@ class Ensemble:
             self.codes[number] = self._category(number, column) if rule.categorical else self._numbers(rule, column)
             return
         thresholds, back = np.unique(op.threshold[at], return_inverse=True)
-        last, below = self._changes(column, thresholds, strict=op.comparison is Comparison.LESS)
+        last, below = changes(column, thresholds, op.comparison is ir.Comparison.LESS, self.domain)
         self.last[at], self.below[at] = last[back], below[back]
         (of_nan,), (is_missing,) = _read(rule, column.value(np.array([np.nan])))
         self.nan[at] = op.missing_left[at] if is_missing else self._decision(np.full(len(at), of_nan), op.threshold[at])
@@ -321,13 +310,10 @@ class Ensemble:
         return (LOWEST, first) if at_first[0] != at_first[1] else (first + 1, last)
 
     def _decision(self, value: FloatArray, threshold: FloatArray) -> BoolArray:
-        left = value < threshold if self.op.comparison is Comparison.LESS else value <= threshold
+        left = value < threshold if self.op.comparison is ir.Comparison.LESS else value <= threshold
         return np.asarray(left | (threshold == np.inf), np.bool_)
 
-    def _changes(self, column: Column, thresholds: FloatArray, *, strict: bool) -> tuple[IntArray, BoolArray]:
-        return changes(column, thresholds, np.full(len(thresholds), strict), self.domain)
-
-    def _numbers(self, rule: TreeColumn, column: Column) -> AxisValue:
+    def _numbers(self, rule: ir.TreeColumn, column: Column) -> AxisValue:
         """A column in steps, on an axis that is cut where it may change."""
         assert column.steps is not None
         axis = InputAxis(column.feature)
@@ -350,7 +336,7 @@ class Ensemble:
         gap = rule.missing_interval
         points = points if gap is None else np.append(points, gap)
         for strict in (True, False):
-            axis.cut(self._changes(column, points, strict=strict)[0])
+            axis.cut(changes(column, points, strict, self.domain)[0])
         value, missing = _read(rule, column.value(axis.low))
         with np.errstate(invalid="ignore"):
             inside = np.clip(value, -(2.0**40), 2.0**40)
@@ -373,30 +359,20 @@ class Ensemble:
         node = Lanes(space, np.full(space.lanes, op.roots[tree], np.int64))
         while True:
             here = node.lift().value
-            inner = op.split[here] >= 0
-            if not np.any(inner):
+            if not np.any(op.split[here] >= 0):
                 return Lanes(space, op.leaf[here].astype(np.int64))
             missing = self._missing(space, node)
+            codes, coded = self._category_decisions(space, node)
+            here = node.lift().value
+            compared = (op.split[here] >= 0) & ~coded
+            goes = space.decide(self.feature[here], self.last[here], self.below[here], self.nan[here], compared)
             here = node.lift().value
             inner = op.split[here] >= 0
-            categories = self._category_decisions(space, node)
-            here = node.lift().value
-            inner = op.split[here] >= 0
-            left = Lanes(
-                space,
-                space.decide(
-                    self.feature[here], self.last[here], self.below[here], self.nan[here], inner & ~categories[1]
-                ),
-            )
-            here = node.lift().value
-            inner = op.split[here] >= 0
-            goes = left.value
             if missing is not None:
                 goes = np.where(missing.lift().value.astype(np.bool_), op.missing_left[here], goes)
-            if categories[0] is not None:
-                codes = categories[0].lift()
-                assert codes.known is not None
-                goes = np.where(codes.known, codes.value, goes)
+            if codes is not None:
+                coded = np.asarray(codes.lift().known)
+                goes = np.where(coded, codes.value, goes)
             node = Lanes(space, np.where(inner, np.where(goes, op.left[here], op.right[here]), here).astype(np.int64))
 
     def _missing(self, space: Space, node: Lanes) -> Lanes | None:

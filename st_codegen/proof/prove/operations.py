@@ -19,6 +19,7 @@ from st_codegen.proof.prove.axis import (
     InputAxis,
     NotProvedError,
     bisected,
+    require_assigned,
 )
 from st_codegen.proof.prove.boxes import Lanes, Slots, Space
 from st_codegen.proof.prove.floats import COMPARE, FLIPPED, INFINITY, MAGNITUDE, OPERATIONS, run_chain
@@ -27,12 +28,7 @@ from st_codegen.proof.prove.intervals import compute
 from st_codegen.proof.prove.joining import Joining
 from st_codegen.proof.prove.terms import Term
 from st_codegen.proof.prove.terms import Value as Number
-from st_codegen.proof.prove.values import (
-    Bits,
-    ComputedError,
-    Value,
-    is_scalar,
-)
+from st_codegen.proof.prove.values import Bits, ComputedError, Value, is_scalar
 from st_codegen.st.types import Elementary, Type
 
 _FLOAT = {"ADD": "add", "SUB": "sub", "MUL": "mul", "DIV": "div", "MIN": "min", "MAX": "max"}
@@ -132,8 +128,7 @@ class ValueOperations(Joining):
         for value in moving:
             still &= np.asarray(value.chain) == 0
         for value in on_axis:
-            if value.known is not None and np.any(active & ~value.known):
-                raise NotProvedError("a number is read before it is assigned")
+            require_assigned(value.known, active)
         finite = np.all([np.isfinite(number) for number in numbers], axis=0)
         if np.any(still & finite & ~np.isfinite(result)) or np.any(still & np.isnan(result)):
             raise NotProvedError(f"the operation {name} can overflow or meet NaN")
@@ -228,8 +223,7 @@ class ValueOperations(Joining):
         number = other.lift().constant
         active = self._active_on_axis(mask, axis)
         for value in (one, other):
-            if value.known is not None and np.any(active & ~value.known):
-                raise NotProvedError("a number is read before it is assigned")
+            require_assigned(value.known, active)
         if np.any((np.isnan(first) | np.isnan(number)) & active):
             raise NotProvedError("a comparison with NaN")
         return AxisValue(axis, np.asarray(compare(first, number), np.bool_))

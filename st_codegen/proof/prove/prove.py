@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
 
@@ -12,9 +11,9 @@ from st_codegen.emit.output import block_of
 from st_codegen.emit.targets import TARGETS
 from st_codegen.files.html_text import html_table
 from st_codegen.ir import ModelIR, TreeEnsemble
-from st_codegen.project.bundle import Bundle
+from st_codegen.project.bundle import Bundle, Progress
 from st_codegen.proof.probes import probe_rows
-from st_codegen.proof.prove.arithmetic import METHOD, prove_arithmetic
+from st_codegen.proof.prove.arithmetic import prove_arithmetic
 from st_codegen.proof.prove.axis import NotProvedError
 from st_codegen.proof.prove.blocks import prove_block
 from st_codegen.proof.prove.counterexample import Counterexample, counterexample, edge_rows, of_expressions
@@ -25,9 +24,6 @@ from st_codegen.proof.runner import GeneratedCode, target_folders
 
 #: Rows that are executed where a text differs behind numbers that are computed of several inputs.
 _PROBES = 5000
-
-#: Called with (number done, total, what is next).
-Progress = Callable[[int, int, str], None]
 
 
 class Verdict(StrEnum):
@@ -115,7 +111,7 @@ def _prove_around(block: str, code: GeneratedCode, bundle: Bundle, models: list[
     result = ProofResult(block, code.folder.name, block, Verdict.NOT_PROVED)
     missing = [model.model for model in models if model.verdict is not Verdict.PROVED]
     if missing:
-        return _with(result, Verdict.NOT_PROVED, reason=f"it calls models that are not proved: {', '.join(missing)}")
+        return replace(result, reason=f"it calls models that are not proved: {', '.join(missing)}")
     irs = {loaded.ir.name: loaded.ir for loaded in bundle.models}
     members: dict[str, list[tuple[ModelIR, tuple[int, ...]]]] = {}
     for model in models:
@@ -124,8 +120,8 @@ def _prove_around(block: str, code: GeneratedCode, bundle: Bundle, models: list[
         check_text(code, block)
         proof = prove_block(code.project, block, members)
     except NotProvedError as error:
-        return _with(result, Verdict.NOT_PROVED, reason=str(error))
-    return _with(result, Verdict.PROVED, method="invariant of a call", claims=proof.claims)
+        return replace(result, reason=str(error))
+    return replace(result, verdict=Verdict.PROVED, method="invariant of a call", claims=proof.claims)
 
 
 def _left_out(model: ModelIR, folder: Path) -> ProofResult:
@@ -155,9 +151,9 @@ def prove_model(model: ModelIR, code: GeneratedCode, runs: dict[str, BlockRun] |
         check_interface(model, code.project, block, outputs)
         if any(isinstance(op, TreeEnsemble) for op in model.ops):
             found = TreeProof(model, code, block, outputs, {} if runs is None else runs).check()
-            return _with(result, Verdict.PROVED, **found.__dict__)
-        proof = prove_arithmetic(model, code.project, block, outputs)
-        return _with(result, Verdict.PROVED, method=METHOD, operations=proof.operations, bound=proof.bound)
+        else:
+            found = prove_arithmetic(model, code.project, block, outputs)
+        return replace(result, verdict=Verdict.PROVED, **found.__dict__)
     except Difference as difference:
         points, to_the_bit = difference.points, difference.to_the_bit
         if points.shape[1] > len(model.features):  # which inputs lead to a number in front of trees is not known
@@ -170,14 +166,8 @@ def prove_model(model: ModelIR, code: GeneratedCode, runs: dict[str, BlockRun] |
         example = counterexample(model, code, block, outputs, edge_rows(model))
         if example is None:
             checks_itself = any(variable.name == INTACT for variable in code.project.pous[block.upper()].variables)
-            return _with(result, Verdict.NOT_PROVED, reason=_CHECKS_ITSELF if checks_itself else str(error))
+            return replace(result, reason=_CHECKS_ITSELF if checks_itself else str(error))
         reason = str(error)
     if example is None:
-        reason += "; no input was found that shows it"
-        return _with(result, Verdict.NOT_PROVED, reason=reason)
-    return _with(result, Verdict.REFUTED, reason=reason, counterexample=example)
-
-
-def _with(result: ProofResult, verdict: Verdict, **changes: object) -> ProofResult:
-    values = {**result.__dict__, "verdict": verdict, **changes}
-    return ProofResult(**values)
+        return replace(result, reason=f"{reason}; no input was found that shows it")
+    return replace(result, verdict=Verdict.REFUTED, reason=reason, counterexample=example)

@@ -65,11 +65,11 @@ class TreeTerms:
             x = columns[column]
             if linear.zero_magnitude:
                 small = terms.compare("LE", terms.real("abs", x), linear.zero_magnitude)
-                x = terms.where(small, lambda: 0.0, lambda: columns[column])
+                x = terms.where(small, 0.0, x)
             product = terms.real("mul", float(linear.coefficient[entry]), x)
             return self._sum(op, number, row, term + 1, terms.real("add", total, product))
 
-        return terms.where(missing[column], lambda: float(op.leaf_value[row, 0]), goes_on)
+        return terms.where(missing[column], float(op.leaf_value[row, 0]), goes_on)
 
     def sums(self, op: TreeEnsemble, number: int, fixed: Mapping[TreeKey, float]) -> list[Value]:
         """The sums of an ensemble, every addition in the library's order; `fixed` are trees that are constant."""

@@ -8,7 +8,6 @@ holds it; whatever may stop a controller on the way, and whatever is not known h
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from st_codegen.proof.prove.axis import NotProvedError
 from st_codegen.proof.prove.floats import INFINITY, MAGNITUDE
 from st_codegen.proof.prove.intervals import WHOLE, Interval, rounds
 from st_codegen.proof.prove.terms import Term, Terms, Value
+from st_codegen.proof.prove.values import Bits
 from st_codegen.st import Project
 from st_codegen.st import tree as t
 from st_codegen.st.types import ArrayType, BlockType, Elementary, StructType, Type
@@ -23,14 +23,6 @@ from st_codegen.st.types import ArrayType, BlockType, Elementary, StructType, Ty
 _REAL = {"ADD": "add", "SUB": "sub", "MUL": "mul", "DIV": "div"}
 _INTEGER = {"ADD": "iadd", "SUB": "isub", "MUL": "imul", "MOD": "imod"}
 _FUNCTIONS = {"ABS", "EXP", "LN", "SQRT", "SIN", "COS", "ATAN"}
-
-
-@dataclass(frozen=True)
-class RawBits:
-    """The bits of a number; `magnitude`: without the sign."""
-
-    value: Value
-    magnitude: bool = False
 
 
 #: Where an instance lies: the names that lead to it.
@@ -139,13 +131,10 @@ class Symbolic:
         elif isinstance(statement, t.CallStatement):
             self._call(path, statement.call)
         elif isinstance(statement, t.Case):
-            self._case(path, statement)
+            selector = self._number(path, statement.selector)
+            self._cases(path, selector, statement.branches, statement.otherwise)
         else:
             raise NotProvedError(f"{type(statement).__name__} is not followed")
-
-    def _case(self, path: Path, statement: t.Case) -> None:
-        selector = self._number(path, statement.selector)
-        self._cases(path, selector, statement.branches, statement.otherwise)
 
     def _cases(
         self, path: Path, selector: Value, branches: Sequence[t.CaseBranch], otherwise: Sequence[t.Statement]
@@ -321,7 +310,7 @@ class Symbolic:
                 return stored[place.name]
             is_union = isinstance(place.base.type, StructType) and place.base.type.is_union
             if is_union and len(stored) == 1 and str(place.type) in ("LWORD", "ULINT"):
-                return RawBits(next(iter(stored.values())))
+                return Bits(next(iter(stored.values())))
             raise NotProvedError("a union is read in another way than as the bits of an LREAL")
         key = self._key(path, place)
         if key not in self.held and key[1].is_constant:
@@ -368,8 +357,8 @@ class Symbolic:
         if all(isinstance(side, t.Compare) and side.is_number_test for side in (left, right)):
             return self.terms.is_number(self._number(path, left.left))  # type: ignore[attr-defined]
         one, other = self._value(path, left), self._value(path, right)
-        if isinstance(one, RawBits) and other == MAGNITUDE and expression.operator == "AND":
-            return RawBits(one.value, magnitude=True)
+        if isinstance(one, Bits) and other == MAGNITUDE and expression.operator == "AND":
+            return Bits(one.value, magnitude=True)
         if not isinstance(one, bool | int | float | Term) or not isinstance(other, bool | int | float | Term):
             raise NotProvedError("arithmetic on what is no number")
         if _is_real(expression.type):
@@ -407,7 +396,7 @@ class Symbolic:
 
     def _comparison(self, path: Path, expression: t.Compare) -> Held:
         one, other = self._value(path, expression.left), self._value(path, expression.right)
-        if isinstance(one, RawBits) and one.magnitude and expression.operator == "GT" and other == INFINITY:
+        if isinstance(one, Bits) and one.magnitude and expression.operator == "GT" and other == INFINITY:
             return self.terms.negated(self.terms.is_number(one.value))
         for value in (one, other):
             if not isinstance(value, bool | int | float | Term):
@@ -421,7 +410,7 @@ class Symbolic:
         value, source, target = self._value(path, expression.operand), expression.operand.type, expression.type
         if not isinstance(source, Elementary) or not isinstance(target, Elementary):
             return value
-        if isinstance(value, RawBits):
+        if isinstance(value, Bits):
             raise NotProvedError("a conversion of bits")
         number = self._number(path, expression.operand)
         if source.is_real and target.is_real:

@@ -41,6 +41,9 @@ class Term:
 #: A plain number or truth value, or an expression.
 Value = bool | int | float | Term
 
+#: A value, or what makes it where a condition is known.
+Side = Value | Callable[[], Value]
+
 
 def _name(value: object) -> object:
     if isinstance(value, Term):
@@ -355,16 +358,20 @@ class Terms:
         term.single = all(map(_is_single, (one, other)))
         return term
 
-    def where(self, condition: Value, then: Callable[[], Value], otherwise: Callable[[], Value]) -> Value:
-        """What `then` gives where a condition holds, else what `otherwise` gives."""
+    def where(self, condition: Value, then: Side, otherwise: Side) -> Value:
+        """`then` where a condition holds, else `otherwise`; each is made where that is known."""
         if not isinstance(condition, Term):
-            return then() if condition else otherwise()
+            return _made(then if condition else otherwise)
         sides = []
         for truth, side in ((True, then), (False, otherwise)):
             with self.assuming(condition, truth):
-                value = side()
+                value = _made(side)
                 sides.append((value, self.interval(value)))
         return self.merged(condition, *sides)
+
+    def branch(self, operator: str, one: Value, other: Value, then: Side, otherwise: Side) -> Value:
+        """`then` where a comparison holds, else `otherwise`, as in `where`."""
+        return self.where(self.compare(operator, one, other), then, otherwise)
 
     def merged(self, condition: Term, one: tuple[Value, Interval], other: tuple[Value, Interval]) -> Value:
         """A choice between values whose intervals are those of their branches."""
@@ -498,6 +505,10 @@ class Terms:
             self._intervals[-1][value] = (max(low, least), high, nan)
         elif high <= 0:
             self._intervals[-1][value] = (low, min(high, -least), nan)
+
+
+def _made(side: Side) -> Value:
+    return side() if callable(side) else side
 
 
 def _may_be_minus_zero(value: Value) -> bool:

@@ -126,11 +126,16 @@ def _reached(project: Project, key: str) -> set[str]:
 def check_interface(model: ModelIR, project: Project, block: str, outputs: tuple[int, ...]) -> None:
     """Raise NotProvedError where the inputs and outputs of a block are not those of the model, by name and type."""
     unit = project.pous[block.upper()]
-    names = dict(_wrong_names(model, unit, outputs))
-    for found, wanted in names.items():
+    for found, wanted in _wrong_names(model, unit, outputs):
         raise NotProvedError(f"{unit.name}.{found} stands where the model has {wanted}")
     if unit.section(t.Section.IN_OUT):
         raise NotProvedError(f"{unit.name} has parameters that it changes")
+
+
+def output_names(model: ModelIR, outputs: tuple[int, ...]) -> list[str]:
+    """What a block calls the outputs of a model: by the model's own names, unless it holds several models."""
+    alone = outputs == tuple(range(len(model.variables)))
+    return list(model.variables) if alone else [f"fOut{number + 1}" for number in outputs]
 
 
 def _wrong_names(model: ModelIR, unit: t.Pou, outputs: tuple[int, ...]) -> Iterator[tuple[str, str]]:
@@ -140,9 +145,7 @@ def _wrong_names(model: ModelIR, unit: t.Pou, outputs: tuple[int, ...]) -> Itera
         if variable.key != wanted.name.upper() or str(variable.type) != "LREAL":
             yield f"{variable.name} : {variable.type}", f"{wanted.name} : LREAL"
     numbers = [variable for variable in unit.section(t.Section.OUTPUT) if str(variable.type) != "BOOL"]
-    alone = outputs == tuple(range(len(model.variables)))
-    for number, name in zip(outputs, model.variables, strict=True):
-        wanted_name = name if alone else f"fOut{number + 1}"
+    for number, wanted_name in zip(outputs, output_names(model, outputs), strict=True):
         kind = "DINT" if model.classes is not None and number == 0 else "LREAL"
         variable = numbers[number]
         if variable.key != wanted_name.upper() or str(variable.type) != kind:

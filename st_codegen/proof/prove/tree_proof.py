@@ -11,8 +11,8 @@ import numpy as np
 from st_codegen.ir import ModelIR, Scale, Select, TreeEnsemble, reference
 from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray
 from st_codegen.passes.jumps import largest_jump
-from st_codegen.proof.prove.arithmetic import check_plausible, first_missing, numbers_of, same_number, size_of
-from st_codegen.proof.prove.axis import AxisValue, InputAxis, NotProvedError, from_keys
+from st_codegen.proof.prove.arithmetic import Findings, check_plausible, first_missing, numbers_of, same_number
+from st_codegen.proof.prove.axis import AxisValue, InputAxis, NotProvedError, from_keys, require_assigned, to_keys
 from st_codegen.proof.prove.boxes import Lanes, Slots, Space
 from st_codegen.proof.prove.by_case import converted
 from st_codegen.proof.prove.demand import Demand
@@ -23,7 +23,7 @@ from st_codegen.proof.prove.inputs import InputTerms
 from st_codegen.proof.prove.intervals import Interval
 from st_codegen.proof.prove.model import ModelSide
 from st_codegen.proof.prove.range_bound import range_bound
-from st_codegen.proof.prove.sums import TreeKey, TreeTerms, column_of
+from st_codegen.proof.prove.sums import TreeKey, TreeTerms, column_of, rows_of
 from st_codegen.proof.prove.terms import Term, Terms
 from st_codegen.proof.prove.terms import Value as Number
 from st_codegen.proof.prove.values import All, Conditional, Kept, Value
@@ -66,18 +66,6 @@ class BlockRun:
 
     executor: Executor
     outputs: dict[str, Value]
-
-
-@dataclass(frozen=True)
-class TreeFindings:
-    """How a model with trees was proved, how large that was, and how far the text may lie from the library."""
-
-    method: str
-    trees: int
-    boxes: int
-    operations: int = 0
-    bound: tuple[float, ...] = ()
-    claims: tuple[str, ...] = ()
 
 
 class TreeProof:
@@ -143,16 +131,14 @@ class TreeProof:
     def _expected_terms(self) -> Iterator[tuple[int, int, int]]:
         """(operation, tree, output) in the order in which the library adds; constant trees are noted in `fixed`."""
         for number, op in _ensembles(self.model).items():
-            stops = np.append(op.roots[1:], op.n_nodes)
-            bits = np.ascontiguousarray(op.leaf_value).view(np.int64)
+            values = bits(op.leaf_value)
             for tree in range(op.n_trees):
-                node = np.arange(op.roots[tree], stops[tree])
-                rows = op.leaf[node[op.split[node] < 0]]
+                rows = rows_of(op, tree)
                 narrow = op.leaf_value.shape[1] == 1
                 for column in range(op.leaf_value.shape[1]):
                     output = int(op.tree_output[tree]) if narrow else column
                     key = (number, tree, output)
-                    if np.all(bits[rows, column] == bits[rows[0], column]):
+                    if np.all(values[rows, column] == values[rows[0], column]):
                         self.fixed[key] = float(op.leaf_value[rows[0], column])
                     else:
                         yield key
@@ -195,8 +181,7 @@ class TreeProof:
         self.boxes += space.lanes
         got.lift()
         leaves.lift()
-        if got.known is not None and not np.all(got.known):
-            raise NotProvedError("a number is read before it is assigned")
+        require_assigned(got.known)
         if isinstance(value, Slots) or ensemble.op.linear is not None:
             wrong = self._other_terms(value, got.value, leaves.value, key)
         else:
@@ -264,7 +249,7 @@ class TreeProof:
 
     # --- the outputs ------------------------------------------------------------------------------------------------
 
-    def check(self) -> TreeFindings:
+    def check(self) -> Findings:
         """Compare what the block puts out with what the model demands."""
         outputs = self.run.outputs
         valid = outputs["bValid"]
@@ -272,17 +257,17 @@ class TreeProof:
         by_cells = [isinstance(value, Lanes | AxisValue) for value in values]
         if not any(isinstance(value, Term) for value in values):
             by_cells = [True] * len(values)
-        found = TreeFindings(CELLS, len(self.expected), 0)
-        if not all(by_cells):
-            found = self._check_terms(values, by_cells, valid)
-        else:
+        if all(by_cells):
+            found = Findings(CELLS)
             self._check_valid(valid)
+        else:
+            found = self._check_terms(values, by_cells, valid)
         for number, value in enumerate(values):
             if by_cells[number]:
                 self._check_cells(number, value)
         self._check_range(outputs)
         self._check_plausible(outputs, valid)
-        return dataclasses.replace(found, boxes=self.boxes)
+        return dataclasses.replace(found, trees=len(self.expected), boxes=self.boxes)
 
     def _value(self, outputs: dict[str, Value], name: str, valid: Value) -> Value:
         """What an output is assigned where there is an answer; it must keep its value elsewhere."""
@@ -309,7 +294,7 @@ class TreeProof:
             return inputs.truth(value)
         return inputs.condition(value) if isinstance(value, All) else value
 
-    def _check_terms(self, values: list[Value], by_cells: list[bool], valid: Value) -> TreeFindings:
+    def _check_terms(self, values: list[Value], by_cells: list[bool], valid: Value) -> Findings:
         """Outputs that are computed from trees are the model's very expressions of them."""
         for stream in self.open.values():  # trees that the text leaves out must be constant
             for key in reversed(stream):
@@ -341,14 +326,15 @@ class TreeProof:
             raise OtherExpressionError(reason, got, demanded, self._inputs(), chosen)
         tail = [op for number, op in enumerate(self.model.ops, 1) if number in demand.values and number not in sums]
         linear = any(ensemble.op.linear is not None for ensemble in self.side.ensembles.values())
-        operations, jump = size_of(demand.outputs), largest_jump(self.model)
+        operations, jump = len(parts_of(demand.outputs)), largest_jump(self.model)
         if inputs.computed and jump:
             size = f"by up to {jump:.3g}" if np.isfinite(jump) else "by an amount of which no bound is known"
             claim = _BESIDE_A_THRESHOLD.format(size=size)
-            return TreeFindings(TAIL, len(self.expected), 0, operations, (np.inf,) * len(self.outputs), (claim,))
+            unbounded = (np.inf,) * len(self.outputs)
+            return Findings(TAIL, operations=operations, bound=unbounded, claims=(claim,))
         if not linear and not inputs.computed and all(isinstance(op, Select | Scale) and op.exact for op in tail):
-            return TreeFindings(SUMS, len(self.expected), 0)
-        return TreeFindings(TAIL, len(self.expected), 0, operations, range_bound(self.model))
+            return Findings(SUMS)
+        return Findings(TAIL, operations=operations, bound=range_bound(self.model))
 
     def _inputs(self) -> SearchedInputs:
         """What stands for the leaves of expressions on rows of inputs."""
@@ -402,13 +388,12 @@ class TreeProof:
         for axis in self.run.executor.axes[: len(self.model.features)]:
             feature = axis.feature
             axis.cut(np.array([domain.low[feature] - 1, domain.high[feature]]))
-            inside = (axis.starts >= domain.low[feature]) & (axis.ends <= domain.high[feature])
-            wanted = np.append(inside, domain.nan[feature])
             accepted = self.side.accepted.get(feature)
             if accepted is not None:
                 axis.cut(accepted.axis.ends)
-                inside = (axis.starts >= domain.low[feature]) & (axis.ends <= domain.high[feature])
-                wanted = np.append(inside, domain.nan[feature]) & accepted.at(axis.low)
+            wanted = domain.lanes_within(axis)
+            if accepted is not None:
+                wanted &= accepted.at(axis.low)
             part = parts.get(feature)
             got = np.ones(axis.lanes, np.bool_) if part is None else part.lift().constant.astype(np.bool_)
             wrong = np.flatnonzero(got != wanted)
@@ -434,21 +419,16 @@ class TreeProof:
         if "bInRange" not in outputs:
             return
         parts = self._conditions_on_inputs(outputs["bInRange"])
-        domain = self.side.domain
         for axis, feature in zip(self.run.executor.axes, self.model.features, strict=False):
             low, high = feature.checked or (-_LARGEST, _LARGEST)  # an infinity is in no range
             with np.errstate(over="ignore"):
-                axis.cut_below(np.array([low, np.nextafter(high, np.inf)]))
+                axis.cut(to_keys(np.array([low, np.nextafter(high, np.inf)])) - 1)  # lanes begin at these numbers
             wanted = np.append((axis.low[:-1] >= low) & (axis.high[:-1] <= high), True)
             if low == 0.0:
                 wanted |= axis.low == 0.0
             part = parts.get(axis.feature)
             got = np.ones(axis.lanes, np.bool_) if part is None else part.lift().constant.astype(np.bool_)
-            inside = np.append(
-                (axis.starts >= domain.low[axis.feature]) & (axis.ends <= domain.high[axis.feature]),
-                domain.nan[axis.feature],
-            )
-            if np.any((got != wanted) & inside):
+            if np.any((got != wanted) & self.side.domain.lanes_within(axis)):
                 raise NotProvedError(f"bInRange is not what the range of '{feature.name}' demands")
 
     def _all_leaves(self, key: tuple[int, int, int]) -> FloatArray:
@@ -478,8 +458,7 @@ class TreeProof:
         taken = self._taken(space)
         self.boxes += space.lanes
         got.lift()
-        if got.known is not None and not np.all(got.known):
-            raise NotProvedError("an output is read before it is assigned")
+        require_assigned(got.known, what="an output")
         points = space.points(np.arange(space.lanes))[:, : len(self.model.features)]
         batches = range(0, len(points), _BATCH)
         wanted = np.concatenate([reference.evaluate(self.model, points[at : at + _BATCH])[:, output] for at in batches])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from st_codegen.proof.prove.axis import AxisValue, NotProvedError
 
@@ -47,7 +48,7 @@ class All:
 class Bits:
     """The bits of a float64 value; `magnitude`: without the sign."""
 
-    value: object
+    value: Any
     magnitude: bool = False
 
 

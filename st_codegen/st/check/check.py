@@ -10,7 +10,7 @@ from st_codegen.st import tree as t
 from st_codegen.st.check.declare import Declarations
 from st_codegen.st.check.flow import check_flow
 from st_codegen.st.check.statements import Statements
-from st_codegen.st.check.symbols import DeclaredUnit, Symbols, failure
+from st_codegen.st.check.symbols import DeclaredUnit, Symbols, failure, noted
 from st_codegen.st.dialects import Dialect
 from st_codegen.st.errors import Problem, StCheckError
 from st_codegen.st.syntax import declarations as d
@@ -65,27 +65,20 @@ def _configuration_problems(configuration: d.ConfigurationDeclaration, symbols: 
 def _types(symbols: Symbols, declarations: Declarations, problems: list[Problem]) -> dict[str, Type]:
     types: dict[str, Type] = {}
     for key, declaration in symbols.types.items():
-        try:
+        with noted(problems):
             type_ = declarations.find_type(declaration.name)
-        except StCheckError as error:
-            problems += error.problems
-        else:
             if type_ is not None:
                 types[key] = type_
     return types
 
 
 def _declare(declarations: Declarations, unit: DeclaredUnit, problems: list[Problem]) -> None:
-    try:
+    with noted(problems):
         _check_lineage(declarations, unit)
         declarations.result(unit)
-    except StCheckError as error:
-        problems += error.problems
     for entry in unit.entries.values():
-        try:
+        with noted(problems):
             declarations.variable(unit, entry)
-        except StCheckError as error:
-            problems += error.problems
 
 
 def _check_lineage(declarations: Declarations, unit: DeclaredUnit) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import cast
+import operator
+from collections.abc import Callable
+from typing import Any, cast
 
 from st_codegen.st import tree as t
 from st_codegen.st.check import arithmetic as a
@@ -87,45 +89,26 @@ def _fit(value: int, type_: Elementary, overflow: t.Overflow, operands: tuple[in
     return a.exact(value, type_.lower, type_.upper, *operands)
 
 
-def binary(operator: str, type_: Elementary, overflow: t.Overflow, left: Scalar, right: Scalar) -> Scalar:  # noqa: PLR0911 - one return a case
+_RING: dict[str, Callable[[int, int], int]] = {"ADD": operator.add, "SUB": operator.sub, "MUL": operator.mul}
+_DIVISION: dict[str, Callable[[int, int, int], int]] = {"DIV": a.integer_div, "MOD": a.integer_mod}
+_LOGIC: dict[str, Callable[[int, int], int]] = {"AND": operator.and_, "OR": operator.or_, "XOR": operator.xor}
+_COMPARE: dict[str, Callable[[Any, Any], bool]] = {
+    name: getattr(operator, name.lower()) for name in ("EQ", "NE", "LT", "LE", "GT", "GE")
+}
+
+
+def binary(name: str, type_: Elementary, overflow: t.Overflow, left: Scalar, right: Scalar) -> Scalar:
     """An arithmetic or logical operator. Raises `Fault`."""
     if type_.is_real:
-        return a.stored(a.REAL_OPERATORS[operator](cast(float, left), cast(float, right)), type_)
+        return a.stored(a.REAL_OPERATORS[name](cast(float, left), cast(float, right)), type_)
     x, y = cast(int, left), cast(int, right)
-    match operator:
-        case "ADD":
-            return _fit(x + y, type_, overflow, (x, y))
-        case "SUB":
-            return _fit(x - y, type_, overflow, (x, y))
-        case "MUL":
-            return _fit(x * y, type_, overflow, (x, y))
-        case "DIV":
-            return a.integer_div(x, y, type_.upper)
-        case "MOD":
-            return a.integer_mod(x, y, type_.upper)
-        case "AND":
-            return x & y
-        case "OR":
-            return x | y
-        case _:
-            return x ^ y
+    if name in _RING:
+        return _fit(_RING[name](x, y), type_, overflow, (x, y))
+    return _DIVISION[name](x, y, type_.upper) if name in _DIVISION else _LOGIC[name](x, y)
 
 
-def compare(operator: str, left: Scalar, right: Scalar) -> bool:
+def compare(name: str, left: Scalar, right: Scalar) -> bool:
     """A comparison of two values of one type. Raises `Fault` for a NaN."""
     if isinstance(left, float) and isinstance(right, float):
         a.compared(left, right)
-    x, y = cast(float, left), cast(float, right)
-    match operator:
-        case "EQ":
-            return x == y
-        case "NE":
-            return x != y
-        case "LT":
-            return x < y
-        case "LE":
-            return x <= y
-        case "GT":
-            return x > y
-        case _:
-            return x >= y
+    return _COMPARE[name](left, right)

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import cast
 
 from st_codegen.st import tree as t
+from st_codegen.st import types
 from st_codegen.st.check import operators
 from st_codegen.st.check.arithmetic import Fault
 from st_codegen.st.check.calls import check_call
@@ -13,20 +14,6 @@ from st_codegen.st.check.coercion import coerce, settle
 from st_codegen.st.check.constants import NotConstantError, evaluate
 from st_codegen.st.check.names import Scope, suggestion, through
 from st_codegen.st.check.symbols import failure
-from st_codegen.st.types import (
-    ANY_INT_LITERAL,
-    ANY_REAL_LITERAL,
-    BOOL,
-    ArrayType,
-    BlockType,
-    EnumType,
-    Kind,
-    PointerType,
-    StructType,
-    Type,
-    nanoseconds_per_unit,
-    string_type,
-)
 
 
 class Expressions:
@@ -42,18 +29,18 @@ class Expressions:
         """Check an expression; a literal gets the type it has by itself."""
         return settle(self.check(node))
 
-    def as_type(self, node: t.Expression, target: Type, is_stored: bool = False) -> t.Expression:
+    def as_type(self, node: t.Expression, target: types.Type, is_stored: bool = False) -> t.Expression:
         """Check an expression that must be, or become, a value of a type."""
         return coerce(self.check(node), target, self.rules, is_stored)
 
     def condition(self, node: t.Expression) -> t.Expression:
         """Check an expression that must be BOOL."""
         expression = self.value(node)
-        if expression.type != BOOL:
+        if expression.type != types.BOOL:
             raise failure(node, f"a condition is BOOL, not {expression.type}")
         return expression
 
-    def constant(self, node: t.Expression, target: Type) -> t.Constant:
+    def constant(self, node: t.Expression, target: types.Type) -> t.Constant:
         """Check and compute an expression that must be a constant of a type."""
         expression = self.as_type(node, target, is_stored=True)
         try:
@@ -126,30 +113,30 @@ class Expressions:
             case t.LiteralKind.TIME | t.LiteralKind.LTIME:
                 return self._duration(node)
             case t.LiteralKind.STRING | t.LiteralKind.WSTRING:
-                type_ = string_type(len(cast(str, value)), kind is t.LiteralKind.WSTRING)
+                type_ = types.string_type(len(cast(str, value)), kind is t.LiteralKind.WSTRING)
                 if prefix not in (None, "STRING", "WSTRING"):
                     raise failure(node, f"a string is no {prefix}")
             case t.LiteralKind.BOOL:
-                type_ = BOOL
+                type_ = types.BOOL
                 if prefix not in (None, "BOOL"):
                     raise failure(node, f"{value} is no {prefix}")
             case _:
-                type_ = ANY_INT_LITERAL if kind is t.LiteralKind.INTEGER else ANY_REAL_LITERAL
+                type_ = types.ANY_INT_LITERAL if kind is t.LiteralKind.INTEGER else types.ANY_REAL_LITERAL
         literal = t.Constant(value, type=type_, position=node.position)
         if prefix is None or not type_.is_untyped:
             return literal
         target = self.rules.types.get(prefix)
-        if target is None or target.kind is Kind.TIME:
+        if target is None or target.kind is types.Kind.TIME:
             raise failure(node, f"'{prefix}#' is no type of numbers")
-        if target is BOOL and value in (0, 1):
-            return replace(literal, type=BOOL, value=bool(value))
+        if target is types.BOOL and value in (0, 1):
+            return replace(literal, type=types.BOOL, value=bool(value))
         if target.is_real:
-            literal = replace(literal, type=ANY_REAL_LITERAL, value=float(value))
+            literal = replace(literal, type=types.ANY_REAL_LITERAL, value=float(value))
         return coerce(literal, target, self.rules)
 
     def _duration(self, node: t.Literal) -> t.Constant:
         type_ = self.rules.types["TIME" if node.kind is t.LiteralKind.TIME else "LTIME"]
-        count, rest = divmod(cast(int, node.value), nanoseconds_per_unit(type_))
+        count, rest = divmod(cast(int, node.value), types.nanoseconds_per_unit(type_))
         if rest:
             raise failure(node, "TIME counts whole milliseconds here: use LTIME#")
         if not type_.holds(count):
@@ -158,7 +145,7 @@ class Expressions:
 
     def _enum_literal(self, node: t.EnumLiteral) -> t.Expression:
         type_ = self.scope.declared.find_type(node.type_name)
-        if not isinstance(type_, EnumType):
+        if not isinstance(type_, types.EnumType):
             raise failure(node, f"'{node.type_name}#{node.name}': '{node.type_name}' is no enumeration")
         return self.scope.enum_value(type_, node.name, node)
 
@@ -172,19 +159,19 @@ class Expressions:
                 return found
             base = self.scope.find_program(node.base)
         base = base or self.check(node.base)
-        if isinstance(base.type, StructType):
+        if isinstance(base.type, types.StructType):
             field = base.type.by_key.get(node.name.upper())
             if field is None:
                 known = [entry.name for entry in base.type.fields]
                 raise failure(node, f"'{base.type}' has no field '{node.name}'{suggestion(node.name, known)}")
             return through(t.FieldRef(base, node.name.upper(), type=field.type, position=node.position))
-        if isinstance(base.type, BlockType):
+        if isinstance(base.type, types.BlockType):
             return self.scope.block_member(base, base.type, node)
         raise failure(node, f"{base.type} has no members")
 
     def _element(self, node: t.ElementRef) -> t.Expression:
         base = self.check(node.base)
-        if not isinstance(base.type, ArrayType):
+        if not isinstance(base.type, types.ArrayType):
             raise failure(node, f"{base.type} is no array")
         bounds = base.type.bounds
         if len(node.indices) != len(bounds):
@@ -201,6 +188,6 @@ class Expressions:
 
     def _target(self, node: t.PointerTarget) -> t.Expression:
         pointer = self.check(node.pointer)
-        if not isinstance(pointer.type, PointerType) or pointer.type.target is None:
+        if not isinstance(pointer.type, types.PointerType) or pointer.type.target is None:
             raise failure(node, f"{pointer.type} cannot be dereferenced")
         return replace(node, pointer=pointer, type=pointer.type.target)

@@ -8,24 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from st_codegen.st import tree as t
+from st_codegen.st import types
 from st_codegen.st.check.expressions import Expressions
 from st_codegen.st.check.symbols import failure
 from st_codegen.st.syntax import declarations as d
-from st_codegen.st.types import (
-    REAL,
-    ArrayType,
-    BlockType,
-    Elementary,
-    EnumType,
-    Kind,
-    PointerType,
-    StructType,
-    Type,
-    Value,
-    default_value,
-    filled_array,
-    storage_type,
-)
 
 
 class InitialValues:
@@ -36,80 +22,80 @@ class InitialValues:
         self._declared = expressions.scope.declared
         self._rules = expressions.rules
 
-    def value(self, type_: Type, node: d.Initial) -> Value:
+    def value(self, type_: types.Type, node: d.Initial) -> types.Value:
         """The value that an initialiser gives to a variable of a type."""
-        if isinstance(type_, ArrayType):
+        if isinstance(type_, types.ArrayType):
             return self._array(type_, node)
-        if isinstance(type_, StructType | BlockType):
+        if isinstance(type_, types.StructType | types.BlockType):
             if not isinstance(node, d.StructInitial):
                 return self._copied(type_, node)
-            return self._struct(type_, node) if isinstance(type_, StructType) else self._block(type_, node)
+            return self._struct(type_, node) if isinstance(type_, types.StructType) else self._block(type_, node)
         if isinstance(node, d.NumberTable | d.ArrayInitial | d.StructInitial):
             raise failure(node, f"{type_} has a single value")
-        if isinstance(type_, PointerType):
+        if isinstance(type_, types.PointerType):
             raise failure(node, "pointers and references have no initial value here: assign them")
         return self._expressions.constant(node, type_).value
 
-    def _copied(self, type_: Type, node: d.Initial) -> Value:
+    def _copied(self, type_: types.Type, node: d.Initial) -> types.Value:
         """The value of another constant of the same type."""
         if isinstance(node, t.Identifier | t.Member):
             source = self._expressions.check(node)
             variable = getattr(source, "variable", None)
             if source.type == type_ and variable is not None and variable.is_constant:
-                return cast(Value, variable.initial)
+                return cast(types.Value, variable.initial)
         raise failure(node, f"this is no initial value of {type_}")
 
-    def _array(self, type_: ArrayType, node: d.Initial) -> Value:
+    def _array(self, type_: types.ArrayType, node: d.Initial) -> types.Value:
         if isinstance(node, d.NumberTable):
             return self._table(type_, node)
         if not isinstance(node, d.ArrayInitial):
             return self._copied(type_, node)
-        flat: list[Value] = []
-        is_elementary = isinstance(type_.element, Elementary | EnumType)
+        flat: list[types.Value] = []
+        is_elementary = isinstance(type_.element, types.Elementary | types.EnumType)
         for item in node.items:
             count, initial = (item.count, item.value) if isinstance(item, d.Repeated) else (1, item)
             if len(flat) + count > type_.size:
                 raise failure(item, f"{type_} has {type_.size} elements; this initialiser goes beyond them")
-            value = default_value(type_.element) if initial is None else self.value(type_.element, initial)
+            value = types.default_value(type_.element) if initial is None else self.value(type_.element, initial)
             flat += [value] * count
         self._check_count(type_, len(flat), node)
-        flat += [default_value(type_.element)] * (type_.size - len(flat))
+        flat += [types.default_value(type_.element)] * (type_.size - len(flat))
         if not is_elementary:
             return flat
-        table = np.array(flat, dtype=storage_type(type_.element).dtype)
+        table = np.array(flat, dtype=types.storage_type(type_.element).dtype)
         table.flags.writeable = False
         return table
 
-    def _check_count(self, type_: ArrayType, count: int, node: t.Node) -> None:
+    def _check_count(self, type_: types.ArrayType, count: int, node: t.Node) -> None:
         if not self._rules.has_partial_initialisers and count < type_.size:
             raise failure(node, f"{type_} has {type_.size} elements, and only {count} initial values")
 
-    def _table(self, type_: ArrayType, node: d.NumberTable) -> Value:
+    def _table(self, type_: types.ArrayType, node: d.NumberTable) -> types.Value:
         count = node.values.size
         if count > type_.size:
             raise failure(node, f"{type_} has {type_.size} elements; this initialiser has {count}")
         self._check_count(type_, count, node)
-        if not isinstance(type_.element, Elementary):
-            if isinstance(type_.element, ArrayType):
+        if not isinstance(type_.element, types.Elementary):
+            if isinstance(type_.element, types.ArrayType):
                 raise failure(node, "an array of arrays is initialised row by row: [[..], [..]]")
             raise failure(node, f"numbers cannot initialise {type_.element}")
         values = self._converted(type_.element, node)
         if count == type_.size:
             return values
-        table = np.array(filled_array(type_, default_value(type_.element)))
+        table = np.array(types.filled_array(type_, types.default_value(type_.element)))
         table[:count] = values
         table.flags.writeable = False
         return table
 
-    def _converted(self, element: Elementary, node: d.NumberTable) -> NDArray[np.generic]:
+    def _converted(self, element: types.Elementary, node: d.NumberTable) -> NDArray[np.generic]:
         """The numbers of a table in the type of the array, by the rules for single literals."""
         kind, values = node.kind, node.values
         is_loose = self._rules.has_loose_literals
-        if kind is d.TableKind.BOOL or element.kind is Kind.BOOL:
+        if kind is d.TableKind.BOOL or element.kind is types.Kind.BOOL:
             zero_one = is_loose and kind is d.TableKind.INTEGER and bool(np.isin(values, (0, 1)).all())
-            if element.kind is not Kind.BOOL or not (kind is d.TableKind.BOOL or zero_one):
+            if element.kind is not types.Kind.BOOL or not (kind is d.TableKind.BOOL or zero_one):
                 raise failure(node, f"a table of {kind.value} literals cannot initialise {element}")
-        elif element.is_integral and element.kind is not Kind.TIME:
+        elif element.is_integral and element.kind is not types.Kind.TIME:
             if kind is not d.TableKind.INTEGER:
                 raise failure(node, f"a table of {kind.value} literals cannot initialise {element}")
             low, high = int(values.min()), int(values.max())
@@ -124,14 +110,14 @@ class InitialValues:
             )
         with np.errstate(over="ignore"):
             converted = values.astype(element.dtype)
-        if element is REAL and not np.isfinite(converted).all():
+        if element is types.REAL and not np.isfinite(converted).all():
             raise failure(node, "a number of this table is larger than the largest REAL")
         converted.flags.writeable = False
         return converted
 
-    def _struct(self, type_: StructType, node: d.StructInitial) -> Value:
-        values: dict[str, Value] = {entry.name.upper(): entry.initial for entry in type_.fields}
-        given: dict[str, Value] = {}
+    def _struct(self, type_: types.StructType, node: d.StructInitial) -> types.Value:
+        values: dict[str, types.Value] = {entry.name.upper(): entry.initial for entry in type_.fields}
+        given: dict[str, types.Value] = {}
         for member in node.members:
             key = member.name.upper()
             if key not in type_.by_key:
@@ -142,8 +128,8 @@ class InitialValues:
         # In a union what is written last stays
         return {**{key: value for key, value in values.items() if key not in given}, **given}
 
-    def _block(self, type_: BlockType, node: d.StructInitial) -> Value:
-        given: dict[str, Value] = {}
+    def _block(self, type_: types.BlockType, node: d.StructInitial) -> types.Value:
+        given: dict[str, types.Value] = {}
         for member in node.members:
             found = self._declared.symbols.find_member(type_.name, member.name.upper())
             if found is None:

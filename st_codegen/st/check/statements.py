@@ -10,7 +10,7 @@ from st_codegen.st import tree as t
 from st_codegen.st import walk
 from st_codegen.st.check.calls import check_assignable
 from st_codegen.st.check.declare import Declarations
-from st_codegen.st.check.symbols import DeclaredUnit, failure
+from st_codegen.st.check.symbols import DeclaredUnit, failure, noted
 from st_codegen.st.errors import Problem, StCheckError
 from st_codegen.st.types import ArrayType, BlockType, EnumType, Type
 
@@ -40,12 +40,10 @@ class Statements:
     def _body(self, nodes: Iterable[t.Statement]) -> tuple[t.Statement, ...]:
         made: list[t.Statement] = []
         for node in nodes:
-            try:
+            with noted(self._problems):
                 if self._depth > MAX_NESTED or self._loops > MAX_LOOPS:
                     raise failure(node, f"more than {MAX_NESTED} nested statements or {MAX_LOOPS} nested loops")
                 made.append(self._statement(node))
-            except StCheckError as error:
-                self._problems += error.problems
         return tuple(made)
 
     def _statement(self, node: t.Statement) -> t.Statement:  # noqa: PLR0911 - one return a case
@@ -121,10 +119,8 @@ class Statements:
         for branch in node.branches:
             labels = []
             for label in branch.choices:
-                try:
+                with noted(self._problems):
                     labels.append(self._label(label, type_, taken))
-                except StCheckError as error:
-                    self._problems += error.problems
             branches.append(replace(branch, body=self.body(branch.body), labels=tuple(labels)))
         return replace(node, selector=selector, branches=tuple(branches), otherwise=self.body(node.otherwise))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from st_codegen.st import tree as t
@@ -18,6 +19,15 @@ from st_codegen.st.types import UNSUPPORTED
 def failure(node: t.Node | Position, message: str) -> StCheckError:
     """An error at a node or position."""
     return StCheckError([Problem(node if isinstance(node, Position) else node.position, message)])
+
+
+@contextmanager
+def noted(problems: list[Problem]) -> Iterator[None]:
+    """Note what is wrong in a block, and go on behind it."""
+    try:
+        yield
+    except StCheckError as error:
+        problems += error.problems
 
 
 @dataclass

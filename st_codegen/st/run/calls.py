@@ -61,7 +61,8 @@ class NativeCalls:
             self._blocks |= {name.upper(): cls for name, cls in library.blocks.items()}
             self._functions |= {name.upper(): function for name, function in library.functions.items()}
         pous = module.project.pous.values()
-        missing = [pou.name for pou in pous if pou.is_native and pou.block is None and not self._has(pou.key)]
+        known = self._blocks.keys() | self._functions.keys()
+        missing = [pou.name for pou in pous if pou.is_native and pou.block is None and pou.key not in known]
         if missing:
             raise InputError(f"give the machine the libraries the project was checked with: {', '.join(missing)}")
         # What a run may change. Code may have kept the address of another instance: all live as long as the machine
@@ -70,9 +71,6 @@ class NativeCalls:
         self._sites: dict[str, NativeSite] = {}
         self.raised: Exception | None = None
         self.callback = CALLBACK(self._called)
-
-    def _has(self, key: str) -> bool:
-        return key in self._blocks or key in self._functions
 
     def attach(self, memory: Memory, type_: Type, at: int = 0) -> None:
         """Make the Python objects of the native blocks in a variable."""

@@ -9,19 +9,8 @@ from typing import cast
 import numpy as np
 
 from st_codegen.st import tree as t
+from st_codegen.st import types
 from st_codegen.st.tree import PouKind
-from st_codegen.st.types import (
-    ArrayType,
-    BlockType,
-    Elementary,
-    EnumType,
-    Kind,
-    PointerType,
-    StructType,
-    Type,
-    Value,
-    storage_type,
-)
 
 POINTER_BYTES = 8
 
@@ -31,7 +20,7 @@ class RecordMember:
     """A part of a structure or instance: where it begins, its type, and the variable it is (None: a field)."""
 
     offset: int
-    type: Type
+    type: types.Type
     variable: t.Variable | None = None
 
     @property
@@ -48,10 +37,10 @@ class Record:
     size: int
 
 
-def is_scalar(type_: Type) -> bool:
+def is_scalar(type_: types.Type) -> bool:
     """Whether values of a type live in registers: numbers, BOOL, enumerations, addresses; strings do not."""
-    return isinstance(type_, EnumType | PointerType) or (
-        isinstance(type_, Elementary) and type_.kind is not Kind.STRING
+    return isinstance(type_, types.EnumType | types.PointerType) or (
+        isinstance(type_, types.Elementary) and type_.kind is not types.Kind.STRING
     )
 
 
@@ -60,12 +49,12 @@ def is_inlined(variable: t.Variable) -> bool:
     return variable.is_constant and is_scalar(variable.type)
 
 
-def dtype_of(type_: Type) -> np.dtype[np.generic]:
+def dtype_of(type_: types.Type) -> np.dtype[np.generic]:
     """How values of an elementary type or an enumeration are stored."""
-    if isinstance(type_, PointerType):
+    if isinstance(type_, types.PointerType):
         return np.dtype(np.uint64)
-    stored = storage_type(type_)
-    return np.dtype(f"U{max(stored.bits, 1)}") if stored.kind is Kind.STRING else stored.dtype
+    stored = types.storage_type(type_)
+    return np.dtype(f"U{max(stored.bits, 1)}") if stored.kind is types.Kind.STRING else stored.dtype
 
 
 class MemoryLayout:
@@ -90,7 +79,7 @@ class MemoryLayout:
         for key, pou in project.pous.items():
             if pou.kind is PouKind.PROGRAM:
                 self.programs[key] = end
-                end += self.size_of(BlockType(pou.name))
+                end += self.size_of(types.BlockType(pou.name))
         self.program_bytes = end
         self.has_natives = any(pou.is_native for pou in project.pous.values())
 
@@ -100,31 +89,31 @@ class MemoryLayout:
             self._variables[block] = {item.key: item for item in self.project.block_variables(block)}
         return self._variables[block].get(key)
 
-    def size_of(self, type_: Type) -> int:
+    def size_of(self, type_: types.Type) -> int:
         """Bytes of a variable."""
-        if isinstance(type_, ArrayType):
+        if isinstance(type_, types.ArrayType):
             return self.stride(type_) * type_.size
-        if isinstance(type_, StructType | BlockType):
+        if isinstance(type_, types.StructType | types.BlockType):
             return self.record(type_).size
         return dtype_of(type_).itemsize
 
-    def stride(self, type_: ArrayType) -> int:
+    def stride(self, type_: types.ArrayType) -> int:
         """Bytes from one element of an array to the next."""
         return aligned(self.size_of(type_.element), self.alignment(type_.element))
 
-    def alignment(self, type_: Type) -> int:
+    def alignment(self, type_: types.Type) -> int:
         """What the address of a variable is a multiple of."""
-        if isinstance(type_, ArrayType):
+        if isinstance(type_, types.ArrayType):
             return self.alignment(type_.element)
-        if isinstance(type_, StructType | BlockType):
+        if isinstance(type_, types.StructType | types.BlockType):
             return POINTER_BYTES
         return 4 if dtype_of(type_).kind == "U" else dtype_of(type_).itemsize
 
-    def record(self, type_: StructType | BlockType) -> Record:
+    def record(self, type_: types.StructType | types.BlockType) -> Record:
         """The members of a structure, union or instance."""
         key = f"{type(type_).__name__} {type_.name.upper()}"
         if key not in self._records:
-            if isinstance(type_, StructType):
+            if isinstance(type_, types.StructType):
                 made = self._placed(((entry.name.upper(), entry.type, None) for entry in type_.fields), type_.is_union)
             else:
                 variables = self.project.block_variables(type_.name)
@@ -132,7 +121,7 @@ class MemoryLayout:
             self._records[key] = made
         return self._records[key]
 
-    def _placed(self, entries: Iterable[tuple[str, Type, t.Variable | None]], is_union: bool = False) -> Record:
+    def _placed(self, entries: Iterable[tuple[str, types.Type, t.Variable | None]], is_union: bool = False) -> Record:
         members: dict[str, RecordMember] = {}
         size = end = 0
         for name, type_, variable in entries:
@@ -145,15 +134,15 @@ class MemoryLayout:
 
     # --- initial contents ---
 
-    def image(self, type_: Type, value: Value) -> bytes:
+    def image(self, type_: types.Type, value: types.Value) -> bytes:
         """A variable with an initial value, as bytes."""
-        if isinstance(type_, BlockType) and not value:
+        if isinstance(type_, types.BlockType) and not value:
             return self._block_image(type_)
         memory = bytearray(self.size_of(type_))
         self._write(memory, 0, type_, value)
         return bytes(memory)
 
-    def _block_image(self, type_: BlockType) -> bytes:
+    def _block_image(self, type_: types.BlockType) -> bytes:
         key = type_.name.upper()
         if key not in self._images:
             record = self.record(type_)
@@ -164,25 +153,25 @@ class MemoryLayout:
             self._images[key] = bytes(memory)
         return self._images[key]
 
-    def _write(self, memory: bytearray, at: int, type_: Type, value: Value) -> None:
-        if isinstance(type_, ArrayType):
+    def _write(self, memory: bytearray, at: int, type_: types.Type, value: types.Value) -> None:
+        if isinstance(type_, types.ArrayType):
             if isinstance(value, np.ndarray):
                 content = value.astype(dtype_of(type_.element)).tobytes()
                 memory[at : at + len(content)] = content
             elif isinstance(value, list):
                 for number, item in enumerate(value):
                     self._write(memory, at + number * self.stride(type_), type_.element, item)
-        elif isinstance(type_, BlockType):
+        elif isinstance(type_, types.BlockType):
             memory[at : at + self.size_of(type_)] = self._block_image(type_)
-            self._write_members(memory, at, type_, cast("dict[str, Value]", value))
-        elif isinstance(type_, StructType):
-            self._write_members(memory, at, type_, cast("dict[str, Value]", value))
-        elif not isinstance(type_, PointerType):
+            self._write_members(memory, at, type_, cast("dict[str, types.Value]", value))
+        elif isinstance(type_, types.StructType):
+            self._write_members(memory, at, type_, cast("dict[str, types.Value]", value))
+        elif not isinstance(type_, types.PointerType):
             content = np.array(value, dtype_of(type_)).tobytes()
             memory[at : at + len(content)] = content
 
     def _write_members(
-        self, memory: bytearray, at: int, type_: StructType | BlockType, values: dict[str, Value]
+        self, memory: bytearray, at: int, type_: types.StructType | types.BlockType, values: dict[str, types.Value]
     ) -> None:
         members = self.record(type_).members
         for name, value in values.items():
@@ -198,18 +187,18 @@ class MemoryLayout:
 
     def program_image(self) -> bytes:
         """All programs with their initial values."""
-        return b"".join(self._block_image(BlockType(self.project.pous[key].name)) for key in self.programs)
+        return b"".join(self._block_image(types.BlockType(self.project.pous[key].name)) for key in self.programs)
 
-    def natives(self, type_: Type, at: int = 0) -> Iterator[tuple[int, BlockType, t.Pou]]:
+    def natives(self, type_: types.Type, at: int = 0) -> Iterator[tuple[int, types.BlockType, t.Pou]]:
         """The instances of native blocks in a variable: their offsets, types, and native units."""
         if not self.has_natives:
             return
-        if isinstance(type_, ArrayType):
-            if isinstance(type_.element, ArrayType | StructType | BlockType):
+        if isinstance(type_, types.ArrayType):
+            if isinstance(type_.element, types.ArrayType | types.StructType | types.BlockType):
                 for number in range(type_.size):
                     yield from self.natives(type_.element, at + number * self.stride(type_))
-        elif isinstance(type_, StructType | BlockType):
-            if isinstance(type_, BlockType):
+        elif isinstance(type_, types.StructType | types.BlockType):
+            if isinstance(type_, types.BlockType):
                 yield from ((at, type_, pou) for pou in self.project.lineage(type_.name) if pou.is_native)
             for member in self.record(type_).members.values():
                 if not member.is_reference:

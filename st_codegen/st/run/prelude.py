@@ -6,19 +6,8 @@ from st_codegen.st.check import arithmetic as a
 from st_codegen.st.run.writer import INFINITY, KINDS
 
 #: Functions of the C library by the names that code calls them; not the usual names, which optimisers know.
-C_FUNCTIONS = {
-    "EXP": "exp",
-    "LN": "log",
-    "LOG": "log10",
-    "SIN": "sin",
-    "COS": "cos",
-    "TAN": "tan",
-    "ASIN": "asin",
-    "ACOS": "acos",
-    "ATAN": "atan",
-    "ATAN2": "atan2",
-    "EXPT": "pow",
-}
+C_FUNCTIONS = {name: name.lower() for name in ("EXP", "SIN", "COS", "TAN", "ASIN", "ACOS", "ATAN", "ATAN2")}
+C_FUNCTIONS |= {"LN": "log", "LOG": "log10", "EXPT": "pow"}
 
 #: Entries of the context, 64 bits each: the fault, where the run is, and how native code is called.
 CONTEXT = (

@@ -18,15 +18,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import (
-    Feature,
-    FloatArray,
-    Label,
-    Precision,
-    Source,
-    TreeColumn,
-    TreeEnsemble,
-)
+from st_codegen.ir import Feature, FloatArray, Label, Precision, Source, TreeColumn, TreeEnsemble
 from st_codegen.walkers.base import Classified, GraphBuilder, LoadedModel, Walked
 from st_codegen.walkers.classes import above, complement, largest, numbers_of, softmax
 from st_codegen.walkers.forest import ParsedTree, flatten

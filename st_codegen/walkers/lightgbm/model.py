@@ -15,24 +15,15 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from st_codegen.errors import InputError, UnsupportedModelError, errors_name
-from st_codegen.ir import (
-    Feature,
-    FloatArray,
-    Function,
-    Label,
-    NanRule,
-    Precision,
-    Source,
-    TreeColumn,
-    TreeEnsemble,
-)
-from st_codegen.walkers.base import Classified, GraphBuilder, LoadedModel, Predictor, Walked, library, walks
+from st_codegen.ir import Feature, FloatArray, Function, Label, NanRule, Precision, Source, TreeColumn, TreeEnsemble
+from st_codegen.walkers.base import Classified, GraphBuilder, LoadedModel, Predictor, Walked, booster_of, library, walks
 from st_codegen.walkers.classes import (
     above,
     complement,
@@ -140,20 +131,8 @@ class LightgbmBooster:
         self.__dict__["best_iteration"] = best
 
 
-def features_of(estimator: Any) -> tuple[str, ...] | None:
-    """Feature names of a fitted LGBMRegressor or Booster (LightGBM names unnamed ones Column_0, Column_1, ..)."""
-    return tuple(_booster(estimator).feature_name())
-
-
 def _booster(estimator: Any) -> Any:
-    if type(estimator).__name__ == "Booster":
-        return estimator
-    if not estimator.__sklearn_is_fitted__():
-        raise InputError("not fitted: call fit() before saving it")
-    booster = estimator.booster_
-    if type(booster).__name__ != "Booster":
-        raise InputError("the fitted Booster is missing; the file is damaged")
-    return booster
+    return booster_of(estimator, attrgetter("booster_"))
 
 
 def _model_of(booster: Any) -> TextModel:

@@ -12,22 +12,9 @@ from typing import Literal
 
 import numpy as np
 
+from st_codegen import ir
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import (
-    Activation,
-    BoolArray,
-    FloatArray,
-    Function,
-    IntArray,
-    Label,
-    Normalize,
-    Operator,
-    Round,
-    Scale,
-    Select,
-    Softmax,
-    TreeEnsemble,
-)
+from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray
 from st_codegen.walkers.base import GraphBuilder
 from st_codegen.walkers.classes import above, largest, pair_coefficients, pair_votes, whole_sums
 from st_codegen.walkers.onnx.file import GraphNode
@@ -46,16 +33,12 @@ _LEFT_OUT = (
 )
 
 
-def _labels(node: GraphNode, integers: str) -> tuple[Label, ...]:
+def _labels(node: GraphNode, integers: str) -> tuple[ir.Label, ...]:
     """The labels of a classifier, texts before integers."""
-    labels: list[Label] = [*node.texts("classlabels_strings")] or [*node.integers(integers).tolist()]
+    labels: list[ir.Label] = [*node.texts("classlabels_strings")] or [*node.integers(integers).tolist()]
     if len(labels) < 2:
         raise UnsupportedModelError(f"{len(labels)} labels, a classifier has two or more")
     return tuple(labels)
-
-
-def _zero_and_one(labels: tuple[Label, ...]) -> tuple[Label, ...]:
-    return ("0", "1") if isinstance(labels[0], str) else (0, 1)
 
 
 def _post_transform(node: GraphNode) -> str:
@@ -74,7 +57,7 @@ def _transformed(walk: GraphWalk, scores: Tensor, transform: str) -> Tensor:
     if transform == "NONE":
         return scores
     if transform == "LOGISTIC":
-        return apply_activation(walk, scores, Function.LOGISTIC)
+        return apply_activation(walk, scores, ir.Function.LOGISTIC)
     return apply_softmax(walk, scores)
 
 
@@ -86,10 +69,6 @@ def _beside(walk: GraphWalk, one: Tensor, other: Tensor) -> Tensor:
 
 def _column(tensor: Tensor, number: int) -> Tensor:
     return tensor.moved(lambda array: array[:, number : number + 1])
-
-
-def _choice(labels: tuple[Label, ...], number: int) -> LabelOperand:
-    return LabelOperand(number, labels, (1,))
 
 
 # --- trees ---------------------------------------------------------------------------------------------------------
@@ -120,8 +99,8 @@ def _tree_classifier(call: NodeCall) -> Result:
             "choose it where none sets it; export the model with a weight for each label in each leaf"
         )
     if len(base):
-        scores = with_constant(walk, scores, Operator.ADD, base)
-    return _choice(labels, largest(walk.builder, walk.settle(scores))), _transformed(walk, scores, transform)
+        scores = with_constant(walk, scores, ir.Operator.ADD, base)
+    return LabelOperand(largest(walk.builder, walk.settle(scores)), labels), _transformed(walk, scores, transform)
 
 
 def _given(forest: Forest) -> tuple[BoolArray, BoolArray]:
@@ -135,7 +114,7 @@ def _given(forest: Forest) -> tuple[BoolArray, BoolArray]:
 
 def _two_classes(
     walk: GraphWalk,
-    labels: tuple[Label, ...],
+    labels: tuple[ir.Label, ...],
     scores: Tensor,
     base: FloatArray,
     forest: Forest,
@@ -155,15 +134,15 @@ def _two_classes(
         )
     first, second = _column(scores, 0), _column(scores, 1)
     if len(base) and ever[0] and (alone or len(base) == 1):
-        first = with_constant(walk, first, Operator.ADD, base[0])
+        first = with_constant(walk, first, ir.Operator.ADD, base[0])
     if len(base) == 2 and not alone:  # the score of the first class becomes that of the second
-        second = with_constant(walk, first, Operator.ADD, base[1])
-        first = with_constant(walk, second, Operator.MULTIPLY, -1.0) if ever[0] else _column(scores, 0)
+        second = with_constant(walk, first, ir.Operator.ADD, base[1])
+        first = with_constant(walk, second, ir.Operator.MULTIPLY, -1.0) if ever[0] else _column(scores, 0)
     one_given = bool(np.sum(ever) == 1)
     decides = first if alone else second
     index = above(walk.builder, walk.settle(decides), 0.5 if one_given and positive else 0.0)
     # with weights of both classes onnxruntime answers 1 and 0, whatever integers the labels are
-    choice = _choice(labels if one_given or isinstance(labels[0], str) else (0, 1), index)
+    choice = LabelOperand(index, labels if one_given or isinstance(labels[0], str) else (0, 1))
     if alone and len(base) < 2:
         return choice, _pair(walk, first, positive, transform)
     return choice, _transformed(walk, _beside(walk, first, second), transform)
@@ -176,8 +155,8 @@ def _pair(walk: GraphWalk, score: Tensor, positive: bool, transform: str) -> Ten
     """
     score = walk.as_type(score, FLOAT32)
     if positive and transform != "LOGISTIC":
-        return _beside(walk, with_constant(walk, score, Operator.SUBTRACT, 1.0, left=True), score)
-    both = _beside(walk, with_constant(walk, score, Operator.MULTIPLY, -1.0), score)
+        return _beside(walk, with_constant(walk, score, ir.Operator.SUBTRACT, 1.0, left=True), score)
+    both = _beside(walk, with_constant(walk, score, ir.Operator.MULTIPLY, -1.0), score)
     return _transformed(walk, both, transform if transform == "LOGISTIC" else "NONE")
 
 
@@ -196,11 +175,11 @@ def _linear_classifier(call: NodeCall) -> Result:
     weights = call.node.floats("coefficients", len(bias) * tensor.size)
     scores = apply_linear(walk, tensor, weights.reshape(len(bias), -1), bias, (1, len(bias)))
     if len(bias) > 1:
-        return _choice(labels, largest(walk.builder, walk.settle(scores))), _transformed(walk, scores, transform)
+        return LabelOperand(largest(walk.builder, walk.settle(scores)), labels), _transformed(walk, scores, transform)
     index = above(walk.builder, walk.settle(scores))
     if len(labels) > 2:
-        return _choice(_zero_and_one(labels), index), scores
-    return _choice(labels, index), _pair(walk, scores, positive=True, transform=transform)
+        return LabelOperand(index, ("0", "1") if isinstance(labels[0], str) else (0, 1)), scores
+    return LabelOperand(index, labels), _pair(walk, scores, positive=True, transform=transform)
 
 
 @operator("SVMClassifier", 1, domain=_DOMAIN)
@@ -219,8 +198,8 @@ def _svm_classifier(call: NodeCall) -> Result:
     walk.refuse_special(tensor)
     coefficients = pair_coefficients(weights.reshape(count - 1, total), per_class)
     op = kernel_sum(node, walk.settle(tensor), vectors, coefficients, rho)
-    scores = walk.computed(walk.builder.add(op), (1, pairs), FLOAT32, special=False)
-    choice = _choice(labels, largest(walk.builder, pair_votes(walk.builder, walk.settle(scores), count)))
+    scores = walk.computed(op, (1, pairs), FLOAT32)
+    choice = LabelOperand(largest(walk.builder, pair_votes(walk.builder, walk.settle(scores), count)), labels)
     if coupled:
         walk.notes.append(_LEFT_OUT)
         return choice, None
@@ -229,7 +208,9 @@ def _svm_classifier(call: NodeCall) -> Result:
     return choice, _pair(walk, scores, transform != "NONE", transform)
 
 
-def _linear_machine(call: NodeCall, tensor: Tensor, labels: tuple[Label, ...], coupled: bool, transform: str) -> Result:
+def _linear_machine(
+    call: NodeCall, tensor: Tensor, labels: tuple[ir.Label, ...], coupled: bool, transform: str
+) -> Result:
     """A machine without support vectors: weights for each label, and one number added to all."""
     node, walk, count = call.node, call.walk, len(labels)
     weights, rho = node.floats("coefficients", count * tensor.size), node.floats("rho")
@@ -243,7 +224,7 @@ def _linear_machine(call: NodeCall, tensor: Tensor, labels: tuple[Label, ...], c
         reached = above(walk.builder, value, 0.5 if positive else 0.0, inclusive=positive)
         picked = walk.builder.beside(reached, index)
         index = above(walk.builder, whole_sums(walk.builder, picked, np.ones((1, 3)), np.zeros(1)), 0.5)
-    return _choice(labels, index), _transformed(walk, scores, transform)
+    return LabelOperand(index, labels), _transformed(walk, scores, transform)
 
 
 # --- the ends of graphs --------------------------------------------------------------------------------------------
@@ -267,7 +248,7 @@ def _number_of_the(best: Literal["largest", "smallest"], *versions: int) -> None
         last, count = call.node.integer("select_last_index"), tensor.size
         flat = tensor.moved(lambda array: np.ravel(array)[:: -1 if last else 1])
         if best == "smallest":
-            flat = with_constant(walk, flat, Operator.MULTIPLY, -1.0)
+            flat = with_constant(walk, flat, ir.Operator.MULTIPLY, -1.0)
         index = largest(walk.builder, walk.settle(flat))
         if last:
             index = walk.builder.scale(index, "-", count - 1.0, reverse=True)
@@ -309,22 +290,22 @@ def are_shares(builder: GraphBuilder, tensor: Tensor) -> bool:
 def _range(builder: GraphBuilder, value: int, column: int) -> tuple[float, float]:
     """The least and the largest number in a column of a value, as far as its operations tell."""
     op = builder.ops[value - 1] if value else None
-    if isinstance(op, Select | Round):
+    if isinstance(op, ir.Select | ir.Round):
         places = [(one, at) for one in op.inputs for at in range(builder.width(one))]
-        return _range(builder, *places[op.columns[column] if isinstance(op, Select) else column])
-    if isinstance(op, Scale) and op.reverse and op.operator is Operator.SUBTRACT:
+        return _range(builder, *places[op.columns[column] if isinstance(op, ir.Select) else column])
+    if isinstance(op, ir.Scale) and op.reverse and op.operator is ir.Operator.SUBTRACT:
         low, high = _range(builder, op.inputs[0], column)
         return float(op.constant[column]) - high, float(op.constant[column]) - low
-    if isinstance(op, TreeEnsemble):
+    if isinstance(op, ir.TreeEnsemble):
         return _range_of_trees(op, column)
-    shares = isinstance(op, Softmax) and not op.logarithm
-    shares |= isinstance(op, Activation) and op.function is Function.LOGISTIC
-    if isinstance(op, Normalize):
+    shares = isinstance(op, ir.Softmax) and not op.logarithm
+    shares |= isinstance(op, ir.Activation) and op.function is ir.Function.LOGISTIC
+    if isinstance(op, ir.Normalize):
         shares = all(_range(builder, op.inputs[0], other)[0] >= 0.0 for other in range(op.width))
     return (0.0, 1.0) if shares else (-math.inf, math.inf)
 
 
-def _range_of_trees(op: TreeEnsemble, column: int) -> tuple[float, float]:
+def _range_of_trees(op: ir.TreeEnsemble, column: int) -> tuple[float, float]:
     leaves = np.flatnonzero(op.split < 0)
     of_tree = np.searchsorted(op.roots, leaves, side="right") - 1
     value = op.leaf_value[op.leaf[leaves]]

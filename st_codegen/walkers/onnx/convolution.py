@@ -15,7 +15,7 @@ from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import AnyArray, BoolArray, Function, IntArray, Operator, Scale, SlidingLinear
 from st_codegen.walkers.onnx.file import GraphNode
 from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, operator
-from st_codegen.walkers.onnx.operands import Operand, Tensor, check_size, require_tensor
+from st_codegen.walkers.onnx.operands import Operand, Tensor, check_size, require_tensor, together
 from st_codegen.walkers.onnx.operators import (
     apply_activation,
     combined,
@@ -203,7 +203,7 @@ def _convolved(
     rows, columns = _grid(window)
     at = rows * image.shape[2] + columns
     whole, size = walk.settle(image), image.shape[1] * image.shape[2]
-    own, values, results = outputs // groups, [], []
+    own, results = outputs // groups, []
     for group in range(groups):
         part = slice(group * own, (group + 1) * own)
         op = SlidingLinear(
@@ -214,23 +214,15 @@ def _convolved(
             offsets=np.ravel(np.arange(depth)[:, None] * size + at[0]),
             precision=image.precision,
         )
-        made = walk.computed(walk.builder.add(op), (len(at), own), image.dtype, special=False)
-        values.append(made.value.T)
-        results.append(made.column.T)
-    shape = (1, outputs, *window.places)
-    return replace(
-        image,
-        value=np.concatenate(values).reshape(shape),
-        column=np.concatenate(results).reshape(shape),
-        unrounded=False,
-    )
+        results.append(walk.computed(op, (len(at), own), image.dtype).moved(np.transpose))
+    return together(results, np.concatenate).moved(lambda array: array.reshape(1, outputs, *window.places))
 
 
 def _windows(call: NodeCall) -> tuple[Tensor, _Window, IntArray, BoolArray]:
     """What a pooling reads: the image, its window, and for each channel and place the columns and which of them lie
     inside.
     """
-    if len([name for name in call.node.proto.output if name]) > 1:
+    if call.node.has_more_outputs:
         raise UnsupportedModelError("the second output, where each maximum stands; leave it out")
     image, lengths = _image(call), call.computed().shape[2:]
     window = _window(call, lengths, ())
@@ -274,7 +266,7 @@ def _divided(walk: GraphWalk, sums: int, counts: AnyArray, image: Tensor, shape:
     divisor = counts.astype(np.float64)
     doubt = _ROUNDINGS * float(np.finfo(image.dtype).epsneg) * divisor
     op = Scale((sums,), Operator.DIVIDE, divisor, image.precision, doubt=doubt)
-    return walk.computed(walk.builder.add(op), shape, image.dtype, special=False)
+    return walk.computed(op, shape, image.dtype)
 
 
 def _global(call: NodeCall) -> Operand:
@@ -298,7 +290,7 @@ def _batch_normalization(call: NodeCall) -> Operand:
     The library computes both constants when it predicts, with the roundings of its machine.
     """
     tensor, walk = call.computed(), call.walk
-    if call.node.integer("training_mode") or len([name for name in call.node.proto.output if name]) > 1:
+    if call.node.integer("training_mode") or call.node.has_more_outputs:
         raise UnsupportedModelError(
             "BatchNormalization in training mode; export the model for inference (model.eval())"
         )
@@ -323,7 +315,7 @@ def _batch_normalization(call: NodeCall) -> Operand:
             for array in (constant, unit * size[code].astype(np.float64))
         )
         value = walk.builder.scale(value, code, numbers, precision=tensor.precision, doubt=doubts)
-    return walk.computed(value, tensor.shape, tensor.dtype, special=False)
+    return walk.computed(value, tensor.shape, tensor.dtype)
 
 
 @operator("InstanceNormalization", 6, 22)

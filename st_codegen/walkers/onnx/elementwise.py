@@ -44,7 +44,7 @@ def _sign(call: NodeCall) -> Operand:
     value, cut = walk.settle(tensor), np.zeros(tensor.size)
     passed, reached = (walk.builder.add(Exceeds((value,), cut, inclusive)) for inclusive in (False, True))
     found = walk.builder.scale(walk.builder.combine(passed, "+", reached), "-", 1.0)
-    return walk.computed(found, tensor.shape, tensor.dtype, special=False)
+    return walk.computed(found, tensor.shape, tensor.dtype)
 
 
 @operator("Gelu", 20)
@@ -151,7 +151,7 @@ operator("Min", 8, 12, 13)(_extreme)
 
 
 def _truths(walk: GraphWalk, value: int, shape: tuple[int, ...]) -> Tensor:
-    return walk.computed(value, shape, TRUTH, special=False)
+    return walk.computed(value, shape, TRUTH)
 
 
 def _opposite(walk: GraphWalk, truths: int) -> int:
@@ -168,21 +168,13 @@ def _as_number(operand: Operand) -> Operand:
     return operand
 
 
-#: Whether equal numbers count as above, and whether the answer is turned round.
-_COMPARISONS = {
-    "Greater": (False, False),
-    "GreaterOrEqual": (True, False),
-    "Less": (True, True),
-    "LessOrEqual": (False, True),
-}
-
-
-_COMPARED: dict[str, np.ufunc] = {
-    "Greater": np.greater,
-    "GreaterOrEqual": np.greater_equal,
-    "Less": np.less,
-    "LessOrEqual": np.less_equal,
-    "Equal": np.equal,
+#: What is done with constants, whether equal numbers count as above, and whether the answer is turned round.
+_COMPARISONS: dict[str, tuple[np.ufunc, bool, bool]] = {
+    "Greater": (np.greater, False, False),
+    "GreaterOrEqual": (np.greater_equal, True, False),
+    "Less": (np.less, True, True),
+    "LessOrEqual": (np.less_equal, False, True),
+    "Equal": (np.equal, True, False),
 }
 
 
@@ -196,7 +188,7 @@ def _spread(walk: GraphWalk, operand: Operand, shape: tuple[int, ...]) -> int:
 def _comparison(call: NodeCall) -> Operand:
     left, right, walk = _as_number(call.required()), _as_number(call.required(1)), call.walk
     if isinstance(left, ConstantOperand) and isinstance(right, ConstantOperand):
-        return ConstantOperand(np.asarray(_COMPARED[call.node.op_type](left.array, right.array)))
+        return ConstantOperand(np.asarray(_COMPARISONS[call.node.op_type][0](left.array, right.array)))
     shape = np.broadcast_shapes(left.shape, right.shape)
     check_size(shape)
     if isinstance(left, ConstantOperand):  # c < x is -x < -c
@@ -214,7 +206,7 @@ def _compared(walk: GraphWalk, name: str, value: int, cut: np.ndarray) -> int:
     if name == "Equal":
         reached, passed = (walk.builder.add(Exceeds((value,), cut, inclusive)) for inclusive in (True, False))
         return walk.builder.combine(reached, "-", passed)
-    inclusive, turned = _COMPARISONS[name]
+    _, inclusive, turned = _COMPARISONS[name]
     found = walk.builder.add(Exceeds((value,), cut, inclusive))
     return _opposite(walk, found) if turned else found
 
@@ -290,7 +282,7 @@ def _where(call: NodeCall) -> Operand:
         else:
             parts.append(walk.builder.combine(_spread(walk, side, shape), "*", factor))
     chosen = walk.builder.combine(parts[0], "+", parts[1])
-    return walk.computed(chosen, shape, dtype if dtype in (FLOAT32, FLOAT64) else FLOAT64, special=False)
+    return walk.computed(chosen, shape, dtype if dtype in (FLOAT32, FLOAT64) else FLOAT64)
 
 
 # --- norms ---------------------------------------------------------------------------------------------------------
@@ -308,9 +300,9 @@ def _lp_normalization(call: NodeCall) -> Operand:
     rows = rows.moved(lambda array: array.reshape(-1, lengths[-1]))
     norm = norm_of(walk, rows, kind)
     absent = _compared(walk, "Equal", walk.settle(norm), np.zeros(norm.size))
-    zeros = walk.computed(absent, norm.shape, norm.dtype, special=False)
+    zeros = walk.computed(absent, norm.shape, norm.dtype)
     divisor = require_tensor(combined(walk, Operator.ADD, norm, zeros)).moved(lambda array: array[:, None])
-    present = walk.computed(_opposite(walk, absent), norm.shape, norm.dtype, special=False)
+    present = walk.computed(_opposite(walk, absent), norm.shape, norm.dtype)
     kept = combined(walk, Operator.MULTIPLY, rows, present.moved(lambda array: array[:, None]))
     found = require_tensor(combined(walk, Operator.DIVIDE, kept, divisor))
     return found.moved(lambda array: np.moveaxis(array.reshape(lengths), -1, axis))
@@ -321,7 +313,7 @@ def _layer_normalization(call: NodeCall) -> Operand:
     """(x - mean) / sqrt(variance + epsilon) * scale + bias."""
     tensor, walk = call.computed(), call.walk
     axis = axis_of(call.node.integer("axis", -1), len(tensor.shape))
-    if len([name for name in call.node.proto.output if name]) > 1:
+    if call.node.has_more_outputs:
         raise UnsupportedModelError("several outputs: mean and deviation are for training; leave them out")
     count = math.prod(tensor.shape[:axis])
     rows = tensor.moved(lambda array: array.reshape(count, -1))

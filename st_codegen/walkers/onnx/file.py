@@ -10,7 +10,7 @@ import numpy as np
 import onnx
 import onnx.numpy_helper
 
-from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.errors import InputError, UnsupportedModelError, errors_name
 from st_codegen.ir import AnyArray, FloatArray, IntArray
 
 #: IntArray in one tensor of the file.
@@ -26,22 +26,17 @@ _TYPED_FIELDS: dict[int, str] = {
     onnx.TensorProto.UINT32: "uint64_data",
     onnx.TensorProto.STRING: "string_data",
 }
-#: Bytes of a number.
+#: Bytes of a number in `raw_data`, by type; text never is there.
 _NUMBER_TYPES: dict[int, int] = {
-    onnx.TensorProto.FLOAT: 4,
-    onnx.TensorProto.DOUBLE: 8,
-    onnx.TensorProto.FLOAT16: 2,
-    onnx.TensorProto.BFLOAT16: 2,
-    onnx.TensorProto.INT8: 1,
-    onnx.TensorProto.INT16: 2,
-    onnx.TensorProto.INT32: 4,
-    onnx.TensorProto.INT64: 8,
-    onnx.TensorProto.UINT8: 1,
-    onnx.TensorProto.UINT16: 2,
-    onnx.TensorProto.UINT32: 4,
-    onnx.TensorProto.UINT64: 8,
-    onnx.TensorProto.BOOL: 1,
-    onnx.TensorProto.STRING: 0,  # text never is in `raw_data`
+    onnx.TensorProto.DataType.Value(name): size
+    for size, names in (
+        (8, "DOUBLE INT64 UINT64"),
+        (4, "FLOAT INT32 UINT32"),
+        (2, "FLOAT16 BFLOAT16 INT16 UINT16"),
+        (1, "INT8 UINT8 BOOL"),
+        (0, "STRING"),
+    )
+    for name in names.split()
 }
 
 
@@ -173,6 +168,11 @@ class GraphNode:
             if known.required and name not in self.attributes:
                 raise InputError(f"attribute '{name}' is missing; the model file is damaged")
 
+    @property
+    def has_more_outputs(self) -> bool:
+        """Whether the graph reads more than the first output."""
+        return sum(map(bool, self.proto.output)) > 1
+
     def __contains__(self, name: str) -> bool:
         return name in self.attributes
 
@@ -208,10 +208,8 @@ class GraphNode:
         """An attribute of type TENSOR."""
         if name not in self.attributes:
             return None
-        try:
+        with errors_name(f"attribute '{name}'"):
             return read_tensor(self.attributes[name].t)
-        except InputError as error:
-            raise type(error)(f"attribute '{name}': {error}") from None
 
 
 def counted(name: str, length: int, *counts: int) -> int:

@@ -8,15 +8,14 @@ checked by doing it. float32 tensors are rounded where they are first computed w
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import onnx
 
-from st_codegen.errors import InputError, Problems, UnsupportedModelError
+from st_codegen.errors import InputError, Problems, UnsupportedModelError, errors_name
 from st_codegen.ir import FLOAT32_OVERFLOW, AnyArray, Clip, IntArray, Label, Operation, Round
 from st_codegen.walkers.base import GraphBuilder
 from st_codegen.walkers.onnx.file import GraphNode, domain_of, node_label, printable, read_tensor
@@ -169,11 +168,13 @@ class GraphWalk:
         self.refuse_special(beside)
         constants = array.astype(np.float64).ravel()
         first = self.builder.select(np.zeros(len(constants), np.int32), self.settle(beside))
-        value = self.builder.add(Clip((first,), constants, constants))
-        return self.computed(value, array.shape, array.dtype, special=False)
+        return self.computed(Clip((first,), constants, constants), array.shape, array.dtype)
 
-    def computed(self, value: int, shape: Sequence[int], dtype: np.dtype[Any], special: bool) -> Tensor:
-        """The tensor that a value of the representation holds."""
+    def computed(
+        self, made: Operation | int, shape: Sequence[int], dtype: np.dtype[Any], special: bool = False
+    ) -> Tensor:
+        """The tensor that a value of the representation holds, or that an operation makes."""
+        value = made if isinstance(made, int) else self.builder.add(made)
         width = self.builder.width(value)
         column = np.arange(width).reshape(tuple(shape))
         return Tensor(np.full(tuple(shape), value), column, dtype, special=special)
@@ -224,20 +225,11 @@ def run_nodes(walk: GraphWalk, graph: onnx.GraphProto, opsets: dict[str, int], p
         if rule is None:
             unsupported.setdefault((domain, proto.op_type, opsets.get(domain, 0)), []).append(node_label(proto))
         else:
-            with problems.collect(), _naming(label):
+            with problems.collect(), errors_name(label):
                 result = _run_node(walk, proto, rule, opsets, made_by)
-        with problems.collect(), _naming(label):
+        with problems.collect(), errors_name(label):
             _store(walk, proto, result)
     _report_unsupported(unsupported, problems)
-
-
-@contextmanager
-def _naming(where: str) -> Iterator[None]:
-    """Put the place in front of the message of an error."""
-    try:
-        yield
-    except InputError as error:
-        raise type(error)(f"{where}: {error}") from None
 
 
 def _run_node(
@@ -340,5 +332,5 @@ def read_initializers(walk: GraphWalk, graph: onnx.GraphProto, problems: Problem
             if tensor.name in walk.values:
                 raise InputError(f"the initializer '{name}' appears twice; the model file is damaged")
             walk.values[tensor.name] = None
-            with _naming(f"initializer '{name}'"):
+            with errors_name(f"initializer '{name}'"):
                 walk.values[tensor.name] = ConstantOperand(read_tensor(tensor))

@@ -12,21 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from st_codegen import ir
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import (
-    FLOAT32_OVERFLOW,
-    Exceeds,
-    FillMissing,
-    FloatArray,
-    Kernel,
-    KernelSum,
-    Label,
-    Norm,
-    Normalize,
-    Operator,
-    Piecewise,
-    Precision,
-)
+from st_codegen.ir.arrays import FloatArray
 from st_codegen.walkers.onnx.file import GraphNode
 from st_codegen.walkers.onnx.forest import MAX_ID, Forest, NumberType, refuse_post_transform
 from st_codegen.walkers.onnx.graph import NodeCall, operator
@@ -48,7 +36,12 @@ from st_codegen.walkers.onnx.tree_layout import build_ensemble
 from st_codegen.walkers.onnx.tree_lists import read_regressor
 
 _DOMAIN = "ai.onnx.ml"
-_KERNELS = {"LINEAR": Kernel.LINEAR, "POLY": Kernel.POLYNOMIAL, "RBF": Kernel.RBF, "SIGMOID": Kernel.SIGMOID}
+_KERNELS = {
+    "LINEAR": ir.Kernel.LINEAR,
+    "POLY": ir.Kernel.POLYNOMIAL,
+    "RBF": ir.Kernel.RBF,
+    "SIGMOID": ir.Kernel.SIGMOID,
+}
 
 
 @operator("Scaler", 1, domain=_DOMAIN)
@@ -56,7 +49,10 @@ def _scaler(call: NodeCall) -> Operand:
     tensor = one_row(call.computed())
     result: Operand = tensor
     offset = call.node.floats("offset", 1, tensor.size)
-    for numbers, code in ((offset, Operator.SUBTRACT), (call.node.floats("scale", len(offset)), Operator.MULTIPLY)):
+    for numbers, code in (
+        (offset, ir.Operator.SUBTRACT),
+        (call.node.floats("scale", len(offset)), ir.Operator.MULTIPLY),
+    ):
         result = combined(call.walk, code, result, ConstantOperand(numbers.astype(tensor.dtype)))
     return call.walk.as_type(require_tensor(result), FLOAT32)
 
@@ -67,13 +63,13 @@ def _normalizer(call: NodeCall) -> Operand:
     name = call.node.text("norm", "MAX")
     if name not in ("MAX", "L1", "L2"):
         raise UnsupportedModelError(f"norm {name}: known are MAX, L1, L2")
-    norm = Norm(name.lower())
-    if norm is Norm.L2 and tensor.dtype == FLOAT64:
+    norm = ir.Norm(name.lower())
+    if norm is ir.Norm.L2 and tensor.dtype == FLOAT64:
         raise UnsupportedModelError("norm L2 of double numbers; cast the input to float")
     tensor = call.walk.as_type(tensor, FLOAT32)
     call.walk.refuse_special(tensor)
-    value = call.walk.builder.add(Normalize(inputs=(call.walk.settle(tensor),), norm=norm, width=tensor.size))
-    return call.walk.computed(value, tensor.shape, FLOAT32, special=False)
+    op = ir.Normalize(inputs=(call.walk.settle(tensor),), norm=norm, width=tensor.size)
+    return call.walk.computed(op, tensor.shape, FLOAT32)
 
 
 def _float32_row(call: NodeCall) -> Tensor:
@@ -108,21 +104,21 @@ def _svm_regressor(call: NodeCall) -> Operand:
     vectors = call.node.floats("support_vectors", n_vectors * tensor.size).reshape(n_vectors, tensor.size)
     call.walk.refuse_special(tensor)
     op = kernel_sum(call.node, call.walk.settle(tensor), vectors, coefficients, rho)
-    return call.walk.computed(call.walk.builder.add(op), (1, 1), FLOAT32, special=False)
+    return call.walk.computed(op, (1, 1), FLOAT32)
 
 
 def kernel_sum(
     node: GraphNode, value: int, vectors: FloatArray, coefficients: FloatArray, rho: FloatArray
-) -> KernelSum:
+) -> ir.KernelSum:
     """The sums of kernels with coefficients (sums, vectors), by the kernel that the attributes of a node name."""
     name, parameters = node.text("kernel_type", "LINEAR"), node.floats("kernel_params", 0, 3)
     if name not in _KERNELS:
         raise UnsupportedModelError(f"kernel_type {name}: known are {', '.join(_KERNELS)}")
     gamma, coef0, degree = parameters if len(parameters) else (0.0, 0.0, 0.0)
     kernel = _KERNELS[name]
-    if kernel is Kernel.POLYNOMIAL and not (0 <= degree <= 64 and degree == int(degree)):
+    if kernel is ir.Kernel.POLYNOMIAL and not (0 <= degree <= 64 and degree == int(degree)):
         raise UnsupportedModelError(f"degree {degree} of the polynomial kernel: it has to be a whole number up to 64")
-    return KernelSum(
+    return ir.KernelSum(
         inputs=(value,),
         kernel=kernel,
         support_vectors=vectors,
@@ -130,8 +126,8 @@ def kernel_sum(
         intercept=rho,
         gamma=float(gamma),
         coef0=float(coef0),
-        degree=int(degree) if kernel is Kernel.POLYNOMIAL else 3,
-        precision=Precision.FLOAT32,
+        degree=int(degree) if kernel is ir.Kernel.POLYNOMIAL else 3,
+        precision=ir.Precision.FLOAT32,
     )
 
 
@@ -168,9 +164,9 @@ def trees(call: NodeCall, read: Callable[[GraphNode, NumberType], Forest]) -> Te
     value, column = np.ravel(tensor.value), np.ravel(tensor.column)
     if np.any(value != value[0]):
         value, column = np.array([call.walk.gathered(value, column)]), np.arange(tensor.size)
-    precision = Precision.FLOAT32 if tensor.unrounded else Precision.FLOAT64
+    precision = ir.Precision.FLOAT32 if tensor.unrounded else ir.Precision.FLOAT64
     ensemble = build_ensemble(forest, (int(value[0]),), column, precision)
-    return call.walk.computed(call.walk.builder.add(ensemble), (1, forest.n_targets), tensor.dtype, special=False)
+    return call.walk.computed(ensemble, (1, forest.n_targets), tensor.dtype)
 
 
 @operator("TreeEnsembleRegressor", 1, 3, domain=_DOMAIN)
@@ -191,7 +187,7 @@ def _binarizer(call: NodeCall) -> Operand:
     tensor, walk = call.computed(), call.walk
     walk.refuse_special(tensor)
     cut = np.full(tensor.size, call.node.number("threshold"))
-    return walk.computed(walk.builder.add(Exceeds((walk.settle(tensor),), cut)), tensor.shape, tensor.dtype, False)
+    return walk.computed(ir.Exceeds((walk.settle(tensor),), cut), tensor.shape, tensor.dtype)
 
 
 @operator("Imputer", 1, domain=_DOMAIN)
@@ -203,13 +199,13 @@ def _imputer(call: NodeCall) -> Operand:
         raise InputError(f"{len(fills)} imputed values, or such that are not finite, for {tensor.size} columns")
     fills = np.broadcast_to(fills, tensor.size)
     if math.isnan(replaced):
-        walk.builder.refuse_magnitude(FLOAT32_OVERFLOW if walk.narrows else math.inf)
+        walk.builder.refuse_magnitude(ir.FLOAT32_OVERFLOW if walk.narrows else math.inf)
         value, sentinel = walk.gathered(np.ravel(tensor.value), np.ravel(tensor.column)), None
     else:
         walk.refuse_special(tensor)
         value, sentinel, tensor = walk.settle(tensor), replaced, replace(tensor, unrounded=False)
-    value = walk.builder.add(FillMissing((value,), fills, sentinel))
-    return replace(walk.computed(value, tensor.shape, tensor.dtype, special=False), unrounded=tensor.unrounded)
+    filled = walk.computed(ir.FillMissing((value,), fills, sentinel), tensor.shape, tensor.dtype)
+    return replace(filled, unrounded=tensor.unrounded)
 
 
 @operator("OneHotEncoder", 1, domain=_DOMAIN)
@@ -229,10 +225,10 @@ def _one_hot_encoder(call: NodeCall) -> Operand:
     columns = np.repeat(np.arange(tensor.size), len(categories)).astype(np.int32)
     number = walk.builder.select(columns, walk.settle(tensor))
     reached, passed = (
-        walk.builder.add(Exceeds((number,), np.tile(ends, tensor.size), inclusive=True)) for ends in (low, high)
+        walk.builder.add(ir.Exceeds((number,), np.tile(ends, tensor.size), inclusive=True)) for ends in (low, high)
     )
     value = walk.builder.combine(reached, "-", passed)
-    return walk.computed(value, shape, FLOAT32, special=False)
+    return walk.computed(value, shape, FLOAT32)
 
 
 @operator("LabelEncoder", 2, 4, domain=_DOMAIN)
@@ -241,8 +237,8 @@ def _label_encoder(call: NodeCall) -> Operand:
     choice, node = call.required(), call.node
     if not isinstance(choice, LabelOperand):
         return _encoded_numbers(call)
-    keys: list[Label] = [*node.texts("keys_strings"), *node.integers("keys_int64s").tolist()]
-    values: list[Label] = [*node.texts("values_strings"), *node.integers("values_int64s").tolist()]
+    keys: list[ir.Label] = [*node.texts("keys_strings"), *node.integers("keys_int64s").tolist()]
+    values: list[ir.Label] = [*node.texts("values_strings"), *node.integers("values_int64s").tolist()]
     values = values or [float(value) for value in node.floats("values_floats")]
     if not keys or len(keys) != len(values) or not set(choice.labels) <= set(keys):
         raise UnsupportedModelError(f"{len(keys)} keys and {len(values)} values, or not for all labels")
@@ -273,11 +269,11 @@ def _encoded_numbers(call: NodeCall) -> Tensor:
     call.walk.refuse_special(tensor)
     knots, first = np.unique(keys.astype(np.float64), return_index=True)
     count, width = len(knots), tensor.size
-    op = Piecewise(
+    op = ir.Piecewise(
         inputs=(call.walk.settle(tensor),),
         start=np.arange(width + 1) * count,
         knots=np.tile(knots, width),
         at=np.tile(values[first].astype(np.float64), width),
         pieces=np.full((width * (count + 1), 1), float(default[0])),
     )
-    return call.walk.computed(call.walk.builder.add(op), tensor.shape, tensor.dtype, special=False)
+    return call.walk.computed(op, tensor.shape, tensor.dtype)

@@ -79,10 +79,8 @@ def _parse(data: bytes, file: str) -> onnx.ModelProto:
         raise InputError(f"{file}: not an ONNX model, or truncated; export or copy the file again") from error
     if not model.HasField("graph") or not model.graph.node:
         raise InputError(f"{file}: not an ONNX model, or one without nodes; export or copy the file again")
-    try:
+    with errors_name(file):
         check_names(model)
-    except InputError as error:
-        raise InputError(f"{file}: {error}") from None
     return model
 
 

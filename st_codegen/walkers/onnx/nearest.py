@@ -58,6 +58,6 @@ def _top(call: NodeCall) -> Result:
     shape = (*tensor.shape[:-1], count[0])
     call.walk.refuse_special(tensor)
     value = call.walk.settle(tensor)
-    found = call.walk.computed(value, (tensor.size,), tensor.dtype, special=False)
+    found = call.walk.computed(value, (tensor.size,), tensor.dtype)
     numbers = ConstantOperand(np.arange(tensor.size, dtype=np.int64))
     return tuple(PickedOperand(value, count[0], whole, shape) for whole in (found, numbers))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -81,7 +81,7 @@ class LabelOperand:
 
     value: int
     labels: tuple[Label, ...]
-    shape: tuple[int, ...]
+    shape: tuple[int, ...] = (1,)
     number_type: np.dtype[Any] | None = None
 
     @property
@@ -118,6 +118,12 @@ class PickedOperand:
 
 
 Operand = ConstantOperand | Tensor | LabelOperand | PickedOperand
+
+
+def together(parts: Sequence[Tensor], join: Callable[[Sequence[AnyArray]], AnyArray]) -> Tensor:
+    """Tensors of one type as one, by what joins arrays."""
+    value, column = (join([getattr(part, name) for part in parts]) for name in ("value", "column"))
+    return replace(parts[0], value=value, column=column, special=any(part.special for part in parts))
 
 
 def require_float(tensor: Tensor) -> Tensor:

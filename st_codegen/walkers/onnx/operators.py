@@ -13,23 +13,10 @@ from functools import partial, reduce
 
 import numpy as np
 
+from st_codegen import ir
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import (
-    Activation,
-    AnyArray,
-    Clip,
-    Combine,
-    FloatArray,
-    Function,
-    Linear,
-    NearestMean,
-    Operator,
-    Precision,
-    Scale,
-    SlidingLinear,
-    Softmax,
-    reference,
-)
+from st_codegen.ir import reference
+from st_codegen.ir.arrays import AnyArray, FloatArray
 from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, operator
 from st_codegen.walkers.onnx.operands import (
     FLOAT32,
@@ -43,13 +30,14 @@ from st_codegen.walkers.onnx.operands import (
     check_size,
     require_float,
     require_tensor,
+    together,
 )
 
 #: Operations that one Softmax of a matrix may become: one a row.
 _MAX_SHARES = 64
 #: Below it a double holds each whole number, and the quotient of two rounds to no other one.
 _WHOLE = 2.0**53
-_SYMBOLS = {"Add": Operator.ADD, "Sub": Operator.SUBTRACT, "Mul": Operator.MULTIPLY, "Div": Operator.DIVIDE}
+_SYMBOLS = {"Add": ir.Operator.ADD, "Sub": ir.Operator.SUBTRACT, "Mul": ir.Operator.MULTIPLY, "Div": ir.Operator.DIVIDE}
 
 
 def _arithmetic(call: NodeCall) -> Operand:
@@ -64,11 +52,11 @@ for _name in _SYMBOLS:
 def _sum(call: NodeCall) -> Operand:
     total = call.required()
     for number in range(1, len(call.operands)):
-        total = combined(call.walk, Operator.ADD, total, call.required(number))
+        total = combined(call.walk, ir.Operator.ADD, total, call.required(number))
     return total
 
 
-def combined(walk: GraphWalk, code: Operator, left: Operand, right: Operand) -> Operand:
+def combined(walk: GraphWalk, code: ir.Operator, left: Operand, right: Operand) -> Operand:
     """`left <code> right` with broadcasting, rounded once."""
     if left.dtype != right.dtype:
         raise InputError(f"the inputs have different types, {left.dtype} and {right.dtype}; the model file is damaged")
@@ -86,36 +74,36 @@ def combined(walk: GraphWalk, code: Operator, left: Operand, right: Operand) -> 
     check_size(shape)
     left, right = require_tensor(left), require_tensor(right)
     values = tuple(walk.settle(_spread(require_float(side), shape)) for side in (left, right))
-    op = Combine(inputs=values, operator=code, width=math.prod(shape), precision=left.precision)
-    return walk.computed(walk.builder.add(op), shape, left.dtype, left.special or right.special)
+    op = ir.Combine(inputs=values, operator=code, width=math.prod(shape), precision=left.precision)
+    return walk.computed(op, shape, left.dtype, left.special or right.special)
 
 
 def _scaled(
-    walk: GraphWalk, code: Operator, tensor: Tensor, constant: AnyArray, shape: tuple[int, ...], reverse: bool
+    walk: GraphWalk, code: ir.Operator, tensor: Tensor, constant: AnyArray, shape: tuple[int, ...], reverse: bool
 ) -> Tensor:
     check_size(shape)
-    scale = Scale(
+    scale = ir.Scale(
         inputs=(walk.settle(_spread(require_float(tensor), shape)),),
         operator=code,
         constant=np.broadcast_to(constant, shape).astype(np.float64).ravel(),
         precision=tensor.precision,
         reverse=reverse,
     )
-    return walk.computed(walk.builder.add(scale), shape, tensor.dtype, tensor.special)
+    return walk.computed(scale, shape, tensor.dtype, tensor.special)
 
 
 def _spread(tensor: Tensor, shape: tuple[int, ...]) -> Tensor:
     return tensor.moved(lambda array: np.broadcast_to(array, shape))
 
 
-def _folded(code: Operator, left: AnyArray, right: AnyArray) -> AnyArray:
+def _folded(code: ir.Operator, left: AnyArray, right: AnyArray) -> AnyArray:
     if left.dtype in (FLOAT32, FLOAT64):
         with np.errstate(all="ignore"):
             return np.asarray(reference.OPERATORS[code](left, right))
     # lengths are computed in whole numbers; a division rounds towards zero
     if left.dtype.kind != "i":
         raise UnsupportedModelError(f"computes with constants of {left.dtype}; fold constants when exporting")
-    if code is Operator.DIVIDE and not np.all(right):
+    if code is ir.Operator.DIVIDE and not np.all(right):
         raise InputError("divides whole numbers by 0; the model file is damaged")
     found = np.trunc(reference.OPERATORS[code](left.astype(np.float64), right.astype(np.float64)))
     if np.any(np.abs(found) >= min(_WHOLE, np.iinfo(left.dtype).max)):
@@ -134,7 +122,7 @@ def _remainder(call: NodeCall) -> Operand:
 @operator("Neg", 6, 13)
 def _negate(call: NodeCall) -> Operand:
     tensor = call.computed()
-    return combined(call.walk, Operator.MULTIPLY, tensor, ConstantOperand(np.array(-1.0, tensor.dtype)))
+    return combined(call.walk, ir.Operator.MULTIPLY, tensor, ConstantOperand(np.array(-1.0, tensor.dtype)))
 
 
 def apply_linear(walk: GraphWalk, tensor: Tensor, weights: AnyArray, bias: AnyArray, shape: Sequence[int]) -> Tensor:
@@ -142,14 +130,14 @@ def apply_linear(walk: GraphWalk, tensor: Tensor, weights: AnyArray, bias: AnyAr
     walk.refuse_special(tensor)
     walk.charge(weights.size)
     count, own = weights.shape[1], (walk.settle(tensor),)
-    op: Linear | SlidingLinear
+    op: ir.Linear | ir.SlidingLinear
     if tensor.size == count:
-        op = Linear(own, weights, bias, precision=tensor.precision)
+        op = ir.Linear(own, weights, bias, precision=tensor.precision)
     else:
         check_size([tensor.size // count, len(weights)])
         starts, offsets = np.arange(0, tensor.size, count, dtype=np.int32), np.arange(count, dtype=np.int32)
-        op = SlidingLinear(own, weights, bias, starts, offsets, tensor.precision)
-    return walk.computed(walk.builder.add(op), shape, tensor.dtype, special=False)
+        op = ir.SlidingLinear(own, weights, bias, starts, offsets, tensor.precision)
+    return walk.computed(op, shape, tensor.dtype)
 
 
 def _matrix(constant: ConstantOperand, tensor: Tensor) -> FloatArray:
@@ -190,7 +178,7 @@ def _matrix_product(walk: GraphWalk, left: Operand, right: Operand) -> Operand:
         ) from None
     if isinstance(left, ConstantOperand) and isinstance(right, ConstantOperand):
         if left.dtype == right.dtype and left.array.ndim == right.array.ndim == 2 and left.shape[1] == 1:
-            return combined(walk, Operator.MULTIPLY, left, right)  # one product each, rounded once
+            return combined(walk, ir.Operator.MULTIPLY, left, right)  # one product each, rounded once
         if all(map(np.any, (left.array, right.array))) or not np.all(
             np.isfinite([left.array.sum(), right.array.sum()])
         ):
@@ -198,7 +186,7 @@ def _matrix_product(walk: GraphWalk, left: Operand, right: Operand) -> Operand:
         return ConstantOperand(np.zeros(shape, left.dtype))
     rows = left.moved(lambda array: np.atleast_2d(array)[..., :, None, :])
     columns = right.moved(lambda array: (array.swapaxes(-1, -2) if array.ndim > 1 else array)[..., None, :, :])
-    products = require_tensor(combined(walk, Operator.MULTIPLY, rows, columns))
+    products = require_tensor(combined(walk, ir.Operator.MULTIPLY, rows, columns))
     return total_of_last(walk, products, 1).moved(lambda array: array.reshape(shape))
 
 
@@ -234,8 +222,8 @@ def _gemm(call: NodeCall) -> Operand:
     if alpha == 1.0:
         return apply_linear(call.walk, row, weights, bias, shape)
     product = apply_linear(call.walk, row, weights, np.zeros(len(weights)), shape)
-    scaled = combined(call.walk, Operator.MULTIPLY, product, ConstantOperand(np.array(alpha, row.dtype)))
-    return combined(call.walk, Operator.ADD, scaled, ConstantOperand(bias.astype(row.dtype)))
+    scaled = combined(call.walk, ir.Operator.MULTIPLY, product, ConstantOperand(np.array(alpha, row.dtype)))
+    return combined(call.walk, ir.Operator.ADD, scaled, ConstantOperand(bias.astype(row.dtype)))
 
 
 def _gemm_sum(call: NodeCall, row: Tensor, weights: FloatArray, added: Tensor, alpha: float) -> Operand:
@@ -270,11 +258,11 @@ def _gemm_bias(call: NodeCall, row: Tensor, width: int) -> FloatArray:
         return np.asarray(spread * np.array(call.node.number("beta", 1.0), row.dtype), np.float64)
 
 
-def apply_activation(walk: GraphWalk, tensor: Tensor, function: Function, parameter: float = 1.0) -> Tensor:
+def apply_activation(walk: GraphWalk, tensor: Tensor, function: ir.Function, parameter: float = 1.0) -> Tensor:
     """A function of each number."""
     walk.refuse_special(tensor)
-    op = Activation((walk.settle(tensor),), function, tensor.size, parameter, tensor.precision)
-    return walk.computed(walk.builder.add(op), tensor.shape, tensor.dtype, special=False)
+    op = ir.Activation((walk.settle(tensor),), function, tensor.size, parameter, tensor.precision)
+    return walk.computed(op, tensor.shape, tensor.dtype)
 
 
 def apply_softmax(walk: GraphWalk, scores: Tensor, logarithm: bool = False) -> Tensor:
@@ -285,15 +273,14 @@ def apply_softmax(walk: GraphWalk, scores: Tensor, logarithm: bool = False) -> T
         raise UnsupportedModelError(f"shares within each of {count} rows; at most {_MAX_SHARES} are supported")
     found = []
     for number in range(count):
-        row = replace(scores, value=scores.value[number], column=scores.column[number])
-        op = Softmax((walk.settle(row),), width, scores.precision, logarithm)
-        found.append(walk.computed(walk.builder.add(op), (1, width), scores.dtype, special=False))
-    value, column = (np.concatenate([getattr(part, name) for part in found]) for name in ("value", "column"))
-    return replace(found[0], value=value, column=column)
+        row = scores.moved(partial(np.take, indices=number, axis=0))
+        op = ir.Softmax((walk.settle(row),), width, scores.precision, logarithm)
+        found.append(walk.computed(op, (1, width), scores.dtype))
+    return together(found, np.concatenate)
 
 
 def with_constant(
-    walk: GraphWalk, tensor: Tensor, code: Operator, number: FloatArray | float, left: bool = False
+    walk: GraphWalk, tensor: Tensor, code: ir.Operator, number: FloatArray | float, left: bool = False
 ) -> Tensor:
     """Arithmetic with constants in the precision of the tensor; `left`: the constant stands there."""
     pair = (tensor, ConstantOperand(np.asarray(number, tensor.dtype)))
@@ -302,10 +289,10 @@ def with_constant(
 
 
 #: Functions whose results are the nearest numbers everywhere, so that graphs may compute them of their constants.
-_CORRECT: dict[Function, Callable[[AnyArray], AnyArray]] = {Function.SQRT: np.sqrt, Function.ABS: np.abs}
+_CORRECT: dict[ir.Function, Callable[[AnyArray], AnyArray]] = {ir.Function.SQRT: np.sqrt, ir.Function.ABS: np.abs}
 
 
-def _activation(function: Function, name: str, *versions: int, alpha: float | None = None) -> None:
+def _activation(function: ir.Function, name: str, *versions: int, alpha: float | None = None) -> None:
     """Register an operator that is one function of each number."""
 
     def handler(call: NodeCall) -> Operand:
@@ -314,7 +301,7 @@ def _activation(function: Function, name: str, *versions: int, alpha: float | No
             with np.errstate(invalid="ignore"):
                 return operand.moved(_CORRECT[function])
         tensor = call.computed()
-        if function is Function.SOFTPLUS and tensor.dtype == FLOAT64:
+        if function is ir.Function.SOFTPLUS and tensor.dtype == FLOAT64:
             raise UnsupportedModelError("onnxruntime's double version overflows above 709; cast the input to float")
         parameter = 1.0 if alpha is None else call.node.number("alpha", alpha)
         return apply_activation(call.walk, tensor, function, parameter)
@@ -322,20 +309,20 @@ def _activation(function: Function, name: str, *versions: int, alpha: float | No
     operator(name, *versions)(handler)
 
 
-_activation(Function.TANH, "Tanh", 6, 13)
-_activation(Function.LOGISTIC, "Sigmoid", 6, 13)
-_activation(Function.RELU, "Relu", 6, 13, 14)
-_activation(Function.LEAKY_RELU, "LeakyRelu", 6, 16, alpha=0.01)
-_activation(Function.ELU, "Elu", 6, 22, alpha=1.0)
-_activation(Function.SOFTPLUS, "Softplus", 1, 22)
-_activation(Function.EXP, "Exp", 6, 13)
-_activation(Function.ABS, "Abs", 6, 13)
-_activation(Function.SOFTSIGN, "Softsign", 1, 22)
-_activation(Function.SQRT, "Sqrt", 6, 13)
-_activation(Function.LOG, "Log", 6, 13)
-_activation(Function.ERF, "Erf", 9, 13)
-_activation(Function.SIN, "Sin", 7, 22)
-_activation(Function.COS, "Cos", 7, 22)
+_activation(ir.Function.TANH, "Tanh", 6, 13)
+_activation(ir.Function.LOGISTIC, "Sigmoid", 6, 13)
+_activation(ir.Function.RELU, "Relu", 6, 13, 14)
+_activation(ir.Function.LEAKY_RELU, "LeakyRelu", 6, 16, alpha=0.01)
+_activation(ir.Function.ELU, "Elu", 6, 22, alpha=1.0)
+_activation(ir.Function.SOFTPLUS, "Softplus", 1, 22)
+_activation(ir.Function.EXP, "Exp", 6, 13)
+_activation(ir.Function.ABS, "Abs", 6, 13)
+_activation(ir.Function.SOFTSIGN, "Softsign", 1, 22)
+_activation(ir.Function.SQRT, "Sqrt", 6, 13)
+_activation(ir.Function.LOG, "Log", 6, 13)
+_activation(ir.Function.ERF, "Erf", 9, 13)
+_activation(ir.Function.SIN, "Sin", 7, 22)
+_activation(ir.Function.COS, "Cos", 7, 22)
 
 
 @operator("Clip", 6, 11, 12, 13)
@@ -354,8 +341,8 @@ def _clip(call: NodeCall) -> Operand:
             bounds[number] = float(np.clip(bound.ravel()[0], limits.min, limits.max))
     call.walk.refuse_special(tensor)
     lower, upper = (np.full(tensor.size, bound) for bound in bounds)
-    value = call.walk.builder.add(Clip(inputs=(call.walk.settle(tensor),), lower=lower, upper=upper))
-    return call.walk.computed(value, tensor.shape, tensor.dtype, special=False)
+    op = ir.Clip(inputs=(call.walk.settle(tensor),), lower=lower, upper=upper)
+    return call.walk.computed(op, tensor.shape, tensor.dtype)
 
 
 def _reduction(call: NodeCall) -> Operand:
@@ -391,9 +378,9 @@ def _mean_of_picked(walk: GraphWalk, picked: PickedOperand, divides: bool) -> Te
         walk.refuse_special(whole)
         inputs.append(walk.settle(whole))
     dtype = whole.dtype if whole.dtype in (FLOAT32, FLOAT64) else FLOAT64
-    precision = Precision.FLOAT32 if dtype == FLOAT32 else Precision.FLOAT64
-    mean = NearestMean(tuple(inputs), values, picked.count, precision=precision, divides=divides)
-    return walk.computed(walk.builder.add(mean), (1,), dtype, special=False)
+    precision = ir.Precision.FLOAT32 if dtype == FLOAT32 else ir.Precision.FLOAT64
+    mean = ir.NearestMean(tuple(inputs), values, picked.count, precision=precision, divides=divides)
+    return walk.computed(mean, (1,), dtype)
 
 
 def total_of(walk: GraphWalk, rows: Tensor) -> Tensor:
@@ -403,12 +390,12 @@ def total_of(walk: GraphWalk, rows: Tensor) -> Tensor:
 
 def mean_of(walk: GraphWalk, rows: Tensor) -> Tensor:
     """The mean of each row."""
-    return with_constant(walk, total_of(walk, rows), Operator.DIVIDE, rows.shape[1])
+    return with_constant(walk, total_of(walk, rows), ir.Operator.DIVIDE, rows.shape[1])
 
 
 def product_of(walk: GraphWalk, one: Tensor, other: Tensor) -> Tensor:
     """The product of two tensors, number by number."""
-    return require_tensor(combined(walk, Operator.MULTIPLY, one, other))
+    return require_tensor(combined(walk, ir.Operator.MULTIPLY, one, other))
 
 
 def _product(walk: GraphWalk, rows: Tensor) -> Tensor:
@@ -424,28 +411,25 @@ def _product(walk: GraphWalk, rows: Tensor) -> Tensor:
 def norm_of(walk: GraphWalk, rows: Tensor, kind: int) -> Tensor:
     """The sum of the magnitudes of each row (1), or the root of that of the squares (2)."""
     if kind == 1:
-        return total_of(walk, apply_activation(walk, rows, Function.ABS))
-    return apply_activation(walk, total_of(walk, product_of(walk, rows, rows)), Function.SQRT)
+        return total_of(walk, apply_activation(walk, rows, ir.Function.ABS))
+    return apply_activation(walk, total_of(walk, product_of(walk, rows, rows)), ir.Function.SQRT)
 
 
-def extreme_of(walk: GraphWalk, rows: Tensor, code: Operator) -> Tensor:
+def extreme_of(walk: GraphWalk, rows: Tensor, code: ir.Operator) -> Tensor:
     """The largest or the smallest of each row, by halves."""
     walk.refuse_special(rows)
     while rows.shape[1] > 1:
         half = (rows.shape[1] + 1) // 2
-        sides = (replace(rows, value=rows.value[:, part], column=rows.column[:, part]) for part in _halves(half))
+        ends = slice(half), slice(-half, None)
+        sides = (replace(rows, value=rows.value[:, part], column=rows.column[:, part]) for part in ends)
         rows = replace(require_tensor(combined(walk, code, *sides)), special=False)
     return rows
-
-
-def _halves(half: int) -> tuple[slice, slice]:
-    return slice(half), slice(-half, None)
 
 
 def _log_sum_exp(walk: GraphWalk, rows: Tensor) -> Tensor:
     """What a logarithm of a softmax takes from each number: the first one less its own."""
     pair = (part.moved(lambda a: a[:, 0]) for part in (rows, apply_softmax(walk, rows, logarithm=True)))
-    return require_tensor(combined(walk, Operator.SUBTRACT, *pair))
+    return require_tensor(combined(walk, ir.Operator.SUBTRACT, *pair))
 
 
 _REDUCTIONS: dict[str, Callable[[GraphWalk, Tensor], Tensor]] = {
@@ -455,8 +439,8 @@ _REDUCTIONS: dict[str, Callable[[GraphWalk, Tensor], Tensor]] = {
     "ReduceL1": partial(norm_of, kind=1),
     "ReduceL2": partial(norm_of, kind=2),
     "ReduceProd": _product,
-    "ReduceMax": partial(extreme_of, code=Operator.MAXIMUM),
-    "ReduceMin": partial(extreme_of, code=Operator.MINIMUM),
+    "ReduceMax": partial(extreme_of, code=ir.Operator.MAXIMUM),
+    "ReduceMin": partial(extreme_of, code=ir.Operator.MINIMUM),
     "ReduceLogSumExp": _log_sum_exp,
 }
 for _name in _REDUCTIONS:

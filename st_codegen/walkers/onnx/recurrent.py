@@ -8,15 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from operator import itemgetter
 
 import numpy as np
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import AnyArray, FloatArray, Function, Precision, Scan
+from st_codegen.ir import FloatArray, Function, Precision, Scan
 from st_codegen.walkers.base import GraphBuilder
 from st_codegen.walkers.onnx.file import printable
 from st_codegen.walkers.onnx.graph import NodeCall, Result, operator
-from st_codegen.walkers.onnx.operands import FLOAT32, Tensor, check_size
+from st_codegen.walkers.onnx.operands import FLOAT32, Tensor, check_size, together
 
 _FUNCTIONS = {"Tanh": Function.TANH, "Sigmoid": Function.LOGISTIC, "Relu": Function.RELU}
 
@@ -152,29 +153,19 @@ def _recurrent(call: NodeCall) -> Result:
         body = round_of(w[side], r[side], b[side], bool(node.integer("linear_before_reset")), function)
         initial = np.concatenate([state[side] for state in (states if name == "LSTM" else states[:1])])
         starts = (order[::-1] if backwards else order).astype(np.int32)
-        made = walk.builder.add(Scan((value,), tuple(body.ops), starts, read, initial))
-        found = walk.computed(made, (steps, len(initial)), FLOAT32, special=False)
-        results.append((found, backwards))
+        made = Scan((value,), tuple(body.ops), starts, read, initial)
+        results.append((walk.computed(made, (steps, len(initial)), FLOAT32), backwards))
     return _outputs(results, hidden)
 
 
 def _outputs(results: list[tuple[Tensor, bool]], hidden: int) -> tuple[Tensor, ...]:
     """Y (steps, directions, 1, hidden), and the last h and c of each direction (directions, 1, hidden)."""
-
-    def stacked(parts: list[Tensor], axis: int) -> Tensor:
-        pair = [np.stack([getattr(part, name) for part in parts], axis) for name in ("value", "column")]
-        return Tensor(pair[0], pair[1], FLOAT32, special=False)
-
     turned = [found.moved(np.flipud) if backwards else found for found, backwards in results]
     all_h = [found.moved(lambda a: a[:, None, :hidden]) for found in turned]
     last = [found.moved(lambda a: a[-1:]) for found, _ in results]
     parts = [slice(start, start + hidden) for start in range(0, last[0].shape[1], hidden)]
-    ends = [stacked([found.moved(partial(_columns, part=part)) for found in last], 0) for part in parts]
-    return (stacked(all_h, 1), *ends)
-
-
-def _columns(array: AnyArray, part: slice) -> AnyArray:
-    return array[:, part]
+    ends = [together(last, np.stack).moved(itemgetter((..., part))) for part in parts]
+    return (together(all_h, partial(np.stack, axis=1)), *ends)
 
 
 for _name in _LAYERS:

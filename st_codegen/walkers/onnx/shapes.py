@@ -31,6 +31,7 @@ from st_codegen.walkers.onnx.operands import (
     check_size,
     require_float,
     require_tensor,
+    together,
 )
 
 _SHAPE_VERSIONS = (13, 21, 23, 24, 25)
@@ -52,7 +53,7 @@ def _identity(call: NodeCall) -> Operand:
 @operator("Dropout", 7, 10, 12, 13, 22)
 def _dropout(call: NodeCall) -> Operand:
     training = call.constant(2, "training_mode")
-    if len([name for name in call.node.proto.output if name]) > 1 or (training is not None and np.any(training)):
+    if call.node.has_more_outputs or (training is not None and np.any(training)):
         raise UnsupportedModelError("Dropout in training mode; export the model for inference (model.eval())")
     return call.required()
 
@@ -217,12 +218,7 @@ def joined(walk: GraphWalk, parts: Sequence[Operand], axis: int) -> Operand:
         ]
         if len({tensor.unrounded for tensor in tensors}) > 1:
             tensors = [_rounded(walk, tensor) for tensor in tensors]
-        return replace(
-            tensors[0],
-            value=np.concatenate([tensor.value for tensor in tensors], axis),
-            column=np.concatenate([tensor.column for tensor in tensors], axis),
-            special=any(tensor.special for tensor in tensors),
-        )
+        return together(tensors, partial(np.concatenate, axis=axis))
     except ValueError:
         shapes = ", ".join(str(part.shape) for part in parts)
         raise InputError(f"tensors of shapes {shapes} cannot be joined along axis {axis}") from None
@@ -235,7 +231,7 @@ def _numbered(walk: GraphWalk, choice: LabelOperand) -> Tensor:
     labels = np.array(choice.labels, np.float64)
     knots, pieces = np.arange(float(len(labels))), np.full((len(labels) + 1, 1), labels[0])
     numbers = Piecewise((choice.value,), np.array([0, len(labels)]), knots, labels, pieces)
-    return walk.computed(walk.builder.add(numbers), choice.shape, choice.dtype, special=False)
+    return walk.computed(numbers, choice.shape, choice.dtype)
 
 
 def _rounded(walk: GraphWalk, tensor: Tensor) -> Tensor:

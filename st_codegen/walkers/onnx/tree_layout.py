@@ -11,23 +11,14 @@ The representation knows the comparisons `<` and `<=` whose true side is the lef
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
+from st_codegen import ir
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import (
-    Aggregate,
-    AnyArray,
-    BoolArray,
-    Comparison,
-    FloatArray,
-    IntArray,
-    Precision,
-    TreeColumn,
-    TreeEnsemble,
-)
+from st_codegen.ir.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from st_codegen.ir.preorder import Preorder, preorder
 from st_codegen.walkers.onnx.equality import check_merges, merge_equality_chains
 from st_codegen.walkers.onnx.forest import Forest, Mode, NumberType
@@ -39,8 +30,8 @@ MAX_DEPTH = 1000
 
 
 def build_ensemble(
-    forest: Forest, inputs: tuple[int, ...], columns: AnyArray, input_precision: Precision
-) -> TreeEnsemble:
+    forest: Forest, inputs: tuple[int, ...], columns: AnyArray, input_precision: ir.Precision
+) -> ir.TreeEnsemble:
     """The ensemble in the intermediate representation; `columns[feature]` is where a feature stands in the inputs.
 
     Raises InputError for damaged trees, UnsupportedModelError where the arrays would not fit.
@@ -57,9 +48,9 @@ def build_ensemble(
     column = np.full(len(order), -1, np.int64)
     column[~is_leaf] = split
     leaf_value, tree_output = _leaf_values(forest, flat)
-    return TreeEnsemble(
+    return ir.TreeEnsemble(
         inputs=inputs,
-        columns=tuple(TreeColumn(int(columns[feature])) for feature in used),
+        columns=tuple(ir.TreeColumn(int(columns[feature])) for feature in used),
         roots=tests.start[flat.roots].astype(np.int32),
         split=column.astype(np.int32),
         threshold=threshold,
@@ -72,7 +63,7 @@ def build_ensemble(
         base=forest.base,
         comparison=comparison,
         input_precision=input_precision,
-        sum_precision=Precision.FLOAT32 if forest.number_type is np.float32 else Precision.FLOAT64,
+        sum_precision=ir.Precision.FLOAT32 if forest.number_type is np.float32 else ir.Precision.FLOAT64,
         aggregate=forest.aggregate,
         base_last=True,
         divisor=float(len(forest.roots)) if forest.average else 1.0,
@@ -138,7 +129,7 @@ class _Tests:
         self._check_thresholds(flat.order, mode, value)
         intervals = _intervals(forest, flat.order)
         count = np.ones(len(mode), np.int64)
-        count[_is_equality(mode)] = 0
+        count[np.isin(mode, (Mode.EQ, Mode.NEQ, Mode.MEMBER, Mode.MEMBER_INTEGER))] = 0
         np.add.at(count, intervals.node, 2)
         self.start: IntArray = np.concatenate([[0], np.cumsum(count)[:-1]])
         self.owner: IntArray = np.repeat(np.arange(len(mode)), count)
@@ -186,16 +177,16 @@ class _Tests:
         self.right[lower] = self.start[flat.right[intervals.node]]
         self.missing_left[lower] = False
 
-    def canonical(self) -> tuple[Comparison, FloatArray]:
+    def canonical(self) -> tuple[ir.Comparison, FloatArray]:
         """One comparison for all nodes, and the thresholds for it."""
         split = self.left >= 0
         if np.all(self.strict[split]) and not np.any(np.isinf(self.value[split])):
-            return Comparison.LESS, np.where(split, self.value, 0.0)
+            return ir.Comparison.LESS, np.where(split, self.value, 0.0)
         below = largest_below(self.value, self.forest.number_type)
         threshold = np.where(split, np.where(self.strict, below, self.value), 0.0)
         if np.any(threshold == -np.inf):
             raise UnsupportedModelError("a threshold lies at the lowest number of its type, nothing is below it")
-        return Comparison.LESS_OR_EQUAL, threshold
+        return ir.Comparison.LESS_OR_EQUAL, threshold
 
 
 def largest_below(value: FloatArray, number_type: NumberType) -> FloatArray:
@@ -224,10 +215,6 @@ class _Intervals:
     high_open: BoolArray
 
 
-def _is_equality(mode: NDArray[np.int8]) -> BoolArray:
-    return np.isin(mode, (Mode.EQ, Mode.NEQ, Mode.MEMBER, Mode.MEMBER_INTEGER))
-
-
 def _intervals(forest: Forest, order: IntArray) -> _Intervals:
     """The intervals of all tests of equality."""
     mode = forest.mode[order]
@@ -238,13 +225,7 @@ def _intervals(forest: Forest, order: IntArray) -> _Intervals:
     for node in np.flatnonzero(np.isin(mode, (Mode.MEMBER, Mode.MEMBER_INTEGER))):
         parts.append(_member_intervals(forest, int(node), int(order[node])))
     rank = np.argsort(np.concatenate([part.node for part in parts]), kind="stable")
-    return _Intervals(
-        node=np.concatenate([part.node for part in parts])[rank],
-        low=np.concatenate([part.low for part in parts])[rank],
-        high=np.concatenate([part.high for part in parts])[rank],
-        low_open=np.concatenate([part.low_open for part in parts])[rank],
-        high_open=np.concatenate([part.high_open for part in parts])[rank],
-    )
+    return _Intervals(*(np.concatenate([getattr(p, entry.name) for p in parts])[rank] for entry in fields(_Intervals)))
 
 
 def _member_intervals(forest: Forest, position: int, node: int) -> _Intervals:
@@ -287,7 +268,7 @@ def _leaf_values(forest: Forest, flat: Preorder) -> tuple[FloatArray, IntArray]:
             "export one model for each target"
         )
     largest = float(np.finfo(forest.number_type).max)
-    neutral = {Aggregate.SUM: 0.0, Aggregate.MINIMUM: largest, Aggregate.MAXIMUM: -largest}[forest.aggregate]
+    neutral = {ir.Aggregate.SUM: 0.0, ir.Aggregate.MINIMUM: largest, ir.Aggregate.MAXIMUM: -largest}[forest.aggregate]
     leaf_value = np.full((rows, n_targets), neutral)
     leaf_value[forest.weight_leaf, forest.weight_target] = forest.weight
     return leaf_value, np.zeros(len(flat.roots), np.int64)
@@ -312,7 +293,7 @@ def _check_coverage(forest: Forest, covered: IntArray) -> None:
 
     So a minimum, a maximum and a base value need a tree that always has a number for the target.
     """
-    needed = np.flatnonzero((forest.base != 0) | (forest.aggregate is not Aggregate.SUM))
+    needed = np.flatnonzero((forest.base != 0) | (forest.aggregate is not ir.Aggregate.SUM))
     missing = np.setdiff1d(needed, covered)
     if missing.size:
         raise UnsupportedModelError(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -19,13 +18,12 @@ _INLIERS = (-1, 1)
 
 
 @walks("IsolationForest", trusts=("sklearn.tree._tree.Tree",))
-def walk_isolation_forest(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+def walk_isolation_forest(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """Lengths of paths, added in order; the score is 2 to the minus their mean, in units of what is usual.
 
     The label is 1 where the score does not lie below `offset_` (`_iforest.py: _compute_score_samples, predict`). The
     sum of the lengths at which that changes is found by bisection, so that labels are exact.
     """
-    fitted = Fitted(estimator)
     trees = fitted.items("estimators_")
     width, count = builder.width(value), len(trees)
     if fitted.integer("_max_features", 1, width) != width:
@@ -60,9 +58,8 @@ def _usual_length(samples: int) -> float:
 
 
 @walks("EllipticEnvelope", finite=True)
-def walk_envelope(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+def walk_envelope(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """Minus the square of Mahalanobis' distance against `offset_` (`_elliptic_envelope.py: predict`)."""
-    fitted = Fitted(estimator)
     width = builder.width(value)
     precision = fitted.floats("precision_", (width, width))
     centred = builder.scale(value, "-", fitted.floats("location_", (width,)))
@@ -75,27 +72,27 @@ def walk_envelope(estimator: Any, builder: GraphBuilder, value: int) -> Classifi
 
 
 @walks("KMeans MiniBatchKMeans MeanShift AffinityPropagation", finite=True, double="cluster_centers_")
-def walk_clusters(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+def walk_clusters(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """The nearest centre, the first of equal ones (`cluster/_k_means_lloyd.pyx: lloyd_iter_chunked_dense`)."""
-    fitted = Fitted(estimator)
-    if hasattr(estimator, "_n_threads"):  # of the machine that trained it; native code starts as many, however many
-        estimator._n_threads = 1
+    if hasattr(
+        fitted.estimator, "_n_threads"
+    ):  # of the machine that trained it; native code starts as many, however many
+        fitted.estimator._n_threads = 1
     centres = fitted.floats("cluster_centers_", (None, builder.width(value)))
     near = negative_square_distances(builder, value, centres)
     return Classified(tuple(range(len(centres))), largest(builder, near))
 
 
 @walks("GaussianMixture", finite=True, double="precisions_cholesky_")
-def walk_mixture(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+def walk_mixture(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """The most probable component (`mixture/_gaussian_mixture.py: _estimate_log_gaussian_prob`)."""
-    fitted = Fitted(estimator)
     width = builder.width(value)
     means = fitted.floats("means_", (None, width))
     count = len(means)
     weights = fitted.floats("weights_", (count,))
     if np.any(weights <= 0):
         raise fitted.fail("weights_", "a component without weight")
-    full = estimator.covariance_type in ("full", "tied")
+    full = fitted.estimator.covariance_type in ("full", "tied")
     norms, determinants = (_turned if full else _straight)(fitted, builder, value, means)
     scores = builder.chain(norms, ("*", -0.5), ("+", determinants), ("+", np.log(weights)))
     return Classified(tuple(range(count)), largest(builder, scores), softmax(builder, scores))

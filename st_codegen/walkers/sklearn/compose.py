@@ -21,19 +21,19 @@ Steps = list[tuple[str, FloatArray]]
 
 
 @transforms("Pipeline")
-def walk_preparation(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_preparation(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """The steps, one after another; none of them predicts."""
-    for _, step in Fitted(estimator).items("steps"):
+    for _, step in fitted.items("steps"):
         value = _walk_or_pass(step, builder, value)
     return value
 
 
 @walks("Pipeline")
-def walk_pipeline(estimator: Any, builder: GraphBuilder, value: int) -> Walked:
+def walk_pipeline(fitted: Fitted, builder: GraphBuilder, value: int) -> Walked:
     """The steps, one after another; the last one may be a classifier."""
-    if not hasattr(estimator, "predict"):
-        return walk_preparation(estimator, builder, value)
-    steps = Fitted(estimator).items("steps")
+    if not hasattr(fitted.estimator, "predict"):
+        return walk_preparation(fitted, builder, value)
+    steps = fitted.items("steps")
     _, last = steps[-1]
     for _, step in steps[:-1]:
         value = _walk_or_pass(step, builder, value)
@@ -64,23 +64,21 @@ _SEARCH = tuple(
 
 
 @walks("GridSearchCV RandomizedSearchCV", trusts=_SEARCH)
-def walk_search(estimator: Any, builder: GraphBuilder, value: int) -> Walked:
+def walk_search(fitted: Fitted, builder: GraphBuilder, value: int) -> Walked:
     """The estimator that the search found best and fitted again (`_search.py: BaseSearchCV.predict`)."""
-    return walk_any(Fitted(estimator).get("best_estimator_"), builder, value)
+    return walk_any(fitted.get("best_estimator_"), builder, value)
 
 
 @walks("RFE RFECV")
-def walk_elimination(estimator: Any, builder: GraphBuilder, value: int) -> Walked:
+def walk_elimination(fitted: Fitted, builder: GraphBuilder, value: int) -> Walked:
     """The estimator on the features that are left (`feature_selection/_rfe.py: predict`)."""
-    fitted = Fitted(estimator)
     left = np.flatnonzero(fitted.flags("support_", (builder.width(value),))).astype(np.int32)
     return walk_any(fitted.get("estimator_"), builder, builder.select(left, value))
 
 
 @transforms("ColumnTransformer")
-def walk_columns(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_columns(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """Each transformer on its own columns; results side by side in the order of `transformers_`."""
-    fitted = Fitted(estimator)
     parts = []
     for name, transformer, given in fitted.items("transformers_"):
         columns = selected_columns(fitted, name, given, builder.width(value))
@@ -110,9 +108,8 @@ def selected_columns(fitted: Fitted, name: str, given: Any, width: int) -> Int32
 
 
 @walks("TransformedTargetRegressor")
-def walk_transformed_target(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_transformed_target(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """The regressor, then the inverse of the target's transformation."""
-    fitted = Fitted(estimator)
     value = walk_estimator(fitted.get("regressor_"), builder, value)
     transformer = fitted.get("transformer_")
     name = type(transformer).__name__
@@ -127,13 +124,12 @@ def walk_transformed_target(estimator: Any, builder: GraphBuilder, value: int) -
 
 
 @transforms("StandardScaler MinMaxScaler RobustScaler MaxAbsScaler")
-def walk_scaler(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_scaler(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """The forward transformation of a scaler."""
-    fitted = Fitted(estimator)
     builder.refuse_magnitude(math.inf)
     width = builder.width(value)
     steps = _steps(fitted, width)
-    if not (hasattr(estimator, "clip") and fitted.flag("clip")):
+    if not (hasattr(fitted.estimator, "clip") and fitted.flag("clip")):
         return builder.chain(value, *steps)
     low, high = (-1.0, 1.0) if fitted.kind == "MaxAbsScaler" else fitted.items("feature_range", 2)
     low, high = (float(fitted.floats_of("feature_range", end, ())) for end in (low, high))
@@ -163,13 +159,13 @@ def _reach(steps: Steps, low: float, high: float, width: int) -> FloatArray:
 
 
 @transforms("FunctionTransformer")
-def walk_function(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_function(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """A NumPy function of each column."""
-    if Fitted(estimator).get("kw_args"):
+    if fitted.get("kw_args"):
         raise UnsupportedModelError(
-            f"FunctionTransformer with kw_args={estimator.kw_args}: arguments are not supported"
+            f"FunctionTransformer with kw_args={fitted.estimator.kw_args}: arguments are not supported"
         )
-    return _add_function(estimator.func, "func", builder, value)
+    return _add_function(fitted.estimator.func, "func", builder, value)
 
 
 def _walk_or_pass(step: Any, builder: GraphBuilder, value: int) -> int:

@@ -82,13 +82,12 @@ _NAMED = ("sklearn.utils._bunch.Bunch",)
 
 
 @walks("VotingClassifier", trusts=_NAMED)
-def walk_voting(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+def walk_voting(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """The first class of most votes, or of the largest mean probability (`ensemble/_voting.py: predict`)."""
-    fitted = Fitted(estimator)
     labels, parts = labels_of(fitted), fitted.items("estimators_")
     weights, numbers = _weights(fitted, len(parts)), tuple(range(len(labels)))
     found = [walk_classifier(part, builder, value) for part in parts]
-    if estimator.voting == "soft":
+    if fitted.estimator.voting == "soft":
         shares = [_probability(one, part) for one, part in zip(found, parts, strict=True)]
         if weights is not None:
             shares = [builder.scale(share, "*", weight) for share, weight in zip(shares, weights, strict=True)]
@@ -103,9 +102,8 @@ def walk_voting(estimator: Any, builder: GraphBuilder, value: int) -> Classified
 
 
 @walks("VotingRegressor", trusts=_NAMED)
-def walk_voting_regressor(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_voting_regressor(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """The weighted mean of the regressors, which NumPy adds in an order of its own."""
-    fitted = Fitted(estimator)
     parts = fitted.items("estimators_")
     found = [walk_estimator(part, builder, value) for part in parts]
     if any(builder.width(one) != 1 for one in found):
@@ -130,9 +128,8 @@ def _bagged(fitted: Fitted, builder: GraphBuilder, value: int) -> list[tuple[Any
 
 
 @walks("BaggingClassifier")
-def walk_bagging(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+def walk_bagging(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """The mean of probabilities, or of votes (`ensemble/_bagging.py: _parallel_predict_proba` with n_jobs=1)."""
-    fitted = Fitted(estimator)
     labels = labels_of(fitted)
     numbers = tuple(range(len(labels)))
     shares = []
@@ -147,16 +144,15 @@ def walk_bagging(estimator: Any, builder: GraphBuilder, value: int) -> Classifie
 
 
 @walks("BaggingRegressor")
-def walk_bagging_regressor(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_bagging_regressor(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """The mean of the regressors, added in order."""
-    found = [walk_estimator(part, builder, columns) for part, columns in _bagged(Fitted(estimator), builder, value)]
+    found = [walk_estimator(part, builder, columns) for part, columns in _bagged(fitted, builder, value)]
     return _mean(builder, found, float(len(found)))
 
 
 @walks("AdaBoostClassifier", finite=True)
-def walk_ada_boost(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+def walk_ada_boost(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """Each estimator adds its weight to its class, and takes a share of it from the others (SAMME)."""
-    fitted = Fitted(estimator)
     labels, parts = labels_of(fitted), fitted.items("estimators_")
     count = len(labels)
     if count < 2:
@@ -181,9 +177,8 @@ def walk_ada_boost(estimator: Any, builder: GraphBuilder, value: int) -> Classif
 
 
 @walks("AdaBoostRegressor", finite=True)
-def walk_ada_boost_regressor(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_ada_boost_regressor(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """The weighted median of the estimators (`ensemble/_weight_boosting.py: _get_median_predict`)."""
-    fitted = Fitted(estimator)
     parts = fitted.items("estimators_")
     weights = fitted.floats("estimator_weights_", (None,))[: len(parts)]
     found = [walk_estimator(part, builder, value) for part in parts]
@@ -195,9 +190,8 @@ def walk_ada_boost_regressor(estimator: Any, builder: GraphBuilder, value: int) 
 
 
 @walks("OneVsRestClassifier", trusts=("sklearn.multiclass._ConstantPredictor",))
-def walk_one_vs_rest(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+def walk_one_vs_rest(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """The first (or last) of the largest scores, one a class; of two classes the second beyond the threshold."""
-    fitted = Fitted(estimator)
     parts = fitted.items("estimators_")
     binarizer = Fitted(fitted.get("label_binarizer_"))
     labels = labels_of(binarizer)
@@ -207,7 +201,7 @@ def walk_one_vs_rest(estimator: Any, builder: GraphBuilder, value: int) -> Class
     if len(parts) == 1:
         cut = 0.0 if hasattr(parts[0], "decision_function") else 0.5
         return Classified(labels, above(builder, scores[0], cut))
-    if _chosen_of_equal(estimator, builder.width(value)) == labels[0]:
+    if _chosen_of_equal(fitted.estimator, builder.width(value)) == labels[0]:
         return Classified(labels, largest(builder, builder.beside(*scores)))
     turned = largest(builder, builder.beside(*scores[::-1]))
     return Classified(labels, builder.scale(turned, "-", len(parts) - 1.0, reverse=True))
@@ -224,9 +218,8 @@ def _chosen_of_equal(estimator: Any, width: int) -> Label:
 
 
 @walks("OneVsOneClassifier")
-def walk_one_vs_one(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+def walk_one_vs_one(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """Votes of one estimator a pair of classes; what they leave equal is decided by their scores."""
-    fitted = Fitted(estimator)
     labels, parts = labels_of(fitted), fitted.items("estimators_")
     if fitted.get("pairwise_indices_") is not None or len(parts) != len(list(combinations(labels, 2))):
         raise UnsupportedModelError("OneVsOneClassifier of a precomputed kernel")
@@ -245,13 +238,12 @@ def walk_one_vs_one(estimator: Any, builder: GraphBuilder, value: int) -> Classi
     "CalibratedClassifierCV",
     trusts=("sklearn.calibration._CalibratedClassifier", "sklearn.calibration._SigmoidCalibration"),
 )
-def walk_calibrated(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+def walk_calibrated(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """The mean of calibrated scores (`calibration.py: _CalibratedClassifier.predict_proba`)."""
-    fitted = Fitted(estimator)
     labels = labels_of(fitted)
-    if estimator.method not in ("sigmoid", "isotonic"):
+    if fitted.estimator.method not in ("sigmoid", "isotonic"):
         raise UnsupportedModelError(
-            f"CalibratedClassifierCV with method={estimator.method!r}: supported are 'sigmoid' and 'isotonic'"
+            f"CalibratedClassifierCV with method={fitted.estimator.method!r}: supported are 'sigmoid' and 'isotonic'"
         )
     shares = []
     for calibrated in fitted.items("calibrated_classifiers_"):
@@ -310,16 +302,14 @@ def _stacked(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
 
 
 @walks("StackingRegressor", trusts=_NAMED)
-def walk_stack(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_stack(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """The last regressor on what the others give (`ensemble/_stacking.py: _concatenate_predictions`)."""
-    fitted = Fitted(estimator)
     return walk_estimator(fitted.get("final_estimator_"), builder, _stacked(fitted, builder, value))
 
 
 @walks("StackingClassifier", trusts=_NAMED)
-def walk_stack_of_classes(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+def walk_stack_of_classes(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """The last classifier on what the others give; it knows the classes by their numbers."""
-    fitted = Fitted(estimator)
     labels = labels_of(fitted)
     last = walk_classifier(fitted.get("final_estimator_"), builder, _stacked(fitted, builder, value))
     if last.labels != tuple(range(len(labels))):
@@ -340,15 +330,14 @@ def _one_output(part: Any, builder: GraphBuilder, value: int) -> int:
 
 
 @walks("MultiOutputRegressor MultiOutputClassifier")
-def walk_multi_output(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_multi_output(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """One estimator an output, side by side."""
-    return builder.beside(*[_one_output(part, builder, value) for part in Fitted(estimator).items("estimators_")])
+    return builder.beside(*[_one_output(part, builder, value) for part in fitted.items("estimators_")])
 
 
 @walks("RegressorChain ClassifierChain", finite=True)
-def walk_chain(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_chain(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """Each estimator takes the inputs and what those before it gave (`multioutput.py: _get_predictions`)."""
-    fitted = Fitted(estimator)
     parts = fitted.items("estimators_")
     if fitted.kind == "ClassifierChain" and fitted.get("chain_method_") != "predict":
         raise UnsupportedModelError("ClassifierChain with another chain_method than 'predict'")

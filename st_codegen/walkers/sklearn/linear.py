@@ -6,7 +6,6 @@ They add products through BLAS, whose order is not specified: equal within the b
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -34,38 +33,37 @@ def _weighted_sum(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     QuantileRegressor Ridge RidgeCV SGDRegressor TheilSenRegressor
     """
 )
-def walk_linear(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_linear(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """One weighted sum an output."""
-    return _weighted_sum(Fitted(estimator), builder, value)
+    return _weighted_sum(fitted, builder, value)
 
 
 @walks(
     "PoissonRegressor GammaRegressor TweedieRegressor",
     trusts=("sklearn._loss.loss.HalfTweedieLossIdentity",),
 )
-def walk_generalized(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_generalized(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """A weighted sum behind the inverse of the loss's link (`linear_model/_glm/glm.py: predict`)."""
-    total = _weighted_sum(Fitted(estimator), builder, value)
-    link = type(estimator._base_loss.link).__name__
+    total = _weighted_sum(fitted, builder, value)
+    link = type(fitted.estimator._base_loss.link).__name__
     if link == "IdentityLink":
         return total
     if link != "LogLink":
-        raise UnsupportedModelError(f"{type(estimator).__name__} with the link {link}")
+        raise UnsupportedModelError(f"{fitted.kind} with the link {link}")
     return builder.function(total, "exp")
 
 
 @walks("PLSRegression PLSCanonical CCA")
-def walk_partial_leastsquares(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_partial_leastsquares(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """Centred inputs, then a weighted sum an output (`cross_decomposition/_pls.py: predict`)."""
-    fitted = Fitted(estimator)
     mean = fitted.floats("_x_mean", (builder.width(value),))
     return _weighted_sum(fitted, builder, builder.scale(value, "-", mean))
 
 
 @walks("RANSACRegressor")
-def walk_consensus(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_consensus(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """The regressor that was fitted on the inliers."""
-    return walk_estimator(Fitted(estimator).get("estimator_"), builder, value)
+    return walk_estimator(fitted.get("estimator_"), builder, value)
 
 
 @walks(
@@ -75,23 +73,22 @@ def walk_consensus(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """,
     trusts=SPARSE,
 )
-def walk_linear_classifier(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+def walk_linear_classifier(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """Of two classes the second above 0, of more the first of the largest (`LinearClassifierMixin.predict`).
 
     Probabilities of logistic models and of discriminant analysis: the sigmoid of the one score, the softmax of several.
     """
-    fitted = Fitted(estimator)
     labels = labels_of(fitted)
     scores = _weighted_sum(fitted, builder, value)
     count = builder.width(scores)
-    several = getattr(getattr(estimator, "_label_binarizer", None), "y_type_", "").startswith("multilabel")
+    several = getattr(getattr(fitted.estimator, "_label_binarizer", None), "y_type_", "").startswith("multilabel")
     if several or count != (len(labels) if len(labels) > 2 else 1):
         raise UnsupportedModelError(f"{fitted.kind} with {count} scores for {len(labels)} classes: train one for each")
     logistic = fitted.kind in ("LogisticRegression", "LogisticRegressionCV", "LinearDiscriminantAnalysis")
     if count > 1:
         return Classified(labels, largest(builder, scores), softmax(builder, scores) if logistic else None, scores)
     probability = None
-    if logistic or (fitted.kind == "SGDClassifier" and estimator.loss == "log_loss"):
+    if logistic or (fitted.kind == "SGDClassifier" and fitted.estimator.loss == "log_loss"):
         probability = complement(builder, builder.function(scores, "logistic"))
     return Classified(labels, above(builder, scores), probability, scores)
 
@@ -116,9 +113,8 @@ def block_sums(builder: GraphBuilder, value: int, blocks: int, weight: float, bi
 
 
 @walks("GaussianNB", finite=True, double="var_")
-def walk_gaussian_bayes(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+def walk_gaussian_bayes(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """`naive_bayes.py: GaussianNB._joint_log_likelihood`, its constants computed as there."""
-    fitted = Fitted(estimator)
     width = builder.width(value)
     means = fitted.floats("theta_", (None, width))
     variances = fitted.floats("var_", means.shape)
@@ -134,9 +130,8 @@ def walk_gaussian_bayes(estimator: Any, builder: GraphBuilder, value: int) -> Cl
 
 
 @walks("BernoulliNB MultinomialNB ComplementNB", finite=True)
-def walk_discrete_bayes(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+def walk_discrete_bayes(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """`naive_bayes.py: _joint_log_likelihood` of these classes, constants computed as there."""
-    fitted = Fitted(estimator)
     width = builder.width(value)
     weights = fitted.floats("feature_log_prob_", (None, width))
     constant = fitted.floats("class_log_prior_", (len(weights),))
@@ -153,9 +148,8 @@ def walk_discrete_bayes(estimator: Any, builder: GraphBuilder, value: int) -> Cl
 
 
 @walks("QuadraticDiscriminantAnalysis", finite=True, double="scalings_")
-def walk_quadratic(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+def walk_quadratic(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """`discriminant_analysis.py: QuadraticDiscriminantAnalysis._decision_function`, class by class."""
-    fitted = Fitted(estimator)
     width = builder.width(value)
     means = fitted.floats("means_", (None, width))
     count = len(means)
@@ -179,14 +173,13 @@ def walk_quadratic(estimator: Any, builder: GraphBuilder, value: int) -> Classif
 
 
 @walks("NearestCentroid", finite=True)
-def walk_nearest_centroid(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+def walk_nearest_centroid(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """The nearest centre by the Euclidean distance, the first of equal ones (`pairwise_distances_argmin`)."""
-    fitted = Fitted(estimator)
     labels = labels_of(fitted)
     prior = fitted.floats("class_prior_", (len(labels),))
-    if estimator.metric != "euclidean" or not np.isclose(prior, 1 / len(labels)).all():
+    if fitted.estimator.metric != "euclidean" or not np.isclose(prior, 1 / len(labels)).all():
         raise UnsupportedModelError(
-            f"NearestCentroid with metric={estimator.metric!r} and priors {prior[:3]}: supported are "
+            f"NearestCentroid with metric={fitted.estimator.metric!r} and priors {prior[:3]}: supported are "
             "metric='euclidean' and equal priors (priors='uniform')"
         )
     centres = fitted.floats("centroids_", (len(labels), builder.width(value)))

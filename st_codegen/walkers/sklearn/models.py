@@ -5,8 +5,6 @@ These add products through BLAS, whose order is not specified: equal within the 
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
@@ -35,8 +33,8 @@ class _Machine:
     For two classes scikit-learn shows them with the opposite sign.
     """
 
-    def __init__(self, estimator: Any, width: int, n_classes: int) -> None:
-        self.fitted = fitted = Fitted(estimator)
+    def __init__(self, fitted: Fitted, width: int, n_classes: int) -> None:
+        self.fitted = fitted
         self.kernel = fitted.choice("kernel", KERNELS)
         vectors = fitted.get("support_vectors_")
         if not isinstance(vectors, np.ndarray) or fitted.flag("_sparse"):
@@ -48,7 +46,7 @@ class _Machine:
         # libsvm reads as many entries of these as it has support vectors, and of the numbers one a class
         fitted.integers("support_", (count,), low=0, high=2**31 - 1)
         self.of_class = fitted.integers("_n_support", (n_classes,), low=0, high=2**31 - 1)
-        sign = -1.0 if hasattr(estimator, "classes_") and n_classes == 2 else 1.0
+        sign = -1.0 if hasattr(fitted.estimator, "classes_") and n_classes == 2 else 1.0
         for public, used in (("intercept_", self.intercept), ("dual_coef_", self.coefficients)):
             if not np.array_equal(fitted.floats(public, used.shape), sign * used):
                 raise fitted.fail(public, f"differs from _{public}, with which scikit-learn predicts")
@@ -74,36 +72,35 @@ class _Machine:
 
 
 @walks("SVR NuSVR")
-def walk_svr(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_svr(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """Sum of dual coefficient * kernel, plus intercept (`sklearn/svm/src/libsvm/svm.cpp: svm_predict_values`)."""
-    machine = _Machine(estimator, builder.width(value), 2)
+    machine = _Machine(fitted, builder.width(value), 2)
     return machine.add(builder, value, machine.coefficients)
 
 
 @walks("OneClassSVM")
-def walk_one_class(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+def walk_one_class(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """1 where the sum is above 0, else -1 (`svm.cpp: svm_predict_values`)."""
-    machine = _Machine(estimator, builder.width(value), 2)
+    machine = _Machine(fitted, builder.width(value), 2)
     scores = machine.add(builder, value, machine.coefficients)
     return Classified((-1, 1), above(builder, scores), decision=scores)
 
 
 @walks("SVC NuSVC")
-def walk_svc(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+def walk_svc(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """One machine a pair of classes, of which each has a vote; the first of most votes (`svm_predict_values`).
 
     The score of a pair is above 0 for its first class. scikit-learn's own scores of two classes have the other sign,
     and those of more are votes and confidences (`utils/multiclass.py: _ovr_decision_function`).
     """
-    fitted = Fitted(estimator)
-    if fitted.flag("break_ties") and estimator.decision_function_shape == "ovo":
+    if fitted.flag("break_ties") and fitted.estimator.decision_function_shape == "ovo":
         raise UnsupportedModelError(
             f"{fitted.kind} with break_ties=True and decision_function_shape='ovo', with which its own predict raises: "
             "take 'ovr' or break_ties=False"
         )
     labels = labels_of(fitted)
     count = len(labels)
-    machine = _Machine(estimator, builder.width(value), count)
+    machine = _Machine(fitted, builder.width(value), count)
     if np.sum(machine.of_class) != len(machine.vectors):
         raise fitted.fail("_n_support", f"{np.sum(machine.of_class)} vectors in all, expected {len(machine.vectors)}")
     pairs = machine.add(builder, value, pair_coefficients(machine.coefficients, machine.of_class))
@@ -111,10 +108,10 @@ def walk_svc(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     votes = pair_votes(builder, pairs, count)
     if count == 2:
         return Classified(labels, largest(builder, votes), decision=turned)
-    if estimator.decision_function_shape == "ovo":
+    if fitted.estimator.decision_function_shape == "ovo":
         return Classified(labels, largest(builder, votes), decision=pairs)
     decision = votes_and_confidences(builder, above(builder, turned), turned, count)
-    return Classified(labels, largest(builder, decision if estimator.break_ties else votes), decision=decision)
+    return Classified(labels, largest(builder, decision if fitted.estimator.break_ties else votes), decision=decision)
 
 
 def votes_and_confidences(builder: GraphBuilder, seconds: int, scores: int, count: int) -> int:
@@ -125,13 +122,9 @@ def votes_and_confidences(builder: GraphBuilder, seconds: int, scores: int, coun
     first, second = pair_members(count)
     votes = whole_sums(builder, seconds, second - first, first.sum(axis=1))
     confidence = builder.linear(scores, second - first)
-    return builder.combine(votes, "+", _squashed(builder, confidence))
-
-
-def _squashed(builder: GraphBuilder, value: int) -> int:
-    """x / (3 * (|x| + 1)) of each column."""
-    size = builder.function(value, "leaky_relu", parameter=-1.0)  # |x|
-    return builder.combine(value, "/", builder.chain(size, ("+", 1.0), ("*", 3.0)))
+    size = builder.function(confidence, "leaky_relu", parameter=-1.0)  # |x|, and x / (3 * (|x| + 1)) below one vote
+    squashed = builder.combine(confidence, "/", builder.chain(size, ("+", 1.0), ("*", 3.0)))
+    return builder.combine(votes, "+", squashed)
 
 
 @walks(
@@ -142,12 +135,11 @@ def _squashed(builder: GraphBuilder, value: int) -> int:
     ),
     finite=True,
 )
-def walk_mlp(estimator: Any, builder: GraphBuilder, value: int) -> Walked:
+def walk_mlp(fitted: Fitted, builder: GraphBuilder, value: int) -> Walked:
     """Add the dense layers of a network, each with its function (`_multilayer_perceptron.py: _forward_pass_fast`).
 
     Of two classes the second is taken above 0.5, of more the first of the largest probabilities (`LabelBinarizer`).
     """
-    fitted = Fitted(estimator)
     layers = fitted.items("coefs_")
     last = len(layers) - 1
     biases = fitted.items("intercepts_", len(layers))
@@ -175,9 +167,8 @@ def walk_mlp(estimator: Any, builder: GraphBuilder, value: int) -> Walked:
 
 
 @walks("KernelRidge", finite=True)
-def walk_kernel_ridge(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_kernel_ridge(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """Sum of dual coefficient * kernel (`kernel_ridge.py: predict`, `metrics/pairwise.py`)."""
-    fitted = Fitted(estimator)
     vectors = fitted.floats("X_fit_", (None, builder.width(value)))
     dual = fitted.floats("dual_coef_", (len(vectors),), (len(vectors), None)).reshape(len(vectors), -1)
     return add_kernels(fitted, builder, value, vectors, dual.T)

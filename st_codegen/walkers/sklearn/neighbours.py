@@ -72,9 +72,8 @@ def _inverse(fitted: Fitted, supported: tuple[str, ...] = ("uniform", "distance"
 
 
 @walks("KNeighborsRegressor", trusts=(f"{__name__}.StoredSearchTree",), double="_y")
-def walk_nearest(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_nearest(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """The mean over the nearest training rows (`neighbors/_regression.py: predict`)."""
-    fitted = Fitted(estimator)
     distances, count = _distances(fitted, builder, value)
     targets = fitted.floats("_y", (count,), (count, None)).reshape(count, -1)
     nearest = fitted.integer("n_neighbors", 1, count)
@@ -82,9 +81,8 @@ def walk_nearest(estimator: Any, builder: GraphBuilder, value: int) -> int:
 
 
 @walks("KNeighborsClassifier")
-def walk_nearest_classes(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+def walk_nearest_classes(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """The first class of most among the nearest training rows (`neighbors/_classification.py: predict`)."""
-    fitted = Fitted(estimator)
     labels = labels_of(fitted)
     distances, count = _distances(fitted, builder, value)
     codes = fitted.integers("_y", (count,), low=0, high=len(labels) - 1)
@@ -94,9 +92,8 @@ def walk_nearest_classes(estimator: Any, builder: GraphBuilder, value: int) -> C
 
 
 @walks("LocalOutlierFactor")
-def walk_local_outliers(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+def walk_local_outliers(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """How dense the nearest training rows lie beside this one (`neighbors/_lof.py: score_samples`); 1 from 0 on."""
-    fitted = Fitted(estimator)
     if not fitted.flag("novelty"):
         raise UnsupportedModelError("LocalOutlierFactor predicts new rows with novelty=True only: fit it so")
     distances, count = _distances(fitted, builder, value)
@@ -112,17 +109,15 @@ def walk_local_outliers(estimator: Any, builder: GraphBuilder, value: int) -> Cl
 
 
 @walks("RadiusNeighborsRegressor", double="_y")
-def walk_radius(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_radius(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """The mean over all training rows within the radius; without any no answer (`neighbors/_regression.py`)."""
-    fitted = Fitted(estimator)
     distances, count = _distances(fitted, builder, value)
     return _within(fitted, builder, distances, fitted.floats("_y", (count,), (count, None)).reshape(count, -1))
 
 
 @walks("RadiusNeighborsClassifier")
-def walk_radius_classes(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+def walk_radius_classes(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """The first class of most training rows within the radius; without any no answer."""
-    fitted = Fitted(estimator)
     labels = labels_of(fitted)
     if fitted.get("outlier_label") is not None:
         raise UnsupportedModelError("RadiusNeighborsClassifier with an outlier_label: bValid says that no row is near")
@@ -155,9 +150,8 @@ _KERNELS = tuple(
     trusts=tuple(f"sklearn.gaussian_process.kernels.{name}" for name in _KERNELS),
     finite=True,
 )
-def walk_gaussian_process(estimator: Any, builder: GraphBuilder, value: int) -> Estimated:
+def walk_gaussian_process(fitted: Fitted, builder: GraphBuilder, value: int) -> Estimated:
     """Kernels with the training rows, weighted (`gaussian_process/_gpr.py: predict`): the mean, and the deviation."""
-    fitted = Fitted(estimator)
     vectors = fitted.floats("X_train_", (None, builder.width(value)))
     weights = fitted.floats("alpha_", (len(vectors),), (len(vectors), None)).reshape(len(vectors), -1)
     outputs = weights.shape[1]

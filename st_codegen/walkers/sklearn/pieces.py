@@ -47,9 +47,9 @@ def _rising(fitted: Fitted, name: str, values: FloatArray) -> FloatArray:
 
 
 @transforms("Binarizer", finite=True)
-def walk_binarizer(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_binarizer(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """1 above the threshold, else 0."""
-    return builder.add(Exceeds((value,), np.full(builder.width(value), Fitted(estimator).number("threshold"))))
+    return builder.add(Exceeds((value,), np.full(builder.width(value), fitted.number("threshold"))))
 
 
 def _missing_value(fitted: Fitted, builder: GraphBuilder, value: int) -> float:
@@ -74,14 +74,13 @@ def _indicators(builder: GraphBuilder, value: int, missing: float, columns: Any)
 
 
 @transforms("MissingIndicator")
-def walk_missing(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_missing(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """Which columns are missing (`impute/_base.py: MissingIndicator.transform`)."""
-    fitted = Fitted(estimator)
     columns = fitted.integers("features_", (None,), low=0, high=builder.width(value) - 1)
     missing = _missing_value(fitted, builder, value)
     if not len(columns):
         raise UnsupportedModelError("MissingIndicator without a column that was missing in training")
-    if estimator.features == "missing-only" and fitted.flag("error_on_new"):
+    if fitted.estimator.features == "missing-only" and fitted.flag("error_on_new"):
         # other columns that are missing raise
         others = sorted(set(range(builder.width(value))) - set(columns.tolist()))
         if others:
@@ -92,9 +91,8 @@ def walk_missing(estimator: Any, builder: GraphBuilder, value: int) -> int:
 
 
 @transforms("SimpleImputer", trusts=("numpy.dtype",))
-def walk_imputer(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_imputer(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """A number of its own for each column in place of missing values (`impute/_base.py: SimpleImputer.transform`)."""
-    fitted = Fitted(estimator)
     width = builder.width(value)
     given = fitted.get("statistics_")
     kind = np.dtype(fitted.get("_fill_dtype"))
@@ -102,7 +100,7 @@ def walk_imputer(estimator: Any, builder: GraphBuilder, value: int) -> int:
     if not plain or kind.kind not in "fiu" or not all(isinstance(v, int | float | np.number) for v in given):
         raise UnsupportedModelError("SimpleImputer of columns that are no numbers")
     given = given.astype(np.float64)
-    kept = np.arange(width) if estimator.keep_empty_features else np.flatnonzero(~np.isnan(given))
+    kept = np.arange(width) if fitted.estimator.keep_empty_features else np.flatnonzero(~np.isnan(given))
     missing = _missing_value(fitted, builder, value)
     fill = fitted.floats_of("statistics_", given[kept].astype(kind), (len(kept),))
     if not len(kept):
@@ -150,7 +148,7 @@ def _answers(estimator: Any, rows: FloatArray, width: int) -> FloatArray:
     return found
 
 
-def _codes(estimator: Any, fitted: Fitted, builder: GraphBuilder, value: int, width: int) -> list[FloatArray]:
+def _codes(fitted: Fitted, builder: GraphBuilder, value: int, width: int) -> list[FloatArray]:
     """For each column the answers on its categories, an unknown number and NaN, shape (categories + 2, outputs)."""
     categories = _categories(fitted, builder, value)
     first = np.array([known[0] if len(known) else math.nan for known, _ in categories])
@@ -159,7 +157,7 @@ def _codes(estimator: Any, fitted: Fitted, builder: GraphBuilder, value: int, wi
         unknown = known[-1] + max(1.0, abs(known[-1])) if len(known) else 0.0
         rows = np.tile(first, (len(known) + 2, 1))
         rows[:, column] = [*known, unknown, math.nan]
-        found.append(_answers(estimator, rows, width))
+        found.append(_answers(fitted.estimator, rows, width))
     return found
 
 
@@ -180,24 +178,22 @@ def _encoded(builder: GraphBuilder, value: int, fitted: Fitted, columns: Sequenc
 
 
 @transforms("OrdinalEncoder TargetEncoder")
-def walk_codes(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_codes(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """A number for each category (`preprocessing/_encoders.py`, `_target_encoder.py`)."""
-    fitted = Fitted(estimator)
     width = builder.width(value)
-    classes = len(fitted.get("classes_")) if getattr(estimator, "target_type_", "") == "multiclass" else 1
-    answers = _codes(estimator, fitted, builder, value, width * classes)
+    classes = len(fitted.get("classes_")) if getattr(fitted.estimator, "target_type_", "") == "multiclass" else 1
+    answers = _codes(fitted, builder, value, width * classes)
     columns = [(output // classes, answers[output // classes][:, output]) for output in range(width * classes)]
     return _encoded(builder, value, fitted, columns)
 
 
 @transforms("OneHotEncoder")
-def walk_one_hot(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_one_hot(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """1 in the column of the category, 0 in the others (`preprocessing/_encoders.py: OneHotEncoder.transform`)."""
-    fitted = Fitted(estimator)
     sizes = [int(size) for size in fitted.items("_n_features_outs", builder.width(value))]
     ends = np.cumsum([0, *sizes])
     columns = []
-    for column, answers in enumerate(_codes(estimator, fitted, builder, value, int(ends[-1]))):
+    for column, answers in enumerate(_codes(fitted, builder, value, int(ends[-1]))):
         own = answers[:, ends[column] : ends[column + 1]]
         refused = np.isinf(answers[:, 0]) if answers.shape[1] else np.zeros(len(answers), np.bool_)
         place = np.argmax(own, axis=1) if own.shape[1] else np.zeros(len(own))
@@ -215,9 +211,8 @@ def _one_hot(builder: GraphBuilder, codes: int, sizes: Sequence[int]) -> int:
 
 
 @transforms("KBinsDiscretizer", trusts=("numpy.dtype",), finite=True)
-def walk_bins(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_bins(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """How many inner edges of bins do not lie above (`preprocessing/_discretization.py: transform`)."""
-    fitted = Fitted(estimator)
     columns: list[Column] = []
     for given in fitted.get("bin_edges_"):
         inner = np.asarray(given)[1:-1]
@@ -227,19 +222,18 @@ def walk_bins(estimator: Any, builder: GraphBuilder, value: int) -> int:
     if len(columns) != builder.width(value):
         raise fitted.fail("bin_edges_", "not one list a column")
     binned = add_pieces(builder, value, columns)
-    if estimator.encode == "ordinal":
+    if fitted.estimator.encode == "ordinal":
         return binned
     return _one_hot(builder, binned, [len(column[0]) + 1 for column in columns])
 
 
 @transforms("QuantileTransformer")
-def walk_quantiles(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_quantiles(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """The share of the training data below, linear between quantiles (`preprocessing/_data.py: _transform_col`).
 
     On a quantile that several references have, the library takes the mean of the first and the last of them.
     """
-    fitted = Fitted(estimator)
-    if estimator.output_distribution != "uniform":
+    if fitted.estimator.output_distribution != "uniform":
         raise UnsupportedModelError(
             "QuantileTransformer with output_distribution='normal': supported is 'uniform', or PowerTransformer"
         )
@@ -274,9 +268,8 @@ def _linear(knots: FloatArray, left: FloatArray, right: FloatArray, ends: tuple[
 
 @walks("IsotonicRegression", finite=True)
 @transforms("IsotonicRegression", finite=True)
-def walk_isotonic(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_isotonic(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """Linear between thresholds (`isotonic.py: _transform`); beyond them the ends, or no answer."""
-    fitted = Fitted(estimator)
     given = fitted.get("X_thresholds_")
     knots = _rising(fitted, "X_thresholds_", fitted.floats("X_thresholds_", (None,)))
     values = fitted.floats("y_thresholds_", (len(knots),))
@@ -285,7 +278,7 @@ def walk_isotonic(estimator: Any, builder: GraphBuilder, value: int) -> int:
     single = given.dtype == np.float32
     if single:
         value = builder.add(Round((value,), 1))
-    clips = estimator.out_of_bounds == "clip" or len(knots) == 1
+    clips = fitted.estimator.out_of_bounds == "clip" or len(knots) == 1
     ends = (float(values[0]), float(values[-1])) if clips else (math.inf, math.inf)
     value = add_pieces(builder, value, [(knots, values, _linear(knots, values, values, ends), math.nan)])
     return builder.add(Round((value,), 1)) if single else value
@@ -296,10 +289,9 @@ def walk_isotonic(estimator: Any, builder: GraphBuilder, value: int) -> int:
     # the second is how scipy makes arrays, of which a spline keeps the name
     trusts=("scipy.interpolate._bsplines.BSpline", "scipy._lib.array_api_compat.numpy._aliases.asarray"),
 )
-def walk_splines(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_splines(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """The basis splines of each column (`preprocessing/_polynomial.py: SplineTransformer.transform`)."""
-    fitted = Fitted(estimator)
-    width, mode = builder.width(value), estimator.extrapolation
+    width, mode = builder.width(value), fitted.estimator.extrapolation
     degree = fitted.integer("degree", 0, 10)
     if mode not in ("constant", "error") or not degree:
         # how far the library's polynomials err where they go on without end is not derived
@@ -307,7 +299,7 @@ def walk_splines(estimator: Any, builder: GraphBuilder, value: int) -> int:
             f"SplineTransformer with extrapolation={mode!r} and degree={degree}: supported are 'constant' and 'error' "
             "with a degree from 1 on"
         )
-    if getattr(estimator, "handle_missing", "error") == "zeros":
+    if getattr(fitted.estimator, "handle_missing", "error") == "zeros":
         builder.refuse_magnitude(math.inf)
         missing = 0.0
     else:

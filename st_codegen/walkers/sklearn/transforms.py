@@ -28,9 +28,8 @@ def weighted(builder: GraphBuilder, value: int, weights: Any, name: str, fitted:
 
 
 @transforms("FeatureUnion")
-def walk_union(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_union(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """All transformers on the same columns, results side by side."""
-    fitted = Fitted(estimator)
     parts = []
     for name, part in fitted.items("transformer_list"):
         if part != "drop":
@@ -55,13 +54,12 @@ def walk_union(estimator: Any, builder: GraphBuilder, value: int) -> int:
         )
     ),
 )
-def walk_selection(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_selection(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """The columns that are kept (`feature_selection/_base.py: SelectorMixin.transform`)."""
-    fitted = Fitted(estimator)
-    kept = fitted.flags_of("get_support()", estimator.get_support(), (builder.width(value),))
+    kept = fitted.flags_of("get_support()", fitted.estimator.get_support(), (builder.width(value),))
     if not kept.any():
         raise UnsupportedModelError(f"{fitted.kind} keeps no column")
-    if not estimator.__sklearn_tags__().input_tags.allow_nan:
+    if not fitted.estimator.__sklearn_tags__().input_tags.allow_nan:
         builder.refuse_special(value)
     return builder.select(np.flatnonzero(kept), value)
 
@@ -71,9 +69,8 @@ def walk_selection(estimator: Any, builder: GraphBuilder, value: int) -> int:
     trusts=SPARSE,
     finite=True,
 )
-def walk_projection(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_projection(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """Weighted sums of the columns, which FastICA centres where it whitens: `transform` of these classes."""
-    fitted = Fitted(estimator)
     weights = fitted.floats("components_", (None, builder.width(value)))
     if fitted.kind == "FastICA" and fitted.get("whiten") is not False:
         value = builder.scale(value, "-", fitted.floats("mean_", (builder.width(value),)))
@@ -81,24 +78,24 @@ def walk_projection(estimator: Any, builder: GraphBuilder, value: int) -> int:
 
 
 @transforms("LinearDiscriminantAnalysis", finite=True)
-def walk_discriminant(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_discriminant(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """The first directions between the classes (`discriminant_analysis.py: transform`)."""
-    fitted = Fitted(estimator)
-    if estimator.solver not in ("svd", "eigen"):
-        raise UnsupportedModelError(f"LinearDiscriminantAnalysis with solver={estimator.solver!r} has no transform")
-    if estimator.solver == "svd":
+    if fitted.estimator.solver not in ("svd", "eigen"):
+        raise UnsupportedModelError(
+            f"LinearDiscriminantAnalysis with solver={fitted.estimator.solver!r} has no transform"
+        )
+    if fitted.estimator.solver == "svd":
         value = builder.scale(value, "-", fitted.floats("xbar_", (builder.width(value),)))
     count = fitted.integer("_max_components", 1, 2**31 - 1)
     return builder.linear(value, fitted.floats("scalings_", (builder.width(value), None)).T[:count])
 
 
 @transforms("PCA IncrementalPCA", finite=True, double="components_")
-def walk_principal_components(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_principal_components(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """Projected columns, then minus the projected mean: that order (`decomposition/_base.py: _transform`).
 
     On demand the squared distance of what is read to `inverse_transform` of the columns.
     """
-    fitted = Fitted(estimator)
     width = builder.width(value)
     weights = fitted.floats("components_", (None, width))
     mean = fitted.floats("mean_", (width,))
@@ -119,11 +116,10 @@ def walk_principal_components(estimator: Any, builder: GraphBuilder, value: int)
 
 
 @transforms("PolynomialFeatures", finite=True)
-def walk_polynomial(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_polynomial(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """Products of columns, each the product of a shorter one and the column in front of it (`_polynomial.py`)."""
-    fitted = Fitted(estimator)
     width = builder.width(value)
-    powers = fitted.integers_of("powers_", estimator.powers_, (None, width), low=0, high=100)
+    powers = fitted.integers_of("powers_", fitted.estimator.powers_, (None, width), low=0, high=100)
     products = [tuple(np.repeat(np.arange(width), row).tolist()) for row in powers]
     needed = {product[start:] for product in products for start in range(len(product))}
     places: dict[tuple[int, ...], tuple[int, int]] = {(column,): (value, column) for column in range(width)}
@@ -149,14 +145,14 @@ def walk_polynomial(estimator: Any, builder: GraphBuilder, value: int) -> int:
 
 
 @transforms("Normalizer", finite=True)
-def walk_normalizer(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_normalizer(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """Columns divided by their norm; norms below ten units of rounding count as 1 (`_data.py: normalize`)."""
-    if estimator.norm not in ("l1", "l2"):
-        raise UnsupportedModelError(f"Normalizer with norm={estimator.norm!r}: supported are 'l1' and 'l2'")
+    if fitted.estimator.norm not in ("l1", "l2"):
+        raise UnsupportedModelError(f"Normalizer with norm={fitted.estimator.norm!r}: supported are 'l1' and 'l2'")
     width = builder.width(value)
-    parts = squares(builder, value) if estimator.norm == "l2" else builder.function(value, "leaky_relu", -1.0)
+    parts = squares(builder, value) if fitted.estimator.norm == "l2" else builder.function(value, "leaky_relu", -1.0)
     norm = builder.linear(parts, np.ones((1, width)))
-    if estimator.norm == "l2":
+    if fitted.estimator.norm == "l2":
         norm = builder.function(norm, "sqrt")
     large = builder.add(Exceeds((norm,), np.full(1, 10 * np.finfo(np.float64).eps), inclusive=True))
     kept = builder.combine(norm, "*", large)
@@ -167,15 +163,14 @@ def walk_normalizer(estimator: Any, builder: GraphBuilder, value: int) -> int:
 
 
 @transforms("PowerTransformer", double="lambdas_")
-def walk_power(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_power(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """Yeo and Johnson's, or Box and Cox's power of each column (`scipy/stats/_morestats.py: yeojohnson`, `boxcox`).
 
     A column's part above 0 and its part below 0 have powers of their own; one of the two is 0, and so is its power.
     """
-    fitted = Fitted(estimator)
     builder.refuse_magnitude(math.inf)
     powers = fitted.floats("lambdas_", (builder.width(value),))
-    if estimator.method == "box-cox":
+    if fitted.estimator.method == "box-cox":
         builder.refuse_nan(value)
         value = _powered(builder, builder.function(value, "log"), powers)
     else:
@@ -211,9 +206,9 @@ def _powered(builder: GraphBuilder, logarithm: int, powers: FloatArray) -> int:
     ),
     finite=True,
 )
-def walk_centre_distances(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_centre_distances(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """The distance to each centre (`metrics/pairwise.py: euclidean_distances`)."""
-    centres = Fitted(estimator).floats("cluster_centers_", (None, builder.width(value)))
+    centres = fitted.floats("cluster_centers_", (None, builder.width(value)))
     return euclidean(builder, value, centres, expands=True)
 
 
@@ -223,9 +218,8 @@ def euclidean(builder: GraphBuilder, value: int, vectors: FloatArray, *, expands
 
 
 @transforms("RBFSampler", finite=True)
-def walk_random_features(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_random_features(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """Cosines of random projections (`kernel_approximation.py: RBFSampler.transform`)."""
-    fitted = Fitted(estimator)
     weights = fitted.floats("random_weights_", (builder.width(value), None)).T
     angles = builder.linear(value, weights, fitted.floats("random_offset_", (len(weights),)))
     cosines = builder.function(angles, "cos")
@@ -234,9 +228,8 @@ def walk_random_features(estimator: Any, builder: GraphBuilder, value: int) -> i
 
 
 @transforms("Nystroem", finite=True)
-def walk_nystroem(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_nystroem(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """Kernels with the components, then weighted sums of them (`kernel_approximation.py: Nystroem.transform`)."""
-    fitted = Fitted(estimator)
     if fitted.get("kernel_params"):
         raise UnsupportedModelError("Nystroem with kernel_params: give gamma, coef0 and degree by their own parameters")
     vectors = fitted.floats("components_", (None, builder.width(value)))

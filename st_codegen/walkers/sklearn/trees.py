@@ -17,16 +17,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import (
-    FLOAT32_OVERFLOW,
-    AnyArray,
-    BoolArray,
-    FloatArray,
-    Int32Array,
-    IntArray,
-    Precision,
-    TreeColumn,
-)
+from st_codegen.ir import FLOAT32_OVERFLOW, AnyArray, BoolArray, FloatArray, Int32Array, IntArray, Precision, TreeColumn
 from st_codegen.walkers.base import Classified, GraphBuilder, Walked, walks
 from st_codegen.walkers.classes import above, complement, labels_of, largest, softmax
 from st_codegen.walkers.fitted import Fitted
@@ -38,20 +29,19 @@ _TREE = (TREE,)
 
 
 @walks("DecisionTreeRegressor ExtraTreeRegressor RandomForestRegressor ExtraTreesRegressor", trusts=_TREE)
-def walk_trees(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_trees(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """Sum of the trees in order, divided by their number (`ForestRegressor.predict` with n_jobs=1)."""
     from sklearn.ensemble import BaseEnsemble
 
-    fitted = Fitted(estimator)
-    trees = fitted.items("estimators_") if isinstance(estimator, BaseEnsemble) else [estimator]
+    trees = fitted.items("estimators_") if isinstance(fitted.estimator, BaseEnsemble) else [fitted.estimator]
     return add_float32_trees(builder, value, trees, fitted, TreeSum(divisor=len(trees)))
 
 
 @walks("DecisionTreeClassifier ExtraTreeClassifier RandomForestClassifier ExtraTreesClassifier", trusts=_TREE)
-def walk_class_trees(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+def walk_class_trees(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """The mean of the fractions of the classes in the leaves, and the first of the largest (`predict`)."""
-    shares = walk_trees(estimator, builder, value)
-    return Classified(labels_of(Fitted(estimator)), largest(builder, shares), probability=shares)
+    shares = walk_trees(fitted, builder, value)
+    return Classified(labels_of(fitted), largest(builder, shares), probability=shares)
 
 
 def _boosted(fitted: Fitted, builder: GraphBuilder, value: int, count: int) -> int:
@@ -80,26 +70,24 @@ def _starts_plainly(fitted: Fitted, usual: str) -> bool:
 
 
 @walks("GradientBoostingRegressor", trusts=_TREE)
-def walk_gradient_boosting(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_gradient_boosting(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """The sum of the trees."""
-    fitted = Fitted(estimator)
     plain = _starts_plainly(fitted, "DummyRegressor")
     if plain:
-        Fitted(estimator.init_).floats("constant_", (1, 1))
+        Fitted(fitted.estimator.init_).floats("constant_", (1, 1))
     return _boosted(fitted, builder, value, 1)
 
 
 @walks("GradientBoostingClassifier", trusts=_TREE)
-def walk_class_gradient_boosting(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+def walk_class_gradient_boosting(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """Scores are sums of trees; of two classes the second from 0 on (`_gb.py: predict`)."""
-    fitted = Fitted(estimator)
     _starts_plainly(fitted, "DummyClassifier")
     labels = labels_of(fitted)
     count = len(labels) if len(labels) > 2 else 1
     raw = _boosted(fitted, builder, value, count)
     if count > 1:
         return Classified(labels, largest(builder, raw), softmax(builder, raw), raw)
-    score = builder.scale(raw, "*", 2.0) if type(estimator._loss.link).__name__ == "HalfLogitLink" else raw
+    score = builder.scale(raw, "*", 2.0) if type(fitted.estimator._loss.link).__name__ == "HalfLogitLink" else raw
     probability = builder.function(score, "logistic")
     return Classified(labels, above(builder, raw, inclusive=True), complement(builder, probability), raw)
 
@@ -182,13 +170,12 @@ def _structure(tree: Fitted, width: int) -> Any:
         "sklearn.utils.validation.check_array",
     ),
 )
-def walk_hist_gradient_boosting(estimator: Any, builder: GraphBuilder, value: int) -> Walked:
+def walk_hist_gradient_boosting(fitted: Fitted, builder: GraphBuilder, value: int) -> Walked:
     """Baseline plus leaves in order, then the inverse of the loss's link; missing values and categories included.
 
     Of two classes the second is taken above 0 (`gradient_boosting.py: HistGradientBoostingClassifier.predict`).
     """
-    fitted = Fitted(estimator)
-    labels = labels_of(fitted) if hasattr(estimator, "classes_") else ()
+    labels = labels_of(fitted) if hasattr(fitted.estimator, "classes_") else ()
     count = len(labels) if len(labels) > 2 else 1
     columns = _hist_columns(fitted, builder.width(value))
     iterations = fitted.items("_predictors")
@@ -219,7 +206,7 @@ def walk_hist_gradient_boosting(estimator: Any, builder: GraphBuilder, value: in
             category_left=category_left,
         )
     )
-    link = type(estimator._loss.link).__name__
+    link = type(fitted.estimator._loss.link).__name__
     if link == "LogitLink":
         probability = builder.function(raw, "logistic")
         return Classified(labels, above(builder, raw), complement(builder, probability), raw)
@@ -229,7 +216,7 @@ def walk_hist_gradient_boosting(estimator: Any, builder: GraphBuilder, value: in
         return raw
     if link == "LogLink":
         return builder.function(raw, "exp")
-    raise UnsupportedModelError(f"{type(estimator).__name__} with loss={estimator.loss!r}: unknown link {link}")
+    raise UnsupportedModelError(f"{fitted.kind} with loss={fitted.estimator.loss!r}: unknown link {link}")
 
 
 def _hist_columns(fitted: Fitted, n_features: int) -> tuple[TreeColumn, ...]:

@@ -18,28 +18,16 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from operator import methodcaller
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from st_codegen import ir
 from st_codegen.errors import InputError, UnsupportedModelError, errors_name
-from st_codegen.ir import (
-    FLOAT32_OVERFLOW,
-    AnyArray,
-    Comparison,
-    Feature,
-    FillMissing,
-    Float32Array,
-    FloatArray,
-    Function,
-    Precision,
-    Round,
-    Source,
-    SummationOrder,
-    TreeColumn,
-)
-from st_codegen.walkers.base import Classified, GraphBuilder, LoadedModel, Predictor, Walked, library, walks
+from st_codegen.ir.arrays import AnyArray, Float32Array, FloatArray
+from st_codegen.walkers.base import Classified, GraphBuilder, LoadedModel, Predictor, Walked, booster_of, library, walks
 from st_codegen.walkers.catboost import model as catboost
 from st_codegen.walkers.classes import above, complement, largest, last_below, most_probable, numbers_of, softmax
 from st_codegen.walkers.forest import ParsedTree, category_note, flatten
@@ -53,16 +41,16 @@ _LINKS = {
             *("reg:squarederror", "reg:linear", "reg:squaredlogerror", "reg:pseudohubererror", "reg:absoluteerror"),
             *("reg:quantileerror", "rank:ndcg", "rank:map", "rank:pairwise"),
         ),
-        Function.IDENTITY,
+        ir.Function.IDENTITY,
     ),
-    **dict.fromkeys(("reg:gamma", "reg:tweedie", "count:poisson", "survival:cox", "survival:aft"), Function.EXP),
-    "reg:logistic": Function.LOGISTIC,
+    **dict.fromkeys(("reg:gamma", "reg:tweedie", "count:poisson", "survival:cox", "survival:aft"), ir.Function.EXP),
+    "reg:logistic": ir.Function.LOGISTIC,
 }
 
 #: Objectives of classes, and what their base score has passed.
 _CLASSES = {
-    "binary:logistic": Function.LOGISTIC,
-    **dict.fromkeys(("binary:logitraw", "binary:hinge", "multi:softmax", "multi:softprob"), Function.IDENTITY),
+    "binary:logistic": ir.Function.LOGISTIC,
+    **dict.fromkeys(("binary:logitraw", "binary:hinge", "multi:softmax", "multi:softprob"), ir.Function.IDENTITY),
 }
 
 #: All objectives.
@@ -158,21 +146,8 @@ class XgboostBooster:
             _load(lambda: xgboost.Booster.__init__(self, model_file=bytearray(model)))
 
 
-def features_of(estimator: Any) -> tuple[str, ...] | None:
-    """Feature names of a fitted XGBRegressor, XGBRFRegressor or Booster; None where it was trained without names."""
-    names = _booster(estimator).feature_names
-    return None if names is None else tuple(names)
-
-
 def _booster(estimator: Any) -> Any:
-    if type(estimator).__name__ == "Booster":
-        return estimator
-    if not estimator.__sklearn_is_fitted__():
-        raise InputError("not fitted: call fit() before saving it")
-    booster = estimator.get_booster()
-    if type(booster).__name__ != "Booster":
-        raise InputError("the fitted Booster is missing; the file is damaged")
-    return booster
+    return booster_of(estimator, methodcaller("get_booster"))
 
 
 def _model_of(estimator: Any) -> tuple[BoosterModel, _Path]:
@@ -204,11 +179,11 @@ def _loaded(
 ) -> LoadedModel:
     builder = GraphBuilder(model.n_features)
     result = _add(model, builder, 0, way)
-    ir = builder.model(name, tuple(Feature(feature) for feature in model.names), _source(model, way), result)
+    made = builder.model(name, tuple(ir.Feature(feature) for feature in model.names), _source(model, way), result)
     predict: Predictor = _XgboostPredictor(load_booster, model, way)
     if isinstance(result, Classified):
         predict = _ClassPredictor(load_booster, model, way, result, classifier)
-    return LoadedModel(ir, predict)
+    return LoadedModel(made, predict)
 
 
 def _load_booster(path: Path) -> Any:
@@ -326,7 +301,7 @@ class _ClassPredictor(_XgboostPredictor):
         return np.hstack([np.asarray(part, np.float64) for part in parts])
 
 
-def _source(model: BoosterModel, way: _Path) -> Source:
+def _source(model: BoosterModel, way: _Path) -> ir.Source:
     notes = [f"predicts as {_caller(way)}"]
     if way.sentinel is not None:
         notes.append(f"missing values: NaN and {way.sentinel:.9g}")
@@ -338,7 +313,7 @@ def _source(model: BoosterModel, way: _Path) -> Source:
         for feature, categories in zip(model.names, model.categories, strict=False)
         if categories
     ]
-    return Source(
+    return ir.Source(
         library="XGBoost",
         version=model.version,
         model_class=f"XGBoost model ({model.booster}, {model.objective})",
@@ -364,7 +339,7 @@ def _add(model: BoosterModel, builder: GraphBuilder, value: int, way: _Path) -> 
     link = known[model.objective]
     base = _margin(link, model.base_score, exact=model.objective in _CLASSES)
     if value == 0 and (model.booster == "gblinear" or not way.sklearn):
-        builder.refuse_magnitude(FLOAT32_OVERFLOW)
+        builder.refuse_magnitude(ir.FLOAT32_OVERFLOW)
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows float32 is refused as not finite
         if model.linear is not None:
             result = _add_linear(model.linear, builder, value, base[0], way.sentinel)
@@ -372,8 +347,8 @@ def _add(model: BoosterModel, builder: GraphBuilder, value: int, way: _Path) -> 
             result = _add_trees(model, builder, value, base, way)
     if model.objective in _CLASSES:
         return _classified(model, builder, result, way)
-    if link is not Function.IDENTITY:
-        result = builder.function(result, link, precision=Precision.FLOAT32)
+    if link is not ir.Function.IDENTITY:
+        result = builder.function(result, link, precision=ir.Precision.FLOAT32)
     return result
 
 
@@ -386,8 +361,8 @@ def _classified(model: BoosterModel, builder: GraphBuilder, raw: int, way: _Path
         )
     labels = tuple(range(2 if binary else model.n_outputs))
     if objective == "binary:logistic":
-        probability = builder.function(raw, "logistic", precision=Precision.FLOAT32)
-        both = complement(builder, probability, Precision.FLOAT32)
+        probability = builder.function(raw, "logistic", precision=ir.Precision.FLOAT32)
+        both = complement(builder, probability, ir.Precision.FLOAT32)
         return Classified(labels, above(builder, raw, last_below(_is_second, np.float32)), both, raw)
     if objective == "binary:logitraw":  # the booster gives the margin, in which its class looks for 0.5
         return Classified(labels, above(builder, raw, 0.5), decision=raw) if way.classifier else raw
@@ -397,7 +372,7 @@ def _classified(model: BoosterModel, builder: GraphBuilder, raw: int, way: _Path
         return Classified(labels, largest(builder, raw), decision=raw)
     if way.classifier and len(labels) == 2:
         raise UnsupportedModelError("XGBClassifier with multi:softprob and two classes predicts a matrix, not a class")
-    single = Precision.FLOAT32
+    single = ir.Precision.FLOAT32
     return Classified(labels, most_probable(builder, raw, single), softmax(builder, raw, single), raw)
 
 
@@ -407,18 +382,18 @@ def _is_second(x: Any) -> bool:
     return bool(one / (np.float32(math.exp(-float(x))) + one) > np.float32(0.5))
 
 
-def _margin(link: Function, base_score: FloatArray, *, exact: bool) -> FloatArray:
+def _margin(link: ir.Function, base_score: FloatArray, *, exact: bool) -> FloatArray:
     """The start of the sum, (outputs,): `ProbToMargin` in float32.
 
     `exact`: with the logarithm of this machine's C library, which is XGBoost's, since margins of classes are exact.
     """
-    if link is Function.IDENTITY:
+    if link is ir.Function.IDENTITY:
         return base_score
     score = base_score.astype(np.float32)
-    if np.any(score < 0) or np.any(score > 1 if link is Function.LOGISTIC else score == 0):
-        expected = "0 .. 1" if link is Function.LOGISTIC else "a number above 0"
+    if np.any(score < 0) or np.any(score > 1 if link is ir.Function.LOGISTIC else score == 0):
+        expected = "0 .. 1" if link is ir.Function.LOGISTIC else "a number above 0"
         raise InputError(f"learner.learner_model_param.base_score: {base_score}, the objective needs {expected}")
-    if link is Function.LOGISTIC:
+    if link is ir.Function.LOGISTIC:
         one = np.float32(1)
         odds = one / np.clip(score, _LOGISTIC_MARGIN, one - _LOGISTIC_MARGIN) - one
         return -(_library_logarithm(odds) if exact else _logarithm(odds))
@@ -450,10 +425,12 @@ def _add_linear(weights: FloatArray, builder: GraphBuilder, value: int, base: fl
     `GBLinear::PredictBatchInternal` (src/gbm/gblinear.cc) starts every output from the base score of the first.
     """
     width = len(weights) - 1
-    rounded = builder.add(Round((value,), width))
-    filled = builder.add(FillMissing((rounded,), np.zeros(width), sentinel))
+    rounded = builder.add(ir.Round((value,), width))
+    filled = builder.add(ir.FillMissing((rounded,), np.zeros(width), sentinel))
     bias = (weights[-1] + base).astype(np.float32).astype(np.float64)
-    return builder.linear(filled, weights[:-1].T, bias, order=SummationOrder.SEQUENTIAL, precision=Precision.FLOAT32)
+    return builder.linear(
+        filled, weights[:-1].T, bias, order=ir.SummationOrder.SEQUENTIAL, precision=ir.Precision.FLOAT32
+    )
 
 
 def _add_trees(model: BoosterModel, builder: GraphBuilder, value: int, base: FloatArray, way: _Path) -> int:
@@ -473,18 +450,18 @@ def _add_trees(model: BoosterModel, builder: GraphBuilder, value: int, base: Flo
             for number, tree in enumerate(trees)
         ]
 
-    def column(feature: int, reading: int, n_categories: int) -> TreeColumn:
+    def column(feature: int, reading: int, n_categories: int) -> ir.TreeColumn:
         sentinel = way.sentinel
-        return TreeColumn(
+        return ir.TreeColumn(
             feature,
             missing_interval=None if sentinel is None else (sentinel, sentinel),
             n_categories=n_categories if reading == READ_CATEGORY else 0,
         )
 
-    single: dict[str, Any] = {"input_precision": Precision.FLOAT32, "sum_precision": Precision.FLOAT32}
+    single: dict[str, Any] = {"input_precision": ir.Precision.FLOAT32, "sum_precision": ir.Precision.FLOAT32}
     outputs = model.tree_output[:end]
     return builder.add(
-        flatten(trees, value, column, base=base, tree_output=outputs, comparison=Comparison.LESS, **single)
+        flatten(trees, value, column, base=base, tree_output=outputs, comparison=ir.Comparison.LESS, **single)
     )
 
 
