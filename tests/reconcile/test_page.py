@@ -95,7 +95,7 @@ def test_a_gap_between_temperatures_that_does_not_move_the_whole_is_not_worth_a_
 
 def test_a_hum_stands_with_its_frequency(result):
     hum = Hum(50.0, 2e-3, (40, 60), np.full(200, 1e-5))
-    found = replace(result, unexplained=(of_a_hum(hum, 1e-6, result.data.orders), *result.unexplained))
+    found = replace(result, unexplained=(of_a_hum(hum, 1e-6), *result.unexplained))
     page = report_page(found, None, next_runs(found))
     assert "<td>50 Hz</td>" in page and html.escape(hum.text) in page
     entry = report(found)["unexplained"][0]

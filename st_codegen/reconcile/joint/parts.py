@@ -375,12 +375,13 @@ def _both(
 def _of_best_form(rows: JointRows, parts: list[TorquePart]) -> list[TorquePart]:
     """The parts with the fewest forms of friction over speed that predict as well as any.
 
-    One by one, a form that is not the true one may come first and another one mend it.
+    One by one, a form that is not the true one may come first and another one mend it. Whether a form is needed beside
+    those that stay is asked elsewhere.
     """
     load, basis = np.zeros((len(rows.time), 2)), np.linalg.qr(stacked(parts))[0]
     rest = [part for part in parts if part.name not in OVER_SPEED]
     forms = {part.name: part for part in parts if part.name in OVER_SPEED}
-    before = crossed(stacked(parts), rows)
+    taken, before = set(forms), crossed(stacked(parts), rows)
     for name in OVER_SPEED if forms else ():
         variants = [v for v in KINDS[name].variants(name, rows, load) if told(v, basis) > SETTINGS.joint_told]
         if name not in forms and variants:
@@ -391,6 +392,7 @@ def _of_best_form(rows: JointRows, parts: list[TorquePart]) -> list[TorquePart]:
         for some in itertools.combinations(forms.values(), count)
         # two bends at once would take what the form of the other one lacks
         if len({part.name for part in some} & {"square_friction", "curved_friction"}) < 2
+        and not {part.name for part in some} < taken
     ]
     fits = [crossed(stacked([*rest, *some]), rows).held for some in sets]
     best = min(fits, key=lambda held: float(held.sum()))

@@ -178,8 +178,8 @@ COMPUTED_CHANGES = {
     "the comparison": ("components", r"<= (THRESHOLD_2)", r"< \1"),
     "the order of additions": (
         "components",
-        r"fSum \+ aInput\[nColumn\] \* WEIGHT_1\[nBase \+ nColumn\]",
-        "fSum + aInput[2 - nColumn] * WEIGHT_1[nBase + 2 - nColumn]",
+        r"fColumn := aInput\[nColumn\];(\s+fSum := fSum \+ fColumn \* WEIGHT_1)\[nColumn\]",
+        r"fColumn := aInput[nColumn];\n    fSum := fSum + aInput[2 - nColumn] * WEIGHT_1[2 - nColumn]",
     ),
     "no rounding": ("components", r"REAL_TO_LREAL\(LREAL_TO_REAL\(fX\)\)", "fX"),
     "a column": ("components", r"(SLOT_COLUMN_2 : .*\n\s+)0", r"\g<1>1"),
