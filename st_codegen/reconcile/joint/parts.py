@@ -250,6 +250,7 @@ KINDS: Mapping[str, PartKind] = {
 
 #: what friction may be over speed: forms of which one may take the place of another
 OVER_SPEED = ("dry_friction", "viscous_friction", "square_friction", "curved_friction")
+_LEVEL, _CHANGES = {"dry_friction"}, {"viscous_friction", "square_friction", "curved_friction"}
 
 
 @dataclass(frozen=True)
@@ -392,7 +393,7 @@ def _of_best_form(rows: JointRows, parts: list[TorquePart]) -> list[TorquePart]:
         for some in itertools.combinations(forms.values(), count)
         # two bends at once would take what the form of the other one lacks
         if len({part.name for part in some} & {"square_friction", "curved_friction"}) < 2
-        and not {part.name for part in some} < taken
+        and all(not taken & kind or kind & {part.name for part in some} for kind in (_LEVEL, _CHANGES))
     ]
     fits = [crossed(stacked([*rest, *some]), rows).held for some in sets]
     best = min(fits, key=lambda held: float(held.sum()))
