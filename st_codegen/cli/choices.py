@@ -17,10 +17,15 @@ TASK_FORMS = ("one", "two", "split")
 FAMILIES = ("SVM", "MLP", "RF", "DT", "ET", "ERT", "GBM", "HGBM", "LGBM", "XGBM", "ELM")
 MODEL_FORMS = ("native", "skops", "onnx")
 LARGEST_SEED = 2**31 - 1
-#: Mistakes of measuring that `reconcile --accept` corrects, and the word for none of them.
+#: Mistakes of measuring that `reconcile --accept` corrects: those that are looked for first, what may stand in place of
+#: changes of the rig, and the word for none but those named.
 MISTAKES = (
     "sign", "direction", "home_offset", "column_scale", "ratio", "drift", "axis", "torque", "low_pass", "smoothing",
     "filter", "block", "labels", "conditions", "taken_off", "copied",
+)  # fmt: skip
+MISREAD = (
+    "misread_torque", "misread_temperature", "misread_speed", "misread_angle", "misread_ratio", "misread_te",
+    "exchanged_directions",
 )  # fmt: skip
 AS_IS = "as_is"
 #: Where `reconcile --update-models` puts models and code.

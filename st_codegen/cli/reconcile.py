@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from st_codegen.cli.choices import AS_IS, MISTAKES, UPDATED_CODE, UPDATED_MODELS
+from st_codegen.cli.choices import AS_IS, MISREAD, MISTAKES, UPDATED_CODE, UPDATED_MODELS
 from st_codegen.cli.console import Number, console, effects_option, progress_bar, quiet_option, trust_option
 from st_codegen.errors import InputError
 from st_codegen.files.folders import write_texts
@@ -56,7 +56,7 @@ Examples:
 @click.option(
     "--accept",
     multiple=True,
-    type=click.Choice([*MISTAKES, "all", AS_IS]),
+    type=click.Choice([*MISTAKES, *MISREAD, "all", AS_IS]),
     help=f"Correct a mistake of measuring that was asked about, and go on; {AS_IS}: correct none but those named.",
 )
 @click.option("--empirical", is_flag=True, help="Add what has a formula but no name to the rig, as it is.")

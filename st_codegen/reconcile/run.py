@@ -185,31 +185,38 @@ def _reread(
     """
     for more in range(SETTINGS.rereadings, -1, -1):
         result = reconcile_observations(rig, examined.data, known, progress, examined)
-        wrong = () if AS_IS in accept else result.conclusions.misread
-        asked = [one for one in wrong if one.is_asked]
-        taken = [one for one in wrong if one.reading.accept in accept] or (asked if "all" in accept else [])
-        corrected = {mistake.name for mistake in examined.mistakes if not mistake.rows}
-        better = None if taken or AS_IS in accept else refined(result.conclusions.final, corrected)
-        taken = taken if better is None else [better]
-        if taken and more:
-            read = Mistake(taken[0].reading.accept, f"{taken[0].text} (corrected)")
-            again = examine(taken[0].meant(examined.data), rig, measured, scale=1.0, accept=accept)
-            kept = (mistake for mistake in examined.mistakes if not mistake.rows)
-            examined = replace(again, mistakes=(*kept, read, *again.mistakes), untold=examined.untold)
-        elif asked:
-            raise InputError(f"{measured}: {_question(asked[0], result.conclusions)}")
-        elif (cleared := _cleared(result, examined)) is None:
+        found = result.conclusions
+        named = {*accept, *(one.reading.name for one in found.misread if one.is_asked and "all" in accept)}
+        taken = next((one for one in found.misread if one.reading.name in named), None)
+        if taken is None and AS_IS not in accept:
+            asked = next((one for one in found.misread if one.is_asked), None)
+            if asked is not None:
+                raise InputError(f"{measured}: {_question(asked, found)}")
+            taken = refined(found.final, {mistake.name for mistake in examined.mistakes if not mistake.rows})
+        cleared = _cleared(result, examined) if taken is None else None
+        if not more or (taken is None and cleared is None):
             break
-        else:
-            examined = cleared
+        examined = cleared or _read_so(rig, examined, taken, measured, accept)
     return result
+
+
+def _read_so(
+    rig: RigModel, examined: Examined, one: Misread | None, measured: Path, accept: Collection[str]
+) -> Examined:
+    """What was examined, with its data read as a reading says, and examined once more."""
+    assert one is not None
+    again = examine(one.meant(examined.data), rig, measured, scale=1.0, accept=accept)
+    read = Mistake(one.reading.name, f"{one.text} (corrected)")
+    kept = (mistake for mistake in examined.mistakes if not mistake.rows)
+    untold = tuple(dict.fromkeys((*examined.untold, *again.untold)))
+    return replace(again, mistakes=(*kept, read, *again.mistakes), untold=untold)
 
 
 def _question(one: Misread, found: Conclusions) -> str:
     """What is asked about a reading that stands for several changes of the rig."""
     return (
         f"it looks like {one.text}: that alone does what {len(one.instead_of)} changes of the rig would have to do "
-        f"({', '.join(found.changes_for(one))}); give --accept {one.reading.accept} to correct it, or "
+        f"({', '.join(found.changes_for(one))}); give --accept {one.reading.name} to correct it, or "
         f"--accept {AS_IS} to take the data as they are"
     )
 
@@ -218,8 +225,12 @@ def _cleared(result: Reconciliation, examined: Examined) -> Examined | None:
     """What was examined, with all runs that have a wrong label for the old rig and none for the new one; None without
     such runs.
     """
-    of_runs = [mistake for mistake in examined.mistakes if mistake.rows]
-    again = mistaken_runs(examined.data, result.new_rig) if of_runs and result.new_rig is not result.rig else of_runs
+    if not examined.left_out or result.new_rig is result.rig:
+        return None
+    of_runs = mistaken_runs(examined.data, result.new_rig)
+    if of_runs is None:
+        return None
+    again = [mistake for mistake in of_runs if set(mistake.rows) <= set(examined.left_out)]
     rows = {row for mistake in again for row in mistake.rows}
     if not set(examined.left_out) - rows:
         return None

@@ -35,6 +35,8 @@ class Settings:
     #: waves of a frequency of their own that are looked for; power over noise of a line of one curve, which noise
     #: (exponential) reaches once in 1e13 orders; orders to each side by which its size is told
     most_hums: int = 3
+    #: loud orders that are tried for a wave of no whole number of periods
+    most_tried_between: int = 12
     loud_line: float = 30.0
     orders_of_line: int = 8
     #: -log of the chance of what the slow curves, and the fast ones, say by themselves of a hum that none of them shows
@@ -73,8 +75,9 @@ class Settings:
     vote: float = 0.7
     #: an angle of home below this is nearer than one is set; a factor of columns below this may be the rig's own
     least_home_deg: float = 0.05
-    #: zeros of runs that differ by less than this share, and by a fifth of it in the RMS, are those of one start
+    #: zeros of runs that differ by less than this share each, and by less in the RMS, are taken for those of one start
     one_zero: float = 0.2
+    one_zero_rms: float = 0.04
     column_factor: float = 1.1
     #: another unit of a column must take all but this part (power) off every order that it changes by so many times
     #: what the runs tell; an order of which this part (RMS) of the rig's is left, noise apart, was taken off
@@ -115,7 +118,7 @@ class Settings:
     #: gives them: of three folds, the fewest, noise does that once in 1000
     moved: float = 5.0
 
-    #: torques at which a run is tried before its label is called wrong
+    #: torques at which a run is tried before its label is called wrong: a quarter of a percent of the range apart
     torques_tried: int = 401
 
     # --- search ---
@@ -179,8 +182,9 @@ class Settings:
     stable: float = 0.9
 
     # --- what the order of the runs tells ---
-    #: share of a step that lies between the runs right before and right behind it: of a trend it is an eighth
-    abrupt: float = 0.6
+    #: share of a step that must lie between the means of a sixteenth of the runs on both sides: of a trend it is an
+    #: eighth, of a step all
+    at_once: float = 0.5
     #: runs at which a trend may begin or end; how often a body that follows the oil comes near it in a campaign
     bends: int = 24
     lags_in_campaign: float = 5.0
@@ -218,7 +222,7 @@ class Settings:
     form: float = 0.1
     #: an effect acts where its contribution is more than this part of its largest
     acts: float = 0.3
-    #: changes of the rig beside a reading that is tried in place of the others, and how often data are read anew
+    #: changes of the rig that may stay beside a reading (with more it explains little); how often data are read anew
     beside_reading: int = 2
     rereadings: int = 3
     #: loss of a run by noise with heavy tails, which a robust estimate of the noise takes for one
@@ -426,6 +430,9 @@ CHOSEN_ON: dict[str, tuple[str, ...]] = {
         "left_of_unit", "acts_of_unit", "taken_off",
         "beyond_beside", "left_of_place", "part_of_change", "most_orders", "column_factor", "changed_gain", "clear",
         "state_reach", "formula_explains", "formula_whole", "term_price", "term_share", "hidden_turn",
+    ),
+    "campaigns of other generators (filters, gaps, sensors that drift, zeros of the angle, laws of no catalogue)": (
+        "one_zero", "one_zero_rms", "bends", "at_once", "lags_in_campaign", "beside_reading",
     ),
     "all counted cases of other physics, development and held out": (
         "names_by_order", "names_by_more",

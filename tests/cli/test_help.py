@@ -112,6 +112,7 @@ def test_options_offer_what_the_rooms_have():
     from st_codegen.ir import OutputKind
     from st_codegen.passes.choose import Layout, Options
     from st_codegen.reconcile.judge.measurement import AS_IS, NAMES
+    from st_codegen.reconcile.judge.misread import READINGS
     from st_codegen.reconcile.models.update import CODE, MODELS
     from st_codegen.rig.tasks import TaskForm
     from st_codegen.te.latency import Exchange
@@ -130,6 +131,7 @@ def test_options_offer_what_the_rooms_have():
     assert LARGEST_SEED == choices.LARGEST_SEED
     assert choices.MODEL_FORMS == FORMATS
     assert (choices.MISTAKES, choices.AS_IS) == (NAMES, AS_IS)
+    assert set(choices.MISREAD) == {one.name for one in READINGS}
     assert (choices.UPDATED_MODELS, choices.UPDATED_CODE) == (MODELS, CODE)
 
 

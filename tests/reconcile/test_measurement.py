@@ -620,7 +620,7 @@ def turning(periods, sigma, samples=400):
     return [curve_sums(Curve(np.rad2deg(phi), row), 100) for row in te]
 
 
-@pytest.mark.parametrize("sigma", [1e-6, 3e-4])
+@pytest.mark.parametrize("sigma", [1e-6, 1e-4])
 def test_a_wave_of_no_whole_number_of_periods_is_taken_out_of_all_curves(sigma):
     """In its place the jump where curves begin and end was called a burst there, with a probability of 0.98."""
     clean, made = turning([[]] * 20, sigma), turning([[17.3 + 0.002 * i] for i in range(20)], sigma)

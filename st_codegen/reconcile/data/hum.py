@@ -122,7 +122,7 @@ def without_waves_between(sums: Sequence[Sums], known: Collection[int]) -> tuple
     band = min(one.band for one in kept)
     free = np.ones(band + 1, bool)
     free[[order for order in (*range(SETTINGS.wander_orders), *known) if order <= band]] = False
-    while len(found) < SETTINGS.most_hums:
+    for _ in range(SETTINGS.most_tried_between):
         lines = np.stack([one.plain_fft[: band + 1] for one in kept])
         power = np.abs(lines) ** 2
         noise = np.median(power, axis=1) / np.log(2.0)
@@ -143,12 +143,15 @@ def without_waves_between(sums: Sequence[Sums], known: Collection[int]) -> tuple
         middle = float(np.median(orders[seen])) if seen.any() else 0.0
         is_whole = abs(middle - round(middle)) < _WHOLE
         if is_whole or seen.mean() < SETTINGS.most_orders or np.median(np.abs(orders[seen] - middle)) > _WHOLE:
-            break
+            free[top] = False  # it may be louder than a wave between others
+            continue
         kept = [_less(one, wave) for one, (_, _, wave) in zip(kept, told, strict=True)]
         made = np.mean([np.abs(wave[: band + 1]) ** 2 for _, _, wave in told], axis=0)
         made[1:] /= 2
         size = float(np.sqrt((sizes[seen] ** 2).mean()))
         found.append(Hum(0.0, size, (int(seen.sum()), len(kept)), np.sqrt(made), order=middle))
+        # what is left of it is none of its own
+        free[max(top - 1, 0) : top + 2] = False
     return kept, tuple(found)
 
 

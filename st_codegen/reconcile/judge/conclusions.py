@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
@@ -111,10 +112,11 @@ class Conclusions:
     misread: tuple[Misread, ...] = ()
 
     def changes_for(self, one: Misread) -> list[str]:
-        """Names of what need not have changed where something is read wrong, each once."""
+        """Names of what need not have changed where something is read wrong, each once, with how often."""
         pieces = self.final.state.pieces
-        names = sorted({pieces[i].effect.name for i in one.instead_of if i != OFFSET})
-        return [*names, *(["zero_offset_deg"] if OFFSET in one.instead_of else [])]
+        names = Counter(pieces[i].effect.name for i in one.instead_of if i != OFFSET)
+        several = [name if times == 1 else f"{times} of {name}" for name, times in sorted(names.items())]
+        return [*several, *(["zero_offset_deg"] if OFFSET in one.instead_of else [])]
 
     @property
     def of_offset(self) -> tuple[str, ...]:
@@ -233,9 +235,10 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
     if outside:
         # what holds the rest of the rig put it there: then it was a part of the rest
         return conclude(rig, fit(joint.target, joint.state.without(outside[0])), known)
-    unsure = next((i for i in standing if _top_is_unsure(joint, i)), None)
-    if unsure is not None and (simpler := _simpler(joint.state.pieces[unsure])) is not None:
-        return conclude(rig, fit(joint.target, joint.state.replaced(unsure, simpler)), known)
+    for i in standing:
+        # what is smaller than its error leaves open is no part of what is named
+        if _top_is_unsure(joint, i) and (simpler := _simpler(joint.state.pieces[i])) is not None:
+            return conclude(rig, fit(joint.target, joint.state.replaced(i, simpler)), known)
     claims = tuple(_claim(rig, joint, final, i, one, known) for i, one in standing.items())
     rivals = {i: _own_rivals(final, one) for i, one in left.items()}
     wrong = misread(final, changed, offset_changed)

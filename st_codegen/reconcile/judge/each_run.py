@@ -136,14 +136,15 @@ def zeros(
 
 
 def _as_one(angle: FloatArray, turned: BoolArray) -> FloatArray:
-    """The angles of the rows that are turned, (n,): where they have about one, as after one start of the machine, that.
+    """The angles of the rows, (n,), 0 where they are not turned: where those have about one, as after one start, that.
 
-    What each run says alone is off by its noise and by what is missing there.
+    What each run says alone is off by its noise and by what is missing there. Others that lie near that angle, and
+    would not have been turned for what they say alone, have it as well.
     """
     middle = float(np.median(angle[turned]))
     off = np.abs(angle - middle) / max(abs(middle), 1e-300)
     far = SETTINGS.one_zero
-    is_one = off[turned].max(initial=0.0) < far and np.sqrt((off[turned] ** 2).mean()) < far / 5.0
+    is_one = off[turned].max(initial=0.0) < far and np.sqrt((off[turned] ** 2).mean()) < SETTINGS.one_zero_rms
     return np.where(off < far, middle, 0.0) if is_one else angle * turned
 
 

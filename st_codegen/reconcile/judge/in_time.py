@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
 
@@ -63,15 +64,17 @@ def course_of(target: FitData, z: ComplexArray, whole: ComplexArray, parts: IntA
         lasting = _lasting([series[:, k] for series, _ in sums], int(cuts[k]))
         if chi_square_tail(gains[k] / (lasting * scales[k]), int(degrees[k])) * count > SETTINGS.p_changed:
             continue
-        is_step = any(_is_abrupt(series[:, k], weight, int(cuts[k])) for series, weight in in_deg)
-        if steps[k] >= trends[k] and not is_step:
+        if steps[k] >= trends[k]:
             power = float(_gains_of_steps(in_deg)[cuts[k] - 1, k] / total)
             size = max(_step_size(series[:, k], weight, int(cuts[k])) for series, weight in in_deg)
-            text = f"moves by some {size:.2g} deg over the {count} runs in their order, in no single step"
-        elif steps[k] >= trends[k]:
-            power = float(_gains_of_steps(in_deg)[cuts[k] - 1, k] / total)
-            size = max(_step_size(series[:, k], weight, int(cuts[k])) for series, weight in in_deg)
-            text = f"a step of {size:.2g} deg between run {cuts[k]} and run {cuts[k] + 1} of {count}, in their order"
+            there = f"between run {cuts[k]} and run {cuts[k] + 1} of {count}, in their order"
+            share, error = _share_at_once([(series[:, k], weight) for series, weight in sums], int(cuts[k]), scales[k])
+            if share - SETTINGS.told * error > SETTINGS.at_once:
+                text = f"a step of {size:.2g} deg {there}"
+            elif share + SETTINGS.told * error < 1.0:
+                text = f"moves by some {size:.2g} deg over the {count} runs in their order, in no single step"
+            else:
+                text = f"a step of {size:.2g} deg about {there}, or a change over some runs there"
         else:
             shape = _shapes(count)[bends[k]]
             own = [(series[:, k : k + 1], weight) for series, weight in in_deg]
@@ -83,7 +86,7 @@ def course_of(target: FitData, z: ComplexArray, whole: ComplexArray, parts: IntA
 
 
 def _p_of_gains(gains: FloatArray, scales: FloatArray, degrees: IntArray, count: int) -> FloatArray:
-    """Chance of the best of so many steps in noise that is independent from run to run, (K,)."""
+    """Chance of the best of so many steps or ramps in noise that is independent from run to run, (K,)."""
     tails = [chi_square_tail(float(x), int(n)) for x, n in zip(gains / scales, degrees, strict=True)]
     return np.asarray(np.minimum(1.0, np.array(tails) * count))
 
@@ -127,18 +130,29 @@ def _varying(sums: _ByRun) -> FloatArray:
 
 def _step_size(series: ComplexArray, weight: FloatArray, cut: int) -> float:
     """How far the means before and behind a step differ."""
-    before, after = (
-        series[part].sum() / max(float(weight[part].sum()), 1.0) for part in (slice(cut), slice(cut, None))
-    )
-    return float(abs(after - before))
+    return abs(_difference(series, weight, cut, len(series)))
 
 
-def _is_abrupt(series: ComplexArray, weight: FloatArray, cut: int) -> bool:
-    """Whether runs right before and right behind a cut differ by most of what all of them do."""
-    near = max(2, len(series) // 16)
-    beside = slice(max(cut - near, 0), cut + near)
-    own = _step_size(series[beside], weight[beside], min(near, cut))
-    return own > SETTINGS.abrupt * _step_size(series, weight, cut)
+def _share_at_once(sums: Sequence[tuple[ComplexArray, FloatArray]], cut: int, scale: float) -> tuple[float, float]:
+    """Which part of a step lies between the runs right before and right behind it, and the error of that.
+
+    sums: of each direction, in noises, by run, with the weights; scale: of their noise.
+    """
+    along, power, near = 0.0, 0.0, max(2, len(sums[0][0]) // 16)
+    for series, weight in sums:
+        whole, own = (_difference(series, weight, cut, reach) for reach in (len(series), near))
+        along += float((whole.conjugate() * own).real)
+        power += abs(whole) ** 2
+    # the means of so many runs on both sides
+    error = np.sqrt(2.0 * max(scale, 1e-12) / (near * max(power, 1e-300)))
+    return along / max(power, 1e-300), float(error)
+
+
+def _difference(series: ComplexArray, weight: FloatArray, cut: int, reach: int) -> complex:
+    """The mean of so many runs behind a cut less that of as many before it."""
+    parts = slice(max(cut - reach, 0), cut), slice(cut, cut + reach)
+    before, after = (complex(series[part].sum() / max(float(weight[part].sum()), 1.0)) for part in parts)
+    return after - before
 
 
 def _gains_of_steps(sums: _ByRun) -> FloatArray:

@@ -41,7 +41,7 @@ NAMES = (
     "sign", "direction", "home_offset", "column_scale", "ratio", "drift", "axis", "torque", "low_pass", "smoothing",
     "filter", "block", "labels", "conditions", "taken_off", "copied",
 )  # fmt: skip
-#: what `--accept` takes where none of these is corrected
+#: what `--accept` takes so that none but those named is corrected, and nothing is asked
 AS_IS = "as_is"
 
 
@@ -90,7 +90,7 @@ def examine(
         with problems.collect():
             check_units(data, rig, path)
     # what a filter has taken from single runs says nothing of their labels
-    runs = [] if any(mistake.name == "filter" for mistake in found) else mistaken_runs(data, rig)
+    runs = [] if any(mistake.name == "filter" for mistake in found) else mistaken_runs(data, rig) or []
     if problems.errors:
         # what concerns single runs is told in the same message
         for mistake in runs:

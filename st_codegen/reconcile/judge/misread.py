@@ -26,18 +26,21 @@ Reread = Callable[[Observations, FloatArray], Observations]
 
 @dataclass(frozen=True)
 class WrongReading:
-    """One way to read wrong: its name among alternatives, what `--accept` calls it, and the data that were meant.
+    """One way to read wrong: its name among alternatives and for `--accept`, and the data that were meant.
 
     texts: what is wrong, one for each size, with it in its unit and (where that says it) its sign in words; steps:
     sizes that change little; most: beyond these it is no slip of this kind. A reading without steps has no degrees.
+    refines: the mistake of `measurement` of which it may be what the correction was off by. gain: the factor on TE of
+    each row, (n,), by which the noise is larger as well.
     """
 
     name: str
-    accept: str
     texts: tuple[str, ...]
     meant: Reread
     steps: tuple[float, ...] = ()
     most: tuple[float, ...] = ()
+    refines: str = ""
+    gain: Callable[[Observations, FloatArray], FloatArray] | None = None
 
 
 @dataclass(frozen=True)
@@ -114,22 +117,25 @@ def _turned(*signs: float) -> Reread:
     )
 
 
-def _divided(data: Observations, factor: FloatArray) -> Observations:
-    """TE divided by a factor of each row, (n,)."""
-    spectral = None if data.spectral_deg is None else data.spectral_deg / factor[:, None]
-    return replace(data, values=data.values / factor[:, None], spectral_deg=spectral)
-
-
-def _smaller(*signs: float) -> Reread:
+def _larger(*signs: float) -> Callable[[Observations, FloatArray], FloatArray]:
     """TE of some directions that is too large."""
-    return lambda data, size: _divided(data, 1.0 + size[0] / 100.0 * np.isin(data.at.sign, signs))
+    return lambda data, size: 1.0 + size[0] / 100.0 * np.isin(data.at.sign, signs)
 
 
-def _growing(data: Observations, size: FloatArray) -> Observations:
+def _growing(data: Observations, size: FloatArray) -> FloatArray:
     """TE that grows with the number of the run, from the first to the last by a share of 1/100."""
     if data.run is None:
-        return data
-    return _divided(data, 1.0 + size[0] / 100.0 * data.run / max(int(data.run.max()), 1))
+        return np.ones(len(data))
+    return np.asarray(1.0 + size[0] / 100.0 * data.run / max(int(data.run.max()), 1))
+
+
+def _of_gain(text: str, gain: Callable[[Observations, FloatArray], FloatArray], refines: str = "") -> WrongReading:
+    def meant(data: Observations, size: FloatArray) -> Observations:
+        factor = gain(data, size)[:, None]
+        spectral = None if data.spectral_deg is None else data.spectral_deg / factor
+        return replace(data, values=data.values / factor, spectral_deg=spectral)
+
+    return WrongReading("misread_te", (text,), meant, (0.1,), (30.0,), refines, gain)
 
 
 def _ramp_taken_out(data: Observations, size: FloatArray) -> Observations:
@@ -138,35 +144,29 @@ def _ramp_taken_out(data: Observations, size: FloatArray) -> Observations:
     return replace(data, values=data.values - np.where(data.orders == 0, size[0] / 2, waves))
 
 
-_TORQUE, _SPEED, _HEAT, _ANGLE, _TE = (f"misread_{what}" for what in ("torque", "speed", "temperature", "angle", "te"))
+_TORQUE, _SPEED, _HEAT, _ANGLE = (f"misread_{what}" for what in ("torque", "speed", "temperature", "angle"))
 READINGS = (
-    WrongReading(_TORQUE, "torque", ("all torques {:.3g} % too {}",), _scaled("torque_Nm"), (0.1,), (100.0,)),
-    WrongReading(_TORQUE, "torque", ("all torques {:.3g} N m too {}",), _shifted("torque_Nm"), (1.0,), (500.0,)),
+    WrongReading(_TORQUE, ("all torques {:.3g} % too {}",), _scaled("torque_Nm"), (0.1,), (100.0,), "torque"),
+    WrongReading(_TORQUE, ("all torques {:.3g} N m too {}",), _shifted("torque_Nm"), (1.0,), (500.0,), "torque"),
     WrongReading(
-        _TORQUE, "torque", ("all torques {:.3g} % too {}", "beside that {:.3g} N m too {}"), _torque_both,
-        (0.1, 1.0), (100.0, 500.0),
+        _TORQUE, ("all torques {:.3g} % too {}", "beside that {:.3g} N m too {}"), _torque_both,
+        (0.1, 1.0), (100.0, 500.0), "torque",
     ),
+    WrongReading(_HEAT, ("all temperatures {:.3g} K too {}",), _shifted("temperature_C"), (0.1,), (30.0,)),
+    WrongReading(_HEAT, ("all temperatures in degF",), _of_fahrenheit),
+    WrongReading(_SPEED, ("all speeds {:.3g} % too {}",), _scaled("speed_rpm"), (0.1,), (30.0,)),
     WrongReading(
-        _HEAT, "conditions", ("all temperatures {:.3g} K too {}",), _shifted("temperature_C"), (0.1,), (30.0,)
+        _SPEED, ("speeds {:.3g} % too {} at the largest load, and in proportion at others",), _slipped, (0.1,), (30.0,)
     ),
-    WrongReading(_HEAT, "conditions", ("all temperatures in degF",), _of_fahrenheit),
-    WrongReading(_SPEED, "conditions", ("all speeds {:.3g} % too {}",), _scaled("speed_rpm"), (0.1,), (30.0,)),
+    WrongReading(_ANGLE, ("every angle {:.3g} deg too {}",), _turned(1.0, -1.0), (1e-3,), (5.0,), "home_offset"),
+    WrongReading(_ANGLE, ("every angle backward {:.3g} deg too {}",), _turned(-1.0), (1e-3,), (5.0,)),
     WrongReading(
-        _SPEED, "conditions", ("speeds {:.3g} % too {} at the largest load, and in proportion at others",), _slipped,
-        (0.1,), (30.0,),
+        "misread_ratio", ("TE {:.3g} deg too {} at the end of each turn",), _ramp_taken_out, (1e-4,), (1.0,), "ratio"
     ),
-    WrongReading(_ANGLE, "home_offset", ("every angle {:.3g} deg too {}",), _turned(1.0, -1.0), (1e-3,), (5.0,)),
-    WrongReading(_ANGLE, "home_offset", ("every angle backward {:.3g} deg too {}",), _turned(-1.0), (1e-3,), (5.0,)),
-    WrongReading(
-        "misread_ratio", "ratio", ("TE {:.3g} deg too {} at the end of each turn",), _ramp_taken_out, (1e-4,), (1.0,)
-    ),
-    WrongReading(_TE, "column_scale", ("all TE {:.3g} % too {}",), _smaller(1.0, -1.0), (0.1,), (30.0,)),
-    WrongReading(_TE, "column_scale", ("all TE backward {:.3g} % too {}",), _smaller(-1.0), (0.1,), (30.0,)),
-    WrongReading(
-        _TE, "column_scale", ("all TE {:.3g} % too {} in the last run, and before in proportion to the run's number",),
-        _growing, (0.1,), (30.0,),
-    ),
-    WrongReading("exchanged_directions", "direction", ("forward and backward exchanged",), _exchanged),
+    _of_gain("all TE {:.3g} % too {}", _larger(1.0, -1.0)),
+    _of_gain("all TE backward {:.3g} % too {}", _larger(-1.0), "column_scale"),
+    _of_gain("all TE {:.3g} % too {} in the last run, and before in proportion to the run's number", _growing),
+    WrongReading("exchanged_directions", ("forward and backward exchanged",), _exchanged),
 )  # fmt: skip
 
 
@@ -189,19 +189,20 @@ def misread(final: Fit, changed: Collection[int], offset_changed: bool) -> tuple
 
 
 def refined(final: Fit, accepted: Collection[str]) -> Misread | None:
-    """By how much a correction that was accepted is off, now that what is missing is known; None where it is not.
+    """By how much the correction of an accepted mistake is off, now that what is missing is known; None for nothing.
 
-    What it was estimated by before held what was missing as well.
+    What it was estimated by before held what was missing as well. accepted: names of the mistakes.
     """
-    best, found = SETTINGS.order_gain, None
+    least = SETTINGS.order_gain * max(1.0, final.loss / max(int(final.target.counts.sum()), 1))
+    found: list[tuple[float, Misread]] = []
     for reading in READINGS:
-        if reading.accept in accepted and reading.steps and final.target.data.angle_rad is None:
+        if reading.refines in accepted and final.target.data.angle_rad is None:
             sizes, read = _read(final.target, final.state, reading)
             # another number must be worth it
             gain = final.loss - read.loss - SETTINGS.as_good * (len(sizes) - 1)
-            if gain > best:
-                best, found = gain, Misread(reading, sizes, frozenset(), read.loss)
-    return found
+            if gain > least:
+                found.append((gain, Misread(reading, sizes, frozenset(), read.loss)))
+    return max(found, key=lambda one: one[0])[1] if found else None
 
 
 def _instead(final: Fit, plain: Fit, reading: WrongReading, everything: frozenset[int]) -> Misread | None:
@@ -212,7 +213,7 @@ def _instead(final: Fit, plain: Fit, reading: WrongReading, everything: frozense
     kept: set[int] = set()
     while _is_needed(best, final, len(sizes)):
         # a reading of several numbers stands for as many changes at least
-        if len(kept) + max(len(sizes), 1) >= min(len(everything), SETTINGS.beside_reading + len(sizes)) + 1:
+        if len(kept) >= min(SETTINGS.beside_reading, len(everything) - max(len(sizes), 1)):
             return None
         trials = {i: _read(plain.target, _freed(best.state, final, i), reading, sizes) for i in everything - kept}
         number = min(trials, key=lambda i: trials[i][1].loss)
@@ -233,7 +234,9 @@ def _is_needed(without: Fit, final: Fit, sizes: int) -> bool:
 
     sizes: how many numbers it has in place of these.
     """
-    numbers = max(len(final.prior) - len(without.prior) - sizes, 1)
+    # a zero that is held has its place among the coordinates as well
+    zero = int(final.state.offset_free and not without.state.offset_free)
+    numbers = max(len(final.prior) - len(without.prior) + zero - sizes, 1)
     return chi_square_tail(without.loss - final.loss, numbers) < SETTINGS.p_changed
 
 
@@ -254,10 +257,16 @@ def _read(
 ) -> tuple[FloatArray, Fit]:
     """The sizes of a reading, and all that is free in a state beside it: the best there is near some sizes."""
 
+    def read(sizes: FloatArray) -> FitData:
+        data = reading.meant(target.data, sizes)
+        noise = np.ones((1, 1)) if reading.gain is None else reading.gain(target.data, sizes)[:, None]
+        wide = None if target.wide is None else target.wide / noise
+        made = replace(target, data=data, sigma=target.sigma / noise, wide=wide)
+        # what was kept of columns is that of these conditions
+        return made if data.at is target.data.at else replace(made, cache={}, responses={})
+
     def fitted(sizes: FloatArray, state: State) -> Fit:
-        # what was kept of columns is that of other conditions
-        read = replace(target, data=reading.meant(target.data, sizes), cache={}, responses={})
-        return fit(read, state, steps=SETTINGS.quick_steps)
+        return fit(read(sizes), state, steps=SETTINGS.quick_steps)
 
     count = len(reading.steps)
     sizes = np.zeros(count) if sizes is None else sizes
@@ -265,9 +274,14 @@ def _read(
     for _ in range(SETTINGS.quick_steps if count else 0):
         columns: list[Column] = []
         for number, step in enumerate(reading.steps):
-            ahead = reading.meant(target.data, sizes + step * (np.arange(count) == number))
-            more = replace(best.target, data=ahead).residual(best.state.model())
-            columns.append((np.arange(len(ahead.orders)), (best.residual - more) / step))
+            ahead = sizes + step * (np.arange(count) == number)
+            if reading.gain is None:
+                slope = (best.residual - read(ahead).residual(best.state.model())) / step
+            else:
+                # of what the model says: smaller noise is no better a model
+                times = reading.gain(target.data, ahead) / reading.gain(target.data, sizes) - 1.0
+                slope = (best.target.data.values - best.residual) * times[:, None] / step
+            columns.append((np.arange(slope.shape[1]), slope))
         if not all(values.any() for _, values in columns):
             break
         weights = best.target.weights(best.residual)

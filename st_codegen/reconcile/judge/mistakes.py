@@ -36,8 +36,11 @@ class Mistake:
         return f"{self.text}; give --accept {self.name} to {self.remedy}" if self.remedy else self.text
 
 
-def mistaken_runs(data: Observations, rig: RigModel) -> list[Mistake]:
-    """A block of runs with a factor of its own, and runs that agree with the rig under another label than theirs."""
+def mistaken_runs(data: Observations, rig: RigModel) -> list[Mistake] | None:
+    """A block of runs with a factor of its own, and runs that agree with the rig under another label than theirs.
+
+    None where too few orders tell.
+    """
     model = rig.coefficients(data.at, data.orders.tolist())
     sigma = estimate(data, data.values - model).sigma
     z = np.abs(data.values - model) / sigma
@@ -46,12 +49,12 @@ def mistaken_runs(data: Observations, rig: RigModel) -> list[Mistake]:
     # orders in which the rig is right for most runs, and loud
     sure = (usual < SETTINGS.sure_order) & (power > 3 * np.median(sigma, axis=0))
     if sure.sum() < SETTINGS.least_votes:
-        return []
+        return None
     values, known, weight = data.values[:, sure], model[:, sure], 1 / sigma[:, sure] ** 2
     blocks = _block(data, values, known, weight)
     out = {row for mistake in blocks for row in mistake.rows}
     rest = np.array([row not in out for row in range(len(data))])
-    return [*blocks, *_labels(data, rig, sure, rest, weight)]
+    return [*blocks, *_labels(data, rig, sure, rest, known, weight)]
 
 
 def _block(data: Observations, values: ComplexArray, known: ComplexArray, weight: FloatArray) -> list[Mistake]:
@@ -83,12 +86,15 @@ def _block(data: Observations, values: ComplexArray, known: ComplexArray, weight
     return [Mistake("block", text, rows=tuple(map(int, rows)))]
 
 
-def _labels(data: Observations, rig: RigModel, sure: BoolArray, rest: BoolArray, weight: FloatArray) -> list[Mistake]:
+def _labels(
+    data: Observations, rig: RigModel, sure: BoolArray, rest: BoolArray, known: ComplexArray, weight: FloatArray
+) -> list[Mistake]:
     """Runs that the rig explains well under the label of another run, and badly under their own.
 
-    sure: the orders that say so, bool (K,); rest: the rows that are asked; weight: of these orders, (n, sure).
+    sure: the orders that say so, bool (K,); rest: the rows that are asked; known, weight: what the rig says of these
+    orders, and what they count, (n, sure).
     """
-    values, known = data.values[:, sure], rig.coefficients(data.at, data.orders.tolist())[:, sure]
+    values = data.values[:, sure]
     loss = (weight * np.abs(values - known) ** 2).sum(axis=1)
     usual = float(np.median(loss[rest])) if rest.any() else 0.0
     limit = SETTINGS.label_loss * max(usual, 2.0 * values.shape[1])
@@ -140,9 +146,12 @@ def _by_its_torque(
 ) -> float:
     """The least loss of a run at another torque than its label's; infinite where the other label is no more than that.
 
-    A torque that is read wrong may be near that of another run, whose speed has no part in it.
+    A torque that is read wrong may be near that of another run, whose speed has no part in it. Where torques have
+    levels it is no chance that a run lies at another one.
     """
     at = data.at
+    if 2 * len(np.unique(at.torque_Nm)) < len(data.runs):
+        return np.inf
     if (at.speed_rpm[rows] == at.speed_rpm[other]).all() and (at.temperature_C[rows] == at.temperature_C[other]).all():
         return np.inf
     tried = np.linspace(at.torque_Nm.min(), at.torque_Nm.max(), SETTINGS.torques_tried)

@@ -111,12 +111,12 @@ _MOST_LISTED = 4
 
 
 def misread_texts(result: Reconciliation) -> list[str]:
-    """What would do in place of changes of the rig, and what to do where it is so; one sentence for each."""
+    """What would do in place of changes of the rig, and what to do where it is so; one sentence for each name."""
     found = result.conclusions
     return [
         f"{one.text} would do in place of the change of {', '.join(found.changes_for(one))}: if it is so, "
-        f"--accept {one.reading.accept} corrects it"
-        for one in found.misread
+        f"--accept {one.reading.name} corrects it"
+        for one in {one.reading.name: one for one in reversed(found.misread)}.values()
     ]
 
 
