@@ -186,13 +186,19 @@ def _reread(
     for more in range(SETTINGS.rereadings, -1, -1):
         result = reconcile_observations(rig, examined.data, known, progress, examined)
         found = result.conclusions
-        named = {*accept, *(one.reading.name for one in found.misread if one.is_asked and "all" in accept)}
+        corrected = {mistake.name for mistake in examined.mistakes if not mistake.rows}
+        # what a correction that was accepted is off by is nothing new to ask about
+        named = {*accept} | {
+            one.reading.name
+            for one in found.misread
+            if one.is_asked and ("all" in accept or one.reading.refines in corrected & set(accept))
+        }
         taken = next((one for one in found.misread if one.reading.name in named), None)
         if taken is None and AS_IS not in accept:
             asked = next((one for one in found.misread if one.is_asked), None)
             if asked is not None:
                 raise InputError(f"{measured}: {_question(asked, found)}")
-            taken = refined(found.final, {mistake.name for mistake in examined.mistakes if not mistake.rows})
+            taken = refined(found.final, corrected)
         cleared = _cleared(result, examined) if taken is None else None
         if not more or (taken is None and cleared is None):
             break

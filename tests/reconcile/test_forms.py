@@ -153,6 +153,14 @@ def test_steps_in_time_can_be_seen_where_the_order_of_the_runs_is_known():
         assert any("the order in which the runs were made" in text for text in cannot_show(known)) is is_said
 
 
+def test_oil_that_gets_warmer_in_the_order_of_the_rows_may_hide_what_changes_with_time():
+    at = grid([500.0])
+    place = np.argsort(at.temperature_C, kind="stable")
+    for rows, is_said in ((at, False), (at.rows(place), True)):
+        known = Observations(rows, labels(rows), np.array([0]), np.zeros((len(rows), 1), complex))
+        assert any("follows the oil may as well follow the time" in text for text in cannot_show(known)) is is_said
+
+
 @pytest.mark.parametrize(("torques", "is_said"), [((0.0, 900.0), False), ((300.0, 900.0), True), ((900.0,), False)])
 def test_backlash_is_not_told_from_friction_where_torques_vary_and_none_is_small(torques, is_said):
     axes = np.meshgrid([300.0, 900.0], torques, [25.0, 35.0], [1.0, -1.0])

@@ -57,7 +57,7 @@ class Hum:
         seen, of = self.curves
         if self.order:
             return (
-                f"a wave of {self.order:.4g} periods a turn, {self.amplitude_deg:.2g} deg in {seen} of {of} curves: it "
+                f"a wave of {self.order:.1f} periods a turn, {self.amplitude_deg:.2g} deg in {seen} of {of} curves: it "
                 "does not come back to where it began, as of a bearing, a belt or another shaft; it was taken out of "
                 "these curves"
             )

@@ -36,7 +36,23 @@ class ResidualStructure:
 
 
 def structure(target: FitData, residual: ComplexArray) -> ResidualStructure:
-    """Test the residual (n, K) of every order for what noise that is independent from run to run has not."""
+    """Test the residual (n, K) of every order for what noise that is independent from run to run has not.
+
+    Neither is to be changed afterwards: several questions are asked of the same residual, whose answer is kept.
+    """
+    for of, what, known in _KEPT:
+        if of is target and what is residual:
+            return known
+    found = _structure(target, residual)
+    _KEPT[:] = [(target, residual, found), *_KEPT[:1]]
+    return found
+
+
+#: the last residuals that were asked, and what was found
+_KEPT: list[tuple[FitData, ComplexArray, ResidualStructure]] = []
+
+
+def _structure(target: FitData, residual: ComplexArray) -> ResidualStructure:
     data, good = target.data, target.good
     parts = np.where(data.orders == 0, 1, 2)
     r: ComplexArray = np.where(data.orders == 0, residual.real, residual).astype(np.complex128)

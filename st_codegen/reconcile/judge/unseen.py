@@ -36,7 +36,11 @@ def cannot_show(data: Observations) -> tuple[str, ...]:
     if len(np.unique(at.torque_Nm)) > 1 and float(np.abs(at.torque_Nm).min()) > SETTINGS.near_no_load_Nm:
         found.append("no run near 0 N m: backlash cannot be told from dry friction")
     if data.angle_rad is None and data.run is None:
-        found.append("the order in which the runs were made is not known: steps and drifts in time cannot be seen")
+        text = "the order in which the runs were made is not known: steps and drifts in time cannot be seen"
+        heat = [at.temperature_C[at.sign == sign] for sign in np.unique(at.sign)]
+        if len(np.unique(at.temperature_C)) > 1 and all((np.diff(part) >= 0).all() for part in heat):
+            text += "; if they were made as they are listed, what follows the oil may as well follow the time"
+        found.append(text)
     if data.angle_rad is None and not data.repeated:
         found.append("no run was repeated: what changes from run to run cannot be told from sharp structure")
     return tuple(found)
