@@ -211,7 +211,8 @@ def _read_so(
 ) -> Examined:
     """What was examined, with its data read as a reading says, and examined once more."""
     assert one is not None
-    again = examine(one.meant(examined.data), rig, measured, scale=1.0, accept=accept)
+    corrected = {mistake.name for mistake in examined.mistakes if not mistake.rows}
+    again = examine(one.meant(examined.data), rig, measured, scale=1.0, accept=accept, corrected=corrected)
     read = Mistake(one.reading.name, f"{one.text} (corrected)")
     kept = (mistake for mistake in examined.mistakes if not mistake.rows)
     untold = tuple(dict.fromkeys((*examined.untold, *again.untold)))
@@ -312,7 +313,8 @@ def _reconcile(rig: RigModel, known: Catalogue, progress: Progress | None, exami
     apart = _apart(data)
     shown = data if not apart.any() else replace(data, left_out=apart | bad)
     noise = estimate(shown, data.values - model)
-    target = FitData(shown, noise.sigma, noise.good, groups_of(data.at), *_of(rig))
+    corrected = frozenset(mistake.name for mistake in examined.mistakes if mistake.text.endswith("(corrected)"))
+    target = FitData(shown, noise.sigma, noise.good, groups_of(data.at), *_of(rig), corrected=corrected)
     state = State(rig, rig.zero_offset_deg, tuple(map(_own, (e for e in rig.effects if e.stage is not Stage.AXIS))))
     last, judged = search(target, state, known, progress)
     # which effects there may be is decided; whether they stand, and how large they are, all runs say

@@ -37,6 +37,9 @@ class Settings:
     most_hums: int = 3
     #: loud orders that are tried for a wave of no whole number of periods
     most_tried_between: int = 12
+    #: curves that are asked first, and orders around a wave that must hold nothing else: what lies farther off is small
+    curves_that_tell: int = 8
+    orders_beside_wave: float = 2.6
     loud_line: float = 30.0
     orders_of_line: int = 8
     #: -log of the chance of what the slow curves, and the fast ones, say by themselves of a hum that none of them shows
@@ -75,9 +78,10 @@ class Settings:
     vote: float = 0.7
     #: an angle of home below this is nearer than one is set; a factor of columns below this may be the rig's own
     least_home_deg: float = 0.05
-    #: zeros of runs that differ by less than this share each, and by less in the RMS, are taken for those of one start
+    #: zeros of runs are taken for those of one start where most lie together so near (deg), and others for the same
+    #: where they are no farther off than by this share, which what is missing may do to single runs
+    one_zero_deg: float = 0.01
     one_zero: float = 0.2
-    one_zero_rms: float = 0.04
     column_factor: float = 1.1
     #: another unit of a column must take all but this part (power) off every order that it changes by so many times
     #: what the runs tell; an order of which this part (RMS) of the rig's is left, noise apart, was taken off
@@ -432,7 +436,7 @@ CHOSEN_ON: dict[str, tuple[str, ...]] = {
         "state_reach", "formula_explains", "formula_whole", "term_price", "term_share", "hidden_turn",
     ),
     "campaigns of other generators (filters, gaps, sensors that drift, zeros of the angle, laws of no catalogue)": (
-        "one_zero", "one_zero_rms", "bends", "at_once", "lags_in_campaign", "beside_reading",
+        "one_zero", "one_zero_deg", "bends", "at_once", "lags_in_campaign", "beside_reading",
     ),
     "all counted cases of other physics, development and held out": (
         "names_by_order", "names_by_more",

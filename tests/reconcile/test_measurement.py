@@ -661,7 +661,7 @@ def test_runs_of_one_start_of_the_machine_share_its_zero():
     data, random = of_curves(), np.random.default_rng(3)
     off = np.where(np.arange(RUNS) > 150, 3.0, 0.0)
     made = replace(data, values=data.values * np.exp(-1j * np.radians(of_runs(off)) * ORDERS))
-    foreign = 2e-3 * np.exp(1j * random.uniform(0, 6, len(data)))
+    foreign = 1e-4 * np.exp(1j * random.uniform(0, 6, len(data)))
     made = replace(made, values=made.values + foreign[:, None] * np.isin(ORDERS, (156, 162)))
     back = examine(made, RIG, PATH, accept=["home_offset"]).data
     turn = np.angle(back.values[:, ORDERS == 78] / made.values[:, ORDERS == 78]).ravel()

@@ -121,23 +121,19 @@ def without_waves_between(sums: Sequence[Sums], known: Collection[int]) -> tuple
     kept, found = list(sums), list[Hum]()
     band = min(one.band for one in kept)
     free = np.ones(band + 1, bool)
-    free[[order for order in (*range(SETTINGS.wander_orders), *known) if order <= band]] = False
+    free[[order for order in (0, 1, *known) if order <= band]] = False
+    some = slice(None, None, -(-len(kept) // SETTINGS.curves_that_tell))
     for _ in range(SETTINGS.most_tried_between):
         lines = np.stack([one.plain_fft[: band + 1] for one in kept])
         power = np.abs(lines) ** 2
         noise = np.median(power, axis=1) / np.log(2.0)
         usual = np.where(free, np.median(power / np.maximum(noise[:, None], 1e-300), axis=0), 0.0)
         top = int(usual.argmax())
-        near = np.flatnonzero(free & (np.abs(np.arange(band + 1) - top) <= SETTINGS.orders_of_line))
-        if usual[top] < SETTINGS.loud_line or len(near) < SETTINGS.shared_orders:
+        if usual[top] < SETTINGS.loud_line:
             break
-        told = []
-        for one, line, floor in zip(kept, lines, noise, strict=True):
-            fits = [_wave(one, line, low + 0.5, free) for low in (top - 1, top)]
-            size, order, wave = max(fits, key=lambda fit: fit[0])
-            left, whole = (float((np.abs(part[near]) ** 2).sum()) for part in (line - wave[: band + 1], line))
-            is_one = left - len(near) * floor < SETTINGS.left_of_unit * whole
-            told.append((size if is_one else 0.0, order, wave if is_one else np.zeros_like(wave)))
+        told = _between(kept[some], lines[some], noise[some], free, top)
+        if np.mean([size > 0.0 for size, _, _ in told]) >= SETTINGS.most_orders:
+            told = _between(kept, lines, noise, free, top)
         sizes, orders = (np.array([fit[i] for fit in told]) for i in (0, 1))
         seen = sizes > 0.0
         middle = float(np.median(orders[seen])) if seen.any() else 0.0
@@ -153,6 +149,24 @@ def without_waves_between(sums: Sequence[Sums], known: Collection[int]) -> tuple
         # what is left of it is none of its own
         free[max(top - 1, 0) : top + 2] = False
     return kept, tuple(found)
+
+
+def _between(
+    sums: Sequence[Sums], lines: ComplexArray, noise: FloatArray, free: BoolArray, top: int
+) -> list[tuple[float, float, ComplexArray]]:
+    """The size, the number of periods and the coefficients of a wave near a loud order in each curve; 0 where none is.
+
+    It is one where the orders around it hold nothing else.
+    """
+    places, found = np.arange(len(free)), []
+    for one, line, floor in zip(sums, lines, noise, strict=True):
+        fits = [_wave(one, line, low + 0.5, free) for low in range(max(top - 3, 1), top + 3)]
+        size, order, wave = max(fits, key=lambda fit: fit[0] and float((np.abs(fit[2][: len(free)][free]) ** 2).sum()))
+        near = free & (np.abs(places - order) <= SETTINGS.orders_beside_wave)
+        left, whole = (float((np.abs(part[near]) ** 2).sum()) for part in (line - wave[: len(free)], line))
+        is_one = near.sum() > 2 and left - int(near.sum()) * floor < SETTINGS.left_of_unit * whole
+        found.append((size, order, wave) if is_one else (0.0, order, np.zeros_like(wave)))
+    return found
 
 
 def _faint(sums: Sequence[Sums], turns_Hz: FloatArray, known: Collection[int]) -> Hum | None:

@@ -68,7 +68,7 @@ class FitData:
 
     wide: (n, K), how far coefficients scatter about the model, never less than the noise: the fit weighs by it, since
     a model whose form is not quite right must not be bent by the last digit of a clean order. run_offset_deg: how far
-    the mean differs from run to run, as the rig says.
+    the mean differs from run to run, as the rig says. corrected: names of mistakes that were taken out.
     """
 
     data: Observations
@@ -79,6 +79,7 @@ class FitData:
     reference_temperature_C: float = 30.0
     run_offset_deg: float = 0.0
     wide: FloatArray | None = None
+    corrected: frozenset[str] = frozenset()
     cache: dict[object, tuple[Column, ...]] = field(default_factory=dict, compare=False)
     responses: dict[object, ComplexArray] = field(default_factory=dict, compare=False)
 

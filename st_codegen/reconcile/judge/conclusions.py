@@ -16,7 +16,7 @@ from st_codegen.reconcile.judge import discrepancy
 from st_codegen.reconcile.judge.candidates import STAGES, Candidate, Search
 from st_codegen.reconcile.judge.evidence import Evidence
 from st_codegen.reconcile.judge.held_out import unmeasured_states
-from st_codegen.reconcile.judge.misread import OFFSET, Misread, misread
+from st_codegen.reconcile.judge.misread import OFFSET, Misread, covariance_of_corrections, misread
 from st_codegen.reconcile.judge.peaks import bracket, chance_of_bracket, has_a_frequency, spread
 from st_codegen.reconcile.judge.plausible import (
     bounds_met,
@@ -416,7 +416,7 @@ def _held(joint: Fit, changed: dict[int, float], offset_changed: bool) -> State:
 def standard_errors(joint: Fit, number: int) -> dict[str, float]:
     """Standard errors of the free keys of a piece, from the covariance of the joint fit; lists: `key[order]`."""
     piece, place = joint.state.pieces[number], joint.state.slices()[number]
-    covariance = discrepancy.covariance(joint)[place, place]
+    covariance = (discrepancy.covariance(joint) + covariance_of_corrections(joint))[place, place]
     coordinates, vector = piece.coordinates(), piece.vector()
     found: dict[str, float] = {}
     listed = piece.effect.orders_key == "orders"

@@ -136,16 +136,20 @@ def zeros(
 
 
 def _as_one(angle: FloatArray, turned: BoolArray) -> FloatArray:
-    """The angles of the rows, (n,), 0 where they are not turned: where those have about one, as after one start, that.
+    """The angles of the rows, (n,), 0 where they are not turned: of those of one start of the machine one for all.
 
-    What each run says alone is off by its noise and by what is missing there. Others that lie near that angle, and
-    would not have been turned for what they say alone, have it as well.
+    What each run says alone is off by its noise and by what is missing there: a start is where many lie together, and
+    what lies not far from one, be it turned for what it says alone or not, is taken for one of its runs.
     """
-    middle = float(np.median(angle[turned]))
-    off = np.abs(angle - middle) / max(abs(middle), 1e-300)
-    far = SETTINGS.one_zero
-    is_one = off[turned].max(initial=0.0) < far and np.sqrt((off[turned] ** 2).mean()) < SETTINGS.one_zero_rms
-    return np.where(off < far, middle, 0.0) if is_one else angle * turned
+    least, own = np.radians(SETTINGS.least_home_deg), np.sort(angle[turned])
+    groups = np.split(own, np.flatnonzero(np.diff(own) > least) + 1)
+    starts = np.array([np.median(group) for group in groups if len(group) >= 2 * SETTINGS.least_block
+                       and np.median(np.abs(group - np.median(group))) < np.radians(SETTINGS.one_zero_deg)])  # fmt: skip
+    if not len(starts):
+        return angle * turned
+    nearest = starts[np.abs(angle[:, None] - starts).argmin(axis=1)]
+    is_near = np.abs(angle - nearest) < SETTINGS.one_zero * np.abs(nearest)
+    return np.where(is_near, nearest, angle * turned)
 
 
 def _most_gain(before: ComplexArray, after: ComplexArray, noise: FloatArray, vote: float) -> bool:

@@ -361,6 +361,18 @@ def without_lasting(target: FitData, residual: ComplexArray) -> ComplexArray:
     return found
 
 
+def runs_in_a_row_are_alike(target: FitData, r: ComplexArray) -> bool:
+    """Whether most of what a residual (n,) varies by is the same in runs that follow each other."""
+    run, series = target.data.run, []
+    if run is None:
+        return False
+    for sign in np.unique(target.data.at.sign[target.good]):
+        rows = np.flatnonzero(target.good & (target.data.at.sign == sign))
+        own = r[rows[np.argsort(run[rows], kind="stable")], None]
+        series.append(own - own.mean(axis=0))
+    return bool(_alike(series)[0] > 0.5)
+
+
 def lasting_mean(target: FitData, residual: ComplexArray) -> FloatArray:
     """By how much (deg) the mean of an order may be off where its noise lasts over runs, (K,).
 

@@ -60,11 +60,18 @@ class Examined:
 
 @one_thread()
 def examine(
-    data: Observations, rig: RigModel, path: Path, *, scale: float | None = None, accept: Collection[str] = ()
+    data: Observations,
+    rig: RigModel,
+    path: Path,
+    *,
+    scale: float | None = None,
+    accept: Collection[str] = (),
+    corrected: Collection[str] = (),
 ) -> Examined:
     """Data without the mistakes that `accept` names. Raises one InputError that asks about all others, but where data
     are taken as they are (AS_IS).
 
+    corrected: names of mistakes that were, and are not looked for again.
     Wrong labels and a scaled block touch single runs: those are left out without being asked about.
     """
     if data.angle_rad is not None or not np.isfinite(data.values).all():
@@ -77,6 +84,8 @@ def examine(
     for look in (*of_forms, *of_sizes):
         is_unit = any(mistake.name == "unit" for mistake in found)
         for mistake in () if is_unit and look in of_sizes else look(data, rig):
+            if mistake.name in corrected:
+                continue
             if AS_IS in accept and mistake.name != "unit" and mistake.name not in accept:
                 found.append(replace(mistake, text=f"{mistake.text} (taken as it is)"))
                 continue

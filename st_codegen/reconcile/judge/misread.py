@@ -237,6 +237,10 @@ def _is_needed(without: Fit, final: Fit, sizes: int) -> bool:
     # a zero that is held has its place among the coordinates as well
     zero = int(final.state.offset_free and not without.state.offset_free)
     numbers = max(len(final.prior) - len(without.prior) + zero - sizes, 1)
+    # what it gains on other orders does not pay for one that it leaves
+    worse = without.target.losses(without.residual).sum(axis=0) - final.target.losses(final.residual).sum(axis=0)
+    if worse.max() > SETTINGS.order_gain:
+        return True
     return chi_square_tail(without.loss - final.loss, numbers) < SETTINGS.p_changed
 
 
@@ -252,36 +256,61 @@ def _held(state: State, plain: Fit, number: int) -> State:
     return state.replaced(number, plain.state.pieces[number])
 
 
+def _reread(target: FitData, reading: WrongReading, sizes: FloatArray) -> FitData:
+    """What is fitted where data were read wrong by so much, and the noise with it."""
+    data = reading.meant(target.data, sizes)
+    noise = np.ones((1, 1)) if reading.gain is None else reading.gain(target.data, sizes)[:, None]
+    wide = None if target.wide is None else target.wide / noise
+    made = replace(target, data=data, sigma=target.sigma / noise, wide=wide)
+    # what was kept of columns is that of these conditions
+    return made if data.at is target.data.at else replace(made, cache={}, responses={})
+
+
+def _slopes(target: FitData, best: Fit, reading: WrongReading, sizes: FloatArray) -> list[Column]:
+    """What the residual of a fit loses by each size of a reading; target: with the data as they were read."""
+    columns: list[Column] = []
+    for number, step in enumerate(reading.steps):
+        ahead = sizes + step * (np.arange(len(sizes)) == number)
+        if reading.gain is None:
+            slope = (best.residual - _reread(target, reading, ahead).residual(best.state.model())) / step
+        else:
+            # of what the model says: smaller noise is no better a model
+            times = reading.gain(target.data, ahead) / reading.gain(target.data, sizes) - 1.0
+            slope = (best.target.data.values - best.residual) * times[:, None] / step
+        columns.append((np.arange(slope.shape[1]), slope))
+    return columns
+
+
+def covariance_of_corrections(joint: Fit) -> FloatArray:
+    """What the coordinates of a fit may be off by since corrections of the data are told no better, (p, p)."""
+    found = np.zeros((len(joint.prior), len(joint.prior)))
+    weights = joint.target.weights(joint.residual)
+    for reading in READINGS:
+        if reading.refines not in joint.target.corrected or len(reading.steps) != 1:
+            continue
+        columns = _slopes(joint.target, joint, reading, np.zeros(1))
+        if columns[0][1].any():
+            matrix = gather(joint.target, (*joint.columns, *columns), joint.residual, weights, by_cell=False).total()[0]
+            moved = joint.inverse @ matrix[:-1, -1]
+            # beside all that is free
+            told = matrix[-1, -1] - matrix[:-1, -1] @ moved
+            found += np.outer(moved, moved) / max(float(told), 1e-300)
+    return found
+
+
 def _read(
     target: FitData, state: State, reading: WrongReading, sizes: FloatArray | None = None
 ) -> tuple[FloatArray, Fit]:
     """The sizes of a reading, and all that is free in a state beside it: the best there is near some sizes."""
 
-    def read(sizes: FloatArray) -> FitData:
-        data = reading.meant(target.data, sizes)
-        noise = np.ones((1, 1)) if reading.gain is None else reading.gain(target.data, sizes)[:, None]
-        wide = None if target.wide is None else target.wide / noise
-        made = replace(target, data=data, sigma=target.sigma / noise, wide=wide)
-        # what was kept of columns is that of these conditions
-        return made if data.at is target.data.at else replace(made, cache={}, responses={})
-
     def fitted(sizes: FloatArray, state: State) -> Fit:
-        return fit(read(sizes), state, steps=SETTINGS.quick_steps)
+        return fit(_reread(target, reading, sizes), state, steps=SETTINGS.quick_steps)
 
     count = len(reading.steps)
     sizes = np.zeros(count) if sizes is None else sizes
     best = fitted(sizes, state)
     for _ in range(SETTINGS.quick_steps if count else 0):
-        columns: list[Column] = []
-        for number, step in enumerate(reading.steps):
-            ahead = sizes + step * (np.arange(count) == number)
-            if reading.gain is None:
-                slope = (best.residual - read(ahead).residual(best.state.model())) / step
-            else:
-                # of what the model says: smaller noise is no better a model
-                times = reading.gain(target.data, ahead) / reading.gain(target.data, sizes) - 1.0
-                slope = (best.target.data.values - best.residual) * times[:, None] / step
-            columns.append((np.arange(slope.shape[1]), slope))
+        columns = _slopes(target, best, reading, sizes)
         if not all(values.any() for _, values in columns):
             break
         weights = best.target.weights(best.residual)
