@@ -288,8 +288,10 @@ class Settings:
     #: share of the variance of a condition that another one tells, from which on the two go together: the error of what
     #: each does alone is three times as large
     together: float = 0.9
-    #: waves that are told of samples over time
+    #: waves that are told of samples over time, and those of which a mean that wanders is made: noise makes the root of
+    #: so many standard errors (8) of them, less than the 10 that are asked of what is told
     most_lines: int = 8
+    most_waves_of_mean: int = 64
 
     #: torque (N m) below which a run tells backlash from dry friction: the least that seats the flanks
     near_no_load_Nm: float = 30.0
