@@ -37,8 +37,8 @@ class Sums:
 
     samples: number N; angle: complex128 (2*K + 1,), sum of exp(-i*m*theta); te: complex128 (K + 1,), sum of
     TE*exp(-i*k*theta) in deg; te_square: sum of TE^2 in deg^2; plain_fft: complex128 (band + 1,), deg, the
-    coefficients of an FFT over the number of the sample; ends: float64 (2, 3), the lowest and the highest TE in deg,
-    each with the number of samples that have it, and of those that have the value next to it.
+    coefficients of an FFT over the number of the sample; ends: float64 (2, 4), the lowest and the highest TE in deg,
+    each with the most samples in a row that have it, the most that have the value next to it, and the number of values.
     """
 
     samples: int
@@ -84,6 +84,11 @@ class OrderFit:
         return above
 
 
+def listed(orders: Sequence[int]) -> str:
+    """The first of some orders, for messages."""
+    return ", ".join(map(str, orders[:12])) + (", .." if len(orders) > 12 else "")
+
+
 def curve_sums(curve: Curve, band: int = BAND) -> Sums:
     """The sums of a curve for orders up to `band`; those that it does not tell leak where it has gaps."""
     samples = len(curve.te_deg)
@@ -92,12 +97,18 @@ def curve_sums(curve: Curve, band: int = BAND) -> Sums:
     rising = te if curve.angle_deg[0] <= curve.angle_deg[-1] else te[::-1]
     fft = np.fft.rfft(rising) * (2.0 / samples)
     fft[0] /= 2.0
-    values, count = np.unique(te, return_counts=True)
-    ends = np.array(
-        [[values[i], count[i], count[j] if len(count) > 1 else 0] for i, j in ((0, 1), (-1, -2))], np.float64
-    )
-    sums = Sums(samples, both[0], both[1, : band + 1], float(te @ te), fft, ends)
+    sums = Sums(samples, both[0], both[1, : band + 1], float(te @ te), fft, _ends(te))
     return replace(sums, plain_fft=fft[: sums.band + 1])
+
+
+def _ends(te: FloatArray) -> FloatArray:
+    """`Sums.ends` of samples (n,)."""
+    first = np.flatnonzero(np.append(True, te[1:] != te[:-1]))
+    values, which = np.unique(te[first], return_inverse=True)
+    longest = np.zeros(len(values))
+    np.maximum.at(longest, which, np.diff(np.append(first, len(te))))
+    both = ((values, longest), (values[::-1], longest[::-1]))
+    return np.array([[own[0], held[0], held[1] if len(held) > 1 else 0.0, len(own)] for own, held in both])
 
 
 def fit_orders(curve: Curve | Sums, orders: Sequence[int], beyond: Mapping[int, complex] | None = None) -> OrderFit:
@@ -112,7 +123,9 @@ def fit_orders(curve: Curve | Sums, orders: Sequence[int], beyond: Mapping[int, 
     wanted = tuple(sorted(set(orders)))
     sums = curve if isinstance(curve, Sums) else curve_sums(curve, max([BAND, *wanted]))
     if wanted and (wanted[-1] > sums.band or wanted[0] < 0):
-        raise InputError(f"orders {wanted} cannot be fitted: the curve's {sums.samples} samples tell 0 to {sums.band}")
+        raise InputError(
+            f"orders {listed(wanted)} cannot be fitted: the curve's {sums.samples} samples tell 0 to {sums.band}"
+        )
     fitted = np.array(sorted({0, *wanted}))
     expected = {k: c for k, c in (beyond or {}).items() if sums.band < k < len(sums.te) and c}
     whole, sums = sums, _without(sums, expected)
@@ -194,8 +207,9 @@ def _solve(sums: Sums, orders: npt.NDArray[np.intp], belief: FloatArray | None =
         again = np.zeros(len(matrix))
     # what is believed of an order holds it where the samples do not
     if belief is None and np.abs(again - known).max() > math.sqrt(np.finfo(np.float64).eps):
-        told = ", ".join(map(str, orders))
-        raise InputError(f"the angles of its samples do not tell the orders {told} apart: are its steps coarse?")
+        raise InputError(
+            f"the angles of the samples do not tell the orders {listed(orders.tolist())} apart: are their steps coarse?"
+        )
     solution[mask] = found
     return solution[: len(orders)] + 1j * solution[len(orders) :]
 

@@ -15,7 +15,7 @@ from st_codegen.files.text import whole_file
 from st_codegen.te.harmonics import Direction
 
 #: changes with the way sums are made, or files are judged: a file of another version is made anew
-_VERSION = 3
+_VERSION = 4
 
 
 class SumsFile:
@@ -34,7 +34,7 @@ class SumsFile:
     def read(cls, path: Path, folder: Path, band: int) -> SumsFile:
         """What a Parquet file holds; empty where it is missing, of another version, folder or band.
 
-        Raises InputError for a file that holds something else, which would be written over.
+        Raises InputError for a file that cannot be read, or holds something else, which would be written over.
         """
         pl = _polars()
         new = cls(folder, band)
@@ -42,7 +42,9 @@ class SumsFile:
             return new
         try:
             frame = pl.read_parquet(path, glob=False)
-        except (OSError, pl.exceptions.PolarsError):
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
+        except pl.exceptions.PolarsError:
             frame = None
         if frame is None or not {"version", "band", "plain_fft"} <= set(frame.columns):
             raise InputError(f"{path} is not a file of what was read of curve files: name another one, or delete it")
@@ -116,7 +118,7 @@ def _sums(row: dict[str, Any]) -> Sums:
         complex_array("te"),
         row["te_square"],
         complex_array("plain_fft"),
-        np.asarray(row["ends"], np.float64).reshape(2, 3),
+        np.asarray(row["ends"], np.float64).reshape(2, 4),
     )
 
 

@@ -17,9 +17,10 @@ class Settings:
     #: fewer curves, or fewer different operating points, cannot tell an effect from a single odd run
     least_curves: int = 8
     least_points: int = 5
-    #: a curve is cut off where so many times as many samples have its extreme as have the value beside it: of an even
-    #: wave that is rounded two and a half times as many do, of noise fewer
-    flat_top: float = 8.0
+    #: a curve is cut off where it stays at its extreme for more than so many times the samples in a row that it stays
+    #: at the value beside it: the rounded top of an even wave stays 4.8 times as long at most, one that is as flat as
+    #: a fourth power 10.6 times; a curve of fewer values than that is a coarse one
+    flat_top: float = 12.0
     #: samples of a recording that the common core is given at most: the information of more is in their mean already
     most_samples: int = 6000
     least_samples: int = 200
@@ -292,8 +293,10 @@ class Settings:
     #: share of the variance of a condition that another one tells, from which on the two go together: the error of what
     #: each does alone is three times as large
     together: float = 0.9
-    #: waves that are told of samples over time
+    #: waves that are told of samples over time, and those of which a mean that wanders is made: noise makes the root of
+    #: so many standard errors (8) of them, less than the 10 that are asked of what is told
     most_lines: int = 8
+    most_waves_of_mean: int = 64
 
     #: torque (N m) below which a run tells backlash from dry friction: the least that seats the flanks
     near_no_load_Nm: float = 30.0

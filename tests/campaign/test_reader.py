@@ -152,6 +152,20 @@ def test_files_of_others_are_not_written_over(folder, tmp_path):
         assert cache.read_bytes() == content
 
 
+def test_a_cache_that_cannot_be_read_is_no_file_of_others(folder, tmp_path, monkeypatch):
+    """Whoever may not read it was told to delete it."""
+    pl = pytest.importorskip("polars")
+    cache = tmp_path / "curves.parquet"
+    read_campaign(folder, jobs=1, cache=cache)
+
+    def refused(*_, **__):
+        raise PermissionError(13, "Permission denied", str(cache))
+
+    monkeypatch.setattr(pl, "read_parquet", refused)
+    with pytest.raises(InputError, match=r"curves\.parquet: cannot be read \(Permission denied\)"):
+        read_campaign(folder, jobs=1, cache=cache)
+
+
 def test_a_campaign_with_names_sizes_and_times_of_another_one_is_read(folder, tmp_path):
     """As two folders have that were unpacked from archives, which keep times of whole seconds."""
     cache, other = tmp_path / "curves.parquet", tmp_path / "other"

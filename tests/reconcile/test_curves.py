@@ -88,6 +88,37 @@ def test_rounded_curves_are_whole(tmp_path, monkeypatch):
     assert len(found) == 12
 
 
+def test_curves_of_a_coarse_channel_are_not_cut_off(tmp_path, monkeypatch):
+    """All but the tops of a curve are rounded to one value, many samples in a row: a finer channel is what it wants."""
+
+    def coarse(_, angle, te):
+        wave = te - te.mean()
+        step = 1.94 * np.abs(wave).max()
+        return angle, np.round(wave / step) * step
+
+    found = read(tmp_path, monkeypatch, coarse, TORQUES * 3)
+    assert len(found) == 12
+
+
+def test_a_value_that_is_frequent_but_never_stays_is_not_where_curves_are_cut_off(tmp_path, monkeypatch):
+    """Each second sample has the lowest value, as where a channel drops out: none of the curve lies flat there."""
+    found = read(
+        tmp_path, monkeypatch, lambda _, angle, te: (angle, np.where(np.arange(1000) % 2, te, -0.5)), TORQUES * 3
+    )
+    assert len(found) == 12
+
+
+def test_angles_that_do_not_tell_the_orders_apart_are_those_of_a_named_file(tmp_path, monkeypatch):
+    def coarse(_, angle, te):
+        return np.floor(angle / 9.0) * 9.0, te
+
+    with pytest.raises(InputError) as caught:
+        read(tmp_path, monkeypatch, coarse)
+    said = str(caught.value)
+    assert "run0.csv, forward: the angles of the samples do not tell the orders 0, 1, 2, " in said
+    assert all(len(line) < 300 for line in said.splitlines()) and ", .. apart" in said
+
+
 def test_a_campaign_of_which_no_curve_is_whole_is_refused(tmp_path, monkeypatch):
     with pytest.raises(InputError, match=r"no curve is whole: 12 curves that are cut off at -0\.09, .* wider range"):
         read(tmp_path, monkeypatch, clipped, (1800.0,) * 12)

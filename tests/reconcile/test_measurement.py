@@ -18,6 +18,7 @@ from st_codegen.reconcile.judge.each_run import _most_gain, ramps
 from st_codegen.reconcile.judge.measurement import examine
 from st_codegen.reconcile.judge.mistakes import _block
 from st_codegen.reconcile.judge.sensors import hidden_wrong_angle
+from st_codegen.reconcile.judge.unexplained import Signature, _with_hums
 from st_codegen.reconcile.judge.votes import PowerSums, noise_power, told_power
 from st_codegen.rig.effects import Conditions, catalogue
 from st_codegen.rig.model import read_rig
@@ -632,6 +633,22 @@ def test_a_wave_of_no_whole_number_of_periods_is_taken_out_of_all_curves(sigma):
                    for part in (left, made))  # fmt: skip
     assert off < 0.1 * before
     assert without_waves_between(clean, [0, 1, 40])[1] == ()
+
+
+def test_a_wave_of_curves_with_few_and_many_samples_is_known_in_all_orders():
+    """Of 280 samples a turn 70 orders are told, of 400 a hundred: its part of the others could not be asked for."""
+    rows = [[17.3]] * 10
+    made = [*turning(rows, 1e-6, samples=280), *turning(rows, 1e-6)]
+    assert {one.band for one in made} == {70, 100}
+    left, (wave,) = without_waves_between(made, [0, 1, 40])
+    power = np.zeros(101)
+    for one, two in zip(made, left, strict=True):
+        power[: one.band + 1] += np.abs(one.plain_fft - two.plain_fft) ** 2 / 2 / len(made)
+    assert wave.by_order[1:] == pytest.approx(np.sqrt(power[1:]))
+    several = Signature(-1, 1e-9, 0.1, {}, "both", "")
+    assert _with_hums(several, [wave]) is several
+    one = _with_hums(replace(several, order=90), [wave])
+    assert one.rms_deg > wave.by_order[90] and "of a wave of no order" in one.text
 
 
 def test_whole_waves_one_beside_the_other_and_bursts_are_no_wave_between_them():

@@ -100,6 +100,8 @@ def test_a_hum_stands_with_its_frequency(result):
     assert "<td>50 Hz</td>" in page and html.escape(hum.text) in page
     entry = report(found)["unexplained"][0]
     assert entry["order"] is None and entry["frequency_Hz"] == 50.0 and hum.text in summary(found)
+    found = replace(result, unexplained=(of_a_hum(replace(hum, frequency_Hz=0.0, order=17.31962), 1e-6),))
+    assert "<td>17.32 a turn</td>" in report_page(found, None, next_runs(found))
 
 
 def test_what_a_hum_made_of_an_order_is_unexplained_there_too(result):
@@ -111,7 +113,7 @@ def test_what_a_hum_made_of_an_order_is_unexplained_there_too(result):
         for one in (target, with_it)
     )
     assert beside.order == alone.order and beside.rms_deg == pytest.approx(np.hypot(alone.rms_deg, 4e-4))
-    assert "(beside 0.0004 deg RMS of a wave of one frequency" in beside.text
+    assert "(beside 0.0004 deg RMS of a wave of no order that was taken out" in beside.text
     humming = replace(result, data=with_it.data)
     assert humming.held_out_is_bound and not result.held_out_is_bound
     assert "at other speeds" in summary(humming)

@@ -10,10 +10,11 @@ from st_codegen.errors import InputError
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.data.recordings import ANGLES, is_recording, observations, read_recordings
 from st_codegen.reconcile.fit.target import FitData, groups_of
-from st_codegen.reconcile.judge.lines import lines_in_samples, stand_out, waves_of_angle
+from st_codegen.reconcile.judge.lines import _slow, lines_in_samples, stand_out, waves_of_angle
 from st_codegen.reconcile.judge.links import _judged, _noise
 from st_codegen.reconcile.report.sentences import left_text
 from st_codegen.reconcile.run import reconcile_files, reconcile_recordings
+from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions, catalogue
 from st_codegen.rig.model import parse_rig
 
@@ -195,3 +196,27 @@ def test_a_wander_of_the_mean_and_turns_that_are_not_whole_make_no_orders():
         0: pytest.approx(np.sqrt((wander**2).mean()), rel=0.01),
         5: pytest.approx(8e-4 / np.sqrt(2), rel=0.01),
     }
+
+
+def test_what_is_slow_is_slow_over_the_angle():
+    """Two turns in half of the rows and a hundred in the others: an order of the slow half was called the mean."""
+    count = 3000
+    random, is_slow = np.random.default_rng(0), np.arange(2 * count) < count
+    # even steps show any order as others too
+    angle = np.cumsum(np.where(is_slow, 2.0, 200.0 * random.uniform(size=2 * count)) * 2 * np.pi / count)
+    te = 1e-3 * np.cos(3 * angle) * is_slow + 1e-5 * random.standard_normal(2 * count)
+    at = Conditions.of(np.ones(2 * count), 900.0, 500.0, 30.0)
+    data = Observations(at, ("",) * (2 * count), np.zeros(1, np.int64), te[:, None] + 0j, angle, (0, 1))
+    target = SimpleNamespace(data=data, sigma=np.full((2 * count, 1), 1e-5))
+    found = {one.order: one.rms_deg for one in lines_in_samples(target, data.values, float((te**2).mean()))}
+    # half of the rows have it: a wave of half its size over all of them
+    assert max(found, key=found.get) == 3 and found[3] == pytest.approx(5e-4 / np.sqrt(2), rel=0.1)
+
+
+def test_a_mean_that_wanders_has_few_waves_and_none_of_what_lies_between_two_files():
+    """Of 1600 turns each second row was the mean's; between files the angle jumps, and nothing is travelled."""
+    angle, files = np.linspace(0.0, 1600 * 2 * np.pi, 3000), np.zeros(3000, np.int64)
+    assert _slow(angle, np.ones(3000), files).shape[1] <= SETTINGS.most_waves_of_mean + 1
+    angle, files = np.linspace(0.0, 4 * np.pi, 3000), np.repeat([0, 1], 1500)
+    jumps = _slow(angle + 100.0 * files, np.ones(3000), files)
+    assert jumps.shape[1] == 2 and np.isfinite(_slow(np.zeros(3000), np.ones(3000), files)).all()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from st_codegen.errors import InputError
-from st_codegen.reconcile.judge.spectrum import read_spectrum, reconcile_spectrum, spectrum_report
+from st_codegen.reconcile.judge.spectrum import read_spectrum, reconcile_spectrum, spectrum_report, spectrum_summary
 from st_codegen.rig.model import parse_rig
 
 from .blind import run, write
@@ -103,6 +103,59 @@ def test_all_that_is_wrong_with_a_file(tmp_path):
     with pytest.raises(InputError, match="4 problems") as caught:
         read_spectrum(tmp_path / "s.csv")
     assert all(f"line {line}" in str(caught.value) for line in (3, 4, 5, 6))
+
+
+def table(folder, sizes, digits=12):
+    """A spectrum of sizes by direction and order."""
+    lines = [f"{direction},{k},{x:.{digits}f}" for direction, own in sizes.items() for k, x in own.items()]
+    (folder / "s.csv").write_text("\n".join(["direction,order,median_deg", *lines]) + "\n")
+    return read_spectrum(folder / "s.csv")
+
+
+def quiet(orders, sigma=2e-6):
+    """Noise of one run and, where they are listed, the rig's orders with a loud one that it lacks."""
+    random = np.random.default_rng(11)
+    louder = {1: 0.0172, 39: 0.001, 40: 0.0008, 47: 1e-4, 48: 1e-4}
+    return {k: float(np.hypot(louder.get(k, 0.0), np.hypot(*random.normal(0, sigma, 2)))) for k in orders}
+
+
+@pytest.mark.parametrize(
+    ("backward", "said"),
+    [
+        ({0: 0.01}, "backward: 0 orders above 0 are too few"),
+        ({0: 0.01, 1: 0.0172}, "backward: 1 orders above 0 are too few"),
+        (dict.fromkeys(range(1, 20), 0.0), "backward: sizes that are all 0 are too small"),
+    ],
+)
+def test_a_direction_that_tells_no_floor_is_refused(tmp_path, backward, said):
+    """A floor was made of what the other direction lists, or a quantile of nothing: the program ended in an error."""
+    with pytest.raises(InputError, match=said):
+        table(tmp_path, {"Fw": quiet(range(1, 100)), "Bw": backward})
+
+
+def test_directions_without_an_order_in_common(tmp_path):
+    both = {"Fw": quiet(range(1, 300, 2)), "Bw": quiet(range(2, 300, 2))}
+    found = reconcile_spectrum(parse_rig(RIG), table(tmp_path, both))
+    assert (found.named, found.unexplained) == ((), (47, 48))
+    # each order has one direction alone to be known by, as in a spectrum of one direction with all of them
+    one = reconcile_spectrum(parse_rig(RIG), table(tmp_path, {"Fw": quiet(range(1, 300))}))
+    assert found.least[1.0] == pytest.approx(one.least[1.0], rel=0.3)
+    assert found.least[1.0] > 2e-6 * np.sqrt(2 * np.log(300 / 0.01))
+
+
+def test_sizes_that_are_rounded_to_nothing_are_no_orders(tmp_path):
+    """They were as large as the least that is an order, which was nothing too."""
+    sizes = {direction: quiet(range(1, 300)) for direction in ("Fw", "Bw")}
+    found = reconcile_spectrum(parse_rig(RIG), table(tmp_path, sizes, digits=5))
+    assert not min(found.spectrum.size.values())
+    assert (found.named, found.unexplained) == ((), (47, 48))
+    assert min(found.floor.values()) > 2e-6 * np.sqrt(2)
+    assert spectrum_report(found)["verdict"] == "unexplained"
+    sizes = [
+        f"{least:.2g} deg {word}" for least, word in zip(found.least.values(), ("forward", "backward"), strict=True)
+    ]
+    assert f"larger than {sizes[0]} and {sizes[1]}, " in spectrum_summary(found)
+    assert "reaches in at most one of 100 spectra" in spectrum_summary(found)
 
 
 @needs_data

@@ -29,9 +29,9 @@ class Hum:
     """A wave of one frequency in time, or of no whole number of periods a turn, that was taken out of curves.
 
     frequency_Hz: 0 where it has a number of periods a turn, `order`, instead; amplitude_deg: root mean square over the
-    curves in which it was seen; curves: how many these are, and all; by_order: (band + 1,) RMS over angle and all
-    curves of what it had made of each order, deg; is_faint: too few curves show it by themselves for it to be taken out
-    of them.
+    curves in which it was seen; curves: how many these are, and all; by_order: (highest band + 1,) RMS over angle and
+    all curves of what it had made of each order, as far as each curve tells it, deg; is_faint: too few curves show it
+    by themselves for it to be taken out of them.
     """
 
     frequency_Hz: float
@@ -105,10 +105,9 @@ def without_hums(
         most = float(sizes.max())
         fits = [_wave(*row, free, most) for row in zip(kept, lines, frequency / turns_Hz, strict=True)]
         kept = [_less(one, wave) for one, (_, _, wave) in zip(kept, fits, strict=True)]
-        made = np.mean([np.abs(wave[: band + 1]) ** 2 for _, _, wave in fits], axis=0)
-        made[1:] /= 2
         sizes = np.array([size for size, _, _ in fits if size])
-        found.append(Hum(frequency, float(np.sqrt((sizes**2).mean())), (len(sizes), len(kept)), np.sqrt(made)))
+        made = _by_order(kept, [wave for _, _, wave in fits])
+        found.append(Hum(frequency, float(np.sqrt((sizes**2).mean())), (len(sizes), len(kept)), made))
     return kept, tuple(found)
 
 
@@ -142,10 +141,9 @@ def without_waves_between(sums: Sequence[Sums], known: Collection[int]) -> tuple
             free[top] = False  # it may be louder than a wave between others
             continue
         kept = [_less(one, wave) for one, (_, _, wave) in zip(kept, told, strict=True)]
-        made = np.mean([np.abs(wave[: band + 1]) ** 2 for _, _, wave in told], axis=0)
-        made[1:] /= 2
         size = float(np.sqrt((sizes[seen] ** 2).mean()))
-        found.append(Hum(0.0, size, (int(seen.sum()), len(kept)), np.sqrt(made), order=middle))
+        made = _by_order(kept, [wave for _, _, wave in told])
+        found.append(Hum(0.0, size, (int(seen.sum()), len(kept)), made, order=middle))
         # what is left of it is none of its own
         free[max(top - 1, 0) : top + 2] = False
     return kept, tuple(found)
@@ -167,6 +165,15 @@ def _between(
         is_one = near.sum() > 2 and left - int(near.sum()) * floor < SETTINGS.left_of_unit * whole
         found.append((size, order, wave) if is_one else (0.0, order, np.zeros_like(wave)))
     return found
+
+
+def _by_order(sums: Sequence[Sums], waves: Sequence[ComplexArray]) -> FloatArray:
+    """RMS over the angle and all curves of what waves made of each order up to the highest band."""
+    power = np.zeros(max(one.band for one in sums) + 1)
+    for one, wave in zip(sums, waves, strict=True):
+        power[: one.band + 1] += np.abs(wave[: one.band + 1]) ** 2 / len(sums)
+    power[1:] /= 2
+    return np.asarray(np.sqrt(power))
 
 
 def _faint(sums: Sequence[Sums], turns_Hz: FloatArray, known: Collection[int]) -> Hum | None:
@@ -214,7 +221,7 @@ def _faint(sums: Sequence[Sums], turns_Hz: FloatArray, known: Collection[int]) -
     step = max(0.1 * float(turns_Hz[shown].min()), reach / _FINEST)
     best = max(np.arange(best - reach, best + reach, step), key=lambda frequency: float(told(frequency).sum()))
     size = float(np.sqrt(max(float((told(best) * noise[shown]).mean()), 0.0)))
-    return Hum(float(best), size, (int(shown.sum()), len(sums)), np.zeros(band + 1), True)
+    return Hum(float(best), size, (int(shown.sum()), len(sums)), np.zeros(max(one.band for one in sums) + 1), True)
 
 
 def _beyond_noise(both: FloatArray) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 from st_codegen.campaign.conditions import Conditions
 from st_codegen.campaign.curves import CONDITIONS_FILE
 from st_codegen.campaign.harmonic_table import read_table
-from st_codegen.campaign.orders import BAND, OrderFit, Sums, fit_orders
+from st_codegen.campaign.orders import BAND, OrderFit, Sums, fit_orders, listed
 from st_codegen.campaign.reader import Campaign, MeasuredCurve, read_campaign
 from st_codegen.errors import InputError, Problems
 from st_codegen.files.csv_tables import read_csv
@@ -147,7 +147,7 @@ def _mistaken_text(campaign: Campaign, mistaken: BoolArray, bands: IntArray, fil
     rows = np.flatnonzero(mistaken.any(axis=1))
     if not rows.size:
         return []
-    orders = _listed(np.flatnonzero(mistaken.any(axis=0)).tolist())
+    orders = listed(np.flatnonzero(mistaken.any(axis=0)).tolist())
     named = sorted({files[row] for row in rows})
     most = max(campaign.curves[row].sums.samples for row in rows)
     return [
@@ -163,23 +163,29 @@ def _fits(
     expected: list[dict[int, complex]],
     progress: Progress | None,
 ) -> list[OrderFit]:
-    """The orders of every curve as far as its own samples tell them; expected: coefficients of those above."""
-    found = []
+    """The orders of every curve as far as its own samples tell them; expected: coefficients of those above.
+
+    Raises InputError that names the curves whose angles do not tell them apart.
+    """
+    found, problems = list[OrderFit](), Problems(f"{campaign.folder}: order analysis")
     for number, (curve, band, beyond) in enumerate(zip(campaign.curves, bands.tolist(), expected, strict=True)):
         if progress is not None:
             progress(number, len(campaign.curves), curve.path.name)
-        found.append(fit_orders(curve.sums, [order for order in orders if order <= band], beyond))
+        with problems.collect(f"{_file(campaign, curve)}, {curve.direction}"):
+            found.append(fit_orders(curve.sums, [order for order in orders if order <= band], beyond))
+    problems.raise_if_any()
     return found
 
 
 def _without_clipped(campaign: Campaign) -> tuple[Campaign, list[str]]:
     """The campaign without curves that a saturated channel has cut off, and what is said of these.
 
-    A channel saturates at one value: many samples of several curves have it, and none of theirs lies beyond. Where
-    noise or a wave turns back by itself, the digits next to the extreme are about as frequent as the extreme.
+    A channel saturates at one value: several curves stay at it, their lowest or highest, for many samples in a row.
+    Where noise or a wave turns back by itself, they stay at the digit next to the extreme about as long; a curve of few
+    digits stays at any of them.
     """
-    value, count, beside = np.moveaxis(np.array([curve.sums.ends for curve in campaign.curves]), 2, 0)
-    flat = (beside > 0) & (count > SETTINGS.flat_top * beside)
+    value, held, beside, values = np.moveaxis(np.array([curve.sums.ends for curve in campaign.curves]), 2, 0)
+    flat = (values >= SETTINGS.flat_top) & (held > SETTINGS.flat_top * beside)
     texts, cut = list[str](), np.zeros(len(value), np.bool_)
     for side in range(2):
         for limit, often in zip(*np.unique(value[flat[:, side], side], return_counts=True), strict=True):
@@ -190,13 +196,15 @@ def _without_clipped(campaign: Campaign) -> tuple[Campaign, list[str]]:
             files = sorted(
                 {_file(campaign, curve) for curve, is_own in zip(campaign.curves, own, strict=True) if is_own}
             )
-            most = int(count[own, side].max())
+            most = int(held[own, side].max())
             texts.append(
-                f"{int(own.sum())} curves that are cut off at {limit:g}, with up to {most} samples there, as by a "
-                f"channel that saturates: {_some(files)}"
+                f"{int(own.sum())} curves that are cut off at {limit:g}, with up to {most} samples in a row there, as "
+                f"by a channel that saturates, or is too coarse for what lies there: {_some(files)}"
             )
     if cut.all():
-        raise InputError(f"{campaign.folder}: no curve is whole: {'; '.join(texts)}. Measure with a wider range")
+        raise InputError(
+            f"{campaign.folder}: no curve is whole: {'; '.join(texts)}. Measure with a wider range, or finer digits"
+        )
     curves = tuple(curve for curve, is_cut in zip(campaign.curves, cut, strict=True) if not is_cut)
     return replace(campaign, curves=curves), texts
 
@@ -220,7 +228,7 @@ def _not_looked_at(
         found.append(f"orders above {least} of {len(coarse)} files with few samples: {_some(coarse)}")
     above = [order for order in rig.orders() if order > bands.max()]
     if above:
-        found.append(f"orders {_listed(above)} of the rig: a quarter of the samples of a turn is {int(bands.max())}")
+        found.append(f"orders {listed(above)} of the rig: a quarter of the samples of a turn is {int(bands.max())}")
     else:
         found.append(f"orders above {int(bands.max())}")
     return tuple(found)
@@ -390,8 +398,8 @@ def check(data: Observations, rig: RigModel, path: Path, *, units: bool = True) 
     overlap = bool(set(data.orders.tolist()) & set(rig.orders())) and bool(np.abs(data.values).any())
     if not overlap:
         problems.add(
-            f"no overlap with the rig: measured are the orders {_listed(data.orders.tolist())}, the rig has "
-            f"{_listed(list(rig.orders()))}; nothing can be compared"
+            f"no overlap with the rig: measured are the orders {listed(data.orders.tolist())}, the rig has "
+            f"{listed(list(rig.orders()))}; nothing can be compared"
         )
     points = len({*zip(data.at.speed_rpm, data.at.torque_Nm, data.at.temperature_C, strict=True)})
     if len(data) < SETTINGS.least_curves or points < SETTINGS.least_points:
@@ -444,8 +452,3 @@ def _weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
     order = np.argsort(values)
     total = np.cumsum(weights[order])
     return float(values[order][np.searchsorted(total, total[-1] / 2)])
-
-
-def _listed(orders: list[int]) -> str:
-    shown = ", ".join(map(str, orders[:12]))
-    return shown + (", .." if len(orders) > 12 else "")

@@ -143,8 +143,9 @@ def _as_one(angle: FloatArray, turned: BoolArray) -> FloatArray:
     """
     least, own = np.radians(SETTINGS.least_home_deg), np.sort(angle[turned])
     groups = np.split(own, np.flatnonzero(np.diff(own) > least) + 1)
-    starts = np.array([np.median(group) for group in groups if len(group) >= 2 * SETTINGS.least_block
-                       and np.median(np.abs(group - np.median(group))) < np.radians(SETTINGS.one_zero_deg)])  # fmt: skip
+    middles = [(float(np.median(group)), group) for group in groups if len(group) >= 2 * SETTINGS.least_block]
+    near = np.radians(SETTINGS.one_zero_deg)
+    starts = np.array([middle for middle, group in middles if np.median(np.abs(group - middle)) < near])
     if not len(starts):
         return angle * turned
     nearest = starts[np.abs(angle[:, None] - starts).argmin(axis=1)]

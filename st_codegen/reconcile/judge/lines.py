@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from st_codegen.campaign.moments import moments
-from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.fit.target import FitData
+from st_codegen.reconcile.judge.structure import orthogonal_basis
 from st_codegen.reconcile.judge.unexplained import Signature
 from st_codegen.reconcile.settings import SETTINGS
 
@@ -49,18 +50,20 @@ def lines_in_samples(target: FitData, residual: ComplexArray, gap_power: float, 
     """
     left, sigma, angle = residual[:, 0].real, float(target.sigma[0, 0]), target.data.angle_rad
     assert angle is not None
-    mean = _slow(angle, target.data.at.sign)
-    found: list[int] = []
+    files = np.unique([label.rpartition(", t = ")[0] for label in target.data.labels], return_inverse=True)[1]
+    mean = _slow(angle, target.data.at.sign, files)
+    own, found = left - mean @ (mean.T @ left), list[int]()
     everywhere = np.ones(highest + 1, np.bool_)
     while True:
         orders = [order for order in found if order]
         waves = np.exp(1j * np.outer(angle, orders))
-        columns = np.hstack([mean, waves.real, waves.imag])
-        values = np.linalg.lstsq(columns, left, rcond=None)[0]
-        amplitudes = np.linalg.norm(values[mean.shape[1] :].reshape(2, -1), axis=0)
+        columns = np.hstack([waves.real, waves.imag])
+        beside = columns - mean @ (mean.T @ columns)
+        values = np.linalg.lstsq(beside, own, rcond=None)[0]
+        amplitudes = np.linalg.norm(values.reshape(2, -1), axis=0)
         sizes = dict(zip(orders, (amplitudes / np.sqrt(2)).tolist(), strict=True))
-        sizes[0] = float(np.sqrt(((mean @ values[: mean.shape[1]]) ** 2).mean()))
-        power = np.abs(waves_of_angle(target.data, left - columns @ values, highest)) ** 2
+        sizes[0] = float(np.linalg.norm(mean.T @ (left - columns @ values)) / np.sqrt(len(left)))
+        power = np.abs(waves_of_angle(target.data, own - beside @ values, highest)) ** 2
         power[0] = sizes[0] ** 2
         stands = stand_out(power, power, everywhere)
         stands[found] = False
@@ -80,9 +83,12 @@ def lines_in_samples(target: FitData, residual: ComplexArray, gap_power: float, 
     return out
 
 
-def _slow(angle: FloatArray, sign: FloatArray) -> FloatArray:
-    """Columns of a mean that differs by direction and wanders, no faster than once in two turns, (n, p)."""
-    travelled = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(angle)))])
-    count = int(travelled[-1] / (2 * np.pi))
-    waves = np.cos(np.outer(np.arange(len(angle)) + 0.5, np.arange(count + 1)) * (np.pi / len(angle)))
-    return np.hstack([waves, sign[:, None]])
+def _slow(angle: FloatArray, sign: FloatArray, files: IntArray) -> FloatArray:
+    """Orthonormal columns of a mean that differs by direction and wanders, no faster than once in two turns, (n, p).
+
+    It wanders over the angle that is travelled inside of the files, so that no order is slow where the machine is.
+    """
+    travelled = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(angle)) * (np.diff(files) == 0))])
+    count = min(int(travelled[-1] / (2 * np.pi)), SETTINGS.most_waves_of_mean)
+    waves = np.cos(np.outer(travelled, np.arange(count + 1)) * (np.pi / max(travelled[-1], 1e-300)))
+    return orthogonal_basis(np.hstack([waves, sign[:, None]]))

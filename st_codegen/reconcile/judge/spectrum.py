@@ -27,7 +27,10 @@ from st_codegen.rig.effects import Conditions, Constants
 from st_codegen.rig.model import RigModel
 
 COLUMNS = ("direction", "order", "median_deg")
+#: orders of a direction that tell a floor
+_LEAST = 8
 _DIRECTIONS = {"fw": 1.0, "forward": 1.0, "bw": -1.0, "backward": -1.0}
+_WORDS = {1.0: "forward", -1.0: "backward"}
 
 
 @dataclass(frozen=True)
@@ -50,6 +53,12 @@ class Spectrum:
     def of(self, order: int) -> dict[float, float]:
         """Sizes of one order by direction."""
         return {sign: self.size[sign, order] for sign in self.signs if (sign, order) in self.size}
+
+    def above_zero(self, sign: float) -> dict[int, float]:
+        """Sizes of one direction by order, without the mean; one of 0 is rounded: half of the least at most."""
+        own = {order: self.size[sign, order] for order in self.orders if order > 0 and (sign, order) in self.size}
+        least = min((size for size in own.values() if size > 0), default=0.0)
+        return {order: size or least / 2.0 for order, size in own.items()}
 
 
 @dataclass(frozen=True)
@@ -117,10 +126,17 @@ def read_spectrum(path: Path) -> Spectrum:
             if (sign, int(order)) in size:
                 raise RowError(row.line, f"order {order:g} stands there twice for this direction")
             size[sign, int(order)] = median
-    if len(size) < 8 and not problems.errors:
-        problems.add(f"{len(size)} orders are too few for a floor; list all that were measured")
     problems.raise_if_any()
-    return Spectrum(path, size)
+    spectrum = Spectrum(path, size)
+    for sign in spectrum.signs or [1.0]:
+        own = spectrum.above_zero(sign)
+        if len(own) < _LEAST or not any(own.values()):
+            what = (
+                f"{len(own)} orders above 0 are too few" if len(own) < _LEAST else "sizes that are all 0 are too small"
+            )
+            problems.add(f"{_WORDS[sign]}: {what} for a floor; list all that were measured, at least {_LEAST}")
+    problems.raise_if_any()
+    return spectrum
 
 
 def reconcile_spectrum(rig: RigModel, spectrum: Spectrum, scale: float | None = None) -> SpectrumResult:
@@ -177,13 +193,17 @@ def _noise(spectrum: Spectrum, sign: float) -> tuple[float, float]:
     Sizes of noise in one run have a Rayleigh distribution, their powers a Gamma distribution of shape 1; the more runs
     a median is of, the less they scatter. The level is that of the quiet orders: noise stands in all of them.
     """
-    sizes = np.sort([size for (own, order), size in spectrum.size.items() if own == sign and order > 0])
+    sizes = np.sort(list(spectrum.above_zero(sign).values()))
     shape, share, count = _shape(spectrum), SETTINGS.spectrum_quiet, len(sizes)
     # by two standard errors of a quantile more, since few orders tell it
     level, most = np.quantile(sizes, (share, share + 2.0 * math.sqrt(share * (1.0 - share) / count)))
     unit = math.sqrt(gammaincinv(shape, share))
-    # an order is there when all directions show it
-    chance = (SETTINGS.spectrum_chance / count) ** (1.0 / len(spectrum.signs))
+    # an order is there when all directions that list it show it: c of one and c^2 of two
+    orders = [order for order in spectrum.orders if order > 0]
+    shared = sum(len(spectrum.of(order)) > 1 for order in orders)
+    alone = len(orders) - shared
+    wanted = SETTINGS.spectrum_chance
+    chance = 2.0 * wanted / (alone + math.sqrt(alone**2 + 4.0 * shared * wanted))
     least = most / unit * math.sqrt(gammainccinv(shape, chance))
     quietest = float(np.median(sizes[: max(3, int(share * count))]))
     return float(level / unit * math.sqrt(shape)), max(SETTINGS.spectrum_clear * quietest, float(least))
@@ -192,13 +212,17 @@ def _noise(spectrum: Spectrum, sign: float) -> tuple[float, float]:
 def _shape(spectrum: Spectrum) -> float:
     """The shape of the Gamma distribution of powers of noise, by how far quiet orders differ that should be alike.
 
-    These are both directions of an order, or, of one direction, orders one after the other; a floor that is another
-    from order to order makes them differ more.
+    These are both directions of an order, or, where few are listed for both, orders one after the other; a floor that
+    is another from order to order makes them differ more. Sizes that are rounded to 0 hide how far they differ: then it
+    is as far as in one run.
     """
-    orders = [order for order in spectrum.orders if order > 0 and len(spectrum.of(order)) == len(spectrum.signs)]
-    both = np.log(np.maximum([[spectrum.size[own, order] for own in spectrum.signs] for order in orders], 1e-300))
-    if both.shape[1] == 1:
-        both = np.hstack([both[:-1], both[1:]])
+    if any(order > 0 and not size for (_, order), size in spectrum.size.items()):
+        return 1.0
+    each = [spectrum.above_zero(sign) for sign in spectrum.signs]
+    alike = [[own[order] for own in each] for order in spectrum.orders if all(order in own for own in each)]
+    if len(each) == 1 or len(alike) < _LEAST:
+        alike = [[*pair] for own in each for pair in itertools.pairwise(own.values())]
+    both = np.log(alike)
     quiet = both[np.argsort(both.sum(axis=1), kind="stable")[: max(3, len(both) // 2)]]
     apart = quiet[:, 0] - quiet[:, 1]
     apart = np.abs(apart - np.median(apart))
@@ -345,10 +369,10 @@ def _signature(order: int, result: SpectrumResult) -> str:
 
 def spectrum_summary(result: SpectrumResult) -> str:
     """The findings as a few lines."""
-    sizes = " or ".join(f"{least:.2g} deg" for least in dict.fromkeys(result.least.values()))
+    sizes = " and ".join(f"{least:.2g} deg {_WORDS[sign]}" for sign, least in result.least.items())
     lines = [
         f"Orders that the rig lacks and that are larger than {sizes}, which noise like that of the quiet orders "
-        f"reaches in one of {1 / SETTINGS.spectrum_chance:g} spectra:"
+        f"reaches in at most one of {1 / SETTINGS.spectrum_chance:g} spectra:"
     ]
     for one in sorted(result.named, key=lambda one: (one.name, one.order)):
         also = f" (or {', '.join(one.others)})" if one.others else ""

@@ -132,11 +132,11 @@ def beside_the_rigs(orders: Collection[int], its: Iterable[int]) -> list[int]:
 
 def _with_hums(one: Signature, hums: Sequence[Hum]) -> Signature:
     """The signature of an order with what hums made of it before they were taken out: that is unexplained there too."""
-    made = float(np.linalg.norm([hum.by_order[one.order] for hum in hums]))
+    made = float(np.linalg.norm([hum.by_order[one.order] for hum in hums if one.order >= 0]))
     if not made or made < SETTINGS.form * one.rms_deg:
         return one
     whole = float(np.hypot(one.rms_deg, made))
-    text = f"{one.text} (beside {made:.2g} deg RMS of a wave of one frequency: this may be left of that)"
+    text = f"{one.text} (beside {made:.2g} deg RMS of a wave of no order that was taken out: this may be left of that)"
     return replace(one, rms_deg=whole, share=min(1.0, one.share * (whole / max(one.rms_deg, 1e-300)) ** 2), text=text)
 
 

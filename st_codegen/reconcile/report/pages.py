@@ -10,6 +10,7 @@ import numpy as np
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.judge.conclusions import Claim
 from st_codegen.reconcile.judge.spectrum import SpectrumResult, sizes, spectrum_report, spectrum_summary
+from st_codegen.reconcile.judge.unexplained import Signature
 from st_codegen.reconcile.report.evidence import evidence_panels, unexplained_panels
 from st_codegen.reconcile.report.findings import Finding, findings, share_text
 from st_codegen.reconcile.report.output import parameters_of, report_text, rig_diff
@@ -209,12 +210,19 @@ def _parameter_rows(claim: Claim) -> list[list[Any]]:
     ]
 
 
+def _order_of(one: Signature) -> int | str:
+    """What stands in the column of orders."""
+    if one.hertz or one.periods:
+        return f"{one.hertz:.4g} Hz" if one.hertz else f"{one.periods:.4g} a turn"
+    return "several" if one.order < 0 else one.order or "mean"
+
+
 def _unexplained(result: Reconciliation) -> PageSection | None:
     if not result.unexplained:
         return None
     rows = [
         [
-            f"{s.hertz:.4g} Hz" if s.hertz else s.periods or ("several" if s.order < 0 else s.order or "mean"),
+            _order_of(s),
             s.rms_deg,
             f"{100 * s.share:.2g} %",
             s.direction,
