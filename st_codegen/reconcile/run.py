@@ -229,17 +229,12 @@ def _question(one: Misread, found: Conclusions) -> str:
 
 
 def _cleared(result: Reconciliation, examined: Examined) -> Examined | None:
-    """What was examined, with all runs that have a wrong label for the old rig and none for the new one; None without
-    such runs.
-    """
+    """What was examined, with the wrong labels of the new rig; None where they hold all of the old rig's."""
     if not examined.left_out or result.new_rig is result.rig:
         return None
-    of_runs = mistaken_runs(examined.data, result.new_rig)
-    if of_runs is None:
-        return None
-    again = [mistake for mistake in of_runs if set(mistake.rows) <= set(examined.left_out)]
-    rows = {row for mistake in again for row in mistake.rows}
-    if not set(examined.left_out) - rows:
+    again = mistaken_runs(examined.data, result.new_rig)
+    rows = {row for mistake in again or () for row in mistake.rows}
+    if again is None or rows >= set(examined.left_out):
         return None
     kept = (mistake for mistake in examined.mistakes if not mistake.rows)
     return replace(examined, mistakes=(*kept, *again), left_out=tuple(sorted(rows)))
