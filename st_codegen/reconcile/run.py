@@ -132,12 +132,11 @@ class Reconciliation:
 
     @property
     def floor_is_bound(self) -> bool:
-        """Whether the noise floor may be smaller, and cannot be larger.
+        """Whether the noise floor may be smaller.
 
         What runs differ by from others holds what is unexplained, or varies between few runs, as well as the noise.
-        What runs differ by without a pattern may be noise, and then there is more of it.
         """
-        return (bool(self.unexplained) or self.data.few_points) and not self.noise_may_be_larger
+        return bool(self.unexplained) or self.data.few_points
 
     @property
     def noise_may_be_larger(self) -> bool:

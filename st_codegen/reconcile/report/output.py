@@ -49,6 +49,7 @@ def report(result: Reconciliation, update: Update | None = None, ahead: NextRuns
         "unexplained_together": together_text(result) or None,
         "gap": {"fitted": _gap(result.fitted), "held_out": _gap(result.held_out)},
         "noise_floor_at_most": result.floor_is_bound,
+        "noise_floor_without_scatter": result.noise_may_be_larger,
         "held_out_at_least": result.held_out_is_bound,
         "held_out_because": left_text(result) or None,
         "gap_by_order": [asdict(gap) for gap in result.orders],
