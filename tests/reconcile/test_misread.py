@@ -9,10 +9,11 @@ import pytest
 
 from st_codegen.errors import InputError
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
-from st_codegen.reconcile.judge.measurement import examine
+from st_codegen.reconcile.judge.measurement import Examined, examine
+from st_codegen.reconcile.judge.mistakes import Mistake
 from st_codegen.reconcile.report.output import report
 from st_codegen.reconcile.report.summary import summary
-from st_codegen.reconcile.run import _reread
+from st_codegen.reconcile.run import _reread, reconcile_observations
 from st_codegen.rig.effects import Conditions, catalogue
 from st_codegen.rig.model import read_rig
 
@@ -189,3 +190,16 @@ def test_runs_that_the_new_rig_explains_under_their_own_labels_are_taken_back_in
     """Where speeds fall with the load the rig's resonance is elsewhere: a run at the largest load seemed another's."""
     result = reconciled(measured(2e-5, at=slipping(0.05)), "misread_speed")
     assert not result.noise.suspects and not [one for one in result.mistakes if one.rows]
+
+
+def test_what_a_correction_may_be_off_by_is_in_the_errors_of_what_it_moves():
+    """A stiffness of 430 was 430.5 +- 0.009 beside torques that were corrected to a tenth of a percent."""
+    data = measured(1e-4, rig=with_values("torsional_compliance", stiffness_Nm_per_arcmin=430.0))
+    corrected = Examined(data, (Mistake("torque", "all torques (corrected)"),))
+    (plain,), (wide,) = (
+        reconcile_observations(RIG, data, KNOWN, None, examined).conclusions.retuned
+        for examined in (Examined(data), corrected)
+    )
+    errors = [one.stderr["stiffness_Nm_per_arcmin"] for one in (plain, wide)]
+    # the other orders tell a factor of the torques to half a percent, which is 2 of 430
+    assert errors[0] < 0.3 and 1.0 < errors[1] < 4.0

@@ -263,14 +263,14 @@ def _retuned(
     """What is said of a changed effect of the rig."""
     others = (*_as_good(with_piece_held(joint, number), joint, number, known), *rivals)
     before, after = _origin(joint.state.pieces[number]), final.state.pieces[number].effect
-    return Retuned(before, after, standard_errors(joint, number), p, others)
+    return Retuned(before, after, standard_errors(joint, number, final), p, others)
 
 
 def _claim(rig: RigModel, joint: Fit, final: Fit, number: int, standing: Standing, known: Catalogue) -> Claim:
     """What is said of an added effect."""
     others = _as_good(standing.without, joint, number, known)
     piece = final.state.pieces[number]
-    stderr, peaks = standard_errors(joint, number), _peaks(final, piece)
+    stderr, peaks = standard_errors(joint, number, final), _peaks(final, piece)
     if peaks is not None:
         # the shape fails, so the errors of the fit say little: what the speeds of the peaks leave open counts
         frequency = piece.effect.scalar("frequency_Hz")
@@ -413,10 +413,16 @@ def _held(joint: Fit, changed: dict[int, float], offset_changed: bool) -> State:
     return State(joint.state.rig, offset, tuple(pieces), offset_changed)
 
 
-def standard_errors(joint: Fit, number: int) -> dict[str, float]:
-    """Standard errors of the free keys of a piece, from the covariance of the joint fit; lists: `key[order]`."""
+def standard_errors(joint: Fit, number: int, final: Fit | None = None) -> dict[str, float]:
+    """Standard errors of the free keys of a piece, from the covariance of the joint fit; lists: `key[order]`.
+
+    final: the fit with what did not change held, by which corrections of the data are told.
+    """
     piece, place = joint.state.pieces[number], joint.state.slices()[number]
-    covariance = (discrepancy.covariance(joint) + covariance_of_corrections(joint))[place, place]
+    covariance = discrepancy.covariance(joint)[place, place]
+    if final is not None and final.state.pieces[number].coordinates() == piece.coordinates():
+        own = final.state.slices()[number]
+        covariance = covariance + covariance_of_corrections(final)[own, own]
     coordinates, vector = piece.coordinates(), piece.vector()
     found: dict[str, float] = {}
     listed = piece.effect.orders_key == "orders"

@@ -281,17 +281,17 @@ def _slopes(target: FitData, best: Fit, reading: WrongReading, sizes: FloatArray
     return columns
 
 
-def covariance_of_corrections(joint: Fit) -> FloatArray:
+def covariance_of_corrections(final: Fit) -> FloatArray:
     """What the coordinates of a fit may be off by since corrections of the data are told no better, (p, p)."""
-    found = np.zeros((len(joint.prior), len(joint.prior)))
-    weights = joint.target.weights(joint.residual)
+    found = np.zeros((len(final.prior), len(final.prior)))
+    weights = final.target.weights(final.residual)
     for reading in READINGS:
-        if reading.refines not in joint.target.corrected or len(reading.steps) != 1:
+        if reading.refines not in final.target.corrected or len(reading.steps) != 1:
             continue
-        columns = _slopes(joint.target, joint, reading, np.zeros(1))
+        columns = _slopes(final.target, final, reading, np.zeros(1))
         if columns[0][1].any():
-            matrix = gather(joint.target, (*joint.columns, *columns), joint.residual, weights, by_cell=False).total()[0]
-            moved = joint.inverse @ matrix[:-1, -1]
+            matrix = gather(final.target, (*final.columns, *columns), final.residual, weights, by_cell=False).total()[0]
+            moved = final.inverse @ matrix[:-1, -1]
             # beside all that is free
             told = matrix[-1, -1] - matrix[:-1, -1] @ moved
             found += np.outer(moved, moved) / max(float(told), 1e-300)
