@@ -182,37 +182,36 @@ def _reread(
     """The result, of data that are read as `accept` says. Raises InputError where one number of the measurement would
     do what several changes of the rig do, until it is accepted or the data are taken as they are.
     """
-    for more in range(SETTINGS.rereadings, -1, -1):
+    for _ in range(SETTINGS.rereadings):
         result = reconcile_observations(rig, examined.data, known, progress, examined)
-        found = result.conclusions
-        corrected = {mistake.name for mistake in examined.mistakes if not mistake.rows}
-        # what a correction that was accepted is off by is nothing new to ask about
-        named = {*accept} | {
-            one.reading.name
-            for one in found.misread
-            if one.is_asked and ("all" in accept or one.reading.refines in corrected & set(accept))
-        }
-        taken = next((one for one in found.misread if one.reading.name in named), None)
-        if taken is None and AS_IS not in accept:
-            asked = next((one for one in found.misread if one.is_asked), None)
-            if asked is not None:
-                raise InputError(f"{measured}: {_question(asked, found)}")
-            taken = refined(found.final, corrected)
-        cleared = _cleared(result, examined) if taken is None else None
-        if not more or (taken is None and cleared is None):
-            break
-        examined = cleared or _read_so(rig, examined, taken, measured, accept)
-    return result
+        better = _read_anew(result, examined, measured, accept)
+        if better is None:
+            return result
+        examined = better
+    return reconcile_observations(rig, examined.data, known, progress, examined)
 
 
-def _read_so(
-    rig: RigModel, examined: Examined, one: Misread | None, measured: Path, accept: Collection[str]
-) -> Examined:
-    """What was examined, with its data read as a reading says, and examined once more."""
-    assert one is not None
-    corrected = {mistake.name for mistake in examined.mistakes if not mistake.rows}
-    again = examine(one.meant(examined.data), rig, measured, scale=1.0, accept=accept, corrected=corrected)
-    read = Mistake(one.reading.name, f"{one.text} (corrected)")
+def _read_anew(result: Reconciliation, examined: Examined, measured: Path, accept: Collection[str]) -> Examined | None:
+    """What was examined, read as `accept` and the result say; None where there is nothing to change."""
+    found = result.conclusions
+    # what a correction that was accepted is off by is nothing new to ask about
+    named = {*accept} | {
+        one.reading.name
+        for one in found.misread
+        if one.is_asked and ("all" in accept or one.reading.refines in examined.corrected & set(accept))
+    }
+    taken = next((one for one in found.misread if one.reading.name in named), None)
+    if taken is None and AS_IS not in accept:
+        asked = next((one for one in found.misread if one.is_asked), None)
+        if asked is not None:
+            raise InputError(f"{measured}: {_question(asked, found)}")
+        taken = refined(found.final, examined.corrected)
+    if taken is None:
+        return _cleared(result, examined)
+    again = examine(
+        taken.meant(examined.data), result.rig, measured, scale=1.0, accept=accept, corrected=examined.corrected
+    )
+    read = Mistake(taken.reading.name, f"{taken.text} (corrected)", is_taken_out=True)
     kept = (mistake for mistake in examined.mistakes if not mistake.rows)
     untold = tuple(dict.fromkeys((*examined.untold, *again.untold)))
     return replace(again, mistakes=(*kept, read, *again.mistakes), untold=untold)
@@ -307,8 +306,7 @@ def _reconcile(rig: RigModel, known: Catalogue, progress: Progress | None, exami
     apart = _apart(data)
     shown = data if not apart.any() else replace(data, left_out=apart | bad)
     noise = estimate(shown, data.values - model)
-    corrected = frozenset(mistake.name for mistake in examined.mistakes if mistake.text.endswith("(corrected)"))
-    target = FitData(shown, noise.sigma, noise.good, groups_of(data.at), *_of(rig), corrected=corrected)
+    target = FitData(shown, noise.sigma, noise.good, groups_of(data.at), *_of(rig), corrected=examined.corrected)
     state = State(rig, rig.zero_offset_deg, tuple(map(_own, (e for e in rig.effects if e.stage is not Stage.AXIS))))
     last, judged = search(target, state, known, progress)
     # which effects there may be is decided; whether they stand, and how large they are, all runs say

@@ -38,18 +38,19 @@ def course_of(target: FitData, z: ComplexArray, whole: ComplexArray, parts: IntA
     numbers = np.unique(run[good])
     place, count = np.searchsorted(numbers, run), len(numbers)
     sums, sizes, in_deg = (_by_run(target, one, place, count) for one in (z, whole, whole * target.sigma))
-    (steps, cuts), (trends, bends) = _steps(sums, count), _ramps(sums, count)
-    varying, varying_whole = _varying(sums), _varying(sizes)
     total = sum(float(weight.sum()) for _, weight in sums)
+    all_numbers = total * parts.astype(np.float64)
+    (steps, cuts), (trends, bends) = _steps(sums, count), _ramps(sums, count, all_numbers)
+    varying, varying_whole = _varying(sums), _varying(sizes)
     sigma = np.sqrt((target.sigma[good] ** 2).mean(axis=0))
     gains = np.maximum(steps, trends)
     # where runs were made in any order of conditions, neighbours take a step for noise: what it leaves is the noise
     lefts = np.maximum(varying - gains, 1e-300)
-    scales = np.clip(lefts / (total * parts), 1e-6, 1.0)
+    scales = np.clip(lefts / all_numbers, 1e-6, 1.0)
     rest = _without_courses(sums, cuts, bends, steps >= trends)
-    again = np.maximum(_steps(rest, count)[0], _ramps(rest, count)[0])
-    degrees = parts * len(sums)
-    p_white, p_again = (_p_of_gains(one, scales, degrees, count) for one in (gains, again))
+    again = np.maximum(_steps(rest, count)[0], _ramps(rest, count, all_numbers)[0])
+    degrees, tried = parts * len(sums), count + len(_shapes(count))
+    p_white, p_again = (_p_of_gains(one, scales, degrees, tried) for one in (gains, again))
     alone = _others_are_quiet(p_white, cuts, count) & (p_again > SETTINGS.p_wander)
     lags = _lags(target, sizes, numbers, place)
     for k in range(z.shape[1]):
@@ -62,31 +63,35 @@ def course_of(target: FitData, z: ComplexArray, whole: ComplexArray, parts: IntA
         if gains[k] < SETTINGS.least_excess_in_time * lefts[k] and not alone[k]:
             continue
         lasting = _lasting([series[:, k] for series, _ in sums], int(cuts[k]))
-        if chi_square_tail(gains[k] / (lasting * scales[k]), int(degrees[k])) * count > SETTINGS.p_changed:
+        if chi_square_tail(gains[k] / (lasting * scales[k]), int(degrees[k])) * tried > SETTINGS.p_changed:
             continue
         if steps[k] >= trends[k]:
             power = float(_gains_of_steps(in_deg)[cuts[k] - 1, k] / total)
             size = max(_step_size(series[:, k], weight, int(cuts[k])) for series, weight in in_deg)
-            there = f"between run {cuts[k]} and run {cuts[k] + 1} of {count}, in their order"
-            share, error = _share_at_once([(series[:, k], weight) for series, weight in sums], int(cuts[k]), scales[k])
-            if share - SETTINGS.told * error > SETTINGS.at_once:
-                text = f"a step of {size:.2g} deg {there}"
-            elif share + SETTINGS.told * error < 1.0:
-                text = f"moves by some {size:.2g} deg over the {count} runs in their order, in no single step"
-            else:
-                text = f"a step of {size:.2g} deg about {there}, or a change over some runs there"
+            own = [(series[:, k], weight) for series, weight in sums]
+            text = _step_text(size, int(cuts[k]), count, *_share_at_once(own, int(cuts[k]), scales[k]))
         else:
             shape = _shapes(count)[bends[k]]
-            own = [(series[:, k : k + 1], weight) for series, weight in in_deg]
-            power = float(sum(_gains_of_ramps(*one, shape[None])[0, 0] for one in own) / total)
-            size = float(max(abs(_slope(*one, shape)[0]) for one in own)) * float(np.ptp(shape))
+            slopes = [_slopes(series[:, k : k + 1], weight, shape[None]) for series, weight in in_deg]
+            power = float(sum(abs(slope[0, 0]) ** 2 * square[0] for slope, square in slopes) / total)
+            size = float(max(abs(slope[0, 0]) for slope, _ in slopes)) * float(np.ptp(shape))
             text = _ramp_text(shape, size)
         found[k] = Course(power, size, text if alone[k] else f"{text}, which noise that lasts over runs may look like")
     return found
 
 
+def _step_text(size: float, cut: int, count: int, share: float, error: float) -> str:
+    """What is said of a change that a step explains best, of which a share lies between the runs beside its cut."""
+    there = f"between run {cut} and run {cut + 1} of {count}, in their order"
+    if share - SETTINGS.told * error > SETTINGS.at_once:
+        return f"a step of {size:.2g} deg {there}"
+    if share + SETTINGS.told * error < 1.0:
+        return f"moves by some {size:.2g} deg over the {count} runs in their order, in no single step"
+    return f"a step of {size:.2g} deg about {there}, or a change over some runs there"
+
+
 def _p_of_gains(gains: FloatArray, scales: FloatArray, degrees: IntArray, count: int) -> FloatArray:
-    """Chance of the best of so many steps or ramps in noise that is independent from run to run, (K,)."""
+    """Chance of the best of so many steps and ramps in noise that is independent from run to run, (K,)."""
     tails = [chi_square_tail(float(x), int(n)) for x, n in zip(gains / scales, degrees, strict=True)]
     return np.asarray(np.minimum(1.0, np.array(tails) * count))
 
@@ -195,31 +200,26 @@ def _about(shapes: FloatArray, weight: FloatArray) -> FloatArray:
     return np.asarray(shapes - np.average(shapes, axis=-1, weights=np.maximum(weight, 1e-9))[..., None])
 
 
-def _slope(series: ComplexArray, weight: FloatArray, shape: FloatArray) -> ComplexArray:
-    """What of a shape (runs,) is in each order beside a constant, (K,)."""
-    x = _about(shape, weight)
-    mean = series.sum(axis=0) / max(float(weight.sum()), 1.0)
-    return np.asarray(x @ (series - weight[:, None] * mean) / max(float((weight * x * x).sum()), 1e-300))
-
-
-def _gains_of_ramps(series: ComplexArray, weight: FloatArray, shapes: FloatArray) -> FloatArray:
-    """The gain of each shape (m, runs) in each order, (m, K)."""
+def _slopes(series: ComplexArray, weight: FloatArray, shapes: FloatArray) -> tuple[ComplexArray, FloatArray]:
+    """What of each shape (m, runs) is in each order beside a constant, (m, K), and their sums of squares, (m,)."""
     x = _about(shapes, weight)
+    square = np.maximum((weight * x * x).sum(axis=1), 1e-300)
     mean = series.sum(axis=0) / max(float(weight.sum()), 1.0)
-    pull = x @ (series - weight[:, None] * mean)
-    return np.asarray(np.abs(pull) ** 2 / np.maximum((weight * x * x).sum(axis=1), 1e-300)[:, None])
+    return np.asarray(x @ (series - weight[:, None] * mean) / square[:, None]), square
 
 
-def _ramps(sums: _ByRun, count: int) -> tuple[FloatArray, IntArray]:
+def _ramps(sums: _ByRun, count: int, numbers: FloatArray) -> tuple[FloatArray, IntArray]:
     """The gain of the best ramp over the runs in each order (K,), and which of the shapes it has.
 
-    One the whole way stands where a bend takes off hardly more.
+    One the whole way stands where a bend takes off hardly more. numbers: how many an order has in all, (K,).
     """
     shapes = _shapes(count)
-    gains = np.asarray(sum(_gains_of_ramps(series, weight, shapes) for series, weight in sums))
-    best = gains.argmax(axis=0)
-    left = np.maximum(_varying(sums) - gains.max(axis=0), 0.0)
-    clear = gains.max(axis=0) - gains[0] > SETTINGS.as_good * np.minimum(1.0, left / max(count - 3, 1))
+    gains = np.zeros((len(shapes), sums[0][0].shape[1]))
+    for series, weight in sums:
+        slopes, square = _slopes(series, weight, shapes)
+        gains += np.abs(slopes) ** 2 * square[:, None]
+    best, most = gains.argmax(axis=0), gains.max(axis=0)
+    clear = most - gains[0] > SETTINGS.as_good * np.minimum(1.0, np.maximum(_varying(sums) - most, 0.0) / numbers)
     best = np.where(clear, best, 0)
     return gains[best, np.arange(gains.shape[1])], best
 
@@ -237,8 +237,8 @@ def _without_courses(sums: _ByRun, cuts: IntArray, bends: IntArray, is_step: Boo
         mean = series.sum(axis=0) / max(float(weight.sum()), 1e-9)
         for bend in np.unique(bends):
             own = bends == bend
-            slope = _slope(series[:, own], weight, shapes[bend])
-            ramp[:, own] = mean[own] + _about(shapes[bend], weight)[:, None] * slope
+            slopes, _ = _slopes(series[:, own], weight, shapes[bend : bend + 1])
+            ramp[:, own] = mean[own] + _about(shapes[bend], weight)[:, None] * slopes
         found.append((series - weight[:, None] * np.where(is_step, level, ramp), weight))
     return tuple(found)
 
@@ -361,16 +361,26 @@ def without_lasting(target: FitData, residual: ComplexArray) -> ComplexArray:
     return found
 
 
-def runs_in_a_row_are_alike(target: FitData, r: ComplexArray) -> bool:
-    """Whether most of what a residual (n,) varies by is the same in runs that follow each other."""
-    run, series = target.data.run, []
-    if run is None:
-        return False
-    for sign in np.unique(target.data.at.sign[target.good]):
-        rows = np.flatnonzero(target.good & (target.data.at.sign == sign))
-        own = r[rows[np.argsort(run[rows], kind="stable")], None]
+def _in_their_order(target: FitData, residual: ComplexArray) -> list[ComplexArray]:
+    """Of each direction a residual (n, K) of good runs about its mean, in the order of the runs; none if not known."""
+    run, good, series = target.data.run, target.good, list[ComplexArray]()
+    if run is None or good.sum() < SETTINGS.least_in_time:
+        return series
+    for sign in np.unique(target.data.at.sign[good]):
+        rows = np.flatnonzero(good & (target.data.at.sign == sign))
+        own = residual[rows[np.argsort(run[rows], kind="stable")]]
         series.append(own - own.mean(axis=0))
-    return bool(_alike(series)[0] > 0.5)
+    return series
+
+
+def changes_with_time(target: FitData, residual: ComplexArray) -> BoolArray:
+    """Whether most of what an order varies by is the same in runs that follow each other, bool (K,)."""
+    series = _in_their_order(target, residual)
+    if not series:
+        return np.zeros(residual.shape[1], bool)
+    # beyond what a correlation of so many runs is by chance
+    least = 0.5 + SETTINGS.told / np.sqrt(sum(len(one) for one in series))
+    return np.asarray(_alike(series) > least)
 
 
 def lasting_mean(target: FitData, residual: ComplexArray) -> FloatArray:
@@ -378,14 +388,9 @@ def lasting_mean(target: FitData, residual: ComplexArray) -> FloatArray:
 
     0 where runs that follow each other are no more alike than by chance, or their order is not known.
     """
-    run, good = target.data.run, target.good
-    if run is None or good.sum() < SETTINGS.least_in_time:
+    series = _in_their_order(target, residual)
+    if not series:
         return np.zeros(residual.shape[1])
-    series = []
-    for sign in np.unique(target.data.at.sign[good]):
-        rows = np.flatnonzero(good & (target.data.at.sign == sign))
-        own = residual[rows[np.argsort(run[rows], kind="stable")]]
-        series.append(own - own.mean(axis=0))
     rho, count = _alike(series), sum(len(one) for one in series)
     power = sum((np.abs(one) ** 2).sum(axis=0) for one in series) / count / np.where(target.data.orders == 0, 1, 2)
     errors = NormalDist().inv_cdf(1.0 - SETTINGS.p_changed / 2)

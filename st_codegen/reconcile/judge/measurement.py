@@ -57,6 +57,11 @@ class Examined:
     left_out: tuple[int, ...] = ()
     untold: tuple[str, ...] = ()
 
+    @property
+    def corrected(self) -> frozenset[str]:
+        """Names of the mistakes that were taken out."""
+        return frozenset(mistake.name for mistake in self.mistakes if mistake.is_taken_out)
+
 
 @one_thread()
 def examine(
@@ -91,7 +96,7 @@ def examine(
                 continue
             if mistake.corrected is not None:
                 data = mistake.corrected(data)
-            found.append(replace(mistake, text=f"{mistake.text} (corrected)"))
+            found.append(replace(mistake, text=f"{mistake.text} (corrected)", is_taken_out=True))
             if mistake.name == "unit" or (mistake.name not in accept and "all" not in accept):
                 problems.add(mistake.question)
     is_told = enough_orders(data, loud_orders(data, rig))

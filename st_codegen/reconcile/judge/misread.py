@@ -256,7 +256,7 @@ def _held(state: State, plain: Fit, number: int) -> State:
     return state.replaced(number, plain.state.pieces[number])
 
 
-def _reread(target: FitData, reading: WrongReading, sizes: FloatArray) -> FitData:
+def _as_meant(target: FitData, reading: WrongReading, sizes: FloatArray) -> FitData:
     """What is fitted where data were read wrong by so much, and the noise with it."""
     data = reading.meant(target.data, sizes)
     noise = np.ones((1, 1)) if reading.gain is None else reading.gain(target.data, sizes)[:, None]
@@ -272,7 +272,7 @@ def _slopes(target: FitData, best: Fit, reading: WrongReading, sizes: FloatArray
     for number, step in enumerate(reading.steps):
         ahead = sizes + step * (np.arange(len(sizes)) == number)
         if reading.gain is None:
-            slope = (best.residual - _reread(target, reading, ahead).residual(best.state.model())) / step
+            slope = (best.residual - _as_meant(target, reading, ahead).residual(best.state.model())) / step
         else:
             # of what the model says: smaller noise is no better a model
             times = reading.gain(target.data, ahead) / reading.gain(target.data, sizes) - 1.0
@@ -304,7 +304,7 @@ def _read(
     """The sizes of a reading, and all that is free in a state beside it: the best there is near some sizes."""
 
     def fitted(sizes: FloatArray, state: State) -> Fit:
-        return fit(_reread(target, reading, sizes), state, steps=SETTINGS.quick_steps)
+        return fit(_as_meant(target, reading, sizes), state, steps=SETTINGS.quick_steps)
 
     count = len(reading.steps)
     sizes = np.zeros(count) if sizes is None else sizes

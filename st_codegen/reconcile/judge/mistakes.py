@@ -21,7 +21,7 @@ from st_codegen.rig.model import RigModel
 class Mistake:
     """A mistake of measuring: its name for `--accept`, a sentence, what corrects the data, and rows to leave out.
 
-    remedy: what is done where it is accepted, to stand behind "to".
+    remedy: what is done where it is accepted, to stand behind "to"; is_taken_out: whether data are corrected for it.
     """
 
     name: str
@@ -29,6 +29,7 @@ class Mistake:
     corrected: Callable[[Observations], Observations] | None = None
     rows: tuple[int, ...] = ()
     remedy: str = ""
+    is_taken_out: bool = False
 
     @property
     def question(self) -> str:

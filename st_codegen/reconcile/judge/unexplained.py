@@ -15,7 +15,7 @@ from st_codegen.reconcile.data.contrasts import levels_of, speed_levels
 from st_codegen.reconcile.data.hum import Hum
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.judge.formulas import Formula, formula_of
-from st_codegen.reconcile.judge.in_time import Course, lasting_mean, runs_in_a_row_are_alike
+from st_codegen.reconcile.judge.in_time import Course, changes_with_time
 from st_codegen.reconcile.judge.structure import (
     ResidualStructure,
     by_directions,
@@ -181,7 +181,7 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float
     if of_runs:
         own, what = floor**2, "what runs differ by from others like them"
     where = _where_loud(target, residual[:, k]) or "with no pattern over the conditions"
-    if lasting_mean(target, residual)[k] and runs_in_a_row_are_alike(target, residual[:, k]):
+    if changes_with_time(target, residual)[k]:
         where += ", but runs that were made one after the other are alike: it changes with time"
     size = float(np.sqrt(max(power - own, 0.0)))
     name = f"order {order}" if order else "the mean"
