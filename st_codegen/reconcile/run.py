@@ -376,16 +376,7 @@ def _result(
     left = left or faint(replace(final, target=target), judged, gap_power)
     floor_power = weight * np.where(data.orders == 0, 1, 2) * floor_rms**2
     floor = float(np.sqrt(floor_power.sum()))
-    held_out, first = held_out_rms(replace(final, target=target)), rms_deg(before[good], data.orders)
-    kept, unseen_curves, left_out = apart & good, 0, after[good]
-    if kept.any():
-        trained = fit(target.subset(~apart), final.state).state.model()
-        left_there = target.residual(trained, kept)
-        unseen = np.sqrt(weight * (np.abs(left_there) ** 2).mean(axis=0))
-        # runs between those seen say nothing of levels between them: a gap that is clearly larger there counts
-        if np.linalg.norm(held_out) < SETTINGS.clearly_larger * np.linalg.norm(unseen):
-            held_out, first, unseen_curves = unseen, rms_deg(before[kept], data.orders), int(kept.sum())
-            left_out = left_there
+    unseen = _held_out(replace(final, target=target), before, apart)
 
     def with_hum(values: ComplexArray, chosen: list[int]) -> float:
         """The RMS of the chosen orders with the hum that was taken out of the curves."""
@@ -402,7 +393,7 @@ def _result(
             with_hum(before, [k]),
             with_hum(after, [k]),
             float(np.sqrt(floor_power[k])),
-            math.hypot(float(held_out[k]), math.sqrt(float(hum[k]))),
+            math.hypot(float(unseen.by_order[k]), math.sqrt(float(hum[k]))),
         )
         for k, order in enumerate(data.orders)
     )
@@ -416,7 +407,7 @@ def _result(
         judged=judged,
         unexplained=tuple(left),
         fitted=Gap(whole(rms_deg(before[good], data.orders)), whole(rms_deg(after[good], data.orders)), floor),
-        held_out=Gap(whole(first), whole(float(np.linalg.norm(held_out))), floor),
+        held_out=Gap(whole(unseen.before), whole(float(np.linalg.norm(unseen.by_order))), floor),
         orders=per_order,
         mistakes=examined.mistakes,
         cannot_show=(
@@ -426,9 +417,40 @@ def _result(
             *scatter_of_encoder(target, after),
             *scatter_within_turns(target, after),
         ),
-        unseen_curves=unseen_curves,
-        carriers=math.inf if data.angle_rad is not None else _alike((weight * np.abs(left_out) ** 2).sum(axis=1)),
+        unseen_curves=unseen.curves,
+        carriers=math.inf if data.angle_rad is not None else _alike((weight * np.abs(unseen.left) ** 2).sum(axis=1)),
     )
+
+
+@dataclass(frozen=True)
+class _Unseen:
+    """What rows that were left out keep: RMS by order (K,), what the rig leaves of them in all, the residual, curves.
+
+    curves: how many no search has seen; 0 where whole levels were left out of the fit alone.
+    """
+
+    by_order: FloatArray
+    before: float
+    left: ComplexArray
+    curves: int = 0
+
+
+def _held_out(final: Fit, before: ComplexArray, apart: BoolArray) -> _Unseen:
+    """The larger of the gaps of left-out levels, and of rows that no search has seen (apart, (n,)).
+
+    before: what the rig leaves, (n, K).
+    """
+    target, orders = final.target, final.target.data.orders
+    levels = _Unseen(held_out_rms(final), rms_deg(before[target.good], orders), final.residual[target.good])
+    kept = apart & target.good
+    if not kept.any():
+        return levels
+    left = target.residual(fit(target.subset(~apart), final.state).state.model(), kept)
+    by_order = np.sqrt(np.where(orders == 0, 1.0, 0.5) * (np.abs(left) ** 2).mean(axis=0))
+    # runs between those seen say nothing of levels between them: a gap that is clearly larger there counts
+    if np.linalg.norm(levels.by_order) < SETTINGS.clearly_larger * np.linalg.norm(by_order):
+        return _Unseen(by_order, rms_deg(before[kept], orders), left, int(kept.sum()))
+    return levels
 
 
 def _unexplained(
