@@ -13,7 +13,7 @@ from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge import conclusions
 from st_codegen.reconcile.judge.candidates import Search, variants
-from st_codegen.reconcile.judge.conclusions import _by_order_alone, conclude, settled
+from st_codegen.reconcile.judge.conclusions import Conclusions, Retuned, _by_order_alone, conclude, doubted, settled
 from st_codegen.reconcile.judge.in_time import _alike
 from st_codegen.reconcile.judge.peaks import bracket, chance_of_bracket, spread
 from st_codegen.reconcile.judge.plausible import bounds_met, is_its_own, is_no_form_error, lack_of_forms, law_holds
@@ -508,3 +508,38 @@ def test_foreign_orders_of_a_walk_within_the_turn_are_noise():
     assert not loud_and_foreign(known.target, left, RIG.orders()).any()
     left[:, 7] *= 3.0
     assert data.orders[loud_and_foreign(known.target, left, RIG.orders())].tolist() == [7]
+
+
+@pytest.mark.parametrize(
+    ("left", "is_open"), [((1, 2), {0}), ((2, 4), {3}), ((0, 2), {1}), ((1, 4), set()), ((2,), set())]
+)
+def test_what_lies_between_unexplained_orders_is_open(left, is_open):
+    """A worn sector reaches all the lowest orders: on two of them it was a stiffness and a crankshaft that changed."""
+    own = {
+        0: effect("torsional_compliance", stiffness_Nm_per_arcmin=454.0),
+        1: effect("output_shaft_eccentricity", amplitude_deg=1e-2),
+        3: effect("crank_misalignment", amplitude_deg=1e-3),
+    }
+    retuned = tuple(Retuned(one, one, {}, 0.0) for one in own.values())
+    found = doubted(Conclusions(None, None, (), retuned, False), left, ())
+    assert {k for k, one in zip(own, found.retuned, strict=True) if one.is_open} - set(left) == is_open
+
+
+def test_what_is_smaller_than_its_error_is_no_part_of_a_name(monkeypatch):
+    """Friction that falls with speed by 0.07 +- 0.08 arcmin was named beside the dry part."""
+    values = {"coulomb_arcmin": 0.5, "stribeck_arcmin": 0.4, "stribeck_speed_rpm": 300.0}
+    friction = effect("friction_windup", **values)
+    data = observed(RigModel(effects=(*RIG.effects, friction)), grid(12, 5, 2))
+    first = fitted(RIG, data)
+    joint = fit(first.target, first.state.with_piece(piece_of(friction, added=True)))
+    number = len(joint.state.pieces) - 1
+    assert not conclusions._top_is_unsure(joint, number)
+    large = {"stribeck_arcmin": 0.2}
+    monkeypatch.setattr(conclusions, "standard_errors", lambda *_: large)
+    assert conclusions._top_is_unsure(joint, number)
+    monkeypatch.undo()
+    (sure,) = conclude(RIG, joint, KNOWN).claims
+    assert "stribeck_arcmin" in sure.piece.effect.values
+    monkeypatch.setattr(conclusions, "_top_is_unsure", lambda fit, i: "stribeck_arcmin" in fit.state.pieces[i].free)
+    (plain,) = conclude(RIG, joint, KNOWN).claims
+    assert "stribeck_arcmin" not in plain.piece.effect.values and "coulomb_arcmin" in plain.piece.effect.values

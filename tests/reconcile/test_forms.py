@@ -13,6 +13,7 @@ from click.testing import CliRunner
 
 from st_codegen.cli.main import cli
 from st_codegen.errors import InputError
+from st_codegen.reconcile.data.hum import Hum
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations, labels
 from st_codegen.reconcile.data.reading import _mistaken, read_measured
@@ -332,3 +333,15 @@ def test_a_discrepancy_makes_errors_as_large_as_what_is_left():
     left = np.sqrt(left_power(found)[1])
     errors = np.sqrt(np.diag(covariance(found))[1:])
     assert left > 3 * SIGMA and errors.max() > 0.3 * left
+
+
+def test_a_wave_that_was_taken_out_is_in_the_gap_whole():
+    """On orders that nobody looks at it was in no gap: a hum of 2e-4 deg RMS was 0.1 % of a gap of 1.2e-4."""
+    at = grid([500.0, 900.0, 1300.0])
+    values = np.zeros((len(at), 2), complex) + SIGMA * np.random.default_rng(0).standard_normal((len(at), 2))
+    hum = Hum(50.0, 4e-4, (1, 2), np.zeros(101))
+    data = Observations(at, labels(at), np.array([0, 40]), values, hums=(hum,))
+    result = reconcile_observations(RigModel(), data, KNOWN)
+    (one,) = result.unexplained
+    assert one.rms_deg == pytest.approx(2e-4) and one.share > 0.9
+    assert result.fitted.before == pytest.approx(2e-4, rel=0.05) == result.fitted.after

@@ -651,6 +651,11 @@ def test_a_wave_of_curves_with_few_and_many_samples_is_known_in_all_orders():
     assert one.rms_deg > wave.by_order[90] and "of a wave of no order" in one.text
 
 
+def test_a_louder_order_that_the_rig_lacks_hides_no_wave_between_orders():
+    (wave,) = without_waves_between(turning([[17.3, 60.0]] * 20, 1e-5), [0, 1, 40])[1]
+    assert wave.order == pytest.approx(17.3, abs=0.02)
+
+
 def test_whole_waves_one_beside_the_other_and_bursts_are_no_wave_between_them():
     for periods in ([17.0], [17.0, 18.0], range(12, 30)):
         assert without_waves_between(turning([list(periods)] * 20, 1e-5), [0, 1, 40])[1] == ()

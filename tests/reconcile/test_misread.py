@@ -9,7 +9,12 @@ import pytest
 
 from st_codegen.errors import InputError
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
+from st_codegen.reconcile.fit.fitting import fit
+from st_codegen.reconcile.fit.parameters import piece_of
+from st_codegen.reconcile.fit.state import State
+from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.measurement import Examined, examine
+from st_codegen.reconcile.judge.misread import READINGS, _as_meant, misread
 from st_codegen.reconcile.judge.mistakes import Mistake
 from st_codegen.reconcile.report.output import report
 from st_codegen.reconcile.report.summary import summary
@@ -205,3 +210,36 @@ def test_what_a_correction_may_be_off_by_is_in_the_errors_of_what_it_moves():
     errors = [one.stderr["stiffness_Nm_per_arcmin"] for one in (plain, wide)]
     # the other orders tell a factor of the torques to half a percent, which is 2 of 430
     assert errors[0] < 0.3 and 1.0 < errors[1] < 4.0
+
+
+def test_what_a_reading_takes_off_elsewhere_does_not_pay_for_a_change():
+    """The mean follows other torques, and the pins changed: an offset of the torque gains more than the pins cost."""
+    pins = RIG.effects.index(next(effect for effect in RIG.effects if effect.name == "pin_error"))
+    changed = [*RIG.effects]
+    values = changed[pins].values
+    changed[pins] = changed[pins].with_values({**values, "amplitude_deg": values["amplitude_deg"] + 4e-5})
+    data = measured(2e-5, rig=replace(RIG, effects=tuple(changed)))
+    off = replace(AT, torque_Nm=AT.torque_Nm + 10.0)
+    gone = RIG.coefficients(off, ORDERS.tolist()) - RIG.coefficients(AT, ORDERS.tolist())
+    data = replace(data, values=data.values + np.where(ORDERS == 0, gone, 0.0))
+    pieces = tuple(piece_of(effect, added=False, origin=effect) for effect in RIG.effects)
+    pieces = tuple(piece if i == pins else piece.held() for i, piece in enumerate(pieces))
+    target = FitData(data, np.full(data.values.shape, 2e-5), np.ones(len(AT), bool), groups_of(AT))
+    final = fit(target, State(RIG, RIG.zero_offset_deg, pieces, offset_free=False))
+    assert misread(final, [pins], False) == ()
+
+
+def test_a_larger_gain_makes_the_noise_larger_and_explains_nothing_by_itself():
+    data = measured(1e-4)
+    target = FitData(data, np.full(data.values.shape, 1e-4), np.ones(len(AT), bool), groups_of(AT))
+    for reading in READINGS:
+        if reading.gain is not None:
+            read = _as_meant(target, reading, np.array([20.0]))
+            assert np.allclose(read.losses(read.data.values), target.losses(data.values))
+
+
+def test_near_the_right_size_a_narrow_peak_needs_no_change_of_its_own():
+    """Speeds that are 4 % too high lie twenty widths off the resonance, which friction alone tells from afar."""
+    text = asked(measured(2e-5, read=replace(AT, speed_rpm=AT.speed_rpm * 1.04)))
+    assert re.search(r"all speeds (3.99|4) % too high: that alone does what 2 changes", text), text
+    assert "structural_resonance" in text

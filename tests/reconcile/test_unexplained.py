@@ -9,7 +9,7 @@ import pytest
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
 from st_codegen.reconcile.fit.target import FitData, groups_of
-from st_codegen.reconcile.judge.structure import floors, lifted_by_a_walk, scatter, structure
+from st_codegen.reconcile.judge.structure import floors, lifted_by_a_walk, scatter, structure, wander_within_turns
 from st_codegen.reconcile.judge.unexplained import main_cause, signatures
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
@@ -390,3 +390,47 @@ def test_noise_that_lasts_makes_no_step_that_is_sure(size):
         said += [course.text for course in courses if course is not None]
     assert all("noise that lasts over runs may look like" in text for text in said)
     assert bool(said) == (size > 2.0)
+
+
+def curves_over_runs(courses, sigma=1e-5, runs=96):
+    """A target of curves with orders 0 to 20 and what each order's residual is; courses: (runs,) by order."""
+    random, orders = np.random.default_rng(4), np.arange(21)
+    drawn = (random.uniform(100, 1800, runs), random.uniform(0, 1800, runs), np.full(runs, 30.0))
+    at = Conditions.of(np.tile([1.0, -1.0], runs), *(np.repeat(x, 2) for x in drawn))
+    shape = (2 * runs, len(orders))
+    values = sigma * (random.standard_normal(shape) + 1j * random.standard_normal(shape))
+    for order, course in courses.items():
+        values[:, order] += np.repeat(course, 2)
+    values[:, 0] = values[:, 0].real
+    run, spectral = np.repeat(np.arange(runs), 2), np.full(shape, sigma)
+    data = Observations(at, labels(at), orders, values, run=run, spectral_deg=spectral)
+    return FitData(data, np.full(shape, sigma), np.ones(2 * runs, bool), groups_of(at)), values
+
+
+def test_low_orders_that_grow_over_the_runs_do_not_walk_within_the_turn():
+    """A sector that wears was called a wander, and its size the noise of all the other orders."""
+    grows = np.maximum(np.arange(96) - 60, 0) / 36
+    target, residual = curves_over_runs({k: 4e-4 / k * grows * TURN for k in range(1, 6)})
+    assert wander_within_turns(target, residual) == 0.0
+    assert floors(target, residual, np.full(21, 1e-5))[6:].max() < 1.5e-5
+    walk = np.random.default_rng(5).standard_normal((6, 96))
+    target, residual = curves_over_runs({k: 4e-4 / k * walk[k] * TURN for k in range(1, 6)})
+    assert wander_within_turns(target, residual) > 3.0
+
+
+def test_what_moves_twice_is_said_to_change_with_time():
+    run = np.arange(96)
+    turning = 2e-4 * np.exp(4j * np.pi * run / 96)
+    for course, is_said in ((turning, True), (2e-4 * np.random.default_rng(6).standard_normal(96), False)):
+        target, residual = curves_over_runs({12: course})
+        loud = signatures(target, residual, 1.0, np.full(21, 1e-5), kept=np.arange(21) == 12)
+        (one,) = (s for s in loud if s.order == 12)
+        assert ("it changes with time" in one.text) is is_said
+
+
+def test_a_course_beside_a_floor_of_neighbours_has_a_least_size():
+    """Half of a run-in that decays was called noise, and its size stated without "at least"."""
+    target, residual = curves_over_runs({12: 8e-4 * np.minimum(np.arange(96) - 48, 0) / 48 * TURN})
+    for floor, is_bound in ((1e-5, False), (2e-4, True)):
+        (one,) = (s for s in signatures(target, residual, 1.0, np.full(21, floor)) if s.order == 12)
+        assert "until about run" in one.text and one.at_least is is_bound

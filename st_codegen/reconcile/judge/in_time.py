@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import NormalDist
 
 import numpy as np
@@ -53,6 +53,9 @@ def course_of(target: FitData, z: ComplexArray, whole: ComplexArray, parts: IntA
     p_white, p_again = (_p_of_gains(one, scales, degrees, tried) for one in (gains, again))
     alone = _others_are_quiet(p_white, cuts, count) & (p_again > SETTINGS.p_wander)
     lags = _lags(target, sizes, numbers, place)
+    usual = np.maximum(1.0, np.sqrt((np.abs(whole[good]) ** 2).mean(axis=0)))
+    few_wild = whole * np.minimum(1.0, SETTINGS.cut * usual / np.maximum(np.abs(whole), 1e-300))
+    near = _by_run(target, few_wild, place, count)
     for k in range(z.shape[1]):
         lag = lags[k]
         least = lefts[k] / max(varying[k], 1e-300) * varying_whole[k]
@@ -65,19 +68,34 @@ def course_of(target: FitData, z: ComplexArray, whole: ComplexArray, parts: IntA
         lasting = _lasting([series[:, k] for series, _ in sums], int(cuts[k]))
         if chi_square_tail(gains[k] / (lasting * scales[k]), int(degrees[k])) * tried > SETTINGS.p_changed:
             continue
-        if steps[k] >= trends[k]:
-            power = float(_gains_of_steps(in_deg)[cuts[k] - 1, k] / total)
-            size = max(_step_size(series[:, k], weight, int(cuts[k])) for series, weight in in_deg)
-            own = [(series[:, k], weight) for series, weight in sums]
-            text = _step_text(size, int(cuts[k]), count, *_share_at_once(own, int(cuts[k]), scales[k]))
-        else:
-            shape = _shapes(count)[bends[k]]
-            slopes = [_slopes(series[:, k : k + 1], weight, shape[None]) for series, weight in in_deg]
-            power = float(sum(abs(slope[0, 0]) ** 2 * square[0] for slope, square in slopes) / total)
-            size = float(max(abs(slope[0, 0]) for slope, _ in slopes)) * float(np.ptp(shape))
-            text = _ramp_text(shape, size)
-        found[k] = Course(power, size, text if alone[k] else f"{text}, which noise that lasts over runs may look like")
+        course = _described(near, in_deg, k, int(parts[k]))
+        text = course.text if alone[k] else f"{course.text}, which noise that lasts over runs may look like"
+        found[k] = replace(course, text=text)
     return found
+
+
+def _described(near: _ByRun, in_deg: _ByRun, k: int, parts: int) -> Course:
+    """The step or ramp that an order has, by its residual as it is.
+
+    Cut at some noises, as a decision needs it, what is many noises large would be a step whatever its form. near: in
+    noises, of which single wild runs are cut; in_deg: as they are; parts: of a coefficient of the order.
+    """
+    own = tuple((series[:, k : k + 1], weight) for series, weight in near)
+    count, total = len(own[0][0]), sum(float(weight.sum()) for _, weight in own)
+    (steps, cuts), varying = _steps(own, count), _varying(own)
+    trends, bends = _ramps(own, count, np.array([total * parts]))
+    if steps[0] >= trends[0]:
+        cut = int(cuts[0])
+        power = _gains_of_steps(in_deg)[cut - 1, k] / total
+        size = max(_step_size(series[:, k], weight, cut) for series, weight in in_deg)
+        left = max(float(varying[0] - steps[0]), 0.0) / (total * parts)
+        one = [(series[:, 0], weight) for series, weight in own]
+        return Course(float(power), size, _step_text(size, cut, count, *_share_at_once(one, cut, left)))
+    shape = _shapes(count)[bends[0]]
+    slopes = [_slopes(series[:, k : k + 1], weight, shape[None]) for series, weight in in_deg]
+    power = sum(abs(slope[0, 0]) ** 2 * square[0] for slope, square in slopes) / total
+    size = float(max(abs(slope[0, 0]) for slope, _ in slopes)) * float(np.ptp(shape))
+    return Course(float(power), size, _ramp_text(shape, size))
 
 
 def _step_text(size: float, cut: int, count: int, share: float, error: float) -> str:
@@ -87,7 +105,7 @@ def _step_text(size: float, cut: int, count: int, share: float, error: float) ->
         return f"a step of {size:.2g} deg {there}"
     if share + SETTINGS.told * error < 1.0:
         return f"moves by some {size:.2g} deg over the {count} runs in their order, in no single step"
-    return f"a step of {size:.2g} deg about {there}, or a change over some runs there"
+    return f"a step of {size:.2g} deg {there}, or a change over some runs around"
 
 
 def _p_of_gains(gains: FloatArray, scales: FloatArray, degrees: IntArray, count: int) -> FloatArray:

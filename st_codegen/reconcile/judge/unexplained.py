@@ -182,7 +182,7 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float
         own, what = floor**2, "what runs differ by from others like them"
     where = _where_loud(target, residual[:, k]) or "with no pattern over the conditions"
     if changes_with_time(target, residual)[k]:
-        where += ", but runs that were made one after the other are alike: it changes with time"
+        where += f", but {_WITH_TIME}"
     size = float(np.sqrt(max(power - own, 0.0)))
     name = f"order {order}" if order else "the mean"
     text = (
@@ -272,6 +272,7 @@ _CAUSE = {
     "temperature": "depends on the oil temperature",
     "combination": "depends on the conditions, or on when it was measured, in a way that no single one explains",
 }
+_WITH_TIME = "runs that were made one after the other are alike: it changes with time"
 _UNIT = {"speed": "rpm", "torque": "N m", "temperature": "degC"}
 
 
@@ -300,6 +301,8 @@ def _sentence(
     if main in _UNIT and not _holds_elsewhere(target, r, main):
         main = "combination"
     text = _CAUSE[main if main in _CAUSE else "combination"]
+    if main == "combination" and changes_with_time(target, r[:, None])[0]:
+        text = _WITH_TIME
     if main not in _UNIT:
         return text, float(np.sqrt((np.abs(r[good]) ** 2).mean()))
     values = {"speed": at.speed_rpm, "torque": at.torque_Nm, "temperature": at.temperature_C}[main]
