@@ -190,9 +190,8 @@ class Settings:
     #: share of a step that must lie between the means of a sixteenth of the runs on both sides: of a trend it is an
     #: eighth, of a step all
     at_once: float = 0.5
-    #: runs at which a trend may begin or end; how often a body that follows the oil comes near it in a campaign
+    #: runs at which a trend may begin or end
     bends: int = 24
-    lags_in_campaign: float = 5.0
 
     # --- what lies around ---
     #: power of one of many random waves over their mean: exponential, so that one in 8,000 is so large
@@ -230,6 +229,8 @@ class Settings:
     #: changes of the rig that may stay beside a reading (with more it explains little); how often data are read anew
     beside_reading: int = 2
     rereadings: int = 3
+    #: a size of a reading is found where it would move by less than this part of its error
+    of_an_error: float = 0.25
     #: loss of a run by noise with heavy tails, which a robust estimate of the noise takes for one
     tails: float = 1.4
     #: loss by which another name may be worse and still be as good a name: 1 in 1000 by chance for one parameter
@@ -439,7 +440,7 @@ CHOSEN_ON: dict[str, tuple[str, ...]] = {
         "state_reach", "formula_explains", "formula_whole", "term_price", "term_share", "hidden_turn",
     ),
     "campaigns of other generators (filters, gaps, sensors that drift, zeros of the angle, laws of no catalogue)": (
-        "one_zero", "one_zero_deg", "bends", "at_once", "lags_in_campaign", "beside_reading",
+        "one_zero", "one_zero_deg", "bends", "at_once", "beside_reading",
     ),
     "all counted cases of other physics, development and held out": (
         "names_by_order", "names_by_more",

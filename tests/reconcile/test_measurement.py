@@ -669,7 +669,7 @@ def test_a_run_whose_torque_alone_is_read_wrong_has_the_label_of_no_other_run():
     )
     at = replace(data.at, speed_rpm=speed, torque_Nm=torque)
     right = data.values + RIG.coefficients(at, ORDERS.tolist()) - RIG.coefficients(data.at, ORDERS.tolist())
-    wrong = torque + np.where(np.arange(2 * RUNS) % RUNS == 3, 80.0, 0.0)
+    wrong = torque + np.where(np.arange(2 * RUNS) % RUNS == 3, 250.0, 0.0)
     made = replace(data, values=right, at=replace(at, torque_Nm=wrong))
     assert [one.name for one in examine(made, RIG, PATH).mistakes] == []
     other = np.tile(np.where(np.arange(RUNS) == 3, (np.arange(RUNS) + 7) % RUNS, np.arange(RUNS)), 2)

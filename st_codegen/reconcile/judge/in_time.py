@@ -339,9 +339,7 @@ def _lags(target: FitData, sums: _ByRun, numbers: IntArray, place: IntArray) -> 
     if np.ptp(oil) == 0.0:
         return [None] * len(target.data.orders)
     known, found = _Oil(oil, sums), list[_Lag | None]()
-    # a body that takes as long as the campaign has a trend, whatever the oil does
-    runs = [lag for lag in _LAGS if lag <= len(numbers) / SETTINGS.lags_in_campaign]
-    for k, tried in enumerate(zip(*map(known.lags, runs), strict=True)):
+    for k, tried in enumerate(zip(*map(known.lags, _LAGS), strict=True)):
         # how much a start explains as well differs from lag to lag: what is left decides
         best = min(tried, key=lambda lag: lag.left)
         for step in (0.15, 0.05, 0.015) if best.gain > SETTINGS.least_excess_in_time * best.left else ():

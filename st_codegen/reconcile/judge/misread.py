@@ -239,9 +239,7 @@ def _is_needed(without: Fit, final: Fit, sizes: int) -> bool:
     numbers = max(len(final.prior) - len(without.prior) + zero - sizes, 1)
     # what it gains on other orders does not pay for one that it leaves
     worse = without.target.losses(without.residual).sum(axis=0) - final.target.losses(final.residual).sum(axis=0)
-    if worse.max() > SETTINGS.order_gain:
-        return True
-    return chi_square_tail(without.loss - final.loss, numbers) < SETTINGS.p_changed
+    return chi_square_tail(max(without.loss - final.loss, float(worse.max())), numbers) < SETTINGS.p_changed
 
 
 def _freed(state: State, final: Fit, number: int) -> State:
@@ -317,9 +315,16 @@ def _read(
         matrix, pull = gather(best.target, (*best.columns, *columns), best.residual, weights, by_cell=False).total()
         prior = np.concatenate([best.prior, np.zeros(count)])
         pull = pull - np.concatenate([best.prior * (best.state.vector() - best.centre), np.zeros(count)])
-        aim = sizes + (inverse(matrix + np.diag(prior)) @ pull)[-count:]
-        trial = fitted(aim, best.state) if (np.abs(aim) < reading.most).all() else best
-        if trial.loss > best.loss - SETTINGS.quick_tolerance:
+        known = inverse(matrix + np.diag(prior))
+        step, error = (known @ pull)[-count:], np.sqrt(np.diag(known)[-count:])
+        # far from a narrow peak a whole step may lead beyond it
+        while (np.abs(step) > SETTINGS.of_an_error * error).any():
+            aim = sizes + step
+            trial = fitted(aim, best.state) if (np.abs(aim) < reading.most).all() else best
+            if trial.loss < best.loss - SETTINGS.quick_tolerance:
+                break
+            step = step / 4.0
+        else:
             break
         sizes, best = aim, trial
     return sizes, best
