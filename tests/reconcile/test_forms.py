@@ -154,12 +154,12 @@ def test_steps_in_time_can_be_seen_where_the_order_of_the_runs_is_known():
         assert any("the order in which the runs were made" in text for text in cannot_show(known)) is is_said
 
 
-def test_oil_that_gets_warmer_in_the_order_of_the_rows_may_hide_what_changes_with_time():
+def test_what_follows_the_oil_may_follow_the_time_where_nobody_knows_the_order_of_the_runs():
     at = grid([500.0])
-    place = np.argsort(at.temperature_C, kind="stable")
-    for rows, is_said in ((at, False), (at.rows(place), True)):
-        known = Observations(rows, labels(rows), np.array([0]), np.zeros((len(rows), 1), complex))
-        assert any("follows the oil may as well follow the time" in text for text in cannot_show(known)) is is_said
+    data = Observations(at, labels(at), np.array([0]), np.zeros((len(at), 1), complex))
+    one_oil = replace(data, at=replace(at, temperature_C=np.full(len(at), 30.0)))
+    for known, is_said in ((data, True), (one_oil, False), (replace(data, run=np.arange(len(at))), False)):
+        assert any("nor be told from what follows the oil" in text for text in cannot_show(known)) is is_said
 
 
 @pytest.mark.parametrize(("torques", "is_said"), [((0.0, 900.0), False), ((300.0, 900.0), True), ((900.0,), False)])

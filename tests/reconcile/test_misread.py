@@ -249,3 +249,24 @@ def test_near_the_right_size_a_narrow_peak_needs_no_change_of_its_own(monkeypatc
     assert re.search(r"all speeds 4 % too high: that alone does what 2 changes .* \(friction_windup, struct", text), (
         text
     )
+
+
+def test_beside_many_changes_of_the_rig_a_reading_is_told_that_does_what_one_of_them_does():
+    """Another unit whose oil is 4 K warmer than written: the zero and the friction were off by 76 stated errors."""
+    effects = {effect.name: effect for effect in RIG.effects}
+    for name, key, factor in (
+        ("backlash", "gap_arcmin", 1.03), ("friction_windup", "viscous_arcmin_per_krpm", 1.03),
+        ("pin_error", "amplitude_deg", 0.97), ("torsional_compliance", "stiffness_Nm_per_arcmin", 0.98),
+    ):  # fmt: skip
+        effects[name] = effects[name].with_values(
+            {**effects[name].values, key: factor * np.asarray(effects[name].values[key])}
+        )
+    unit = replace(RIG, effects=tuple(effects.values()))
+    read = replace(AT, temperature_C=AT.temperature_C - 4.0)
+    result = reconciled(measured(5e-6, rig=unit, read=read)).conclusions
+    (one,) = (one for one in result.misread if one.reading.name == "misread_temperature")
+    assert result.changes_for(one) == ["zero_offset_deg"] and one.sizes == pytest.approx([-4.0], rel=0.02)
+    (friction,) = (entry for entry in result.retuned if entry.after.name == "friction_windup")
+    true = 1.03 * friction.before.scalar("viscous_arcmin_per_krpm")
+    off = abs(friction.after.scalar("viscous_arcmin_per_krpm") - true)
+    assert off < 1.2 * friction.stderr["viscous_arcmin_per_krpm"]

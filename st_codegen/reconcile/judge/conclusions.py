@@ -239,12 +239,12 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
         # what is smaller than its error leaves open is no part of what is named
         if _top_is_unsure(joint, i) and (simpler := _simpler(joint.state.pieces[i])) is not None:
             return conclude(rig, fit(joint.target, joint.state.replaced(i, simpler)), known)
-    claims = tuple(_claim(rig, joint, final, i, one, known) for i, one in standing.items())
-    rivals = {i: _own_rivals(final, one) for i, one in left.items()}
     wrong = misread(final, changed, offset_changed)
+    claims = tuple(_claim(rig, joint, final, i, one, known, wrong) for i, one in standing.items())
+    rivals = {i: _own_rivals(final, one) for i, one in left.items()}
     retuned = tuple(
         replace(
-            _retuned(joint, final, i, p, known, rivals.get(i, ())),
+            _retuned(joint, final, i, p, known, rivals.get(i, ()), wrong),
             misread=tuple(sorted({one.reading.name for one in wrong if i in one.instead_of})),
         )
         for i, p in changed.items()
@@ -258,19 +258,33 @@ def _own_rivals(final: Fit, one: Needed) -> tuple[Other, ...]:
 
 
 def _retuned(
-    joint: Fit, final: Fit, number: int, p: float, known: Catalogue, rivals: tuple[Other, ...] = ()
+    joint: Fit,
+    final: Fit,
+    number: int,
+    p: float,
+    known: Catalogue,
+    rivals: tuple[Other, ...] = (),
+    wrong: Sequence[Misread] = (),
 ) -> Retuned:
     """What is said of a changed effect of the rig."""
     others = (*_as_good(with_piece_held(joint, number), joint, number, known), *rivals)
     before, after = _origin(joint.state.pieces[number]), final.state.pieces[number].effect
-    return Retuned(before, after, standard_errors(joint, number, final), p, others)
+    return Retuned(before, after, standard_errors(joint, number, final, wrong), p, others)
 
 
-def _claim(rig: RigModel, joint: Fit, final: Fit, number: int, standing: Standing, known: Catalogue) -> Claim:
+def _claim(
+    rig: RigModel,
+    joint: Fit,
+    final: Fit,
+    number: int,
+    standing: Standing,
+    known: Catalogue,
+    wrong: Sequence[Misread] = (),
+) -> Claim:
     """What is said of an added effect."""
     others = _as_good(standing.without, joint, number, known)
     piece = final.state.pieces[number]
-    stderr, peaks = standard_errors(joint, number, final), _peaks(final, piece)
+    stderr, peaks = standard_errors(joint, number, final, wrong), _peaks(final, piece)
     if peaks is not None:
         # the shape fails, so the errors of the fit say little: what the speeds of the peaks leave open counts
         frequency = piece.effect.scalar("frequency_Hz")
@@ -413,16 +427,24 @@ def _held(joint: Fit, changed: dict[int, float], offset_changed: bool) -> State:
     return State(joint.state.rig, offset, tuple(pieces), offset_changed)
 
 
-def standard_errors(joint: Fit, number: int, final: Fit | None = None) -> dict[str, float]:
+def standard_errors(
+    joint: Fit, number: int, final: Fit | None = None, wrong: Sequence[Misread] = ()
+) -> dict[str, float]:
     """Standard errors of the free keys of a piece, from the covariance of the joint fit; lists: `key[order]`.
 
-    final: the fit with what did not change held, by which corrections of the data are told.
+    final: the fit with what did not change held, by which corrections of the data are told. wrong: what may be read
+    wrong, of which nobody knows whether it is: the coordinates would be others then.
     """
     piece, place = joint.state.pieces[number], joint.state.slices()[number]
     covariance = discrepancy.covariance(joint)[place, place]
     if final is not None and final.state.pieces[number].coordinates() == piece.coordinates():
         own = final.state.slices()[number]
         covariance = covariance + covariance_of_corrections(final)[own, own]
+        for one in wrong:
+            other = one.best.state.pieces[number]
+            if other.coordinates() == piece.coordinates():
+                moved = other.vector() - final.state.pieces[number].vector()
+                covariance = covariance + np.outer(moved, moved)
     coordinates, vector = piece.coordinates(), piece.vector()
     found: dict[str, float] = {}
     listed = piece.effect.orders_key == "orders"

@@ -47,13 +47,13 @@ class WrongReading:
 class Misread:
     """A reading with its sizes, and the numbers of the pieces whose changes it stands for (OFFSET: the zero's).
 
-    loss: what is left with it.
+    best: the fit with it, whose pieces have the numbers of those with the changes.
     """
 
     reading: WrongReading
     sizes: FloatArray
     instead_of: frozenset[int]
-    loss: float
+    best: Fit
 
     @property
     def text(self) -> str:
@@ -183,9 +183,12 @@ def misread(final: Fit, changed: Collection[int], offset_changed: bool) -> tuple
         state = state.replaced(i, state.pieces[i].held())
     state = replace(state, offset=state.rig.zero_offset_deg, offset_free=False)
     plain = fit(final.target, state, steps=SETTINGS.quick_steps)
-    found = (_instead(final, plain, reading, everything) for reading in READINGS)
+    found = (
+        _instead(final, plain, reading, everything) or _beside_the_rest(final, plain, reading, everything)
+        for reading in READINGS
+    )
     standing = [one for one in found if one is not None]
-    return tuple(sorted(standing, key=lambda one: (-len(one.instead_of), len(one.sizes), one.loss)))
+    return tuple(sorted(standing, key=lambda one: (-len(one.instead_of), len(one.sizes), one.best.loss)))
 
 
 def refined(final: Fit, accepted: Collection[str]) -> Misread | None:
@@ -201,7 +204,7 @@ def refined(final: Fit, accepted: Collection[str]) -> Misread | None:
             # another number must be worth it
             gain = final.loss - read.loss - SETTINGS.as_good * (len(sizes) - 1)
             if gain > least:
-                found.append((gain, Misread(reading, sizes, frozenset(), read.loss)))
+                found.append((gain, Misread(reading, sizes, frozenset(), read)))
     return max(found, key=lambda one: one[0])[1] if found else None
 
 
@@ -226,7 +229,38 @@ def _instead(final: Fit, plain: Fit, reading: WrongReading, everything: frozense
             kept.remove(number)
             sizes, best = again
     instead = everything - kept
-    return Misread(reading, sizes, instead, best.loss) if len(instead) >= max(len(sizes), 1) else None
+    return Misread(reading, sizes, instead, best) if len(instead) >= max(len(sizes), 1) else None
+
+
+def _beside_the_rest(final: Fit, plain: Fit, reading: WrongReading, everything: frozenset[int]) -> Misread | None:
+    """A reading that does what one of many changes does, or a few, and leaves the others; None where it does nothing.
+
+    Another unit of a type has many numbers of its own, and a sensor's zero beside them.
+    """
+    if not reading.steps or len(everything) <= SETTINGS.beside_reading:
+        return None
+    columns = _slopes(final.target, final, reading, np.zeros(len(reading.steps)))
+    if not all(values.any() for _, values in columns):
+        return None
+    weights = final.target.weights(final.residual)
+    matrix = gather(final.target, (*final.columns, *columns), final.residual, weights, by_cell=False).total()[0]
+    known = inverse(matrix + np.diag(np.concatenate([final.prior, np.zeros(len(columns))])))
+    away, slices = final.state.vector() - final.centre, final.state.slices()
+    away[0] = final.state.offset - final.state.rig.zero_offset_deg
+    chance: dict[int, float] = {}
+    for i in everything:
+        place = slice(0, 1) if i == OFFSET else slices[i]
+        gain = away[place] @ np.linalg.solve(known[place, place], away[place])
+        chance[i] = chi_square_tail(float(gain), len(away[place]))
+    instead, sizes, best = set[int](), np.zeros(len(columns)), final
+    for i in sorted(everything, key=lambda i: -chance[i]):
+        if chance[i] < SETTINGS.p_changed:
+            break
+        again = _read(final.target, _held(best.state, plain, i), reading, sizes)
+        if not _is_needed(again[1], final, len(sizes)):
+            instead.add(i)
+            sizes, best = again
+    return Misread(reading, sizes, frozenset(instead), best) if len(instead) >= len(columns) else None
 
 
 def _is_needed(without: Fit, final: Fit, sizes: int) -> bool:

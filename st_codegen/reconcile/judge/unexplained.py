@@ -181,13 +181,13 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float
     if of_runs:
         own, what = floor**2, "what runs differ by from others like them"
     where = _where_loud(target, residual[:, k]) or "with no pattern over the conditions"
+    why = "runs differ, or the structure is sharp"
     if changes_with_time(target, residual)[k]:
-        where += f", but {_WITH_TIME}"
+        why = _WITH_TIME
     size = float(np.sqrt(max(power - own, 0.0)))
     name = f"order {order}" if order else "the mean"
     text = (
-        f"{name}: {size:.2g} deg RMS beyond the noise, with it {np.sqrt(power / own):.1f} times {what}, {where}: runs "
-        "differ, or the structure is sharp"
+        f"{name}: {size:.2g} deg RMS beyond the noise, with it {np.sqrt(power / own):.1f} times {what}, {where}: {why}"
         if size
         else f"{name}: no louder than {what} over all runs, but single runs that are not called bad are far off in it"
     )
@@ -301,6 +301,8 @@ def _sentence(
     if main in _UNIT and not _holds_elsewhere(target, r, main):
         main = "combination"
     text = _CAUSE[main if main in _CAUSE else "combination"]
+    if main == "temperature" and target.data.run is None:
+        text += ", or on when it was measured"
     if main == "combination" and changes_with_time(target, r[:, None])[0]:
         text = _WITH_TIME
     if main not in _UNIT:

@@ -37,10 +37,8 @@ def cannot_show(data: Observations) -> tuple[str, ...]:
         found.append("no run near 0 N m: backlash cannot be told from dry friction")
     if data.angle_rad is None and data.run is None:
         text = "the order in which the runs were made is not known: steps and drifts in time cannot be seen"
-        heat = [at.temperature_C[at.sign == sign] for sign in np.unique(at.sign)]
-        if len(np.unique(at.temperature_C)) > 1 and all((np.diff(part) >= 0).all() for part in heat):
-            text += "; if they were made as they are listed, what follows the oil may as well follow the time"
-        found.append(text)
+        warms = len(np.unique(at.temperature_C)) > 1
+        found.append(f"{text}, nor be told from what follows the oil" if warms else text)
     if data.angle_rad is None and not data.repeated:
         found.append("no run was repeated: what changes from run to run cannot be told from sharp structure")
     return tuple(found)
