@@ -635,6 +635,21 @@ def test_a_wave_of_no_whole_number_of_periods_is_taken_out_of_all_curves(sigma):
     assert without_waves_between(clean, [0, 1, 40])[1] == ()
 
 
+@pytest.mark.parametrize(("sigma", "off"), [(1e-6, 0.01), (1e-4, 0.2)])
+def test_a_wave_right_between_two_orders_of_the_rig_is_told_by_those_around(sigma, off):
+    """Near a whole number a large wave shows little elsewhere: of each curve alone one of 0.008 deg was as good."""
+    known = [0, 1, 36, 39, 40, 42]
+    clean, made = turning([[]] * 20, sigma), turning([[39.4]] * 20, sigma)
+    left, (wave,) = without_waves_between(made, known)
+    assert wave.order == pytest.approx(39.4, abs=0.03) and wave.amplitude_deg == pytest.approx(5e-4, rel=0.05)
+    assert wave.curves == (20, 20)
+    orders = [36, 37, 38, 39, 40, 41, 42]
+    rest, before = (np.mean([np.abs(one.te - two.te)[orders] ** 2 for one, two in zip(part, clean, strict=True)])
+                    for part in (left, made))  # fmt: skip
+    assert rest < off**2 * before
+    assert without_waves_between(clean, known)[1] == ()
+
+
 def test_a_wave_of_curves_with_few_and_many_samples_is_known_in_all_orders():
     """Of 280 samples a turn 70 orders are told, of 400 a hundred: its part of the others could not be asked for."""
     rows = [[17.3]] * 10

@@ -18,6 +18,8 @@ from st_codegen.reconcile.settings import SETTINGS
 
 #: distance from the order that a frequency lets expect, of which whole numbers have a quarter in the median
 _WHOLE = 0.1
+#: part of the power of a wave between two orders that those of no part of the machine must show
+_LEAST_BETWEEN = 0.05
 #: median of the sum of two exponential numbers
 _MEDIAN_OF_TWO = 1.678
 #: steps to each side in which the frequency of a hum that is known to an order is looked for
@@ -136,10 +138,17 @@ def without_waves_between(sums: Sequence[Sums], known: Collection[int]) -> tuple
         sizes, orders = (np.array([fit[i] for fit in told]) for i in (0, 1))
         seen = sizes > 0.0
         middle = float(np.median(orders[seen])) if seen.any() else 0.0
-        is_whole = abs(middle - round(middle)) < _WHOLE
-        if is_whole or seen.mean() < SETTINGS.most_orders or np.median(np.abs(orders[seen] - middle)) > _WHOLE:
+        spread = float(np.median(np.abs(orders[seen] - middle))) if seen.any() else 0.0
+        if abs(middle - round(middle)) < _WHOLE or seen.mean() < SETTINGS.most_orders or spread > _WHOLE:
             free[top] = False  # it may be louder than a wave between others
             continue
+        # in curves that do not tell its order well by themselves it has that of the others
+        told = [
+            _wave(one, line, middle, free, reach=spread, least=_LEAST_BETWEEN)
+            for one, line in zip(kept, lines, strict=True)
+        ]
+        sizes = np.array([fit[0] for fit in told])
+        seen = sizes > 0.0
         kept = [_less(one, wave) for one, (_, _, wave) in zip(kept, told, strict=True)]
         size = float(np.sqrt((sizes[seen] ** 2).mean()))
         made = _by_order(kept, [wave for _, _, wave in told])
@@ -158,7 +167,10 @@ def _between(
     """
     places, found = np.arange(len(free)), []
     for one, line, floor in zip(sums, lines, noise, strict=True):
-        fits = [_wave(one, line, low + 0.5, free) for low in range(max(top - 3, 1), top + 3)]
+        fits = [
+            _wave(one, line, low + 0.5, free, reach=0.5 - _WHOLE, least=_LEAST_BETWEEN)
+            for low in range(max(top - 3, 1), top + 3)
+        ]
         size, order, wave = max(fits, key=lambda fit: fit[0] and float((np.abs(fit[2][: len(free)][free]) ** 2).sum()))
         near = free & (np.abs(places - order) <= SETTINGS.orders_beside_wave)
         left, whole = (float((np.abs(part[near]) ** 2).sum()) for part in (line - wave[: len(free)], line))
@@ -213,7 +225,8 @@ def _faint(sums: Sequence[Sums], turns_Hz: FloatArray, known: Collection[int]) -
             order = float(_mirrored(np.array(frequency / turns_Hz[row]), samples[row]))
             near = np.arange(max(int(order) - 1, 1), min(int(order) + 3, band + 1))
             leaks = _leaks(order, near, int(samples[row]))
-            found.append((_told(lines[row, near], leaks) - 1.0) / _power(leaks))
+            shows = float(np.abs(np.vdot(leaks, lines[row, near])) ** 2) / _power(leaks)
+            found.append((shows - 1.0) / _power(leaks))
         return np.array(found)
 
     # the two orders beside a line are the same over a whole order
@@ -291,39 +304,54 @@ def _leaks(order: float, at: IntArray, samples: int) -> ComplexArray:
 
 
 def _wave(
-    one: Sums, line: ComplexArray, order: float, free: BoolArray, most: float = 0.0
+    one: Sums,
+    line: ComplexArray,
+    order: float,
+    free: BoolArray,
+    most: float = 0.0,
+    reach: float = 0.5,
+    least: float = SETTINGS.shared_least,
 ) -> tuple[float, float, ComplexArray]:
     """The size of a wave in a curve, its order, and the coefficients of the orders that it makes; 0 where none shows.
 
     line: (band + 1,), the orders of the curve over the number of the sample; order: of the wave, which the speed tells
     to less than half an order; free: those orders that are not the machine's; most: the largest size that a wave may
-    have of which little is seen, beside an order of the machine or beyond the band; 0 for none.
+    have of which little is seen, beside an order of the machine or beyond the band; 0 for none; reach: how far its order
+    may be from that; least: part of its power that it must show for its order to be looked for.
     """
     beyond = order - one.samples * round(order / one.samples)
-    shown, reach = abs(beyond), 0.5
+    shown = abs(beyond)
     middle, near = shown, np.flatnonzero(free)
     # beyond the band its leaks into the highest orders tell it
     near = near[np.argsort(np.abs(near - shown), kind="stable")[: 2 * SETTINGS.orders_of_line]]
-    clear = _power(_leaks(shown, near, one.samples)) > SETTINGS.shared_least
+    clear = _power(_leaks(shown, near, one.samples)) > least
     # where little of it is seen only the speed tells its order
-    for _ in range(4 if clear else 0):
+    for _ in range(6 if clear else 0):
         trials = [middle + reach * step / 2 for step in range(-2, 3)]
-        middle = max(trials, key=lambda trial: _told(line[near], _leaks(trial, near, one.samples)))
+        middle = max(trials, key=lambda trial: _told(line[near], trial, near, one.samples)[1])
         reach /= 3
-    orders, leaks = np.arange(len(one.te)), _leaks(middle, near, one.samples)
-    size = complex(np.vdot(leaks, line[near])) / max(_power(leaks), 1e-12)
+    orders = np.arange(len(one.te))
+    size, told = _told(line[near], middle, near, one.samples)
     size *= 1.0 if clear else min(1.0, most / max(abs(size), 1e-300))
     wave = size * _leaks(middle, orders, one.samples) + np.conj(size * _leaks(middle, -orders, one.samples))
     wave[0] /= 2
     noise = float(np.median(np.abs(line - wave[: len(line)])[free] ** 2)) / np.log(2.0)
-    if _start(one) is None or _told(line[near], leaks) < SETTINGS.loud_line * noise:
+    if _start(one) is None or told < SETTINGS.loud_line * noise:
         return 0.0, order, np.zeros_like(wave)
     return abs(size), order + float(np.sign(beyond)) * (middle - shown), wave
 
 
-def _told(line: ComplexArray, leaks: ComplexArray) -> float:
-    """The power that a wave with these leaks explains."""
-    return float(np.abs(np.vdot(leaks, line)) ** 2) / max(_power(leaks), 1e-12)
+def _told(line: ComplexArray, order: float, at: IntArray, samples: int) -> tuple[complex, float]:
+    """The wave of this order that explains most of a line at some orders: its size, and the power that it explains.
+
+    A real wave is one of the negative order as well, which leaks into the same orders.
+    """
+    plus, minus = _leaks(order, at, samples), _leaks(order, -at, samples).conj()
+    columns = np.stack([plus + minus, 1j * (plus - minus)])
+    matrix, pull = (columns @ columns.conj().T).real, (columns.conj() @ line).real
+    # at order 0 and at half the samples one of the two is no wave
+    parts = np.linalg.lstsq(matrix, pull, rcond=1e-12)[0]
+    return complex(*parts), float(parts @ pull)
 
 
 def _power(leaks: ComplexArray) -> float:
