@@ -316,8 +316,8 @@ def _wave(
 
     line: (band + 1,), the orders of the curve over the number of the sample; order: of the wave, which the speed tells
     to less than half an order; free: those orders that are not the machine's; most: the largest size that a wave may
-    have of which little is seen, beside an order of the machine or beyond the band; 0 for none; reach: how far its order
-    may be from that; least: part of its power that it must show for its order to be looked for.
+    have of which little is seen, beside an order of the machine or beyond the band; 0 for none; reach: how far its
+    order may be from that; least: part of its power that it must show for its order to be looked for.
     """
     beyond = order - one.samples * round(order / one.samples)
     shown = abs(beyond)
