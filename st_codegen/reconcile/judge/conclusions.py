@@ -245,11 +245,22 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
     retuned = tuple(
         replace(
             _retuned(joint, final, i, p, known, rivals.get(i, ()), wrong),
-            misread=tuple(sorted({one.reading.name for one in wrong if i in one.instead_of})),
+            misread=tuple(
+                sorted(_left_of_filters(final, i) | {one.reading.name for one in wrong if i in one.instead_of})
+            ),
         )
         for i, p in changed.items()
     )
     return Conclusions(joint, final, claims, retuned, offset_changed, wrong)
+
+
+def _left_of_filters(final: Fit, number: int) -> frozenset[str]:
+    """Names of filters that were undone, where waves of an effect may have kept what their responses are off by.
+
+    These are told by all orders together, with straight lines between a dozen places.
+    """
+    is_wave = any(order > 0 for order in final.state.pieces[number].effect.touched_orders())
+    return final.target.corrected & {"filter", "smoothing"} if is_wave else frozenset()
 
 
 def _own_rivals(final: Fit, one: Needed) -> tuple[Other, ...]:

@@ -44,14 +44,16 @@ def mistaken_runs(data: Observations, rig: RigModel) -> list[Mistake] | None:
     """
     model = rig.coefficients(data.at, data.orders.tolist())
     sigma = estimate(data, data.values - model).sigma
+    seen = np.ones(model.shape, bool) if data.seen is None else data.seen
     z = np.abs(data.values - model) / sigma
-    usual = np.median(z, axis=0)
+    usual = np.array([np.median(own[of]) if of.any() else np.inf for own, of in zip(z.T, seen.T, strict=True)])
     power = np.median(np.abs(model), axis=0)
     # orders in which the rig is right for most runs, and loud
     sure = (usual < SETTINGS.sure_order) & (power > 3 * np.median(sigma, axis=0))
     if sure.sum() < SETTINGS.least_votes:
         return None
-    values, known, weight = data.values[:, sure], model[:, sure], 1 / sigma[:, sure] ** 2
+    # a coefficient that a curve does not tell says nothing of its label
+    values, known, weight = data.values[:, sure], model[:, sure], seen[:, sure] / sigma[:, sure] ** 2
     blocks = _block(data, values, known, weight)
     out = {row for mistake in blocks for row in mistake.rows}
     rest = np.array([row not in out for row in range(len(data))])

@@ -34,6 +34,11 @@ _FILTER = (
     "TE seems to have passed a filter: what is left of every order depends on its frequency alone, most at {:.3g} Hz, "
     "where it is {:.2g} times as large and {:.0f} deg ahead"
 )
+_OVER_ANGLE = (
+    "TE seems to have passed a filter over the angle, as a resampling or a smoothing is: what is left of every order "
+    "depends on its number alone, at all speeds alike, most at order {:.0f}, where it is {:.2g} times as large and "
+    "{:.0f} deg ahead"
+)
 _MEAN = (
     "each value of TE seems to be a mean over {:.3g} deg of the angle: every order is smaller, the higher it is the "
     "more, at all speeds alike"
@@ -158,7 +163,9 @@ def low_pass(data: Observations, rig: RigModel) -> list[Mistake]:
 
     every, (seconds, delay) = data.orders > 0, (_fitted(data, model, noise, one) for one in (passed, late))
     seen = model * passed(seconds)
-    if not (agreed_gain(data, rig, seen, every) and agreed_gain(data, rig, seen, every, model * late(delay))):
+    gain = agreed_gain(data, rig, seen, every) if agreed_gain(data, rig, seen, every, model * late(delay)) else 0.0
+    over_angle = _filter_over(data, rig, _number, *_BY_NUMBER) if gain else None
+    if not gain or (over_angle is not None and over_angle[0] > gain):
         return []
 
     def corrected(given: Observations) -> Observations:
@@ -170,55 +177,73 @@ def low_pass(data: Observations, rig: RigModel) -> list[Mistake]:
 
 
 def any_filter(data: Observations, rig: RigModel) -> list[Mistake]:
-    """A filter of any kind that TE went through: of every order what passes depends on its frequency alone.
+    """A filter of any kind that TE went through: of every order what passes depends on its frequency alone, or on its
+    number alone where it is one over the angle.
 
     A resonance lifts its own orders, an effect changes those that it makes: they share no response. A delay is none.
     """
     if not data.both_directions():
         return []
-    model, noise = rig.coefficients(data.at, data.orders.tolist()), noise_power(data)
-    turns = data.at.speed_rpm / (60.0 * rig.constants.reduction_ratio)
-    hertz = turns[:, None] * data.orders
-    knots = np.linspace(0.0, float(hertz.max(initial=0.0)), SETTINGS.knots_of_filter + 1)
-    passes, of_others = _response(data, model, noise, hertz, knots)
+    ratio = rig.constants.reduction_ratio
+
+    def hertz(given: Observations) -> FloatArray:
+        return np.asarray(given.at.speed_rpm[:, None] / (60.0 * ratio) * given.orders)
+
+    found = (_filter_over(data, rig, *one) for one in ((hertz, "filter", _FILTER), (_number, *_BY_NUMBER)))
+    return [max(told, key=lambda one: one[0])[1]] if (told := [one for one in found if one is not None]) else []
+
+
+_BY_NUMBER = ("smoothing", _OVER_ANGLE)
+
+
+def _number(given: Observations) -> FloatArray:
+    return np.tile(given.orders.astype(np.float64), (len(given), 1))
+
+
+def _filter_over(
+    data: Observations, rig: RigModel, place: Callable[[Observations], FloatArray], name: str, text: str
+) -> tuple[float, Mistake] | None:
+    """A filter whose response depends on the place (n, K) of each coefficient, and what the votes gain by it."""
+    model, noise, at = rig.coefficients(data.at, data.orders.tolist()), noise_power(data), place(data)
+    knots = np.linspace(0.0, float(at.max(initial=0.0)), SETTINGS.knots_of_filter + 1)
+    passes, of_others = _response(data, model, noise, at, knots)
     if not passes.any():
-        return []
-
-    def passed(conditions: Observations) -> ComplexArray:
-        at = conditions.at.speed_rpm[:, None] / (60.0 * rig.constants.reduction_ratio) * conditions.orders
-        return _between_knots(at, conditions.at.sign, knots, passes)
-
+        return None
     # each order is predicted by the response that the others tell: a rig that is a little wrong has none in common
-    columns = [_between_knots(hertz[:, k], data.at.sign, knots, of_others[k]) for k in range(len(data.orders))]
+    columns = [_between_knots(at[:, k], data.at.sign, knots, of_others[k]) for k in range(len(data.orders))]
     seen, every = model * np.stack(columns, axis=1), data.orders > 0
-    delay = _fitted(data, model, noise, lambda s: np.exp(-2j * np.pi * s * data.at.sign[:, None] * hertz))
-    late = model * np.exp(-2j * np.pi * delay * data.at.sign[:, None] * hertz)
-    if min(agreed_gain(data, rig, seen, every), agreed_gain(data, rig, seen, every, late)) < SETTINGS.vote:
-        return []
+    turn = -2j * np.pi * data.at.sign[:, None] * at
+    late = model * np.exp(turn * _fitted(data, model, noise, lambda by: np.exp(turn * by)))
+    gain = min(agreed_gain(data, rig, seen, every), agreed_gain(data, rig, seen, every, late))
+    if gain < SETTINGS.vote:
+        return None
 
     def corrected(given: Observations) -> Observations:
-        response = passed(given)
+        response = _between_knots(place(given), given.at.sign, knots, passes)
         told = np.abs(response) > SETTINGS.acts
         spectral = None if given.spectral_deg is None else given.spectral_deg / np.where(told, np.abs(response), 1.0)
         whole = replace(given, values=given.values / np.where(told, response, 1.0), spectral_deg=spectral)
         return whole if told.all() else replace(whole, seen=told if given.seen is None else told & given.seen)
 
-    most = int(np.abs(passes - 1.0).argmax())
-    text = _FILTER.format(knots[most], abs(passes[most]), np.degrees(np.angle(passes[most])))
-    return [Mistake("filter", text, corrected, remedy="undo it, as far as the orders tell it")]
+    # between the orders that tell it the response is anybody's guess
+    response = np.where(np.abs(model) ** 2 > noise, _between_knots(at, data.at.sign, knots, passes), 1.0)
+    most = np.unravel_index(int(np.abs(response - 1.0).argmax()), response.shape)
+    ahead = np.degrees(np.angle(response[most])) * data.at.sign[most[0]]
+    said = text.format(at[most], abs(response[most]), ahead)
+    return gain, Mistake(name, said, corrected, remedy="undo it, as far as the orders tell it")
 
 
-def _between_knots(hertz: FloatArray, sign: FloatArray, knots: FloatArray, passes: ComplexArray) -> ComplexArray:
-    """A response at frequencies (n, ..) of rows in a direction (n,), by what it is at knots; backward conjugate."""
-    found = np.interp(hertz, knots, passes.real) + 1j * np.interp(hertz, knots, passes.imag)
-    forward = sign.reshape(-1, *[1] * (hertz.ndim - 1)) > 0
+def _between_knots(at: FloatArray, sign: FloatArray, knots: FloatArray, passes: ComplexArray) -> ComplexArray:
+    """A response at places (n, ..) of rows in a direction (n,), by what it is at knots; backward conjugate."""
+    found = np.interp(at, knots, passes.real) + 1j * np.interp(at, knots, passes.imag)
+    forward = sign.reshape(-1, *[1] * (at.ndim - 1)) > 0
     return np.asarray(np.where(forward, found, found.conj()))
 
 
 def _response(
-    data: Observations, model: ComplexArray, noise: FloatArray, hertz: FloatArray, knots: FloatArray
+    data: Observations, model: ComplexArray, noise: FloatArray, at: FloatArray, knots: FloatArray
 ) -> tuple[ComplexArray, ComplexArray]:
-    """What all orders share of a response over the frequency, at the knots (N,), and all but one each, (K, N).
+    """What all orders share of a response over their places (n, K), at the knots (N,), and all but one each, (K, N).
 
     It is 1 at 0. Each order has about one vote: an order is weighed by its gap and its noise. Zeros where the data tell
     no response.
@@ -232,7 +257,7 @@ def _response(
     count = len(knots) - 1
     matrix, pull = np.zeros((len(power), count, count)), np.zeros((len(power), count), np.complex128)
     for k in waves:
-        hats = np.maximum(0.0, 1.0 - np.abs(hertz[:, k, None] - knots[None, 1:]) / knots[1])
+        hats = np.maximum(0.0, 1.0 - np.abs(at[:, k, None] - knots[None, 1:]) / knots[1])
         weight = np.abs(own[:, k]) ** 2 / power[k]
         matrix[k] = (hats * weight[:, None]).T @ hats
         pull[k] = hats.T @ (own[:, k].conj() * gap[:, k] / power[k])
