@@ -123,8 +123,9 @@ class Settings:
     #: gives them: of three folds, the fewest, noise does that once in 1000
     moved: float = 5.0
 
-    #: torques at which a run is tried before its label is called wrong: a quarter of a percent of the range apart
-    torques_tried: int = 401
+    #: speeds and torques at which a run is tried before its label is called wrong: a quarter of a percent of the range
+    #: apart
+    places_tried: int = 401
 
     # --- search ---
     #: effects that may be added, candidates fitted in full in a round, and rounds, before the search ends

@@ -713,6 +713,14 @@ def test_a_run_whose_torque_alone_is_read_wrong_has_the_label_of_no_other_run():
     assert one.name == "labels" and set(one.rows) == {3, 3 + RUNS}
 
 
+def test_speeds_that_are_not_held_are_no_labels_of_other_runs():
+    """A run of 1500 rpm that turned at 1428 is near one of 1400 rpm at another oil, and at neither of them."""
+    data, random = of_curves(3e-6), np.random.default_rng(4)
+    at = replace(data.at, speed_rpm=data.at.speed_rpm * (1.0 + 0.03 * np.tile(random.standard_normal(RUNS), 2)))
+    right = data.values + RIG.coefficients(at, ORDERS.tolist()) - RIG.coefficients(data.at, ORDERS.tolist())
+    assert [one.name for one in examine(replace(data, values=right), RIG, PATH).mistakes] == []
+
+
 def test_runs_of_one_start_of_the_machine_share_its_zero():
     """Each by its own, what a missing resonance turned of single orders stayed as steps and scatter of nine orders."""
     data, random = of_curves(), np.random.default_rng(3)

@@ -113,7 +113,7 @@ def _labels(
         at, row = data.at, other[1]
         if not _most_agree(data, values, known, weight, rows, row):
             continue
-        if _by_its_torque(data, rig, sure, weight, rows, row) < other[0] + SETTINGS.order_gain:
+        if _is_elsewhere(data, rig, sure, weight, rows, other):
             continue
         wrong += map(int, rows)
         texts.append(
@@ -144,23 +144,35 @@ def _most_agree(
     return float(np.sort(gain)[:-1].sum()) > SETTINGS.order_gain
 
 
-def _by_its_torque(
-    data: Observations, rig: RigModel, sure: BoolArray, weight: FloatArray, rows: IntArray, other: int
-) -> float:
-    """The least loss of a run at another torque than its label's; infinite where the other label is no more than that.
+def _is_elsewhere(
+    data: Observations, rig: RigModel, sure: BoolArray, weight: FloatArray, rows: IntArray, other: tuple[float, int]
+) -> bool:
+    """Whether a run lies at another speed or torque than its label's, which is not that of any label either.
 
-    A torque that is read wrong may be near that of another run, whose speed has no part in it. Where torques have
-    levels it is no chance that a run lies at another one.
+    other: the loss under the label of another row, and that row. A torque that is read wrong may be near that of
+    another run, whose speed has no part in it. Where conditions have levels it is no chance that a run lies at another
+    one: there it must lie clearly between them.
     """
-    at = data.at
-    if 2 * len(np.unique(at.torque_Nm)) < len(data.runs):
-        return np.inf
-    if (at.speed_rpm[rows] == at.speed_rpm[other]).all() and (at.temperature_C[rows] == at.temperature_C[other]).all():
-        return np.inf
-    tried = np.linspace(at.torque_Nm.min(), at.torque_Nm.max(), SETTINGS.torques_tried)
+    at, (loss, row) = data.at, other
+    own = [_by_one_condition(data, rig, sure, weight, rows, key) for key in ("speed_rpm", "torque_Nm")]
+    if min(own) < loss - SETTINGS.order_gain:
+        return True
+    scatters = 2 * len(np.unique(at.torque_Nm)) >= len(data.runs)
+    is_torque = (at.speed_rpm[rows] == at.speed_rpm[row]).all() and (
+        at.temperature_C[rows] == at.temperature_C[row]
+    ).all()
+    return bool(scatters and not is_torque and own[1] < loss + SETTINGS.order_gain)
+
+
+def _by_one_condition(
+    data: Observations, rig: RigModel, sure: BoolArray, weight: FloatArray, rows: IntArray, key: str
+) -> float:
+    """The least loss of a run at another value of one condition than its label's."""
+    values = getattr(data.at, key)
+    tried = np.linspace(values.min(), values.max(), SETTINGS.places_tried)
     found = np.zeros(len(tried))
     for row in rows:
-        as_if = replace(at.rows(np.full(len(tried), row)), torque_Nm=tried)
+        as_if = replace(data.at.rows(np.full(len(tried), row)), **{key: tried})
         model = rig.coefficients(as_if, data.orders.tolist())[:, sure]
         found += (weight[row] * np.abs(data.values[row, sure] - model) ** 2).sum(axis=1)
     return float(found.min())
