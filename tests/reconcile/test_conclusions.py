@@ -452,6 +452,18 @@ def test_a_changed_parameter_names_what_would_do_in_its_place():
     assert (changed.after.name, changed.alternatives) == ("backlash", ("friction_windup", "misread_torque"))
 
 
+def test_a_change_that_the_zero_would_do_as_well_names_it_and_what_is_missing():
+    """Of one direction, far from 0 N m, missing friction is more play or another zero, and one hides the other."""
+    at = grid(6, 4, 2)
+    at = at.rows(np.flatnonzero((at.sign > 0) & (at.torque_Nm > 0)))
+    play = effect("backlash", gap_arcmin=0.3, seating_torque_Nm=60.0)
+    friction = effect("friction_windup", coulomb_arcmin=0.25, viscous_arcmin_per_krpm=0.02, viscosity_decay_per_K=0.04)
+    rig = RigModel(effects=(*RIG.effects, play))
+    data = observed(RigModel(effects=(*rig.effects, friction)), at, sigma=3e-4)
+    (changed,) = conclude(rig, fitted(rig, data), KNOWN).retuned
+    assert changed.after.name == "backlash" and {"friction_windup", "zero_offset_deg"} <= set(changed.alternatives)
+
+
 @pytest.mark.parametrize(
     ("stiffness", "met"), [(0.5, True), (0.6, False), (454.0, False), (9000.0, False), (2e4, True)]
 )

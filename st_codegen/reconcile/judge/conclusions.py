@@ -278,7 +278,14 @@ def _retuned(
     wrong: Sequence[Misread] = (),
 ) -> Retuned:
     """What is said of a changed effect of the rig."""
-    others = (*_as_good(with_piece_held(joint, number), joint, number, known), *rivals)
+    smaller, larger = with_piece_held(joint, number), joint
+    if smaller.loss - joint.loss < SETTINGS.as_good:
+        # what the rest of the rig could do hides what is missing: asked with the rest at the rig's own values
+        smaller, larger = with_piece_held(final, number), final
+        moved = fit(smaller.target, replace(smaller.state, offset_free=True), steps=SETTINGS.quick_steps)
+        if moved.loss - final.loss < SETTINGS.as_good:
+            rivals = (*rivals, Other("zero_offset_deg", moved.state.model()))
+    others = (*_as_good(smaller, larger, number, known), *rivals)
     before, after = _origin(joint.state.pieces[number]), final.state.pieces[number].effect
     return Retuned(before, after, standard_errors(joint, number, final, wrong), p, others)
 
