@@ -163,6 +163,25 @@ def test_a_mistake_is_asked_about_and_corrected(name):
     assert left.sum() < 0.3 * wrong.sum()
 
 
+def at_a_rate(data, hertz):
+    """Curves sampled at a rate in time: fast ones have few samples a turn, and tell a quarter as many orders."""
+    seen = ORDERS[None, :] <= hertz * 60 * 81 / data.at.speed_rpm[:, None] / 4
+    return replace(data, values=data.values * seen, spectral_deg=3e-6 * seen, seen=seen)
+
+
+@pytest.mark.parametrize("hertz", [60.0, 200.0])
+def test_of_curves_sampled_at_a_rate_nothing_is_asked(hertz):
+    """Orders that fast runs do not tell were taken for what a filter had left of them, and for another label."""
+    assert examine(at_a_rate(measured(3e-6), hertz), RIG, PATH).mistakes == ()
+
+
+@pytest.mark.parametrize("name", ["home_offset", "sign", "direction", "column_scale", "ratio", "torque 9.81 times"])
+def test_of_curves_sampled_at_a_rate_a_mistake_is_asked_about_as_of_others(name):
+    with pytest.raises(InputError, match=f"--accept {name.split()[0]}") as asked:
+        examine(at_a_rate(MADE[name](measured(3e-6)), 60.0), RIG, PATH)
+    assert "problems" not in str(asked.value)
+
+
 def of_curves(sigma=3e-5):
     """A campaign of curves, each of which tells its noise."""
     data = measured(sigma)

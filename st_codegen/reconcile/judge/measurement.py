@@ -31,7 +31,15 @@ from st_codegen.reconcile.judge.sensors import (
     wrong_angle,
     wrong_torques,
 )
-from st_codegen.reconcile.judge.votes import PowerSums, enough_orders, gaps_fall, loud_orders, noise_power, power_sums
+from st_codegen.reconcile.judge.votes import (
+    SIGNS,
+    PowerSums,
+    enough_orders,
+    gaps_fall,
+    loud_orders,
+    noise_power,
+    power_sums,
+)
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.model import RigModel
 from st_codegen.threads import one_thread
@@ -88,7 +96,7 @@ def examine(
     of_forms = (copied_columns, taken_off, _drift, _ratio, partial(_common, scale=scale), _zeros, wrong_angle)
     for look in (*of_forms, *of_sizes):
         is_unit = any(mistake.name == "unit" for mistake in found)
-        for mistake in () if is_unit and look in of_sizes else look(data, rig):
+        for mistake in () if is_unit and look in of_sizes else look(_with_expected(data, rig), rig):
             if mistake.name in corrected:
                 continue
             if AS_IS in accept and mistake.name != "unit" and mistake.name not in accept:
@@ -99,10 +107,11 @@ def examine(
             found.append(replace(mistake, text=f"{mistake.text} (corrected)", is_taken_out=True))
             if mistake.name == "unit" or (mistake.name not in accept and "all" not in accept):
                 problems.add(mistake.question)
-    is_told = enough_orders(data, loud_orders(data, rig))
+    whole = _with_expected(data, rig)
+    is_told = enough_orders(whole, loud_orders(whole, rig))
     if scale is None and not is_told:
         with problems.collect():
-            check_units(data, rig, path)
+            check_units(whole, rig, path)
     # what a filter has taken from single runs says nothing of their labels
     runs = [] if any(mistake.name == "filter" for mistake in found) else mistaken_runs(data, rig) or []
     if problems.errors:
@@ -113,8 +122,29 @@ def examine(
     left_out = tuple(sorted({row for mistake in runs for row in mistake.rows}))
     untold: tuple[str, ...] = (_UNTOLD,) if data.both_directions() and not is_told else ()
     if all(mistake.name != "axis" for mistake in found):
-        untold += hidden_wrong_angle(data, rig)
+        untold += hidden_wrong_angle(whole, rig)
     return Examined(data, (*found, *runs), left_out, untold)
+
+
+def _with_expected(data: Observations, rig: RigModel) -> Observations:
+    """Data in which a coefficient that its curve does not tell is as many times the rig's as others of its order are.
+
+    So it says what these say, and nothing by itself; its noise is theirs.
+    """
+    if data.seen is None:
+        return data
+    expected = rig.coefficients(data.at, data.orders.tolist())
+    values, spectral = data.values.copy(), None if data.spectral_deg is None else data.spectral_deg.copy()
+    for sign in SIGNS:
+        for k in range(len(data.orders)):
+            rows = data.at.sign == sign
+            told, untold = (np.flatnonzero(rows & is_told) for is_told in (data.seen[:, k], ~data.seen[:, k]))
+            power = float((np.abs(expected[told, k]) ** 2).sum())
+            times = np.vdot(expected[told, k], values[told, k]) / power if power else 1.0
+            values[untold, k] = times * expected[untold, k]
+            if spectral is not None:
+                spectral[untold, k] = np.median(spectral[told, k]) if len(told) else 0.0
+    return replace(data, values=values, spectral_deg=spectral)
 
 
 # --- another ratio
