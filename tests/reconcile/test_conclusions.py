@@ -523,7 +523,7 @@ def test_foreign_orders_of_a_walk_within_the_turn_are_noise():
 
 
 @pytest.mark.parametrize(
-    ("left", "is_open"), [((1, 2), {0}), ((2, 4), {3}), ((0, 2), {1}), ((1, 4), set()), ((2,), set())]
+    ("left", "is_open"), [((1, 2), {0}), ((2, 4), {3}), ((0, 2), {1}), ((1, 4), set()), ((2,), set()), ((4, 5, 6), {3})]
 )
 def test_what_lies_between_unexplained_orders_is_open(left, is_open):
     """A worn sector reaches all the lowest orders: on two of them it was a stiffness and a crankshaft that changed."""

@@ -122,3 +122,13 @@ def test_angles_that_do_not_tell_the_orders_apart_are_those_of_a_named_file(tmp_
 def test_a_campaign_of_which_no_curve_is_whole_is_refused(tmp_path, monkeypatch):
     with pytest.raises(InputError, match=r"no curve is whole: 12 curves that are cut off at -0\.09, .* wider range"):
         read(tmp_path, monkeypatch, clipped, (1800.0,) * 12)
+
+
+def test_a_reduction_ratio_that_is_one_tooth_off_is_said_as_it_is(tmp_path, monkeypatch):
+    """A ramp in steps has smaller orders than a smooth one: 80 was said to be 80.0089."""
+
+    def wrong(_, angle, te):
+        return angle, te + angle * (1.0 - 81.0 / 80.0)
+
+    with pytest.raises(InputError, match=r"reduction ratio of 80(\.000\d)?, not 81"):
+        read(tmp_path, monkeypatch, wrong, TORQUES * 3)

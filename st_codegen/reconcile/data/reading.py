@@ -241,8 +241,10 @@ def _check_ratio(campaign: Campaign, rig: RigModel) -> None:
     if band < 2 * low:
         return
     orders = np.arange(low, min(band, high) + 1)
-    waves = np.stack([curve.sums.te[orders] * (2.0 / curve.sums.samples) for curve in campaign.curves])
-    size, scatter, start = ramp_deg(orders, waves)
+    samples = np.array([curve.sums.samples for curve in campaign.curves])[:, None]
+    waves = np.stack([curve.sums.te[orders] for curve in campaign.curves]) * 2.0 / samples
+    # of a ramp in steps the orders are smaller by x / tan x
+    size, scatter, start = ramp_deg(orders, waves * np.tan(np.pi * orders / samples) / (np.pi * orders / samples))
     if abs(size) > SETTINGS.ramp * scatter:
         ratio = rig.constants.reduction_ratio
         raise InputError(

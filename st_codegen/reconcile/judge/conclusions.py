@@ -519,6 +519,9 @@ def doubted(found: Conclusions, left: Collection[int], beside: Collection[int]) 
     near = {order + off for order in beside for off in (-1, 1)}
     # what reaches all orders around one, as an effect of one angle does, reaches it as well
     reached = {k for k in range(max(left, default=0)) if {k - 1 if k else 2, k + 1} <= set(left)}
+    # and so does what three in a row have in common, as an error of pitch that adds up, to the two beside them
+    rows = [k for k in left if {k + 1, k + 2} <= set(left)]
+    reached |= {beyond for k in rows for beyond in (k - 2, k - 1, k + 3, k + 4) if beyond > 0}
 
     def is_open(effect: Effect, orders: Collection[int]) -> bool:
         return bool(set(effect.touched_orders()) & set(orders))
