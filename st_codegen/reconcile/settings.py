@@ -227,8 +227,10 @@ class Settings:
     form: float = 0.1
     #: an effect acts where its contribution is more than this part of its largest
     acts: float = 0.3
-    #: changes of the rig that may stay beside a reading (with more it explains little); how often data are read anew
+    #: changes of the rig that may stay beside a reading (with more it explains little), and those that are tried for
+    #: it; how often data are read anew
     beside_reading: int = 2
+    changes_tried: int = 4
     rereadings: int = 3
     #: a size of a reading is found where it would move by less than this part of its error
     of_an_error: float = 0.25

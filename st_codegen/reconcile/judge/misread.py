@@ -6,7 +6,7 @@ is asked again of the finished fit: whether one number of the measurement does w
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -183,11 +183,11 @@ def misread(final: Fit, changed: Collection[int], offset_changed: bool) -> tuple
         state = state.replaced(i, state.pieces[i].held())
     state = replace(state, offset=state.rig.zero_offset_deg, offset_free=False)
     plain = fit(final.target, state, steps=SETTINGS.quick_steps)
-    found = (
-        _instead(final, plain, reading, everything) or _beside_the_rest(final, plain, reading, everything)
-        for reading in READINGS
-    )
-    standing = [one for one in found if one is not None]
+    standing = list[Misread]()
+    for reading in READINGS:
+        chance = _chance_beside(final, reading, everything)
+        found = _instead(final, plain, reading, chance) or _beside_the_rest(final, plain, reading, chance)
+        standing += [] if found is None else [found]
     return tuple(sorted(standing, key=lambda one: (-len(one.instead_of), len(one.sizes), one.best.loss)))
 
 
@@ -208,8 +208,35 @@ def refined(final: Fit, accepted: Collection[str]) -> Misread | None:
     return max(found, key=lambda one: one[0])[1] if found else None
 
 
-def _instead(final: Fit, plain: Fit, reading: WrongReading, everything: frozenset[int]) -> Misread | None:
-    """A reading with as many of the changes as it needs to be as good as all of them; None where it needs all."""
+def _chance_beside(final: Fit, reading: WrongReading, everything: frozenset[int]) -> dict[int, tuple[float, float]]:
+    """Of each change the chance by noise where a reading is free as well, by a linear step, and the loss it saves.
+
+    The chance is large where the reading does what it does; where it is too small for a number the loss, negative, says
+    how small.
+    """
+    columns = _slopes(final.target, final, reading, np.zeros(len(reading.steps)))
+    columns = columns if all(values.any() for _, values in columns) else []
+    weights = final.target.weights(final.residual)
+    matrix = gather(final.target, (*final.columns, *columns), final.residual, weights, by_cell=False).total()[0]
+    known = inverse(matrix + np.diag(np.concatenate([final.prior, np.zeros(len(columns))])))
+    away, slices = final.state.vector() - final.centre, final.state.slices()
+    away[0] = final.state.offset - final.state.rig.zero_offset_deg
+    found: dict[int, tuple[float, float]] = {}
+    for i in everything:
+        place = slice(0, 1) if i == OFFSET else slices[i]
+        gain = float(away[place] @ np.linalg.solve(known[place, place], away[place]))
+        found[i] = chi_square_tail(gain, len(away[place])), -gain
+    return found
+
+
+def _instead(
+    final: Fit, plain: Fit, reading: WrongReading, chance: Mapping[int, tuple[float, float]]
+) -> Misread | None:
+    """A reading with as many of the changes as it needs to be as good as all of them; None where it needs all.
+
+    chance: of each change beside the reading; those that it is furthest from doing are tried first.
+    """
+    everything = frozenset(chance)
     sizes, best = _read(plain.target, plain.state, reading)
     if plain.loss - best.loss < SETTINGS.order_gain:
         return None
@@ -218,7 +245,8 @@ def _instead(final: Fit, plain: Fit, reading: WrongReading, everything: frozense
         # a reading of several numbers stands for as many changes at least
         if len(kept) >= min(SETTINGS.beside_reading, len(everything) - max(len(sizes), 1)):
             return None
-        trials = {i: _read(plain.target, _freed(best.state, final, i), reading, sizes) for i in everything - kept}
+        nearest = sorted(everything - kept, key=lambda i: chance[i])[: SETTINGS.changes_tried]
+        trials = {i: _read(plain.target, _freed(best.state, final, i), reading, sizes) for i in nearest}
         number = min(trials, key=lambda i: trials[i][1].loss)
         kept.add(number)
         sizes, best = trials[number]
@@ -232,35 +260,24 @@ def _instead(final: Fit, plain: Fit, reading: WrongReading, everything: frozense
     return Misread(reading, sizes, instead, best) if len(instead) >= max(len(sizes), 1) else None
 
 
-def _beside_the_rest(final: Fit, plain: Fit, reading: WrongReading, everything: frozenset[int]) -> Misread | None:
+def _beside_the_rest(
+    final: Fit, plain: Fit, reading: WrongReading, chance: Mapping[int, tuple[float, float]]
+) -> Misread | None:
     """A reading that does what one of many changes does, or a few, and leaves the others; None where it does nothing.
 
     Another unit of a type has many numbers of its own, and a sensor's zero beside them.
     """
-    if not reading.steps or len(everything) <= SETTINGS.beside_reading:
+    if not reading.steps or len(chance) <= SETTINGS.beside_reading:
         return None
-    columns = _slopes(final.target, final, reading, np.zeros(len(reading.steps)))
-    if not all(values.any() for _, values in columns):
-        return None
-    weights = final.target.weights(final.residual)
-    matrix = gather(final.target, (*final.columns, *columns), final.residual, weights, by_cell=False).total()[0]
-    known = inverse(matrix + np.diag(np.concatenate([final.prior, np.zeros(len(columns))])))
-    away, slices = final.state.vector() - final.centre, final.state.slices()
-    away[0] = final.state.offset - final.state.rig.zero_offset_deg
-    chance: dict[int, float] = {}
-    for i in everything:
-        place = slice(0, 1) if i == OFFSET else slices[i]
-        gain = away[place] @ np.linalg.solve(known[place, place], away[place])
-        chance[i] = chi_square_tail(float(gain), len(away[place]))
-    instead, sizes, best = set[int](), np.zeros(len(columns)), final
-    for i in sorted(everything, key=lambda i: -chance[i]):
-        if chance[i] < SETTINGS.p_changed:
+    instead, sizes, best = set[int](), np.zeros(len(reading.steps)), final
+    for i in sorted(chance, key=lambda i: chance[i], reverse=True):
+        if chance[i][0] < SETTINGS.p_changed:
             break
         again = _read(final.target, _held(best.state, plain, i), reading, sizes)
         if not _is_needed(again[1], final, len(sizes)):
             instead.add(i)
             sizes, best = again
-    return Misread(reading, sizes, frozenset(instead), best) if len(instead) >= len(columns) else None
+    return Misread(reading, sizes, frozenset(instead), best) if len(instead) >= len(sizes) else None
 
 
 def _is_needed(without: Fit, final: Fit, sizes: int) -> bool:
