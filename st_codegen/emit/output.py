@@ -108,17 +108,22 @@ def block_of(folder: Path, model: ModelIR) -> tuple[str, tuple[int, ...]]:
     return facts["block"], tuple(facts.get("block_outputs", range(len(facts["outputs"]))))
 
 
+def _models_in(generated: Path) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """The models of generated folders (`generated` is one, or holds them) by name, with the facts of each."""
+    for folder in (generated, *(sorted(generated.iterdir()) if generated.is_dir() else ())):
+        manifest = read_manifest(folder) if folder.is_dir() else None
+        yield from () if manifest is None else manifest.facts["models"].items()
+
+
 def kinds_of_outputs(generated: Path) -> dict[str, tuple[OutputKind, ...]]:
     """For each classifier of generated folders (`generated` is one, or holds them), what its outputs are.
 
     Where the folders differ, the first one counts.
     """
     found: dict[str, tuple[OutputKind, ...]] = {}
-    for folder in (generated, *(sorted(generated.iterdir()) if generated.is_dir() else ())):
-        manifest = read_manifest(folder) if folder.is_dir() else None
-        for name, facts in ({} if manifest is None else manifest.facts["models"]).items():
-            given = facts.get("kinds", ())
-            found.setdefault(name, tuple(kind for kind in OutputKind if kind in given))
+    for name, facts in _models_in(generated):
+        given = facts.get("kinds", ())
+        found.setdefault(name, tuple(kind for kind in OutputKind if kind in given))
     return found
 
 
@@ -127,10 +132,7 @@ def is_real(generated: Path) -> bool:
 
     Raises GeneratedCodeError where some are and others are not: they are compared with different models.
     """
-    found = set()
-    for folder in (generated, *(sorted(generated.iterdir()) if generated.is_dir() else ())):
-        manifest = read_manifest(folder) if folder.is_dir() else None
-        found |= {"real" in facts for facts in ({} if manifest is None else manifest.facts["models"]).values()}
+    found = {"real" in facts for _, facts in _models_in(generated)}
     if len(found) > 1:
         raise GeneratedCodeError(f"{generated}: some targets were generated with --real and some without: name one")
     return found == {True}
