@@ -435,6 +435,11 @@ class Pou:
     modifiers: frozenset[str] = frozenset()
     is_native: bool = False
 
+    @property
+    def full_name(self) -> str:
+        """The name, of a method behind that of its block."""
+        return self.name if self.block is None else f"{self.block}.{self.name}"
+
     def section(self, *sections: Section) -> tuple[Variable, ...]:
         """The variables of some kinds of VAR blocks, in order."""
         return tuple(variable for variable in self.variables if variable.section in sections)
@@ -464,13 +469,6 @@ class Project:
         return tuple(
             variable for pou in reversed(lineage) for variable in pou.variables if variable.storage is Storage.INSTANCE
         )
-
-    def find_method(self, block: str, name: str) -> Pou | None:
-        """The method that a call of `name` on a `block` reaches, inherited ones included."""
-        for pou in self.lineage(block):
-            if name.upper() in pou.methods:
-                return self.pous[pou.methods[name.upper()]]
-        return None
 
 
 # --- questions about expressions --------------------------------------------------------------------------------------
