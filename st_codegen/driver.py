@@ -385,8 +385,7 @@ def _staged(
 
 def _earlier(folder: Path) -> Choices:
     """What the run that wrote a folder had chosen; nothing where there is none."""
-    manifest = output.read_manifest(folder)
-    found = {} if manifest is None else manifest.facts[output.CHOICES]
+    found = output.read_manifest(folder).facts[output.CHOICES]
     try:
         shared = {str(name): [[str(m) for m in group] for group in groups] for name, groups in found["shared"].items()}
         return Choices({str(name): str(layout) for name, layout in found["layouts"].items()}, shared)
@@ -396,8 +395,7 @@ def _earlier(folder: Path) -> Choices:
 
 def _earlier_cuts(folder: Path, max_array: int) -> dict[str, Cuts]:
     """Where the blocks of a folder cut their arrays; nothing where the limit was another one."""
-    manifest = output.read_manifest(folder)
-    found = {} if manifest is None else manifest.facts[output.CHOICES]
+    found = output.read_manifest(folder).facts[output.CHOICES]
     try:
         if found[_CUT_AT] != max_array:
             return {}

@@ -39,8 +39,6 @@ RIG_HEADER = (
     "Transmission_Error_Bw",
 )
 CONDITIONS_FILE = "conditions.csv"
-#: suffixes of a direction's two columns
-_SUFFIXES = {Direction.FORWARD: "fw", Direction.BACKWARD: "bw"}
 #: name of a column as it is compared (lower case) -> its number; the last is the corrected header
 _COLUMNS = {name.lower(): place for place, name in enumerate(RIG_HEADER)} | {"position_output_reducer_fw": 0}
 _NUMBER = r"(-?\d+(?:[.,]\d+)?)"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from st_codegen.cli.console import console, quiet_option, table_of
+from st_codegen.cli.console import FILE, PLACE, console, quiet_option, say, table_of
 from st_codegen.cli.costs import profile_option
 from st_codegen.errors import InputError
 from st_codegen.files.text import write_text
@@ -30,16 +30,16 @@ times.csv:
   FB_TEPredict,warm,41.3
   FB_TEPredict,cold,97.0""",
 )
-@click.argument("generated", type=click.Path(path_type=Path))
+@click.argument("generated", type=PLACE)
 @click.option(
     "-m",
     "--measured",
-    type=click.Path(path_type=Path),
+    type=PLACE,
     required=True,
     help="CSV with the columns block,caches,us: the longest call of a block that was seen, caches warm or cold.",
 )
 @profile_option
-@click.option("-o", "--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="Profile to write.")
+@click.option("-o", "--out", type=FILE, required=True, help="Profile to write.")
 @quiet_option
 def command(generated: Path, measured: Path, profile: str, out: Path, quiet: bool) -> None:
     """Fit a profile to times measured on the controller, for the text in GENERATED.
@@ -83,4 +83,4 @@ def write_profile(
         table.add_row(measurement.block, caches, f"{measurement.microseconds:.2f}", f"{modelled:.2f}", error)
     console.print(table)
     for text in fit.remarks(measurements):
-        console.print(text, soft_wrap=True)
+        say(text)

@@ -14,6 +14,7 @@ from rich.text import Text
 from st_codegen.cli.calibrate import must_be_a_profile, write_profile
 from st_codegen.cli.codes import show_codes
 from st_codegen.cli.console import (
+    FILE,
     Whole,
     console,
     controller_options,
@@ -23,6 +24,7 @@ from st_codegen.cli.console import (
     names_options,
     progress_bar,
     quiet_option,
+    say,
     trust_option,
 )
 from st_codegen.cli.costs import profile_option
@@ -59,19 +61,15 @@ Examples:
     help="Fail where bits are not those of the text run here, also behind EXP, SIN and their like, of which a "
     "controller may have its own. For one that has those of this machine, such as serve.",
 )
-@click.option(
-    "--times",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Write the measured times as `calibrate` takes them.",
-)
+@click.option("--times", type=FILE, help="Write the measured times as `calibrate` takes them.")
 @click.option(
     "--calibrated",
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=FILE,
     help="Write a profile that is fitted to the measured times, as `calibrate` does, where all agree.",
 )
 @profile_option
-@click.option("--json", "json_file", type=click.Path(path_type=Path, dir_okay=False), help="Write the record as JSON.")
-@click.option("--html", type=click.Path(path_type=Path, dir_okay=False), help="Write the record as a page.")
+@click.option("--json", "json_file", type=FILE, help="Write the record as JSON.")
+@click.option("--html", type=FILE, help="Write the record as a page.")
 @trust_option
 @quiet_option
 def command(
@@ -115,7 +113,7 @@ def command(
     if not quiet:
         _print(report)
     for name, line in report.failures():
-        console.print(Text.assemble((name, "red"), f": {line}"), soft_wrap=True)
+        say(Text.assemble((name, "red"), f": {line}"))
     if calibrated is not None:
         _calibrate(report, folder, base, calibrated, quiet=quiet)
     if not report.passed:
@@ -143,9 +141,9 @@ def _calibrate(report: LiveReport, folder: Path, base: Profile, out: Path, *, qu
 
     measured = tuple(Measurement(name, False, high_us) for name, high_us in known_times(report).items())
     if not report.passed:
-        console.print(f"{out} is not written: the times may be those of another text", soft_wrap=True)
+        say(f"{out} is not written: the times may be those of another text")
     elif not measured:
-        console.print(f"{out} is not written: all calls were quicker than the controller's clock", soft_wrap=True)
+        say(f"{out} is not written: all calls were quicker than the controller's clock")
     else:
         write_profile(folder, base, measured, out, quiet=quiet)
 
@@ -153,4 +151,4 @@ def _calibrate(report: LiveReport, folder: Path, base: Profile, out: Path, *, qu
 def _print(report: LiveReport) -> None:
     console.print(agreement_table(f"library = controller, {report.address}", report.models))
     for line in report.remarks():
-        console.print(line, soft_wrap=True)
+        say(line)

@@ -14,8 +14,9 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
+from rich.text import Text
 
-from st_codegen.cli.choices import LAYOUTS, OUTPUTS, TABLE_KILOBYTES
+from st_codegen.cli.choices import OUTPUTS
 from st_codegen.files.number_text import parse_number, parse_whole
 from st_codegen.walkers.limits import DEFAULT_MAX_MODEL_BYTES, set_features, set_max_model_bytes
 
@@ -35,7 +36,18 @@ class _Console(Console):
 #: Messages and progress; results go to standard output. Text is shown as it is, nothing in it is taken as markup.
 console = _Console(stderr=True, width=None if sys.stderr.isatty() else 120, markup=False, emoji=False, highlight=False)
 
+
+def say(text: str | Text) -> None:
+    """A line of messages, which a terminal may break and nobody else."""
+    console.print(text, soft_wrap=True)
+
+
 Command = TypeVar("Command", bound=Callable[..., Any])
+
+
+#: Paths on the command line: of anything, of a file, of a folder.
+PLACE = click.Path(path_type=Path)
+FILE, FOLDER = click.Path(path_type=Path, dir_okay=False), click.Path(path_type=Path, file_okay=False)
 
 
 class Number(click.FloatRange):
@@ -62,11 +74,6 @@ class Whole(click.IntRange):
             self.fail(f"{error}.", param, ctx)
 
 
-def models_argument(function: Command) -> Command:
-    """Add the argument MODELS to a command; the [build] table beside the models gives its options their defaults."""
-    return click.argument("models", type=click.Path(path_type=Path), is_eager=True, callback=_with_defaults)(function)
-
-
 #: Options of the command line by their names in [build], where these differ.
 _OPTION_OF = {"target": "targets", "entry": "entries"}
 
@@ -82,33 +89,44 @@ def _with_defaults(context: click.Context, _: click.Parameter, models: Path) -> 
     return models
 
 
+#: The argument MODELS; the [build] table beside the models gives the options of the command their defaults.
+models_argument = click.argument("models", type=PLACE, is_eager=True, callback=_with_defaults)
+#: The option --quiet.
+quiet_option = click.option("-q", "--quiet", is_flag=True, help="No progress, no summary: errors only.")
+
+
 def generated_option(text: str) -> Callable[[Command], Command]:
     """The option that names what `generate` wrote; `text` says what becomes of it."""
-    folder = click.Path(path_type=Path)
-    return click.option("-g", "--generated", type=folder, default=Path("generated"), help=text)
+    return click.option("-g", "--generated", type=PLACE, default=Path("generated"), help=text)
 
 
-def trust_option(function: Command) -> Command:
-    """Add the options by which model files are read: what is trusted, how large they may be, what they do not say."""
-    with_limit = click.option(
-        "--max-model-bytes",
-        type=Whole(min=1),
-        default=DEFAULT_MAX_MODEL_BYTES,
-        expose_value=False,
-        callback=lambda _context, _option, value: set_max_model_bytes(value),
-        help="Model files with more bytes, packed or unpacked, are refused before they are unpacked.",
-    )(function)
-    with_limit = click.option(
+def together(*options: Callable[[Any], Any]) -> Callable[[Command], Command]:
+    """Several options as one decorator; the first is the first in the help."""
+    return lambda function: functools.reduce(lambda inner, option: option(inner), reversed(options), function)
+
+
+#: The options by which model files are read: what is trusted, how large they may be, what they do not say.
+trust_option = together(
+    click.option(
+        "--trust-pickle", is_flag=True, help="Load .joblib and .pkl files. A pickle can run code: only your own files."
+    ),
+    click.option(
         "--features",
         type=Whole(min=1),
         metavar="N",
         expose_value=False,
         callback=lambda _context, _option, value: set_features(value),
         help="Features of a row, for ONNX graphs with an input whose number of columns is left open.",
-    )(with_limit)
-    return click.option(
-        "--trust-pickle", is_flag=True, help="Load .joblib and .pkl files. A pickle can run code: only your own files."
-    )(with_limit)
+    ),
+    click.option(
+        "--max-model-bytes",
+        type=Whole(min=1),
+        default=DEFAULT_MAX_MODEL_BYTES,
+        expose_value=False,
+        callback=lambda _context, _option, value: set_max_model_bytes(value),
+        help="Model files with more bytes, packed or unpacked, are refused before they are unpacked.",
+    ),
+)
 
 
 def gathered(name: str, make: Callable[..., Any], *options: Callable[[Any], Any]) -> Callable[[Command], Command]:
@@ -121,7 +139,7 @@ def gathered(name: str, make: Callable[..., Any], *options: Callable[[Any], Any]
             value = make(**{option: given.pop(option) for option in taken})
             return function(*arguments, **{name: value}, **given)
 
-        return cast(Command, functools.reduce(lambda inner, option: option(inner), reversed(options), command))
+        return cast(Command, together(*options)(command))
 
     return add
 
@@ -147,9 +165,7 @@ def _catalogue(effects: tuple[Path, ...]) -> Mapping[str, type[Effect]]:
 effects_option = gathered(
     "known",
     _catalogue,
-    click.option(
-        "--effects", type=click.Path(path_type=Path), multiple=True, help="Python file with effects of your own."
-    ),
+    click.option("--effects", type=PLACE, multiple=True, help="Python file with effects of your own."),
 )
 
 
@@ -181,82 +197,32 @@ def load_generated(
         return load(models, trust_pickle=trust_pickle, outputs=kinds, progress=progress, real=real, **names)
 
 
-def outputs_option(function: Command) -> Command:
-    """Add the option --outputs to a command: what classifiers give beside the class."""
+def _kinds(_context: click.Context, _option: click.Parameter, value: str) -> tuple[OutputKind, ...]:
+    from st_codegen.ir import OutputKind
 
-    def parsed(_context: click.Context, _option: click.Parameter, value: str) -> tuple[OutputKind, ...]:
-        from st_codegen.ir import OutputKind
-
-        words = [word.strip() for word in value.split(",")]
-        if unknown := [word for word in words if word not in OUTPUTS]:
-            raise click.BadParameter(f"{', '.join(unknown)} is none of {', '.join(OUTPUTS)}.")
-        return tuple(OutputKind(word) for word in words)
-
-    return click.option(
-        "--outputs",
-        default=OUTPUTS[0],
-        callback=parsed,
-        metavar="KIND,..",
-        help="What classifiers give: class (always), probability, decision (the library's scores); Gaussian processes: "
-        "mean (always), deviation; a PCA: column (always), reconstruction (the squared error of it).",
-    )(function)
+    words = [word.strip() for word in value.split(",")]
+    if unknown := [word for word in words if word not in OUTPUTS]:
+        raise click.BadParameter(f"{', '.join(unknown)} is none of {', '.join(OUTPUTS)}.")
+    return tuple(OutputKind(word) for word in words)
 
 
-def quiet_option(function: Command) -> Command:
-    """Add the option --quiet to a command."""
-    return click.option("-q", "--quiet", is_flag=True, help="No progress, no summary: errors only.")(function)
-
-
-def array_option(function: Command) -> Command:
-    """Add the option --max-array to a command."""
-    return click.option(
-        "--max-array",
-        type=Whole(min=1),
-        default=None,
-        help="Largest number of elements in one array (default: the target's). Tables of trees, neurons and support "
-        "vectors are cut into several, a tree or a vector never; what cannot be cut is refused.",
-    )(function)
-
-
-def bytes_option(function: Command) -> Command:
-    """Add the option --max-bytes to a command."""
-    return click.option(
-        "--max-bytes",
-        type=Whole(min=1),
-        default=None,
-        help="Largest number of bytes of all tables together (default: the target's); more is an error.",
-    )(function)
-
-
-def layout_options(function: Command) -> Command:
-    """Add to a command the options --layout and --table-limit, and that of `spread_option`."""
-    layout = click.option(
-        "--layout",
-        type=click.Choice(LAYOUTS),
-        default=LAYOUTS[0],
-        help="How trees are written: trees, as they were trained, to be read; ranked, as nodes that compare ranks, "
-        "which is faster; cut, the same, with deep trees cut into the cells of a coarse grid of the inputs, in fewer "
-        "steps and with more memory; table, as a table of their values in every cell. With auto, and where what is "
-        "asked for is impossible, whichever is cheapest.",
-    )
-    limit = click.option(
-        "--table-limit",
-        type=Whole(min=1),
-        default=TABLE_KILOBYTES,
-        help="Largest table of an output in KB; one that is in place may grow to a quarter more.",
-    )
-    return layout(limit(spread_option(function)))
-
-
-def spread_option(function: Command) -> Command:
-    """Add to a command the option --outputs-per-cycle."""
-    return click.option(
-        "--outputs-per-cycle",
-        type=Whole(min=1),
-        default=None,
-        help="Spread the models of a bundle over several calls of about equal cost, so many outputs in each in the "
-        "mean. Default: all in each.",
-    )(function)
+#: The option --outputs: what classifiers give beside the class.
+outputs_option = click.option(
+    "--outputs",
+    default=OUTPUTS[0],
+    callback=_kinds,
+    metavar="KIND,..",
+    help="What classifiers give: class (always), probability, decision (the library's scores); Gaussian processes: "
+    "mean (always), deviation; a PCA: column (always), reconstruction (the squared error of it).",
+)
+#: The option --outputs-per-cycle.
+spread_option = click.option(
+    "--outputs-per-cycle",
+    type=Whole(min=1),
+    default=None,
+    help="Spread the models of a bundle over several calls of about equal cost, so many outputs in each in the mean. "
+    "Default: all in each.",
+)
 
 
 def table_of(title: str | None, *columns: str) -> Table:

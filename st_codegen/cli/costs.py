@@ -11,7 +11,7 @@ import click
 from rich.table import Table
 from rich.text import Text
 
-from st_codegen.cli.console import Command, Number, console, table_of
+from st_codegen.cli.console import Number, console, say, table_of
 from st_codegen.cost.profile_files import DEFAULT, profile_names
 
 if TYPE_CHECKING:
@@ -22,34 +22,25 @@ if TYPE_CHECKING:
 _SMALL = 0.002
 
 
-def cycle_option(function: Command) -> Command:
-    """Add the option --cycle-us to a command."""
-    return click.option(
-        "--cycle-us",
-        type=Number(min=0.0, min_open=True),
-        help="Budget of one cycle in us: fail when the worst case, with cold caches, is longer.",
-    )(function)
-
-
-def profile_option(function: Command) -> Command:
-    """Add the option --profile to a command."""
-    return click.option(
-        "--profile",
-        default=DEFAULT,
-        metavar="NAME|FILE",
-        help=f"The controller: {', '.join(profile_names())}, or a .toml file that `calibrate` wrote.",
-    )(function)
-
-
-def entry_option(function: Command) -> Command:
-    """Add the option --entry to a command."""
-    return click.option(
-        "--entry",
-        "entries",
-        multiple=True,
-        metavar="BLOCK",
-        help="A block or program that one cycle runs, may be given several times. Default: what the tasks call.",
-    )(function)
+#: The options --cycle-us, --profile and --entry.
+cycle_option = click.option(
+    "--cycle-us",
+    type=Number(min=0.0, min_open=True),
+    help="Budget of one cycle in us: fail when the worst case, with cold caches, is longer.",
+)
+profile_option = click.option(
+    "--profile",
+    default=DEFAULT,
+    metavar="NAME|FILE",
+    help=f"The controller: {', '.join(profile_names())}, or a .toml file that `calibrate` wrote.",
+)
+entry_option = click.option(
+    "--entry",
+    "entries",
+    multiple=True,
+    metavar="BLOCK",
+    help="A block or program that one cycle runs, may be given several times. Default: what the tasks call.",
+)
 
 
 @dataclass(frozen=True)
@@ -73,7 +64,7 @@ def print_explanation(found: Explanation) -> None:
 def print_budget(target: str, cost: ProjectCost, cycle_us: float | None) -> None:
     """Who spends what, in a cycle that does not fit."""
     for text in cost.unbounded:
-        console.print(Text.assemble((target, "red"), f": {text}"), soft_wrap=True)
+        say(Text.assemble((target, "red"), f": {text}"))
     console.print(cost_table(f"{target}: worst case of a cycle on {cost.profile.name}", cost.cycle))
     print_verdict(target, cost, cycle_us)
 
@@ -87,7 +78,7 @@ def print_verdict(target: str, cost: ProjectCost, cycle_us: float | None) -> Non
     if cycle_us is not None:
         line.append(f", budget {cycle_us:g} us: ")
         line.append("fits", "green") if cost.fits(cycle_us) else line.append("DOES NOT FIT", "bold red")
-    console.print(line, soft_wrap=True)
+    say(line)
     if cost.profile.compute_factor == cost.profile.memory_factor == 1.0:
         console.print(f"{cost.profile.name} was not calibrated: the times are estimates (st-codegen calibrate)")
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from rich.table import Table
 
-from st_codegen.cli.console import Whole, console, progress_bar, quiet_option, table_of, trust_option
+from st_codegen.cli.console import FILE, PLACE, Whole, console, progress_bar, quiet_option, table_of, trust_option
 from st_codegen.cli.costs import profile_option
 from st_codegen.files.text import write_text
 
@@ -29,13 +29,11 @@ Examples:
 )
 @click.argument("old")
 @click.argument("new")
-@click.argument("path", type=click.Path(path_type=Path), required=False)
+@click.argument("path", type=PLACE, required=False)
 @click.option("-n", "--rows", type=Whole(min=1), default=10_000, help="Operating points.")
 @click.option("--json", "json_file", is_flag=False, flag_value="-", help="Write the review to this file, - for output.")
-@click.option("--html", type=click.Path(path_type=Path, dir_okay=False), help="Write a page with curves to this file.")
-@click.option(
-    "--markdown", "markdown_file", type=click.Path(path_type=Path, dir_okay=False), help="Write it as Markdown."
-)
+@click.option("--html", type=FILE, help="Write a page with curves to this file.")
+@click.option("--markdown", "markdown_file", type=FILE, help="Write it as Markdown.")
 @profile_option
 @trust_option
 @quiet_option
@@ -87,7 +85,7 @@ def _show(found: Review) -> None:
         from st_codegen.proof.review import tried_text
 
         console.print(_table(changed))
-        console.print(tried_text(changed), markup=False, highlight=False)
+        console.print(tried_text(changed))
 
 
 #: Changes of labels that a line names.

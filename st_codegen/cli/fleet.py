@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from st_codegen.cli.console import console, progress_bar, quiet_option
+from st_codegen.cli.console import FOLDER, PLACE, progress_bar, quiet_option, say
 from st_codegen.cli.training import place_options
 
 if TYPE_CHECKING:
@@ -24,11 +24,11 @@ Examples:
   st-codegen fleet fleet.toml --out fleet --jobs 2
   st-codegen fleet fleet.toml --backend dask --scheduler tcp://host:8786""",
 )
-@click.argument("file", metavar="FLEET", type=click.Path(path_type=Path))
+@click.argument("file", metavar="FLEET", type=PLACE)
 @click.option(
     "-o",
     "--out",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FOLDER,
     default=Path("fleet"),
     help="Folder of the results: one for each axis, and fleet.html, fleet.csv, effects.csv, fleet.json.",
 )
@@ -51,13 +51,13 @@ def command(file: Path, out: Path, where: Backend, quiet: bool) -> None:
         def progress(done: int, total: int, name: str, result: AxisResult) -> None:
             bar(done, total, name)
             if not quiet:
-                console.print(f"{name}: {result.line()}", soft_wrap=True)
+                say(f"{name}: {result.line()}")
 
         results = run_fleet(axes, out, where, progress)
     report = FleetReport.of(axes, results)
     report.write(out)
     if not quiet:
-        console.print(f"{report.summary()}\n{out / PAGE}", soft_wrap=True)
+        say(f"{report.summary()}\n{out / PAGE}")
     if any(result.defect for result in results.values()):
         sys.exit(70)
     sys.exit(0 if report.passed else 1)

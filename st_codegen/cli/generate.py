@@ -10,19 +10,20 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 from rich.table import Table
 
-from st_codegen.cli.choices import PROJECT_FORMS, TARGETS
+from st_codegen.cli.choices import LAYOUTS, PROJECT_FORMS, TABLE_KILOBYTES, TARGETS
 from st_codegen.cli.codes import show_codes
 from st_codegen.cli.console import (
+    FILE,
+    FOLDER,
     Whole,
-    array_option,
-    bytes_option,
     console,
-    layout_options,
     models_argument,
     names_options,
     outputs_option,
     progress_bar,
     quiet_option,
+    say,
+    spread_option,
     table_of,
     trust_option,
 )
@@ -65,7 +66,7 @@ Examples:
 @click.option(
     "-o",
     "--out",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FOLDER,
     default=Path("generated"),
     help="Folder to write to; each target gets a folder of its own inside.",
 )
@@ -136,8 +137,19 @@ Examples:
 @click.option("--library-version", metavar="1.0.0.0", help="With --project library: its version. Default: 1.0.0.0.")
 @click.option("--company", metavar="NAME", help="With --project library: who offers it.")
 @click.option("--namespace", metavar="NAME", help="With --project library: its namespace. Default: the project's name.")
-@array_option
-@bytes_option
+@click.option(
+    "--max-array",
+    type=Whole(min=1),
+    default=None,
+    help="Largest number of elements in one array (default: the target's). Tables of trees, neurons and support "
+    "vectors are cut into several, a tree or a vector never; what cannot be cut is refused.",
+)
+@click.option(
+    "--max-bytes",
+    type=Whole(min=1),
+    default=None,
+    help="Largest number of bytes of all tables together (default: the target's); more is an error.",
+)
 @click.option(
     "--profile",
     metavar="NAME|FILE",
@@ -149,12 +161,23 @@ Examples:
     is_flag=True,
     help="Print which inputs are refused, the layouts of each model with prices, and who spends what.",
 )
+@click.option("--html", type=FILE, help="With --explain: write what it says to this file as a page with pictures.")
 @click.option(
-    "--html",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="With --explain: write what it says to this file as a page with pictures.",
+    "--layout",
+    type=click.Choice(LAYOUTS),
+    default=LAYOUTS[0],
+    help="How trees are written: trees, as they were trained, to be read; ranked, as nodes that compare ranks, "
+    "which is faster; cut, the same, with deep trees cut into the cells of a coarse grid of the inputs, in fewer "
+    "steps and with more memory; table, as a table of their values in every cell. With auto, and where what is "
+    "asked for is impossible, whichever is cheapest.",
 )
-@layout_options
+@click.option(
+    "--table-limit",
+    type=Whole(min=1),
+    default=TABLE_KILOBYTES,
+    help="Largest table of an output in KB; one that is in place may grow to a quarter more.",
+)
+@spread_option
 @outputs_option
 @trust_option
 @quiet_option
@@ -202,14 +225,14 @@ def command(
         with progress_bar("loading", quiet=quiet) as progress:
             bundle = load(models, trust_pickle=trust_pickle, outputs=outputs, progress=progress, real=real, **names)
         for name, text in real_remarks(bundle.irs).items():
-            console.print(f"{name}: {text}", soft_wrap=True, markup=False)
+            say(f"{name}: {text}")
         pricing = {t.name: Pricing(t, limits_for(t, wished["max_array"]), machine) for t in chosen}
         for target in chosen if profile is not None else ():
             wishes[target.name]["cost"] = pricing[target.name]
         if only_check:
             _check(bundle, chosen, out, wishes, limit=limit, stat=stat, provenance=provenance)
         explained: list[Explanation] = []
-        announce = None if quiet else lambda text: console.print(text, soft_wrap=True)
+        announce = None if quiet else say
         for target in chosen:
             generated = generate(bundle, target, out, force=force, announce=announce, **wishes[target.name])
             if not quiet:
@@ -254,11 +277,11 @@ def _show_generated(generated: Generated) -> None:
     ]
     lines += filter(None, (decision.change for decision in generated.compiled.decisions))
     lines += generated.purpose.remarks() if generated.purpose else ()
-    console.print(f"{generated.folder}: {len(generated.files)} file(s)", soft_wrap=True)
+    say(f"{generated.folder}: {len(generated.files)} file(s)")
     console.print(_files_table(generated))
     console.print(_models_table(generated))
     for line in lines:
-        console.print(line, soft_wrap=True)
+        say(line)
 
 
 def _explanation(

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from st_codegen.cli.console import console, quiet_option, trust_option
+from st_codegen.cli.console import FOLDER, PLACE, quiet_option, say, trust_option
 
 
 @click.command(
@@ -19,10 +19,10 @@ Examples:
   st-codegen init models/ --training-data train.csv      with the range of each feature in that table
   st-codegen init models/ --force                        over a configuration that is there""",
 )
-@click.argument("models", type=click.Path(path_type=Path, file_okay=False))
+@click.argument("models", type=FOLDER)
 @click.option(
     "--training-data",
-    type=click.Path(path_type=Path),
+    type=PLACE,
     default=None,
     help="CSV with a column for each feature, by its name in the models: writes lowest and highest value of each, and "
     "the file's SHA-256.",
@@ -49,4 +49,4 @@ def command(models: Path, training_data: Path | None, force: bool, trust_pickle:
     write_text(path, initial_configuration(models, table, digest, trust_pickle=trust_pickle))
     if not quiet:
         following = shlex.join(["st-codegen", "generate", str(models)])
-        console.print(f"{path}: complete names, units and ranges, then {following}", soft_wrap=True)
+        say(f"{path}: complete names, units and ranges, then {following}")

@@ -10,6 +10,8 @@ import click
 
 from st_codegen.cli.choices import EVALUATORS
 from st_codegen.cli.console import (
+    FILE,
+    PLACE,
     models_argument,
     names_options,
     outputs_option,
@@ -35,18 +37,11 @@ Examples:
     "-i",
     "--input",
     "source",
-    type=click.Path(path_type=Path),
+    type=PLACE,
     required=True,
     help="CSV with a header of feature names (f0, f1, .. by place); nan and inf are allowed.",
 )
-@click.option(
-    "-o",
-    "--output",
-    "result",
-    type=click.Path(path_type=Path, dir_okay=False),
-    required=True,
-    help="CSV to write: a column a model.",
-)
+@click.option("-o", "--output", "result", type=FILE, required=True, help="CSV to write: a column a model.")
 @click.option(
     "-e",
     "--engine",

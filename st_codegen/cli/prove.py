@@ -14,6 +14,7 @@ from rich.text import Text
 
 from st_codegen.cli.codes import show_codes
 from st_codegen.cli.console import (
+    PLACE,
     console,
     generated_option,
     load_generated,
@@ -21,6 +22,7 @@ from st_codegen.cli.console import (
     names_options,
     progress_bar,
     quiet_option,
+    say,
     table_of,
     trust_option,
 )
@@ -47,7 +49,7 @@ Examples:
 @click.option(
     "--certificate",
     "certificate_file",
-    type=click.Path(path_type=Path),
+    type=PLACE,
     help="Write what was proved to this file, for checker/check_certificate.py.",
 )
 @trust_option
@@ -81,12 +83,10 @@ def command(
         console.print(_table(report))
         for result in report.results:
             for claim in result.claims:
-                console.print(
-                    f"{result.block}, {result.target}: {claim}", highlight=False, soft_wrap=True, markup=False
-                )
+                say(f"{result.block}, {result.target}: {claim}")
     for result in report.results:
         if result.verdict is not Verdict.PROVED:
-            console.print(sentence(result), highlight=False, soft_wrap=True, markup=False)
+            say(sentence(result))
     verdicts = {result.verdict for result in report.results}
     show_codes(code for verdict, code in _CODES if verdict in verdicts)
     sys.exit(0 if report.proved else 1)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from st_codegen.cli.choices import AS_IS, MISREAD, MISTAKES, UPDATED_CODE, UPDATED_MODELS
-from st_codegen.cli.console import Number, console, effects_option, progress_bar, quiet_option, trust_option
+from st_codegen.cli.console import PLACE, Number, console, effects_option, progress_bar, quiet_option, trust_option
 from st_codegen.errors import InputError
 from st_codegen.files.folders import write_texts
 from st_codegen.files.temporary import temporary_folder
@@ -34,21 +34,14 @@ Examples:
   st-codegen reconcile --rig rig.toml --measured campaign/ --out found --models models/ --update-models
   st-codegen reconcile --measured joint.csv --out found                   a robot's joint: t,q,dq,tau""",
 )
-@click.option(
-    "--rig", type=click.Path(path_type=Path), help="Rig model, rig.toml; recordings of joints do without one."
-)
+@click.option("--rig", type=PLACE, help="Rig model, rig.toml; recordings of joints do without one.")
 @click.option(
     "--measured",
-    type=click.Path(path_type=Path),
+    type=PLACE,
     required=True,
     help="Campaign folder, harmonic table, order spectrum, recording over time, or recordings of a joint (t,q,dq,tau).",
 )
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    required=True,
-    help="Folder for rig.toml, report.json, report.html, next_runs.csv.",
-)
+@click.option("--out", type=PLACE, required=True, help="Folder for rig.toml, report.json, report.html, next_runs.csv.")
 @effects_option
 @click.option(
     "--scale", type=Number(), help="Factor on the measured TE, or on a joint's torque; 1 to accept it as it is."
@@ -61,7 +54,7 @@ Examples:
 )
 @click.option("--empirical", is_flag=True, help="Add what has a formula but no name to the rig, as it is.")
 @click.option("--skip-bad", is_flag=True, help="Leave out files that cannot be read, and say which.")
-@click.option("--models", type=click.Path(path_type=Path), help="Bundle of models that --update-models starts from.")
+@click.option("--models", type=PLACE, help="Bundle of models that --update-models starts from.")
 @click.option(
     "--update-models",
     "update",

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 import click
 
 from st_codegen.cli.console import (
+    FOLDER,
+    PLACE,
     Number,
     Whole,
     console,
@@ -42,13 +44,13 @@ conditions.csv:
 @controller_options
 @click.option(
     "--plan",
-    type=click.Path(path_type=Path),
+    type=PLACE,
     required=True,
     help="CSV with the columns speed_rpm,torque_Nm,temperature_C: one measurement a row, both directions.",
 )
 @click.option(
     "--out",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FOLDER,
     required=True,
     help="Folder for the curve files; one that was begun with the same plan is continued.",
 )

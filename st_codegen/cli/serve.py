@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from st_codegen.cli.console import Number, Whole, generated_option
+from st_codegen.cli.console import PLACE, Number, Whole, generated_option
 from st_codegen.errors import InputError
 
 
@@ -43,7 +43,7 @@ A client then finds the PLC at the AMS net id 127.0.0.1.1.1, port 851, and at op
     default=1.0,
     help="So many times as fast as the clock; 0: as fast as this machine can.",
 )
-@click.option("--rig", type=click.Path(path_type=Path), help="Put this simulated rig behind the signals.")
+@click.option("--rig", type=PLACE, help="Put this simulated rig behind the signals.")
 @click.option("--seed", type=Whole(min=0), default=0, help="Seed of the rig's noise.")
 @click.option("-v", "--verbose", is_flag=True, help="Log every write of a client.")
 def command(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from st_codegen.cli.console import Number, Whole, console, effects_option, progress_bar, quiet_option
+from st_codegen.cli.console import FOLDER, PLACE, Number, Whole, console, effects_option, progress_bar, quiet_option
 
 if TYPE_CHECKING:
     from st_codegen.rig.effects import Effect
@@ -21,16 +21,14 @@ Examples:
   st-codegen simulate campaign --rig examples/rv160n/rig.toml --conditions C.csv --out campaign --samples 4096
   st-codegen simulate campaign --rig rig.toml --conditions C.csv --out campaign --noise 0.0005 --seed 7""",
 )
-@click.option("--rig", type=click.Path(path_type=Path), required=True, help="Rig model, rig.toml.")
+@click.option("--rig", type=PLACE, required=True, help="Rig model, rig.toml.")
 @click.option(
     "--conditions",
-    type=click.Path(path_type=Path),
+    type=PLACE,
     required=True,
     help="CSV with the columns speed_rpm,torque_Nm,temperature_C: one run a row, both directions.",
 )
-@click.option(
-    "--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="New folder for the curve files."
-)
+@click.option("--out", type=FOLDER, required=True, help="New folder for the curve files.")
 @click.option("--samples", type=Whole(min=1), help="Samples of a revolution (default: 4000 a second, as on the rig).")
 @click.option("--noise", type=Number(min=0, max=1e3), help="Noise of a sample, deg (default: [noise] of the rig).")
 @click.option("--seed", type=Whole(min=0), default=0, help="Seed of the noise.")

@@ -12,12 +12,15 @@ from rich.table import Table
 
 from st_codegen.cli.choices import TASK_FORMS
 from st_codegen.cli.console import (
+    FOLDER,
+    PLACE,
     Number,
     Whole,
     console,
     effects_option,
     progress_bar,
     quiet_option,
+    say,
     spread_option,
     table_of,
     trust_option,
@@ -37,14 +40,12 @@ Examples:
       --orders 0,1,39 --orders all --tasks split --lead auto --law full
   st-codegen simulate motion --models models/ --rig rig.toml --profile mine.csv --out out --json""",
 )
-@click.option(
-    "--models", type=click.Path(path_type=Path), required=True, help="Bundle of models, a folder with bundle.toml."
-)
-@click.option("--rig", type=click.Path(path_type=Path), required=True, help="Rig model, rig.toml.")
+@click.option("--models", type=PLACE, required=True, help="Bundle of models, a folder with bundle.toml.")
+@click.option("--rig", type=PLACE, required=True, help="Rig model, rig.toml.")
 @click.option(
     "--profile", required=True, help="cycloidal, robot, or a CSV with the columns t,theta_out,torque_Nm (s, deg, N m)."
 )
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for results.")
+@click.option("--out", type=FOLDER, required=True, help="Folder for results.")
 @click.option(
     "--orders",
     multiple=True,
@@ -64,10 +65,7 @@ Examples:
     help="one: blocks in the main task; two: in the slow task, as published. May be repeated. Default: two and one.",
 )
 @click.option(
-    "--lead",
-    default="0",
-    metavar="US",
-    help="Take the angle ahead by so many microseconds; auto: by all known delays.",
+    "--lead", default="0", metavar="US", help="Take the angle ahead by so many microseconds; auto: by all known delays."
 )
 @click.option(
     "--load",
@@ -154,7 +152,7 @@ def command(
     if not quiet:
         console.print(_table(f"{out}/report.html", result, rows))
         for text in motion_files.remarks(result):
-            console.print(text, soft_wrap=True)
+            say(text)
 
 
 def _table(title: str, result: MotionStudy, rows: list[dict[str, Any]]) -> Table:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from st_codegen.cli.console import Whole, console, progress_bar, quiet_option
+from st_codegen.cli.console import FOLDER, PLACE, Whole, console, progress_bar, quiet_option
 from st_codegen.cli.training import search_options
 from st_codegen.errors import InputError
 
@@ -32,11 +32,11 @@ Examples:
   st-codegen tables ../shared/data --out build/tables
   st-codegen tables ../shared/data --folds 3 --families SVM,ERT,LGBM""",
 )
-@click.argument("data", type=click.Path(path_type=Path))
+@click.argument("data", type=PLACE)
 @click.option(
     "-o",
     "--out",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FOLDER,
     default=Path("build/tables"),
     help="Folder of errors.csv, authors.csv, tables.md and tables.html.",
 )

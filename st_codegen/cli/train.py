@@ -11,7 +11,7 @@ import click
 from rich.table import Table
 
 from st_codegen.cli.choices import MODEL_FORMS
-from st_codegen.cli.console import Number, Whole, console, progress_bar, quiet_option, table_of
+from st_codegen.cli.console import FILE, FOLDER, PLACE, Number, Whole, console, progress_bar, quiet_option, table_of
 from st_codegen.cli.training import search_options
 from st_codegen.errors import InputError
 from st_codegen.files.number_text import parse_whole
@@ -34,15 +34,9 @@ Examples:
   st-codegen train harmonics.csv --orders 0,1,39,40 --families ERT,LGBM,SVM --limit-us 200
   st-codegen train harmonics.csv --backend dask --scheduler tcp://host:8786""",
 )
-@click.argument("campaign", type=click.Path(path_type=Path))
-@click.option(
-    "-o",
-    "--out",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=Path("models"),
-    help="Folder of the bundle; st-codegen compiles it.",
-)
-@click.option("--report", type=click.Path(path_type=Path, dir_okay=False), help="HTML page about what was learned.")
+@click.argument("campaign", type=PLACE)
+@click.option("-o", "--out", type=FOLDER, default=Path("models"), help="Folder of the bundle; st-codegen compiles it.")
+@click.option("--report", type=FILE, help="HTML page about what was learned.")
 @click.option(
     "--orders",
     default="auto",
@@ -50,12 +44,7 @@ Examples:
     help="Orders to model, with commas between; auto: all of a table, the ones that stand out of a campaign.",
 )
 @click.option("--most-orders", type=Whole(min=1), default=15, help="How many auto takes.")
-@click.option(
-    "--reduction-ratio",
-    type=Number(min=1e-6, max=1e6),
-    default=81.0,
-    help="Input speed over output speed.",
-)
+@click.option("--reduction-ratio", type=Number(min=1e-6, max=1e6), default=81.0, help="Input speed over output speed.")
 @click.option("--name", default="reducer", help="Name of the bundle.")
 @click.option("--format", "form", type=click.Choice(MODEL_FORMS), default=MODEL_FORMS[0], help="Model files.")
 @click.option(
@@ -66,12 +55,9 @@ Examples:
 @click.option("--keep-faulty", is_flag=True, help="Learn from runs that robust statistics call faulty, too.")
 @click.option("--skip-bad", is_flag=True, help="Leave out curve files that cannot be read, after reporting them.")
 @click.option(
-    "--cache",
-    type=click.Path(path_type=Path, dir_okay=False),
-    default=Path("build/curves.parquet"),
-    help="Parquet file of what was read of curve files.",
+    "--cache", type=FILE, default=Path("build/curves.parquet"), help="Parquet file of what was read of curve files."
 )
-@click.option("--table", "table_out", type=click.Path(path_type=Path, dir_okay=False), help="Write the harmonic table.")
+@click.option("--table", "table_out", type=FILE, help="Write the harmonic table.")
 @click.option("--json", "as_json", is_flag=True, help="Print what was chosen and its errors as JSON.")
 @search_options
 @quiet_option

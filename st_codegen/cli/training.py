@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from st_codegen.cli.choices import FAMILIES, LARGEST_SEED
-from st_codegen.cli.console import Command, Whole, gathered
+from st_codegen.cli.console import FILE, Whole, gathered, together
 from st_codegen.errors import InputError
 
 if TYPE_CHECKING:
@@ -61,14 +61,14 @@ place_options = gathered(
     ),
     click.option("--scheduler", metavar="ADDRESS", help="Address of the Dask scheduler, as in tcp://host:8786."),
 )
-_work_option = click.option(
-    "--work",
-    type=click.Path(path_type=Path, dir_okay=False),
-    default=Path("build/fits.sqlite"),
-    help="File of finished fits: a run that was stopped goes on where it was.",
+#: The options of a search: `settings`, `where` and `work`.
+search_options = together(
+    _settings_options,
+    place_options,
+    click.option(
+        "--work",
+        type=FILE,
+        default=Path("build/fits.sqlite"),
+        help="File of finished fits: a run that was stopped goes on where it was.",
+    ),
 )
-
-
-def search_options(function: Command) -> Command:
-    """The options of a search: `settings`, `where` and `work`."""
-    return _settings_options(place_options(_work_option(function)))

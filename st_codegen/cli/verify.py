@@ -14,6 +14,7 @@ from rich.text import Text
 
 from st_codegen.cli.codes import show_codes
 from st_codegen.cli.console import (
+    FILE,
     Whole,
     console,
     generated_option,
@@ -22,6 +23,7 @@ from st_codegen.cli.console import (
     names_options,
     progress_bar,
     quiet_option,
+    say,
     table_of,
     trust_option,
 )
@@ -53,14 +55,8 @@ Examples:
 @cycle_option
 @profile_option
 @entry_option
-@click.option(
-    "--json", "json_file", type=click.Path(path_type=Path, dir_okay=False), help="Write the report to this file."
-)
-@click.option(
-    "--html",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Write a page, with a proof, to this file.",
-)
+@click.option("--json", "json_file", type=FILE, help="Write the report to this file.")
+@click.option("--html", type=FILE, help="Write a page, with a proof, to this file.")
 @trust_option
 @quiet_option
 def command(
@@ -98,26 +94,24 @@ def command(
     if not quiet:
         console.print(agreement_table("library, reference and generated text compared", report.models))
         for target, note in report.notes.items():
-            console.print(f"{target}: {note}", soft_wrap=True)
+            say(f"{target}: {note}")
         _print_remarks(report)
         for line in bundle.purpose.served(bundle.irs) if bundle.purpose else ():
-            console.print(line, soft_wrap=True, markup=False)
+            say(line)
     for model in report.models:
         if model.jump:
-            console.print(
+            say(
                 f"{model.name}: trees split behind an inexact step; where the number that a split compares lies "
                 f"near the threshold, their sum may differ by up to {model.jump:.3g}; on the rows of the operating "
-                f"range that were tried, near is within {model.jump_width:.2g}",
-                soft_wrap=True,
-                markup=False,
+                f"range that were tried, near is within {model.jump_width:.2g}"
             )
     for model in report.models:
         if model.unbounded and not quiet:
-            console.print(f"{model.name}: {model.not_judged}", soft_wrap=True, markup=False)
+            say(f"{model.name}: {model.not_judged}")
         if not quiet:
             console.print(_open_rows(model), end="", soft_wrap=True)
         for line in _failures(model):
-            console.print(Text.assemble((model.name, "red"), f": {line}"), soft_wrap=True)
+            say(Text.assemble((model.name, "red"), f": {line}"))
     _print_times(report, cycle_us, quiet=quiet)
     show_codes([*_codes(report), *(["STC2101"] if refuted else [])])
     sys.exit(0 if report.passed and not refuted else 1)
@@ -173,7 +167,7 @@ def _write_page(
     write_pages(f"Verification of {models}", sections, summary, path, None)
     refuted = [result for result in proof.results if result.verdict is Verdict.REFUTED]
     for result in refuted:
-        console.print(sentence(result), soft_wrap=True)
+        say(sentence(result))
     return bool(refuted)
 
 
@@ -181,11 +175,7 @@ def _print_remarks(report: VerifyReport) -> None:
     """What was proved instead of tried, and where trees may jump."""
     proved = [model.name for model in report.models if model.proved]
     if proved:
-        console.print(
-            f"proved for all inputs, and compared with the library on a sample of rows: {', '.join(proved)}",
-            soft_wrap=True,
-            markup=False,
-        )
+        say(f"proved for all inputs, and compared with the library on a sample of rows: {', '.join(proved)}")
 
 
 def agreement_table(title: str, models: Iterable[ModelReport]) -> Table:

@@ -107,10 +107,12 @@ class Accesses:
         match node:
             case t.Constant():
                 return self._costs.of(CostClass.LOAD) if node.type.is_real else PathCost()
-            case t.VariableRef(variable=variable) if variable.is_constant and not _is_aggregate(node):
+            case t.VariableRef(variable=variable) if variable.is_constant and not isinstance(
+                node.type, ArrayType | StructType
+            ):
                 return self._costs.of(CostClass.LOAD) if node.type.is_real else PathCost()
             case t.VariableRef() | t.InstanceVariable() | t.FieldRef() | t.ElementRef() | t.PointerTarget():
-                return self._load(node, state)
+                return self._moved(CostClass.LOAD, node, state)
             case t.ThisRef() | t.ProgramRef():
                 return PathCost()
             case t.AddressOf(target=target):
@@ -123,9 +125,6 @@ class Accesses:
                 for part in walk.parts(node):
                     cost = cost.then(self.value(part, state))
                 return cost.then(self._costs.of(*of_expression(node)))
-
-    def _load(self, node: t.Expression, state: PathState) -> PathCost:
-        return self._moved(CostClass.LOAD, node, state)
 
     def store(self, target: t.Expression, state: PathState) -> PathCost:
         """The cost of putting a computed value into a variable."""
@@ -255,10 +254,6 @@ class Accesses:
 def _words(size: int) -> int:
     """How many accesses of eight bytes a value of a size takes, at least one."""
     return max(-(-size // 8), 1)
-
-
-def _is_aggregate(node: t.Expression) -> bool:
-    return isinstance(node.type, ArrayType | StructType)
 
 
 def _factors(node: t.Expression, state: PathState) -> tuple[dict[int, int], int] | None:  # noqa: PLR0911 - one return a case

@@ -151,14 +151,11 @@ def project_cost(project: t.Project, profile: Profile, entries: Iterable[str] | 
     elif entries is None:
         called = {key for unit in costs.values() for key in unit.called}
         called |= {pou.base for pou in project.pous.values() if pou.base is not None}
-        chosen = [pou.name for key, pou in own.items() if key not in called and not _is_native(project, pou)]
+        called |= {key for key in own if any(base.is_native for base in project.lineage(key))}  # those of libraries
+        chosen = [pou.name for key, pou in own.items() if key not in called]
     else:
         chosen = [project.pous[name.upper()].name for name in entries]
     return ProjectCost(profile, blocks, tuple(chosen))
-
-
-def _is_native(project: t.Project, pou: t.Pou) -> bool:
-    return any(base.is_native for base in project.lineage(pou.key))
 
 
 def _block_cost(pou: t.Pou, cost: UnitCost, units: Units, profile: Profile) -> BlockCost:
@@ -187,20 +184,17 @@ def _part(key: str, cost: PathCost, lines: int, waiting: float, units: Units, pr
     cold = weighted(counts, profile.weights(is_cold=True))
     cold += (lines + code_lines) * profile.machine["memory_cycles"] * memory
     return UnitPart(
-        key if pou is None else _name(pou),
+        key if pou is None else pou.full_name,
         as_mapping(counts),
         lines,
         code_lines,
-        0 if pou is None else _table_bytes(pou, units.project),
+        0 if pou is None else table_bytes(pou, units.project),
         code,
         profile.microseconds(warm),
         profile.microseconds(cold),
     )
 
 
-def _name(pou: t.Pou) -> str:
-    return pou.name if pou.block is None else f"{pou.block}.{pou.name}"
-
-
-def _table_bytes(pou: t.Pou, project: t.Project) -> int:
+def table_bytes(pou: t.Pou, project: t.Project) -> int:
+    """Bytes of a unit's constant variables."""
     return sum(size_of(variable.type, project.pous) for variable in pou.variables if variable.is_constant)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -47,12 +46,9 @@ class Units:
         """The cost of a unit by its key; projects have no recursion."""
         if key not in self._done:
             pou = self.project.pous[key]
-            self._done[key] = _native(pou, self.weights) if pou.is_native else _Body(self, pou).cost()
+            native = UnitCost(Costs(key, self.weights).of(CostClass.NATIVE), 0, (), frozenset())
+            self._done[key] = native if pou.is_native else _Body(self, pou).cost()
         return self._done[key]
-
-
-def _native(pou: t.Pou, weights: Mapping[CostClass, float]) -> UnitCost:
-    return UnitCost(Costs(pou.key, weights).of(CostClass.NATIVE), 0, (), frozenset())
 
 
 class _Body:

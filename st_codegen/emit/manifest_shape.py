@@ -19,16 +19,8 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
 
 
-def _is_loss(value: Any) -> bool:
-    return value is None or _is_number(value)
-
-
 def _is_range(value: Any) -> bool:
     return isinstance(value, list) and len(value) == 2 and all(map(_is_number, value)) and value[0] <= value[1]
-
-
-def _is_label(value: Any) -> bool:
-    return value is None or isinstance(value, (str, int, float))
 
 
 def _is_fingerprint(value: Any) -> bool:
@@ -42,12 +34,12 @@ _MODEL: dict[Any, Any] = {
     "outputs": [str],
     "features": [{**_FEATURE, _Optional("limited"): bool}],
     _Optional("block_outputs"): [_is_count],
-    _Optional("labels"): [_is_label],
+    _Optional("labels"): [lambda value: value is None or isinstance(value, (str, int, float))],
     **dict.fromkeys(map(_Optional, ("layout", "library", "class", "digest")), str),
     **dict.fromkeys(map(_Optional, ("shared", "exact", "accepts_nan")), bool),
     **dict.fromkeys(map(_Optional, ("trees", "nodes", "support_vectors")), _is_count),
     _Optional("kinds"): [str],
-    _Optional("real"): [_is_loss],
+    _Optional("real"): [lambda value: value is None or _is_number(value)],
 }
 _PURPOSE: dict[Any, Any] = {
     _Optional("calls"): _is_count,

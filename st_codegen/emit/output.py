@@ -61,11 +61,11 @@ class Manifest:
         return json.dumps({"format": _FORMAT, "files": dict(self.files), **self.facts}, indent=1) + "\n"
 
 
-def read_manifest(folder: Path) -> Manifest | None:
-    """The manifest of a generated folder, or None. Raises GeneratedCodeError for one that cannot be read."""
+def read_manifest(folder: Path) -> Manifest:
+    """The manifest of a folder, empty where there is none. Raises GeneratedCodeError for one that cannot be read."""
     path = folder / MANIFEST
     if not path.is_file():
-        return None
+        return Manifest({}, {key: {} for key in _FACTS})
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         check_manifest(content)
@@ -93,8 +93,7 @@ def block_of(folder: Path, model: ModelIR) -> tuple[str, tuple[int, ...]]:
 
     Raises GeneratedCodeError where the folder was generated without this model, or with other outputs or classes.
     """
-    manifest = read_manifest(folder)
-    facts = None if manifest is None else manifest.facts["models"].get(model.name)
+    facts = read_manifest(folder).facts["models"].get(model.name)
     if facts is None:
         raise GeneratedCodeError(
             f"{folder}: no block {block_name(model.name)}; the models have changed: generate again"
@@ -108,17 +107,21 @@ def block_of(folder: Path, model: ModelIR) -> tuple[str, tuple[int, ...]]:
     return facts["block"], tuple(facts.get("block_outputs", range(len(facts["outputs"]))))
 
 
+def _models_in(generated: Path) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """The models of generated folders (`generated` is one, or holds them) by name, with the facts of each."""
+    for folder in (generated, *(sorted(generated.iterdir()) if generated.is_dir() else ())):
+        yield from read_manifest(folder).facts["models"].items()
+
+
 def kinds_of_outputs(generated: Path) -> dict[str, tuple[OutputKind, ...]]:
     """For each classifier of generated folders (`generated` is one, or holds them), what its outputs are.
 
     Where the folders differ, the first one counts.
     """
     found: dict[str, tuple[OutputKind, ...]] = {}
-    for folder in (generated, *(sorted(generated.iterdir()) if generated.is_dir() else ())):
-        manifest = read_manifest(folder) if folder.is_dir() else None
-        for name, facts in ({} if manifest is None else manifest.facts["models"]).items():
-            given = facts.get("kinds", ())
-            found.setdefault(name, tuple(kind for kind in OutputKind if kind in given))
+    for name, facts in _models_in(generated):
+        given = facts.get("kinds", ())
+        found.setdefault(name, tuple(kind for kind in OutputKind if kind in given))
     return found
 
 
@@ -127,10 +130,7 @@ def is_real(generated: Path) -> bool:
 
     Raises GeneratedCodeError where some are and others are not: they are compared with different models.
     """
-    found = set()
-    for folder in (generated, *(sorted(generated.iterdir()) if generated.is_dir() else ())):
-        manifest = read_manifest(folder) if folder.is_dir() else None
-        found |= {"real" in facts for facts in ({} if manifest is None else manifest.facts["models"]).values()}
+    found = {"real" in facts for _, facts in _models_in(generated)}
     if len(found) > 1:
         raise GeneratedCodeError(f"{generated}: some targets were generated with --real and some without: name one")
     return found == {True}
@@ -185,8 +185,8 @@ def content_of(path: Path) -> bytes:
 
 def generated_names(folder: Path) -> list[str]:
     """The files of a folder that are ours, the manifest included."""
-    manifest = read_manifest(folder)
-    return [] if manifest is None else [*manifest.files, MANIFEST]
+    files = read_manifest(folder).files
+    return [*files, MANIFEST] if files else []
 
 
 def check_place(folder: Path) -> None:
@@ -227,8 +227,7 @@ def _keep_user_files(folder: Path, stage: Path) -> tuple[str, ...]:
 
     Returns the orphans that were changed by hand, which count as the user's own.
     """
-    manifest = read_manifest(folder)
-    sums = {} if manifest is None else manifest.files
+    sums = read_manifest(folder).files
     new = {path.relative_to(stage).as_posix() for path in stage.rglob("*") if path.is_file()}
     changed = tuple(name for name in sums if name not in new and not _is_as_written(folder / name, sums[name]))
     # a solution is one thing in several files of one name: where one of them was changed, the others stay with it
@@ -270,10 +269,9 @@ def _same_content(path: Path, target: Path) -> bool:
 
 def _refuse_to_lose_changes(folder: Path, stage: Path) -> None:
     """Raises InputError where a generated file that was changed by hand would be overwritten by another text."""
-    manifest = read_manifest(folder)
     lost = [
         name
-        for name, sha256 in ({} if manifest is None else manifest.files).items()
+        for name, sha256 in read_manifest(folder).files.items()
         if (folder / name).is_file() and (stage / name).is_file()
         if not _is_as_written(folder / name, sha256) and not _same_content(folder / name, stage / name)
     ]

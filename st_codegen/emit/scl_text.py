@@ -7,7 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any
 
 from st_codegen.emit.blocks.listing import Block
 
@@ -20,38 +20,6 @@ _NAMED_ARGUMENTS = {"MIN": ("IN1", "IN2"), "MAX": ("IN1", "IN2"), "SHR": ("IN", 
 _BRACKETS = re.compile(r"\b((?:END)?)_?(IF|FOR|WHILE|CASE|REPEAT)\b")
 
 
-class Words(Protocol):
-    """How SCL writes what portable text writes otherwise (`templates/scl/words.st.j2`)."""
-
-    def local(self, name: str) -> str:
-        """A name that the block itself declares."""
-        ...
-
-    def quoted(self, name: str) -> str:
-        """The name of a block or data type."""
-        ...
-
-    def literal(self, number: str) -> str:
-        """A real number."""
-        ...
-
-    def argument(self, name: str) -> str:
-        """What stands in front of an argument of a function that takes several."""
-        ...
-
-    def truncation(self) -> str:
-        """The function that cuts towards zero."""
-        ...
-
-    def region(self, title: str, code: str) -> str:
-        """A section of code."""
-        ...
-
-    def titled(self, title: str, code: str) -> str:
-        """A section that is no region."""
-        ...
-
-
 @dataclass
 class _Call:
     """An open parenthesis: of which function's call, and how many arguments were begun."""
@@ -60,8 +28,11 @@ class _Call:
     arguments: int = 1
 
 
-def scl_code(code: str, block: Block, names: Collection[str], words: Words) -> str:
-    """The body of a block as SCL; `names` are those of all blocks and types of the project."""
+def scl_code(code: str, block: Block, names: Collection[str], words: Any) -> str:
+    """The body of a block as SCL; `names` are those of all blocks and types of the project.
+
+    `words` are the macros of `templates/scl/words.st.j2`: how SCL writes what portable text writes otherwise.
+    """
     own = local_names(block)
     tokens: list[str] = _TOKEN.findall(code)
     visible = [number for number, token in enumerate(tokens) if not _BLANK.match(token)]
@@ -108,9 +79,9 @@ def local_names(block: Block) -> frozenset[str]:
     return frozenset({*names, block.name} if block.kind == "FUNCTION" else names)
 
 
-def scl_section(code: str, block: Block, names: Collection[str], title: str, words: Words) -> str:
+def scl_section(code: str, block: Block, names: Collection[str], title: str, words: Any) -> str:
     """A section of a body as a region; one whose statements reach into the next has its title as a comment."""
     text = scl_code(code, block, names, words)
     found = Counter(_BRACKETS.findall(re.sub(r"\(\*.*?\*\)", " ", text, flags=re.DOTALL)))
     is_whole = all(number == found["" if end else "END", word] for (end, word), number in found.items())
-    return words.region(title, text) if is_whole else words.titled(title, text)
+    return str(words.region(title, text) if is_whole else words.titled(title, text))

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+from st_codegen.files.csv_tables import csv_text
 from st_codegen.files.folders import write_texts
 from st_codegen.fleet.axes import FleetAxis
 from st_codegen.fleet.compare import FALSE_ALARM, LEAST_AXES, Campaigns, FleetComparison, Spread, compare
@@ -77,7 +76,12 @@ class FleetReport:
 
     def write(self, out: Path) -> None:
         """Write the four files. Raises MissingExtraError without Matplotlib."""
-        texts = {PAGE: self.html(), AXES: self._axes_csv(), EFFECTS: self._effects_csv(), FACTS: self._json()}
+        texts = {
+            PAGE: self.html(),
+            AXES: csv_text([_COLUMNS, *map(self._row, self.axes)]),
+            EFFECTS: self._effects_csv(),
+            FACTS: self._json(),
+        }
         write_texts(out, texts)
 
     def summary(self) -> str:
@@ -99,9 +103,6 @@ class FleetReport:
             parts.append(f"With effects that have grown: {_named(grown)}.")
         return " ".join(parts)
 
-    def _axes_csv(self) -> str:
-        return _csv(("axis", "type", *_COLUMNS), ([axis.name, axis.type, *self._row(axis.name)] for axis in self.axes))
-
     def _effects_csv(self) -> str:
         spreads = {(one.type, one.effect, one.key): one for one in self.comparison.spreads}
         rows = []
@@ -116,7 +117,7 @@ class FleetReport:
                     [axis.name, axis.type, one.effect, one.key, one.unit, one.value, one.stderr, *beside, is_odd]
                 )
         head = ("axis", "type", "effect", "parameter", "unit", "value", "stderr")
-        return _csv((*head, "median", "robust_sd", "distance", "limit", "stands_out"), rows)
+        return csv_text([(*head, "median", "robust_sd", "distance", "limit", "stands_out"), *rows])
 
     def _json(self) -> str:
         compared = self.comparison
@@ -154,14 +155,16 @@ class FleetReport:
             summary=self.summary(),
         )
 
-    def _row(self, name: str) -> list[Any]:
+    def _row(self, axis: FleetAxis) -> list[Any]:
         """What came of an axis, in the columns of `_COLUMNS`."""
-        result = self.results[name]
+        result = self.results[axis.name]
         facts = result.facts
         reconciled = facts.get(RECONCILE, {})
         gap = reconciled.get("gap", {})
         error = "; ".join(f"{stage}: {_one_line(text)}" for stage, text in result.errors.items())
         return [
+            axis.name,
+            axis.type,
             facts.get(TRAIN, {}).get("models"),
             facts.get(CHECK, {}).get("how"),
             reconciled.get("verdict"),
@@ -172,9 +175,8 @@ class FleetReport:
         ]
 
     def _axes(self) -> PageSection:
-        rows = [[axis.name, axis.type, *self._row(axis.name)] for axis in self.axes]
         text = "Gaps are those of reconcile on conditions that were held out, RMS in deg."
-        return PageSection("Axes", text, PageTable(("axis", "type", *_COLUMNS), rows))
+        return PageSection("Axes", text, PageTable(_COLUMNS, list(map(self._row, self.axes))))
 
     def _findings(self) -> list[PageSection]:
         compared = self.comparison
@@ -272,7 +274,7 @@ class FleetReport:
         return PageSection("What was not looked at", table=PageTable(("what",), rows))
 
 
-_COLUMNS = ("models", "text", "verdict", "found", "gap before", "gap after", "error")
+_COLUMNS = ("axis", "type", "models", "text", "verdict", "found", "gap before", "gap after", "error")
 
 
 def _campaigns(axis: FleetAxis, result: AxisResult) -> Campaigns:
@@ -320,10 +322,3 @@ def _named(names: Sequence[str], most: int = 8) -> str:
 def _one_line(text: str) -> str:
     line = " ".join(text.split())
     return line if len(line) <= _LONGEST else f"{line[:_LONGEST]} .."
-
-
-def _csv(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """A table as CSV; numbers in full, what is not known empty."""
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([head, *rows])
-    return text.getvalue()

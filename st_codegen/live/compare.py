@@ -27,8 +27,9 @@ from st_codegen.proof.isolated import isolated
 from st_codegen.proof.runner import BlockResult, GeneratedCode, target_folders
 from st_codegen.proof.verify import block_report, model_report
 from st_codegen.st import Project
+from st_codegen.st.check.flow import all_reached
 from st_codegen.st.tree import StandardCall
-from st_codegen.st.walk import all_expressions, calls
+from st_codegen.st.walk import all_expressions
 
 #: Called with (rows done, rows, block).
 Progress = Callable[[int, int, str], None]
@@ -72,8 +73,8 @@ def compared_project(folder: Path, bundle: Bundle, block: str | None) -> Compare
     unknown block.
     """
     manifest = read_manifest(folder)
-    facts = {} if manifest is None else manifest.facts[COMPARISON]
-    if manifest is None or "lengths" not in facts:
+    facts = manifest.facts[COMPARISON]
+    if "lengths" not in facts:
         raise GeneratedCodeError(
             f"{folder}: generated without --with-comparison, or by an older version, so that nothing there takes rows"
         )
@@ -318,15 +319,6 @@ def _note_bits(
 
 def leaves_bits_open(project: Project, block: str) -> bool:
     """Whether a block, or one that it calls, calls a function whose result may differ between controllers by an ulp."""
-    todo, known = [block.upper()], set()
-    while todo:
-        key = todo.pop()
-        if key in known:
-            continue
-        known.add(key)
-        body = project.pous[key].body
-        functions = {found.function for found in all_expressions(body) if isinstance(found, StandardCall)}
-        if functions & _OPEN_FUNCTIONS:
-            return True
-        todo += [call.callee for call in calls(body) if call.callee in project.pous]
-    return False
+    bodies = (project.pous[key].body for key in all_reached(project, block.upper()))
+    parts = (part for body in bodies for part in all_expressions(body))
+    return any(isinstance(part, StandardCall) and part.function in _OPEN_FUNCTIONS for part in parts)

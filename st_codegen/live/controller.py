@@ -57,17 +57,19 @@ class Controller(AbstractContextManager["Controller"], Protocol):
     def state(self) -> str:
         """What it does: RUN, STOP, CONFIG, .."""
 
-    def read(self, signal: Signal) -> Any:
-        """A number, or an array of them."""
-
-    def write(self, signal: Signal, value: Any) -> None:
-        """Set a variable."""
-
     def read_all(self, signals: Sequence[Signal]) -> list[Any]:
         """Several variables in one request."""
 
     def write_all(self, values: Sequence[tuple[Signal, Any]]) -> None:
         """Set several variables in one request, in this order."""
+
+    def read(self, signal: Signal) -> Any:
+        """A number, or an array of them."""
+        return self.read_all([signal])[0]
+
+    def write(self, signal: Signal, value: Any) -> None:
+        """Set a variable."""
+        self.write_all([(signal, value)])
 
 
 class AdsController(Controller):
@@ -85,7 +87,6 @@ class AdsController(Controller):
         self._pyads = _pyads()
         _must_listen(self.address, host, int(tcp_port or _ADS_TCP_PORT), timeout_s)
         self._connection = self._pyads.Connection(net_id, self._ams_port, f"{host}:{tcp_port}" if tcp_port else host)
-        self._handles: dict[str, int] = {}
         with self._explained(""):
             self._connection.open()
             self._connection.set_timeout(round(timeout_s * 1000))
@@ -101,19 +102,6 @@ class AdsController(Controller):
             number, _ = self._connection.read_state()
         names = {getattr(self._pyads, name): name[9:] for name in dir(self._pyads) if name.startswith("ADSSTATE_")}
         return names.get(number, str(number))
-
-    def read(self, signal: Signal) -> Any:
-        kind = _ctype(signal)
-        with self._explained(signal.name):
-            found = self._connection.read_by_name("", kind, return_ctypes=True, handle=self._handle(signal.name))
-        values = np.frombuffer(bytes(found), signal.dtype)
-        return values[0].item() if signal.length is None else values
-
-    def write(self, signal: Signal, value: Any) -> None:
-        kind = _ctype(signal)
-        content = kind.from_buffer_copy(np.ascontiguousarray(value, signal.dtype).tobytes())
-        with self._explained(signal.name):
-            self._connection.write_by_name("", content, kind, handle=self._handle(signal.name))
 
     def read_all(self, signals: Sequence[Signal]) -> list[Any]:
         names = [signal.name for signal in signals]
@@ -134,11 +122,6 @@ class AdsController(Controller):
         for name, answer in answers.items():
             if answer != "no error":
                 raise self._named(name, answer)
-
-    def _handle(self, name: str) -> int:
-        if name not in self._handles:
-            self._handles[name] = self._connection.get_handle(name)
-        return self._handles[name]
 
     @contextlib.contextmanager
     def _explained(self, name: str) -> Iterator[None]:
@@ -174,11 +157,6 @@ class AdsController(Controller):
         else:
             kind, reason = ControllerError, f"{name}: {text}".removeprefix(": ")
         return kind(f"{self.address}: {reason}")
-
-
-def _ctype(signal: Signal) -> Any:
-    kind = np.ctypeslib.as_ctypes_type(np.dtype(signal.dtype).newbyteorder("="))
-    return kind * (signal.length or 1)
 
 
 def _pyads() -> Any:
@@ -238,17 +216,9 @@ class OpcUaController(Controller):
     def state(self) -> str:
         """RUN where the server says nothing else; servers of controllers have no common name for it."""
         try:
-            return str(self._read("PLC.State"))
+            return str(self.read(Signal("PLC.State")))
         except ControllerError:
             return "RUN"
-
-    def read(self, signal: Signal) -> Any:
-        value = self._read(signal.name)
-        return value if signal.length is None else np.asarray(value, signal.dtype)
-
-    def write(self, signal: Signal, value: Any) -> None:
-        with self._explained(signal.name):
-            self._node(signal.name).write_value(self._variant(signal, value))
 
     def read_all(self, signals: Sequence[Signal]) -> list[Any]:
         nodes = [self._node(signal.name) for signal in signals]
@@ -268,10 +238,6 @@ class OpcUaController(Controller):
         kinds = {"f8": "Double", "i4": "Int32", "u4": "UInt32", "u8": "UInt64", "b1": "Boolean"}
         kind = self._ua.VariantType[kinds[signal.dtype.lstrip("<|")]]
         return self._ua.DataValue(self._ua.Variant(np.asarray(value, signal.dtype).tolist(), kind))
-
-    def _read(self, name: str) -> Any:
-        with self._explained(name):
-            return self._node(name).read_value()
 
     def _node(self, name: str) -> Any:
         if name not in self._nodes:

@@ -150,7 +150,7 @@ class OpcUaServer:
         self._told[node.nodeid] = ""
 
     def _value(self, symbol: WireVariable, kind: ua.VariantType) -> ua.DataValue:
-        values = _numbers(symbol)
+        values = np.frombuffer(symbol.read(), _dtype(symbol.type))
         content = values.tolist() if isinstance(symbol.type, ArrayType) else values[0].item()
         return ua.DataValue(ua.Variant(content, kind))
 
@@ -170,10 +170,6 @@ class OpcUaServer:
 
 def _dtype(type_: Type) -> np.dtype[Any]:
     return dtype_of(type_.element if isinstance(type_, ArrayType) else type_)
-
-
-def _numbers(symbol: WireVariable) -> Any:
-    return np.frombuffer(symbol.read(), _dtype(symbol.type))
 
 
 def _field_type(type_: Type, known: dict[str, Any]) -> Any:

@@ -164,8 +164,7 @@ def _stepped(angle_deg: float, steps: float) -> float:
 def plant_behind(plc: SoftPlc, path: Path, seed: int = 0) -> SimulatedRig:
     """The rig of a file behind a PLC. Raises InputError for a rig that does not fit its cycle, or its text's ratio."""
     _, rig = read_machine(path)
-    manifest = read_manifest(plc.code.folder)
-    made_for = (manifest.purpose or {}).get("reduction_ratio") if manifest is not None else None
+    made_for = read_manifest(plc.code.folder).purpose.get("reduction_ratio")
     if made_for not in (None, rig.model.reduction_ratio):
         raise InputError(
             f"{path}: reduction ratio {rig.model.reduction_ratio:g}, and the text was generated for {made_for:g}"

@@ -7,8 +7,6 @@ controller ends a measurement by itself when it no longer hears of this client (
 from __future__ import annotations
 
 import contextlib
-import csv
-import io
 import json
 import random
 import time
@@ -23,6 +21,7 @@ from st_codegen.campaign.conditions import CONDITION_COLUMNS, OperatingPoint
 from st_codegen.campaign.curves import CONDITIONS_FILE, Curve, Run, run_paths, write_run
 from st_codegen.emit.output import COMPARISON, read_manifest
 from st_codegen.errors import GeneratedCodeError, InputError, Problems
+from st_codegen.files.csv_tables import csv_text
 from st_codegen.files.text import make_folder, write_text
 from st_codegen.ir import AnyArray, BoolArray, FloatArray
 from st_codegen.live.controller import Controller, Signal, must_be_of, must_run
@@ -85,7 +84,7 @@ class RecordedProject:
 def recorded_project(folder: Path) -> RecordedProject:
     """Raises GeneratedCodeError for a folder without PRG_Record."""
     manifest = read_manifest(folder)
-    if manifest is None or not manifest.facts[COMPARISON] or not manifest.purpose:
+    if not manifest.facts[COMPARISON] or not manifest.purpose:
         raise GeneratedCodeError(
             f"{folder}: no project that measures; generate a bundle with --with-comparison, which adds PRG_Record"
         )
@@ -177,13 +176,9 @@ def _note_conditions(folder: Path, runs: Sequence[PlannedRun]) -> None:
     """Write the conditions of the numbered files that are there; other files have them in their names."""
     if all(run.file.startswith("Test_") for run in runs):
         return
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["file", *CONDITION_COLUMNS])
-    for run in runs:
-        if (folder / run.file).is_file():
-            writer.writerow([run.file, run.point.speed_rpm, run.point.torque_Nm, run.point.temperature_C])
-    write_text(folder / CONDITIONS_FILE, text.getvalue())
+    there = [(run.file, run.point) for run in runs if (folder / run.file).is_file()]
+    rows = [(file, point.speed_rpm, point.torque_Nm, point.temperature_C) for file, point in there]
+    write_text(folder / CONDITIONS_FILE, csv_text([("file", *CONDITION_COLUMNS), *rows]))
 
 
 class MeasuringClient:

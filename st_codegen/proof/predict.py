@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +10,7 @@ import numpy as np
 
 from st_codegen.emit.output import block_of
 from st_codegen.errors import InputError, Problems
-from st_codegen.files.csv_tables import read_csv, with_underscores
+from st_codegen.files.csv_tables import csv_text, read_csv, with_underscores
 from st_codegen.files.text import write_text
 from st_codegen.ir import AnyArray, Classes, FloatArray, ModelIR, reference
 from st_codegen.project.bundle import Bundle
@@ -106,12 +104,6 @@ def read_table(path: Path) -> dict[str, FloatArray]:
 
 def write_table(path: Path, columns: dict[str, AnyArray]) -> None:
     """Write columns as CSV, numbers as `%.17g`, which reads back as the same bits, labels as they are."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows([_cell(value) for value in row] for row in zip(*columns.values(), strict=True))
-    write_text(path, text.getvalue())
-
-
-def _cell(value: object) -> str:
-    return f"{value:.17g}" if isinstance(value, float) else str(value)
+    rows = zip(*columns.values(), strict=True)
+    cells = ([f"{cell:.17g}" if isinstance(cell, float) else str(cell) for cell in row] for row in rows)
+    write_text(path, csv_text([columns, *cells]))

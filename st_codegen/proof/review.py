@@ -173,7 +173,7 @@ def diff(
     holds no generated files, or they have no target in common.
     """
     before, after = _common_target(Path(old), Path(new))
-    manifests = [_manifest(folder) for folder in (before, after)]
+    manifests = [read_manifest(folder) for folder in (before, after)]
     codes = [GeneratedCode(folder, TARGETS[folder.name].dialect) for folder in (before, after)]
     models = [_with_sizes(manifest, code, profile) for manifest, code in zip(manifests, codes, strict=True)]
     common = sorted(set(models[0]) & set(models[1]))
@@ -206,13 +206,6 @@ def _common_target(old: Path, new: Path) -> tuple[Path, Path]:
         if name in after:
             return folder, after[name]
     raise GeneratedCodeError(f"{old} has the targets {', '.join(before)}, {new} has {', '.join(after)}: none in common")
-
-
-def _manifest(folder: Path) -> Manifest:
-    manifest = read_manifest(folder)
-    if manifest is None:
-        raise GeneratedCodeError(f"{folder}: no generated files; run st-codegen generate first")
-    return manifest
 
 
 def _with_sizes(manifest: Manifest, code: GeneratedCode, profile: Profile | None) -> dict[str, dict[str, Any]]:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from st_codegen.cost.report import table_bytes
 from st_codegen.emit.output import MANIFEST
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError
@@ -31,7 +32,6 @@ from st_codegen.st import (
 from st_codegen.st.run.machine import Instance
 from st_codegen.st.syntax.source import PLAIN
 from st_codegen.st.tree import Pou, Section
-from st_codegen.st.types import ArrayType, Elementary, Type
 
 #: Rows that are run at once: their records stay in the caches of a processor.
 _BATCH = 4_000
@@ -112,8 +112,7 @@ class GeneratedCode:
 
     def table_bytes(self, block: str) -> int:
         """Bytes of a block's constant arrays."""
-        variables = self._pou(block).variables
-        return sum(_bytes(variable.type) for variable in variables if variable.is_constant)
+        return table_bytes(self._pou(block), self.project)
 
     def text(self, block: str) -> str:
         """The block's own text: its file, or its part of a file with several blocks."""
@@ -204,10 +203,3 @@ class GeneratedCode:
         except StRuntimeError as error:
             raise _StopsError(f"{self.folder}: the controller would stop in {block}\n{error}") from error
         return {port.name: np.asarray(instance[port.name]) for port in instance.outputs}
-
-
-def _bytes(type_: Type) -> int:
-    """What a value takes in memory; bits count as bytes."""
-    if isinstance(type_, ArrayType):
-        return type_.size * _bytes(type_.element)
-    return max(type_.bits // 8, 1) if isinstance(type_, Elementary) else 0

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from st_codegen.files.csv_tables import csv_text
 from st_codegen.files.folders import write_texts
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.report import PageSection, PageTable, figure, figures, page
@@ -101,12 +100,8 @@ def write(study: MotionStudy, out: Path, *, recording: bool = False) -> None:
 
 
 def _csv(rows: Sequence[dict[str, Any]]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(rows[0])
-    for entry in rows:
-        writer.writerow([" ".join(map(str, value)) if isinstance(value, list) else value for value in entry.values()])
-    return text.getvalue()
+    cells = [[" ".join(map(str, v)) if isinstance(v, list) else v for v in entry.values()] for entry in rows]
+    return csv_text([rows[0], *cells])
 
 
 def _curves(study: MotionStudy) -> str:

@@ -17,7 +17,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from types import MappingProxyType
-from typing import Any
+from typing import Any, dataclass_transform
 
 from st_codegen.st.errors import Position
 from st_codegen.st.types import UNKNOWN, Scalar, Type, Value
@@ -25,21 +25,23 @@ from st_codegen.st.types import UNKNOWN, Scalar, Type, Value
 _NOWHERE = Position("", 0, 0)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass_transform(frozen_default=True, field_specifiers=(field,))
+@dataclass(frozen=True)
 class Node:
-    """The base of all nodes."""
+    """The base of all nodes. Each class below it is a frozen dataclass, too."""
 
-    position: Position = field(default=_NOWHERE, compare=False, repr=False)
+    position: Position = field(default=_NOWHERE, compare=False, repr=False, kw_only=True)
+
+    def __init_subclass__(cls) -> None:
+        dataclass(frozen=True)(cls)
 
 
-@dataclass(frozen=True, kw_only=True)
 class Expression(Node):
     """The base of all expressions; the type is `UNKNOWN` until the checker has found it."""
 
-    type: Type = field(default=UNKNOWN, repr=False)
+    type: Type = field(default=UNKNOWN, repr=False, kw_only=True)
 
 
-@dataclass(frozen=True, kw_only=True)
 class Statement(Node):
     """The base of all statements."""
 
@@ -105,7 +107,6 @@ class LiteralKind(Enum):
     LTIME = "ltime"
 
 
-@dataclass(frozen=True)
 class Literal(Expression):
     """A literal; `type_name` is the prefix of a typed one (`DINT#5`), upper case. Durations are in nanoseconds."""
 
@@ -114,7 +115,6 @@ class Literal(Expression):
     type_name: str | None = None
 
 
-@dataclass(frozen=True)
 class EnumLiteral(Expression):
     """A value of an enumeration, written `E_Mode#Idle`."""
 
@@ -122,14 +122,12 @@ class EnumLiteral(Expression):
     name: str
 
 
-@dataclass(frozen=True)
 class Identifier(Expression):
     """A plain name, of whatever it will be."""
 
     name: str
 
 
-@dataclass(frozen=True)
 class Member(Expression):
     """A name behind a dot, `base.name`."""
 
@@ -137,12 +135,10 @@ class Member(Expression):
     name: str
 
 
-@dataclass(frozen=True)
 class Super(Expression):
     """The block that this one extends, written `SUPER^`."""
 
 
-@dataclass(frozen=True)
 class Omitted(Expression):
     """The value of an argument that is named without one, as in `f(x := )`."""
 
@@ -150,21 +146,18 @@ class Omitted(Expression):
 # --- expressions: what names mean -------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
 class Constant(Expression):
     """A literal or enumeration value, as a value of `type`; REAL values are already rounded."""
 
     value: Scalar
 
 
-@dataclass(frozen=True)
 class VariableRef(Expression):
     """A variable of the unit itself, of the instance it runs on, or a global one."""
 
     variable: Variable
 
 
-@dataclass(frozen=True)
 class InstanceVariable(Expression):
     """`base.variable` where `base` is an instance of a block."""
 
@@ -172,7 +165,6 @@ class InstanceVariable(Expression):
     variable: Variable
 
 
-@dataclass(frozen=True)
 class FieldRef(Expression):
     """`base.name` where `base` is a structure or union; `name` is in upper case."""
 
@@ -180,7 +172,6 @@ class FieldRef(Expression):
     name: str
 
 
-@dataclass(frozen=True)
 class ElementRef(Expression):
     """`base[indices]`; the types of checked indices are integers, the bounds those of the type of `base`."""
 
@@ -188,24 +179,20 @@ class ElementRef(Expression):
     indices: tuple[Expression, ...]
 
 
-@dataclass(frozen=True)
 class ThisRef(Expression):
     """`THIS^`, the instance a body or method runs on; the checker also puts it where the text leaves it out."""
 
 
-@dataclass(frozen=True)
 class ProgramRef(Expression):
     """The one instance of a program; `type` is its `BlockType`."""
 
 
-@dataclass(frozen=True)
 class PointerTarget(Expression):
     """`pointer^`; the checker also puts it where a reference stands for what it refers to."""
 
     pointer: Expression
 
 
-@dataclass(frozen=True)
 class AddressOf(Expression):
     """The address of a variable, written `ADR(target)`."""
 
@@ -226,7 +213,6 @@ class Overflow(Enum):
     ERROR = "error"
 
 
-@dataclass(frozen=True)
 class Unary(Expression):
     """`operator` is NEG or NOT; a plus sign, POS, is gone after the check."""
 
@@ -235,7 +221,6 @@ class Unary(Expression):
     overflow: Overflow = Overflow.WRAP
 
 
-@dataclass(frozen=True)
 class Infix(Expression):
     """The base of what stands between two operands."""
 
@@ -244,7 +229,6 @@ class Infix(Expression):
     right: Expression
 
 
-@dataclass(frozen=True)
 class Binary(Infix):
     """`operator` is ADD, SUB, MUL, DIV, MOD, AND, OR or XOR; both operands have the type of the result.
 
@@ -255,12 +239,10 @@ class Binary(Infix):
     overflow: Overflow = Overflow.WRAP
 
 
-@dataclass(frozen=True)
 class ShortCircuit(Infix):
     """AND_THEN or OR_ELSE: the right operand is evaluated only where the left one does not decide."""
 
 
-@dataclass(frozen=True)
 class Compare(Infix):
     """`operator` is EQ, NE, LT, LE, GT or GE.
 
@@ -270,14 +252,12 @@ class Compare(Infix):
     is_number_test: bool = False
 
 
-@dataclass(frozen=True)
 class Conversion(Expression):
     """A change of type, whether the text asks for it or not. To integers: to nearest, ties to even."""
 
     operand: Expression
 
 
-@dataclass(frozen=True)
 class StandardCall(Expression):
     """A standard function; conversions, MOVE and the functions that are operators are not among them."""
 
@@ -296,7 +276,6 @@ class Passing(Enum):
 _UNDECLARED = Variable("", UNKNOWN, Section.VAR, Storage.LOCAL, "", None, _NOWHERE)
 
 
-@dataclass(frozen=True)
 class Argument(Node):
     """An argument: positional (`name` is None), `name := value` or `name => value`, which is an OUTPUT.
 
@@ -310,7 +289,6 @@ class Argument(Node):
     parameter: Variable = _UNDECLARED
 
 
-@dataclass(frozen=True)
 class Call(Expression):
     """`function(arguments)`, a call of a function, method, program or instance of a block.
 
@@ -330,7 +308,6 @@ class Call(Expression):
 # --- statements -------------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
 class Assign(Statement):
     """`target := value`, both of the same type after the check; structures and arrays are copied."""
 
@@ -338,14 +315,12 @@ class Assign(Statement):
     value: Expression
 
 
-@dataclass(frozen=True)
 class CallStatement(Statement):
     """A call whose result, if any, is dropped."""
 
     call: Call
 
 
-@dataclass(frozen=True)
 class Branch(Node):
     """A condition and what runs where it holds: an IF or ELSIF."""
 
@@ -353,7 +328,6 @@ class Branch(Node):
     body: tuple[Statement, ...]
 
 
-@dataclass(frozen=True)
 class If(Statement):
     """The first branch whose condition holds runs, or `otherwise`."""
 
@@ -361,7 +335,6 @@ class If(Statement):
     otherwise: tuple[Statement, ...]
 
 
-@dataclass(frozen=True)
 class Range(Node):
     """A range `lower..upper`; a single value is a range of one."""
 
@@ -369,7 +342,6 @@ class Range(Node):
     upper: Expression
 
 
-@dataclass(frozen=True)
 class CaseBranch(Node):
     """What runs when the selector is one of the `choices`; the checker gives `labels`, the numbers of these ranges."""
 
@@ -378,7 +350,6 @@ class CaseBranch(Node):
     labels: tuple[tuple[int, int], ...] = ()
 
 
-@dataclass(frozen=True)
 class Case(Statement):
     """A choice by a number; no two labels overlap."""
 
@@ -387,7 +358,6 @@ class Case(Statement):
     otherwise: tuple[Statement, ...]
 
 
-@dataclass(frozen=True)
 class For(Statement):
     """A counting loop; `start`, `stop` and `step` are evaluated once, and the body does not assign the counter.
 
@@ -407,7 +377,6 @@ class For(Statement):
         return self.counter.variable
 
 
-@dataclass(frozen=True)
 class While(Statement):
     """A loop that tests before each round."""
 
@@ -415,7 +384,6 @@ class While(Statement):
     body: tuple[Statement, ...]
 
 
-@dataclass(frozen=True)
 class Repeat(Statement):
     """A loop that tests after each round and stops when the condition holds."""
 
@@ -423,17 +391,14 @@ class Repeat(Statement):
     condition: Expression
 
 
-@dataclass(frozen=True)
 class Exit(Statement):
     """EXIT, which leaves the innermost loop."""
 
 
-@dataclass(frozen=True)
 class Continue(Statement):
     """CONTINUE, which goes to the next round of the innermost loop."""
 
 
-@dataclass(frozen=True)
 class Return(Statement):
     """RETURN, which leaves the unit."""
 
@@ -470,6 +435,11 @@ class Pou:
     modifiers: frozenset[str] = frozenset()
     is_native: bool = False
 
+    @property
+    def full_name(self) -> str:
+        """The name, of a method behind that of its block."""
+        return self.name if self.block is None else f"{self.block}.{self.name}"
+
     def section(self, *sections: Section) -> tuple[Variable, ...]:
         """The variables of some kinds of VAR blocks, in order."""
         return tuple(variable for variable in self.variables if variable.section in sections)
@@ -499,13 +469,6 @@ class Project:
         return tuple(
             variable for pou in reversed(lineage) for variable in pou.variables if variable.storage is Storage.INSTANCE
         )
-
-    def find_method(self, block: str, name: str) -> Pou | None:
-        """The method that a call of `name` on a `block` reaches, inherited ones included."""
-        for pou in self.lineage(block):
-            if name.upper() in pou.methods:
-                return self.pous[pou.methods[name.upper()]]
-        return None
 
 
 # --- questions about expressions --------------------------------------------------------------------------------------

@@ -186,8 +186,7 @@ def checked_blocks(te: TransmissionError) -> tuple[CalledBlock, ...]:
 
 def calls_of(folder: Path) -> int:
     """How many calls of FB_TEPredict a generated folder spreads its models over."""
-    manifest = read_manifest(folder)
-    return 1 if manifest is None else int(manifest.purpose.get("calls", 1))
+    return int(read_manifest(folder).purpose.get("calls", 1))
 
 
 def _feature_inputs(te: TransmissionError, x: FloatArray) -> dict[str, FloatArray]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -12,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from st_codegen.files.csv_tables import csv_text
 from st_codegen.files.folders import write_texts
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.report import COLOURS, PageSection, PageTable, figures, page
@@ -31,13 +30,11 @@ _PAPER_TABLES = (
 
 def errors_csv(rows: Sequence[ErrorRow]) -> str:
     """The lines of errors.csv; a number that is not known is empty."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
+    made = []
     for row in rows:
         numbers = [row.ours_mae, row.ours_rmse, row.paper_mae, row.paper_rmse]
-        writer.writerow([row.order, row.quantity, row.family, *("" if math.isnan(n) else f"{n:.6g}" for n in numbers)])
-    return text.getvalue()
+        made.append([row.order, row.quantity, row.family, *("" if math.isnan(n) else f"{n:.6g}" for n in numbers)])
+    return csv_text([COLUMNS, *made])
 
 
 def write_tables(comparison: PaperComparison, folder: Path) -> list[Path]:

@@ -361,7 +361,7 @@ def test_nan_and_infinities_go_there_and_back(models, lone, lone_plc):
     with connected(lone_plc.ads, None, 600.0) as controller:
         live = LiveCode(controller, project)
         live.run_model("FB_Te", x, (0,))
-        sent = controller.read(Signal("GVL_Comparison.fInputs", length=9))
+        sent = controller.read(Signal("GVL_Comparison.fInputs", length=project.lengths[0]))[:9]
     assert sent.tobytes() == x.tobytes()
     assert struct.pack("d", sent[7]) == struct.pack("d", -0.0)
 

@@ -140,9 +140,8 @@ class Evaluator:
         """The method or body that a block has for another's."""
         if callee.block is None:
             return self.project.pous[block]
-        found = self.project.find_method(block, callee.name)
-        assert found is not None
-        return found
+        name = callee.name.upper()
+        return self.project.pous[next(pou.methods[name] for pou in self.project.lineage(block) if name in pou.methods)]
 
 
 class _Unit:

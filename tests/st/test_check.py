@@ -404,7 +404,7 @@ PROGRAM P VAR a : ARRAY[0..1] OF A := [(x := 1), (y := 3.0)]; b : B := (n := 8);
     assert (variables["c"], variables["d"]) == (9, 4)
 
 
-def test_lineage_and_methods_of_blocks() -> None:
+def test_lineage_of_blocks() -> None:
     source = """
 FUNCTION_BLOCK A VAR_INPUT x : DINT; END_VAR METHOD M END_METHOD METHOD N END_METHOD END_FUNCTION_BLOCK
 FUNCTION_BLOCK B EXTENDS A VAR_OUTPUT y : DINT; END_VAR METHOD M END_METHOD END_FUNCTION_BLOCK
@@ -412,8 +412,6 @@ FUNCTION_BLOCK B EXTENDS A VAR_OUTPUT y : DINT; END_VAR METHOD M END_METHOD END_
     checked = project(source)
     assert [pou.name for pou in checked.lineage("b")] == ["B", "A"]
     assert [variable.name for variable in checked.block_variables("B")] == ["x", "y"]
-    assert [checked.find_method("B", name).key for name in ("m", "n")] == ["B.M", "A.N"]
-    assert checked.find_method("B", "z") is None
 
 
 @pytest.mark.parametrize(

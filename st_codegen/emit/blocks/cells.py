@@ -63,7 +63,9 @@ def _(op: Rank, step: Step, listing: Listing) -> None:
             "position": position,
             "column": search.first.column,
             "steps": [] if joined else [_step(half) for half in halvings(search.first.highest)],
-            "table": None if joined or not search.first.highest else _edges(search, position, step, listing),
+            "table": None
+            if joined or not search.first.highest
+            else listing.table(step.table("EDGE") + f"_{position}", "LREAL", search.first.edges),
             "results": [_result(number, column, step) for number, column in search.results],
         }
         for position, search in enumerate(searches)
@@ -77,10 +79,6 @@ def _(op: Rank, step: Step, listing: Listing) -> None:
 def _step(half: int) -> dict[str, int]:
     """A step of a search: how far ahead the threshold lies that it looks at, and how far beyond it goes on."""
     return {"ahead": half - 1, "beyond": half}
-
-
-def _edges(search: _RankSearch, position: int, step: Step, listing: Listing) -> str:
-    return listing.table(step.table("EDGE") + f"_{position}", "LREAL", search.first.edges)
 
 
 def _result(number: int, column: RankColumn, step: Step) -> dict[str, object]:
@@ -129,18 +127,14 @@ def _joined_tables(searches: list[_RankSearch], step: Step, listing: Listing) ->
                         "last": first + high - 1,
                         "before": first,
                         "low": low,
-                        "steps": _power_steps(bits),
+                        # the first one goes beyond by a jump of its column
+                        "steps": [_step(1 << level) for level in reversed(range(bits))],
                     }
                     for bits, low, high in loops
                 ],
             }
         )
     return {"found": listing.local(f"anFound{step.number}", "DINT", len(searches)), "parts": parts}
-
-
-def _power_steps(bits: int) -> list[dict[str, int]]:
-    """The steps of a search whose count has so many bits; the first one goes beyond by a jump of its column."""
-    return [_step(1 << level) for level in reversed(range(bits))]
 
 
 def _runs_of_bits(counts: list[int]) -> list[tuple[int, int, int]]:

@@ -107,10 +107,10 @@ class Demand:
         """An operation whose result is rounded to a precision."""
         return rounded(self.terms, self.terms.real(operation, *arguments), precision)
 
-    def _sum(self, terms: Iterable[Value]) -> Value:
-        total: Value = 0.0
+    def _sum(self, terms: Iterable[Value], total: Value = 0.0, precision: ir.Precision = ir.Precision.FLOAT64) -> Value:
+        """Terms added to a total, one after another, each sum rounded to a precision."""
         for term in terms:
-            total = self.terms.real("add", total, term)
+            total = self._rounded(precision, "add", total, term)
         return total
 
     # --- operations -------------------------------------------------------------------------------------------------
@@ -280,15 +280,11 @@ class Demand:
     @value.register
     def _(self, op: ir.Linear, given: list[list[Value]]) -> list[Value]:
         single = op.order is ir.SummationOrder.SEQUENTIAL and op.precision is ir.Precision.FLOAT32
+        step = ir.Precision.FLOAT32 if single else ir.Precision.FLOAT64
         result = []
         for weights, bias in zip(op.weights.tolist(), op.bias.tolist(), strict=True):
-            total: Value = bias
-            for x, weight in zip(given[0], weights, strict=True):
-                product = self.terms.real("mul", x, weight)
-                product = self.terms.real("single", product) if single else product
-                total = self.terms.real("add", total, product)
-                total = self.terms.real("single", total) if single else total
-            result.append(total if single else rounded(self.terms, total, op.precision))
+            products = (self._rounded(step, "mul", *pair) for pair in zip(given[0], weights, strict=True))
+            result.append(rounded(self.terms, self._sum(products, bias, step), op.precision))
         return result
 
     @value.register
@@ -311,11 +307,9 @@ class Demand:
         result = []
         for columns in op.columns.tolist():
             for weights, bias in zip(op.weights.tolist(), op.bias.tolist(), strict=True):
-                total: Value = bias
-                for column, weight in zip(columns, weights, strict=True):
-                    product = self.terms.real("mul", given[0][column], weight)
-                    total = self.terms.real("add", total, product)
-                result.append(rounded(self.terms, total, op.precision))
+                pairs = zip(columns, weights, strict=True)
+                products = (self.terms.real("mul", given[0][column], weight) for column, weight in pairs)
+                result.append(rounded(self.terms, self._sum(products, bias), op.precision))
         return result
 
     @value.register
@@ -383,14 +377,11 @@ class Demand:
         terms, x = self.terms, given[0]
         if op.norm is ir.Norm.MAX:
             return self._by_largest(op, x)
-        total: Value = 0.0
-        for column in x:
-            term = (
-                terms.real("abs", column)
-                if op.norm is ir.Norm.L1
-                else self._rounded(op.precision, "mul", column, column)
-            )
-            total = self._rounded(op.precision, "add", total, term)
+        sizes = (
+            terms.real("abs", column) if op.norm is ir.Norm.L1 else self._rounded(op.precision, "mul", column, column)
+            for column in x
+        )
+        total = self._sum(sizes, precision=op.precision)
 
         def quotient(column: Value) -> Value:
             if op.norm is ir.Norm.L1:

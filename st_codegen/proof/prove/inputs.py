@@ -71,8 +71,10 @@ class InputTerms:
             raise NotProvedError("a number that is not computed from the limited input")
         return links
 
-    def truth(self, value: AxisValue) -> Value:
-        """Whether an input is missing, or whether the block takes it."""
+    def truth(self, value: object) -> Value:
+        """A condition as a term: whether an input is missing, or whether the block takes its inputs."""
+        if not isinstance(value, AxisValue):
+            return value if isinstance(value, bool | Term) else self.condition(value)
         value.lift()
         here = value.constant.astype(np.bool_)
         taken = value.axis.taken

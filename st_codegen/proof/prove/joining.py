@@ -14,8 +14,8 @@ from st_codegen.proof.prove.axis import AxisValue, InputAxis, NotProvedError, re
 from st_codegen.proof.prove.boxes import Lanes, Slots, Space
 from st_codegen.proof.prove.terms import Term
 from st_codegen.proof.prove.values import (
-    LOST,
     NOTHING,
+    Absent,
     All,
     Bits,
     ComputedError,
@@ -53,7 +53,7 @@ class Joining:
             return self._logic("AND", old, self._not(mask))
         if isinstance(mask, All) or isinstance(new, Term | Kept) or isinstance(old, Kept | Term):
             return Conditional(mask, new, old)
-        stale = isinstance(old, type(NOTHING) | type(LOST) | Slots | Bits) or (
+        stale = isinstance(old, Absent | Slots | Bits) or (
             isinstance(old, Lanes)
             and old.space is not self._open
             and not any(isinstance(v, Lanes) and v.space is old.space for v in (new, mask))
@@ -241,9 +241,7 @@ class Joining:
     ) -> Value:
         """An operation on numbers, lane by lane; `compute` also takes the lanes in which it has to succeed."""
         values = [self._settled(value, mask) if isinstance(value, Slots) else value for value in values]
-        if any(
-            isinstance(value, Term | All | Bits | Kept | Conditional | type(NOTHING) | type(LOST)) for value in values
-        ):
+        if any(isinstance(value, Term | All | Bits | Kept | Conditional | Absent) for value in values):
             raise ComputedError("an operation on a computed number that is not followed")
         if all(is_scalar(value) for value in values):
             result = compute(*(np.array([value]) for value in values), np.ones(1, np.bool_))

@@ -17,9 +17,9 @@ from st_codegen.proof.prove.axis import NotProvedError
 from st_codegen.proof.runner import GeneratedCode
 from st_codegen.st import Project, walk
 from st_codegen.st import tree as t
+from st_codegen.st.check.flow import all_reached
 from st_codegen.st.syntax import declarations as d
 from st_codegen.st.syntax.scan import CommentKind, Scanned
-from st_codegen.st.types import BlockType
 
 #: Methods that TwinCAT and CODESYS call by themselves, before the first call of a block.
 _UNCALLED = {"FB_INIT", "FB_REINIT", "FB_EXIT"}
@@ -41,7 +41,7 @@ _LINE_ENDS = re.compile("[\x0b\x0c\x1c-\x1e\x85\u2028\u2029]|\r(?!\n)")
 
 def check_text(code: GeneratedCode, block: str) -> None:
     """Raise NotProvedError for what gives a block, or what it calls, another meaning than its statements say."""
-    units = [code.project.pous[key] for key in _reached(code.project, block.upper())]
+    units = [code.project.pous[key] for key in all_reached(code.project, block.upper())]
     for unit in units:
         if unit.base is not None or unit.modifiers or _UNCALLED & set(unit.methods):
             raise NotProvedError(f"{unit.position}: {unit.name} extends a block or has a method that nobody calls")
@@ -108,19 +108,6 @@ def _kept_elsewhere(owner: d.PouDeclaration | d.GlobalDeclarations) -> Iterator[
         if isinstance(owner, d.PouDeclaration) or "CONSTANT" in block.qualifiers:
             survives = bool(block.qualifiers - {"CONSTANT"})
             yield from (variable for variable in block.variables if survives or variable.address is not None)
-
-
-def _reached(project: Project, key: str) -> set[str]:
-    """A unit and all that it calls or holds an instance of, by key."""
-    found: set[str] = set()
-    open_ = [key]
-    while open_:
-        unit = project.pous[open_.pop()]
-        if unit.key not in found and not unit.is_native:
-            found.add(unit.key)
-            open_ += [call.callee for call in walk.calls(unit.body)]
-            open_ += [v.type.name.upper() for v in unit.variables if isinstance(v.type, BlockType)]
-    return found
 
 
 def check_interface(model: ModelIR, project: Project, block: str, outputs: tuple[int, ...]) -> None:

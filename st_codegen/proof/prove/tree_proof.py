@@ -14,10 +14,9 @@ from st_codegen.passes.jumps import largest_jump
 from st_codegen.proof.prove.arithmetic import Findings, check_plausible, first_missing, numbers_of, same_number
 from st_codegen.proof.prove.axis import AxisValue, InputAxis, NotProvedError, from_keys, require_assigned, to_keys
 from st_codegen.proof.prove.boxes import Lanes, Slots, Space
-from st_codegen.proof.prove.by_case import converted
 from st_codegen.proof.prove.demand import Demand
 from st_codegen.proof.prove.disagree import OtherExpressionError, SearchedInputs, parts_of
-from st_codegen.proof.prove.execute import Executor
+from st_codegen.proof.prove.execute import Executor, converted
 from st_codegen.proof.prove.floats import bits
 from st_codegen.proof.prove.inputs import InputTerms
 from st_codegen.proof.prove.intervals import Interval
@@ -271,13 +270,13 @@ class TreeProof:
 
     def _value(self, outputs: dict[str, Value], name: str, valid: Value) -> Value:
         """What an output is assigned where there is an answer; it must keep its value elsewhere."""
-        value = outputs[name]
+        value, inputs = outputs[name], self.run.executor.inputs
         kept: Value = None
         if isinstance(value, Conditional):
             same = not isinstance(valid, Term) and _same_condition(value.condition, valid)
             kept = value.otherwise if same else None
             value = value.value
-        elif isinstance(value, Term) and value.operation == "if" and value.arguments[0] is self._as_truth(valid):
+        elif isinstance(value, Term) and value.operation == "if" and value.arguments[0] is inputs.truth(valid):
             last = value.arguments[2]
             kept = Kept(name) if isinstance(last, Term) and last.arguments == (("before", name),) else None
             value = value.arguments[1]
@@ -286,13 +285,6 @@ class TreeProof:
         if not isinstance(kept, Kept) or kept.name != name:
             raise NotProvedError(f"{name} does not keep its value exactly where bValid is FALSE")
         return value
-
-    def _as_truth(self, value: Value) -> Value:
-        """A condition as a term; True where it always holds."""
-        inputs = self.run.executor.inputs
-        if isinstance(value, AxisValue):
-            return inputs.truth(value)
-        return inputs.condition(value) if isinstance(value, All) else value
 
     def _check_terms(self, values: list[Value], by_cells: list[bool], valid: Value) -> Findings:
         """Outputs that are computed from trees are the model's very expressions of them."""
@@ -311,11 +303,11 @@ class TreeProof:
             number: self.trees.sums(ensemble.op, number, self.fixed) for number, ensemble in self.side.ensembles.items()
         }
         wanted = (*self.before, len(self.model.ops))
-        demand = Demand.of_trees(terms, self.model, inputs, sums, self._as_truth(start), wanted)  # type: ignore[arg-type]
+        demand = Demand.of_trees(terms, self.model, inputs, sums, inputs.truth(start), wanted)
         self._check_valid(start)
-        if demand.valid is not self._as_truth(valid):
+        if demand.valid is not inputs.truth(valid):
             reason = "bValid is not what the model demands behind its trees"
-            raise OtherExpressionError(reason, [self._as_truth(valid)], [demand.valid], self._inputs())  # type: ignore[list-item]
+            raise OtherExpressionError(reason, [inputs.truth(valid)], [demand.valid], self._inputs())
         chosen = [n for n, cells in enumerate(by_cells) if not cells]
         got = [self.run.executor.as_number(values[n]) for n in chosen]
         demanded = [demand.put_out()[n] for n in chosen]
@@ -379,7 +371,7 @@ class TreeProof:
         held = {variable.name: variable for variable in executor.unit.variables if variable.name in outputs}
         terms = {name: converted(executor, outputs[name], held[name]) for name in (*names, "bPlausible")}
         read = {name: value() if callable(value) else value for name, value in terms.items()}
-        check_plausible(self.model, executor.terms, read, self._as_truth(valid))  # type: ignore[arg-type]
+        check_plausible(self.model, executor.terms, read, executor.inputs.truth(valid))
 
     def _check_valid(self, valid: Value) -> None:
         """bValid is TRUE exactly for the inputs for which the model has an answer."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import Enum
 from typing import Any
 
 from st_codegen.proof.prove.axis import AxisValue, NotProvedError
@@ -16,18 +17,14 @@ class ComputedError(NotProvedError):
     """A decision on a computed number: boxes of inputs do not decide it, terms may."""
 
 
-class _Nothing:
-    """What a variable holds that this call has not assigned: what an earlier call left."""
+class Absent(Enum):
+    """What a variable holds that has no value: it is what an earlier call left, or a counter behind its loop."""
+
+    NOTHING = "not assigned by this call"
+    LOST = "read by nobody"
 
 
-NOTHING = _Nothing()
-
-
-class _Lost:
-    """What a variable holds that nobody may read: a counter behind its loop."""
-
-
-LOST = _Lost()
+NOTHING, LOST = Absent
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,19 @@ def reachable_units(project: t.Project, key: str) -> set[str]:
     return found
 
 
+def all_reached(project: t.Project, key: str) -> set[str]:
+    """A unit and all that it calls or holds an instance of, native ones aside, by key."""
+    found: set[str] = set()
+    pending = [key]
+    while pending:
+        unit = project.pous[pending.pop()]
+        if unit.key not in found and not unit.is_native:
+            found.add(unit.key)
+            pending += [call.callee for call in walk.calls(unit.body)]
+            pending += [v.type.name.upper() for v in unit.variables if isinstance(v.type, BlockType)]
+    return found
+
+
 def overriding(project: t.Project, key: str) -> set[str]:
     """The keys of the units that a virtual call may reach instead: methods, or bodies of derived blocks."""
     callee = project.pous[key]
@@ -80,16 +93,12 @@ def _check_circles(
                 done.add(key)
             elif key in path:
                 circle = [*path[path.index(key) :], key]
-                names = " -> ".join(_name(project.pous[item]) for item in circle)
-                yield Problem(project.pous[key].position, f"'{_name(project.pous[key])}' {verb}: {names}")
+                names = " -> ".join(project.pous[item].full_name for item in circle)
+                yield Problem(project.pous[key].position, f"'{project.pous[key].full_name}' {verb}: {names}")
             elif key not in done:
                 path.append(key)
                 stack.append((key, True))
                 stack.extend((other, False) for other in sorted(follow(key)))
-
-
-def _name(pou: t.Pou) -> str:
-    return pou.name if pou.block is None else f"{pou.block}.{pou.name}"
 
 
 def _check_results(project: t.Project) -> Iterator[Problem]:
@@ -108,7 +117,7 @@ def _check_counters(project: t.Project) -> Iterator[Problem]:
                     if loop.variable in walk.assigned_variables(project.pous[key].body):
                         name = loop.variable.name
                         yield Problem(
-                            loop.position, f"'{_name(project.pous[key])}' assigns '{name}', which counts this loop"
+                            loop.position, f"'{project.pous[key].full_name}' assigns '{name}', which counts this loop"
                         )
 
 

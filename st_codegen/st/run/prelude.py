@@ -22,6 +22,15 @@ def context_entry(name: str) -> str:
     return f"getelementptr inbounds i64, ptr %c, i64 {CONTEXT.index(name)}"
 
 
+def _load(name: str, kind: str, entry: str) -> str:
+    """The value of an entry of the context; its address is the name behind a `p.`."""
+    return f"%p.{name} = {context_entry(entry)}\n  %{name} = load {kind}, ptr %p.{name}"
+
+
+def _store(value: str, entry: str) -> str:
+    return f"%p.{entry} = {context_entry(entry)}\n  store i64 {value}, ptr %p.{entry}"
+
+
 def _fault(kind: str, x: str = "%x", y: str = "%y") -> str:
     return f"call void @fault(ptr %c, i64 {KINDS.index(kind)}, i64 %site, i64 {x}, i64 {y})"
 
@@ -62,12 +71,9 @@ EXPORTED = ("fault", "check.64", "check.32", "check.power", "domain", "native", 
 _HEAD = f"""
 define void @fault(ptr %c, i64 %kind, i64 %site, i64 %x, i64 %y) cold noinline {{
   store i64 %kind, ptr %c
-  %p1 = {context_entry("site")}
-  store i64 %site, ptr %p1
-  %p2 = {context_entry("first")}
-  store i64 %x, ptr %p2
-  %p3 = {context_entry("second")}
-  store i64 %y, ptr %p3
+  {_store("%site", "site")}
+  {_store("%x", "first")}
+  {_store("%y", "second")}
   ret void
 }}
 """
@@ -200,42 +206,32 @@ good:
 # the row before are taken; a question without an answer is noted, and the run goes on as if nothing were answered.
 _NATIVE = f"""
 define i32 @native(ptr %c, i64 %site, ptr %frame, i64 %size) noinline {{
-  %pt = {context_entry("is_trial")}
-  %trial = load i64, ptr %pt
+  {_load("trial", "i64", "is_trial")}
   %is = icmp ne i64 %trial, 0
   br i1 %is, label %tried, label %direct
 direct:
-  %ph = {context_entry("host")}
-  %host = load ptr, ptr %ph
-  %pr = {context_entry("row")}
-  %row = load i64, ptr %pr
+  {_load("host", "ptr", "host")}
+  {_load("row", "i64", "row")}
   %status = call i32 %host(i64 %row, i64 %site, ptr %frame)
   ret i32 %status
 tried:
-  %pc = {context_entry("calls")}
-  %k = load i64, ptr %pc
+  {_load("k", "i64", "calls")}
   %k1 = add i64 %k, 1
-  store i64 %k1, ptr %pc
-  %pn = {context_entry("answers_a_row")}
-  %n = load i64, ptr %pn
+  store i64 %k1, ptr %p.k
+  {_load("n", "i64", "answers_a_row")}
   %pm = {context_entry("missed")}
   %room = icmp ult i64 %k, %n
   br i1 %room, label %look, label %miss
 look:
-  %pr2 = {context_entry("row")}
-  %row2 = load i64, ptr %pr2
-  %pb = {context_entry("begin")}
-  %begin = load i64, ptr %pb
+  {_load("row2", "i64", "row")}
+  {_load("begin", "i64", "begin")}
   %local = sub i64 %row2, %begin
   %rk = mul i64 %local, %n
   %at = add i64 %rk, %k
-  %pk = {context_entry("known")}
-  %known = load ptr, ptr %pk
+  {_load("known", "ptr", "known")}
   %mark = getelementptr i64, ptr %known, i64 %at
-  %pa = {context_entry("answers")}
-  %answers = load ptr, ptr %pa
-  %pf = {context_entry("answer_bytes")}
-  %bytes = load i64, ptr %pf
+  {_load("answers", "ptr", "answers")}
+  {_load("bytes", "i64", "answer_bytes")}
   %twice = mul i64 %bytes, 2
   %where = mul i64 %at, %twice
   %asked = getelementptr i8, ptr %answers, i64 %where
@@ -278,24 +274,17 @@ define i64 @rows(ptr %c, ptr %one, ptr %g, i64 %gs, ptr %s, i64 %ss, i64 %first,
 start:
   %pr = {context_entry("row")}
   %pf = {context_entry("frame")}
-  %pb = {context_entry("frames")}
-  %pz = {context_entry("frame_bytes")}
-  %frames = load ptr, ptr %pb
-  %fs = load i64, ptr %pz
+  {_load("frames", "ptr", "frames")}
+  {_load("fs", "i64", "frame_bytes")}
   %pp = {context_entry("program")}
-  %pq = {context_entry("programs")}
-  %programs = load ptr, ptr %pq
-  %pu = {context_entry("program_bytes")}
-  %ps = load i64, ptr %pu
-  %pt = {context_entry("is_trial")}
-  %trial = load i64, ptr %pt
+  {_load("programs", "ptr", "programs")}
+  {_load("ps", "i64", "program_bytes")}
+  {_load("trial", "i64", "is_trial")}
   %is = icmp ne i64 %trial, 0
   %pc = {context_entry("calls")}
   %pm = {context_entry("missed")}
-  %px = {context_entry("status")}
-  %status = load ptr, ptr %px
-  %pg = {context_entry("begin")}
-  %begin = load i64, ptr %pg
+  {_load("status", "ptr", "status")}
+  {_load("begin", "i64", "begin")}
   br label %next
 next:
   %r = phi i64 [ %first, %start ], [ %r1, %good ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
@@ -22,7 +21,6 @@ class TableKind(Enum):
     BOOL = "bool"
 
 
-@dataclass(frozen=True, eq=False)
 class NumberTable(Node):
     """An array initialiser of plain numbers, read as one token; `values` is int64, uint64, float64 or bool."""
 
@@ -39,7 +37,6 @@ class NumberTable(Node):
         return hash((self.kind, self.values.size))
 
 
-@dataclass(frozen=True)
 class Repeated(Node):
     """A value that is repeated in an array initialiser, written `50(0.0)`."""
 
@@ -47,14 +44,12 @@ class Repeated(Node):
     value: Initial | None
 
 
-@dataclass(frozen=True)
 class ArrayInitial(Node):
     """The initialiser of an array with anything but plain numbers in it."""
 
     items: tuple[Initial | Repeated, ...]
 
 
-@dataclass(frozen=True)
 class MemberInitial(Node):
     """One field in the initialiser of a structure, written `name := value`."""
 
@@ -62,7 +57,6 @@ class MemberInitial(Node):
     value: Initial
 
 
-@dataclass(frozen=True)
 class StructInitial(Node):
     """The initialiser of a structure, written `(a := 1, b := 2)`."""
 
@@ -75,14 +69,12 @@ Initial = Expression | NumberTable | ArrayInitial | StructInitial
 # --- types ------------------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
 class NamedType(Node):
     """A type by its name; of a library it may be qualified by a namespace."""
 
     name: str
 
 
-@dataclass(frozen=True)
 class StringSpec(Node):
     """A string type, written `STRING(80)`; without a length it holds 80 characters."""
 
@@ -90,7 +82,6 @@ class StringSpec(Node):
     wide: bool = False
 
 
-@dataclass(frozen=True)
 class ArraySpec(Node):
     """An array type, written `ARRAY[0..1, 1..3] OF element`."""
 
@@ -98,7 +89,6 @@ class ArraySpec(Node):
     element: TypeSpec
 
 
-@dataclass(frozen=True)
 class SubrangeSpec(Node):
     """A subrange type, written `DINT(0..10)`."""
 
@@ -106,7 +96,6 @@ class SubrangeSpec(Node):
     range: Range
 
 
-@dataclass(frozen=True)
 class PointerSpec(Node):
     """A type that points at another, written `POINTER TO target` or `REFERENCE TO target`."""
 
@@ -120,7 +109,6 @@ TypeSpec = NamedType | StringSpec | ArraySpec | SubrangeSpec | PointerSpec
 # --- variables, types and units ---------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
 class VariableDeclaration(Node):
     """One declared name; `a, b : DINT` makes two of them."""
 
@@ -131,7 +119,6 @@ class VariableDeclaration(Node):
     attributes: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
 class VariableBlock(Node):
     """The variables from VAR to END_VAR; the qualifiers are CONSTANT, RETAIN, PERSISTENT."""
 
@@ -140,7 +127,6 @@ class VariableBlock(Node):
     variables: tuple[VariableDeclaration, ...]
 
 
-@dataclass(frozen=True)
 class StructDeclaration(Node):
     """A structure or, with `is_union`, a union."""
 
@@ -151,7 +137,6 @@ class StructDeclaration(Node):
     attributes: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
 class Enumerator(Node):
     """One value of an enumeration with its number, if that is written."""
 
@@ -159,7 +144,6 @@ class Enumerator(Node):
     value: Expression | None
 
 
-@dataclass(frozen=True)
 class EnumDeclaration(Node):
     """An enumeration, written `(A, B := 5) UINT := B`."""
 
@@ -170,7 +154,6 @@ class EnumDeclaration(Node):
     attributes: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
 class AliasDeclaration(Node):
     """A name for a type, written `T : ARRAY[0..3] OF LREAL := [..]`."""
 
@@ -183,7 +166,6 @@ class AliasDeclaration(Node):
 TypeDeclaration = StructDeclaration | EnumDeclaration | AliasDeclaration
 
 
-@dataclass(frozen=True)
 class PouDeclaration(Node):
     """A function, function block, program or method with its variables and body."""
 
@@ -198,7 +180,6 @@ class PouDeclaration(Node):
     attributes: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
 class GlobalDeclarations(Node):
     """The VAR_GLOBAL blocks of one file; `name` is the list's name, by which its variables can be qualified."""
 
@@ -207,7 +188,6 @@ class GlobalDeclarations(Node):
     attributes: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
 class TaskDeclaration(Node):
     """A task with the time between its calls; of two that wait, the one with the smaller priority goes first."""
 
@@ -216,7 +196,6 @@ class TaskDeclaration(Node):
     priority: Expression
 
 
-@dataclass(frozen=True)
 class ProgramInstance(Node):
     """A program that a task calls."""
 
@@ -225,7 +204,6 @@ class ProgramInstance(Node):
     program: str
 
 
-@dataclass(frozen=True)
 class ConfigurationDeclaration(Node):
     """A CONFIGURATION of one RESOURCE: its tasks, and the programs that they call, in order."""
 

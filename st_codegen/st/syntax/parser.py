@@ -15,7 +15,6 @@ from st_codegen.st import tree as t
 from st_codegen.st.errors import Problem, StSyntaxError
 from st_codegen.st.syntax import declarations as d
 from st_codegen.st.syntax.builder import Builder
-from st_codegen.st.syntax.lalr import ParseTables
 from st_codegen.st.syntax.scan import Scanned, Segment, scan
 
 # Deeper trees would exceed Python's recursion limit in the passes that follow; hand-written code stays below 20.
@@ -73,18 +72,9 @@ def _lark() -> Lark:
     )
 
 
-@cache
-def _tables() -> ParseTables | None:
-    """The tables of the grammar; None where this lark keeps them elsewhere, so that it is slower."""
-    try:
-        return ParseTables.of(_lark())
-    except (AttributeError, ValueError):
-        return None
-
-
 def get_ready() -> None:
     """Make the tables of the grammar now, which the first text would have to wait for."""
-    _tables()
+    _lark()
 
 
 @cache
@@ -107,10 +97,7 @@ def parse_scanned(scanned: Scanned, start: str = "file") -> Any:
     """`parse_segment` for a text whose comments were blanked before."""
     token = Builder.parsing.set(scanned)
     try:
-        tables = _tables()
-        result = None if tables is None else tables.parse(scanned.segment.text, start)
-        if result is None:
-            result = _lark().parse(scanned.segment.text, start=start)
+        result = _lark().parse(scanned.segment.text, start=start)
     except UnexpectedInput as error:
         raise _explain(error, scanned.segment) from None
     finally:
