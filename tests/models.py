@@ -202,6 +202,35 @@ FUNCTION_COLUMNS = {
     function: [0] if function in (Function.SQRT, Function.LOG, Function.POWER) else [0, 1, 2] for function in Function
 }
 
+#: Functions and quotients without an answer at 0.0, which stands for a missing value in the text.
+MISSING_BEHIND = {
+    **{
+        f"missing behind {function.value}": model(
+            Select((0,), [0]),
+            Scale((1,), Operator.SUBTRACT, [shift]),
+            Activation((2,), function, 1, parameter, limit=limit),
+            FillMissing((3,), [1.5]),
+            accepts_nan=True,
+        )
+        for function, shift, parameter, limit in (
+            (Function.LOG, 0.0, 1.0, np.inf),
+            (Function.LOG1P, 1.5, 1.0, np.inf),
+            (Function.SQRT, 1.5, 1.0, np.inf),
+            (Function.EXP, -600.0, 1.0, 500.0),
+            (Function.EXPM1, -600.0, 1.0, 500.0),
+            (Function.COS, 1e7, 1.0, np.inf),
+            (Function.POWER, 0.0, -1.0, np.inf),
+        )
+    },
+    "missing behind quotients": model(
+        Select((0,), [0, 0]),
+        Scale((1,), Operator.DIVIDE, [2.0, -0.5], reverse=True),
+        Combine((2, 1), Operator.DIVIDE, 2),
+        FillMissing((3,), [1.5, -2.0]),
+        accepts_nan=True,
+    ),
+}
+
 #: One model for each operation and each of its variants.
 SMALL_MODELS = {
     "select": model(Select((0,), [2, 0, 0])),

@@ -78,6 +78,11 @@ class Scale(Quotient):
         return len(self.constant)
 
     @property
+    def refuses(self) -> bool:
+        """Whether there are numbers without an answer."""
+        return self.reverse and self.operator is Operator.DIVIDE
+
+    @property
     def exact(self) -> bool:
         return self.doubt is None and self.precision is not Precision.REAL
 
@@ -91,6 +96,11 @@ class Combine(Quotient):
     width: int
     precision: Precision = Precision.FLOAT64
     limit: float = math.inf
+
+    @property
+    def refuses(self) -> bool:
+        """Whether there are numbers without an answer."""
+        return self.operator is Operator.DIVIDE
 
     @property
     def exact(self) -> bool:
@@ -275,6 +285,9 @@ class Activation(Elementwise):
     _EXACT: ClassVar[frozenset[Function]] = frozenset(
         {Function.IDENTITY, Function.RELU, Function.LEAKY_RELU, Function.SIGNED_SQUARE, Function.ABS, Function.SQRT}
     )
+    _PARTIAL: ClassVar[frozenset[Function]] = frozenset(
+        {Function.LOG1P, Function.SQRT, Function.LOG, Function.SIN, Function.COS, Function.POWER}
+    )
 
     def __post_init__(self) -> None:
         if not math.isfinite(self.parameter):
@@ -283,6 +296,11 @@ class Activation(Elementwise):
     @property
     def exact(self) -> bool:
         return self.function in self._EXACT and self.precision is not Precision.REAL
+
+    @property
+    def refuses(self) -> bool:
+        """Whether there are numbers without an answer."""
+        return self.function in self._PARTIAL or math.isfinite(self.limit)
 
     @property
     def furthest(self) -> float:

@@ -19,7 +19,7 @@ from st_codegen.proof.probes import probe_rows
 from st_codegen.proof.runner import GeneratedCode
 from st_codegen.st.check.generated import single_rounds
 from tests.examples import examples
-from tests.models import SMALL_MODELS, tree_models
+from tests.models import MISSING_BEHIND, SMALL_MODELS, tree_models
 from tests.st.leftovers import unused_variables
 
 
@@ -71,6 +71,13 @@ def test_each_operation_computes_what_the_reference_computes(name, target, tmp_p
     # it alone refuses what some of its pieces and knots would answer
     refuses = any("_REFUSED" in path.read_text("utf-8") for path in tmp_path.rglob("*") if path.is_file())
     assert refuses == (name == "piecewise constant")
+
+
+@pytest.mark.parametrize("target", ["iec", "twincat"])
+@pytest.mark.parametrize("name", MISSING_BEHIND)
+def test_a_missing_value_is_no_fault_where_what_stands_for_it_has_no_answer(name, target, tmp_path):
+    expected = assert_same(limit_inputs(MISSING_BEHIND[name]), target, tmp_path)
+    assert np.isfinite(expected).all(axis=1).mean() > 0.2
 
 
 @pytest.mark.parametrize("name", SMALL_MODELS)

@@ -21,13 +21,17 @@ from st_codegen.emit.literals import capitalised, check_text, identifier, real, 
 from st_codegen.errors import InputError, errors_name
 from st_codegen.ir import (
     FLOAT32_OVERFLOW,
+    Activation,
     CellTable,
+    Combine,
     Feature,
     FillMissing,
     ModelIR,
+    Operation,
     Output,
     Piecewise,
     Rank,
+    Scale,
     Select,
     TreeEnsemble,
 )
@@ -313,7 +317,7 @@ def check_inputs(
     if model.accepts_nan:
         # one more, which is never set, for columns in which missing values were replaced
         origins = _missing_inputs(model)
-        readers = [op for op in model.ops if isinstance(op, FillMissing | Piecewise | Rank | TreeEnsemble)]
+        readers = [op for op in model.ops if _reads_flags(op, origins)]
         replaced = any(None in origins[op.inputs[0]] for op in readers if not model.reads_ranks(op))
         listing.local("abMissing", "BOOL", len(inputs) + replaced)
     largest = float(np.finfo(np.float64).max)  # the range of a feature that declares none
@@ -395,7 +399,7 @@ def _operations(model: ModelIR, listing: Listing, *, aged: bool) -> list[ArrayEl
             whole=whole,
             missing=(
                 tuple(len(model.features) if origin is None else origin for origin in missing[op.inputs[0]])
-                if model.accepts_nan
+                if model.accepts_nan and _reads_flags(op, missing)
                 else None
             ),
             type="REAL" if model.is_real else "LREAL",
@@ -442,6 +446,13 @@ def _write_outputs(model: ModelIR, listing: Listing, results: list[ArrayElement]
             for number, port in enumerate(_plausible(model), 1)
         ],
     )
+
+
+def _reads_flags(op: Operation, origins: Sequence[Origins]) -> bool:
+    """Whether the code of an operation asks which of its columns are missing."""
+    if isinstance(op, Activation | Scale | Combine):  # 0.0, which stands for a missing value, may have no answer
+        return op.refuses and any(origin is not None for origin in origins[op.inputs[0]])
+    return isinstance(op, FillMissing | Piecewise | Rank | TreeEnsemble)
 
 
 def _missing_inputs(model: ModelIR) -> list[Origins]:

@@ -31,7 +31,6 @@ from st_codegen.ir import (
     Norm,
     Normalize,
     Operation,
-    Operator,
     Piecewise,
     Precision,
     Round,
@@ -170,20 +169,22 @@ def _(op: Select, step: Step, listing: Listing) -> None:
 def _(op: Scale, step: Step, listing: Listing) -> Section:
     constant = listing.table(step.table("OPERAND"), "LREAL", op.constant)
     least = None
-    if op.reverse and op.operator is Operator.DIVIDE:
+    if op.refuses:
         least = listing.table(step.table("LEAST"), "LREAL", np.abs(op.constant) * (1.0 / op.ceiling))
     title = f"each column: {'constant ' + op.operator + ' x' if op.reverse else 'x ' + op.operator + ' constant'}"
     own = {"constant": constant, "reverse": op.reverse, "operator": op.operator.value, "least": least}
+    own["flags"] = _flags(step, listing) if least else None
     return title, "scale", own
 
 
 @_column_by_column
 def _(op: Combine, step: Step, listing: Listing) -> Section:
     least = None
-    if op.operator is Operator.DIVIDE:
+    if op.refuses:
         least = listing.table(step.table("LEAST"), "LREAL", [1.0 / op.ceiling])
     operator = op.operator.value
-    return f"column by column: a {operator} b", "combine", {"operator": operator, "least": least}
+    flags = _flags(step, listing) if least else None
+    return f"column by column: a {operator} b", "combine", {"operator": operator, "least": least, "flags": flags}
 
 
 @lay_out.register
@@ -394,7 +395,10 @@ def _(op: SlidingLinear, step: Step, listing: Listing) -> None:
 
 @_column_by_column
 def _(op: Activation, step: Step, listing: Listing) -> Section:
-    return f"{op.function.value} of each column", "activation", _function_values(op, step, listing)
+    own = _function_values(op, step, listing)
+    if op.refuses:
+        own["flags"] = _flags(step, listing)
+    return f"{op.function.value} of each column", "activation", own
 
 
 def _function_values(op: Activation, step: Step, listing: Listing) -> dict[str, object]:
@@ -432,6 +436,7 @@ def _function_values(op: Activation, step: Step, listing: Listing) -> dict[str, 
         "exp_reach": step.exp_reach,
         "cos_reach": real(COS_REACH),
         "single": op.precision is Precision.FLOAT32,
+        "flags": None,
     }
 
 

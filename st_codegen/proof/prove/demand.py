@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial, singledispatchmethod
 
 import numpy as np
@@ -99,9 +99,15 @@ class Demand:
 
     # --- building blocks --------------------------------------------------------------------------------------------
 
-    def _refuse(self, condition: Value) -> None:
-        """There is no answer where a condition holds."""
-        self.valid = self.terms.choice(condition, False, self.valid)
+    def _refuse(self, condition: Value, missing: Value = False) -> None:
+        """There is no answer where a condition holds of a number that does not stand for a missing one."""
+        self.valid = self.terms.choice(condition, self.terms.both(self.valid, missing), self.valid)
+
+    def _flagged(self, op: ir.Operation) -> list[Value]:
+        """For each column that an operation reads whether it is missing; rounds of recurrent layers read no flags."""
+        if self.model.accepts_nan and any(op is own for own in self.model.ops):
+            return self.missing[op.inputs[0]]
+        return [False] * op.width
 
     def _rounded(self, precision: ir.Precision, operation: str, *arguments: Value) -> Value:
         """An operation whose result is rounded to a precision."""
@@ -128,11 +134,11 @@ class Demand:
     @value.register
     def _(self, op: ir.Scale, given: list[list[Value]]) -> list[Value]:
         result = []
-        for x, constant in zip(given[0], op.constant.tolist(), strict=True):
+        for x, constant, missing in zip(given[0], op.constant.tolist(), self._flagged(op), strict=True):
             pair = (constant, x) if op.reverse else (x, constant)
             if op.reverse and op.operator is ir.Operator.DIVIDE:
                 least = abs(constant) * (1.0 / op.ceiling)
-                result.append(self._guarded(pair, least, op.precision))
+                result.append(self._guarded(pair, least, op.precision, missing))
             else:
                 result.append(self._rounded(op.precision, _SYMBOL[op.operator], *pair))
         return result
@@ -140,17 +146,17 @@ class Demand:
     @value.register
     def _(self, op: ir.Combine, given: list[list[Value]]) -> list[Value]:
         result = []
-        for pair in zip(*given, strict=True):
+        for *pair, missing in zip(*given, self._flagged(op), strict=True):
             if op.operator is ir.Operator.DIVIDE:
                 least = self.terms.real("mul", self.terms.real("abs", pair[0]), 1.0 / op.ceiling)
-                result.append(self._guarded(pair, least, op.precision))
+                result.append(self._guarded(pair, least, op.precision, missing))
             else:
                 result.append(self._rounded(op.precision, _SYMBOL[op.operator], *pair))
         return result
 
-    def _guarded(self, pair: tuple[Value, ...], least: Value, precision: ir.Precision) -> Value:
+    def _guarded(self, pair: Sequence[Value], least: Value, precision: ir.Precision, missing: Value = False) -> Value:
         size = self.terms.real("abs", pair[1])
-        self._refuse(self.terms.compare("LE", size, least))
+        self._refuse(self.terms.compare("LE", size, least), missing)
         return self.terms.branch("LE", size, least, 0.0, lambda: self._rounded(precision, "div", *pair))
 
     @value.register
@@ -314,9 +320,10 @@ class Demand:
 
     @value.register
     def _(self, op: ir.Activation, given: list[list[Value]]) -> list[Value]:
-        return [rounded(self.terms, self._function(op, x), op.precision) for x in given[0]]
+        pairs = zip(given[0], self._flagged(op), strict=True)
+        return [rounded(self.terms, self._function(op, *pair), op.precision) for pair in pairs]
 
-    def _function(self, op: ir.Activation, x: Value) -> Value:
+    def _function(self, op: ir.Activation, x: Value, missing: Value = False) -> Value:
         terms, real = self.terms, self.terms.real
         size = real("abs", x)
         #: Functions with a value for every number, and those that refuse some: which, as a comparison, and how.
@@ -346,7 +353,7 @@ class Demand:
             ir.Function.COS: ("GT", size, COS_REACH, lambda: real("cos", x)),
         }
         if op.function is ir.Function.POWER:
-            return self._power(op, x)
+            return self._power(op, x, missing)
         if op.function in everywhere:
             return everywhere[op.function]()
         if op.function not in refusing:
@@ -355,10 +362,10 @@ class Demand:
         if not math.isfinite(end):
             return formula()
         refused = terms.compare(operator, number, end)
-        self._refuse(refused)
+        self._refuse(refused, missing)
         return terms.where(refused, 0.0, formula)
 
-    def _power(self, op: ir.Activation, x: Value) -> Value:
+    def _power(self, op: ir.Activation, x: Value, missing: Value) -> Value:
         """exp(exponent * log(|x|)) with the sign of x where the exponent is odd; 0.0 of 0.0."""
         terms, size = self.terms, self.terms.real("abs", x)
         refused = terms.compare("GT" if op.parameter > 0 else "LT", size, min(op.furthest, sys.float_info.max))
@@ -369,7 +376,7 @@ class Demand:
             y = exp(terms, terms.real("mul", op.parameter, terms.real("ln", size)))
             return y if op.parameter % 2 != 1 else terms.branch("LT", x, 0.0, lambda: terms.real("neg", y), y)
 
-        self._refuse(refused)
+        self._refuse(refused, missing)
         return terms.where(refused, 0.0, lambda: terms.branch("GT", size, 0.0, power, 0.0))
 
     @value.register

@@ -38,7 +38,7 @@ from st_codegen.proof.prove.range_bound import interval, range_bound
 from st_codegen.proof.prove.terms import Terms, _exponent
 from st_codegen.proof.runner import GeneratedCode
 from tests.emit.test_emitted import generated
-from tests.models import SMALL_MODELS
+from tests.models import MISSING_BEHIND, SMALL_MODELS
 from tests.models import model as model_of
 
 GOLDEN = Path(__file__).resolve().parents[3] / "golden"
@@ -58,9 +58,9 @@ NOT_FOLLOWED |= {
 CONSTANT = {"kernel polynomial degree 0", "argmax of one"}
 
 
-@pytest.mark.parametrize("name", ARITHMETIC)
+@pytest.mark.parametrize("name", [*ARITHMETIC, *MISSING_BEHIND])
 def test_each_operation_is_the_expression_that_its_model_demands(name, tmp_path):
-    model = limit_inputs(SMALL_MODELS[name])
+    model = limit_inputs((SMALL_MODELS | MISSING_BEHIND)[name])
     code = generated(model, "iec", tmp_path)
     outputs = tuple(range(len(model.outputs)))
     if name in NOT_FOLLOWED:
