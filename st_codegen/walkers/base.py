@@ -28,10 +28,13 @@ from st_codegen.ir import (
     Operator,
     OutputKind,
     Precision,
+    Round,
     Scale,
     Select,
     Source,
     SummationOrder,
+    TreeEnsemble,
+    WeightedMedian,
 )
 from st_codegen.ir.missing import Origins, origins_after
 from st_codegen.walkers.fitted import Fitted
@@ -88,7 +91,9 @@ class GraphBuilder:
 
     `on_demand`: what adds the reconstruction error of a value that is the columns of a PCA.
     `present` (inputs in which NaN is refused) and `magnitude_limits` start at "takes everything"; each part of the
-    model narrows them.
+    model narrows them. `widened`: values that the library computes in float32 and hands on in float64.
+    `sparse`: whether the library holds a value as a sparse matrix, which stores no zeros, where an operation alone does
+    not tell.
     """
 
     def __init__(self, n_features: int) -> None:
@@ -96,6 +101,8 @@ class GraphBuilder:
         self.ops: list[Operation] = []
         self.on_demand: dict[int, Callable[[], int]] = {}
         self.present: set[int] = set()
+        self.widened: set[int] = set()
+        self.sparse: dict[int, bool] = {}
         self.magnitude_limits: list[float | None] = [None] * n_features
         self._origins: list[Origins] = [tuple(range(n_features))]
 
@@ -108,6 +115,32 @@ class GraphBuilder:
     def width(self, value: int) -> int:
         """Number of columns of a value."""
         return self.n_features if value == 0 else self.ops[value - 1].width
+
+    def is_single(self, value: int) -> bool:
+        """Whether the library holds a value in float32, so that NumPy goes on computing in float32."""
+        if value == 0 or value in self.widened:
+            return False
+        op = self.ops[value - 1]
+        if isinstance(op, Select | WeightedMedian):
+            return all(map(self.is_single, op.inputs))
+        precision = op.sum_precision if isinstance(op, TreeEnsemble) else getattr(op, "precision", None)
+        return isinstance(op, Round) or precision is Precision.FLOAT32
+
+    def held_like(self, value: int, result: int) -> int:
+        """The result, which the library holds as a sparse matrix where it holds the value so."""
+        self.sparse[result] = self.is_sparse(value)
+        return result
+
+    def is_sparse(self, value: int) -> bool:
+        """Whether the library holds a value as a sparse matrix, which stores no zeros."""
+        if value == 0 or value in self.sparse:
+            return self.sparse.get(value, False)
+        op = self.ops[value - 1]
+        return isinstance(op, Select) and all(map(self.is_sparse, op.inputs))
+
+    def precision(self, *values: int) -> Precision:
+        """What NumPy computes in with values that stand in one array: float32 where the library holds all in it."""
+        return Precision.FLOAT32 if all(map(self.is_single, values)) else Precision.FLOAT64
 
     def scale(
         self,
@@ -259,14 +292,20 @@ class _Registry(Generic[_Result]):
         self._walkers: dict[tuple[str, str], Callable[[Any, GraphBuilder, int], _Result]] = {}
 
     def __call__(
-        self, *classes: str, trusts: Iterable[str] = (), finite: bool = False, double: str = ""
+        self,
+        *classes: str,
+        trusts: Iterable[str] = (),
+        finite: bool = False,
+        double: str = "",
+        single: bool = False,
     ) -> Callable[[_Walker], _Walker]:
         """A decorator that enters the walker of classes, such as 'SVR NuSVR' of scikit-learn or 'xgboost.Booster'.
 
         `trusts` names the types that a file with such an object holds beyond those that skops trusts itself; none of
         them may run code from the file when it is loaded. `finite`: the library raises for NaN and infinities.
-        `double`: an attribute with which the library computes in float32 where it was fitted on float32. Walkers of
-        scikit-learn are given an estimator as what `fit` left in it, those of other libraries as it is.
+        `double`: an attribute with which the library computes in float32 where it was fitted on float32. `single`: the
+        walker does with numbers that the library holds in float32 as the library does. Walkers of scikit-learn are
+        given an estimator as what `fit` left in it, those of other libraries as it is.
         """
         names = [name.rpartition(".") for name in " ".join(classes).split()]
 
@@ -281,6 +320,12 @@ class _Registry(Generic[_Result]):
                     raise UnsupportedModelError(
                         f"{type(estimator).__name__} was fitted on float32, and scikit-learn computes parts of its "
                         "answers in that: fit it on X.astype('float64') and a y of that kind"
+                    )
+                if not single and builder.is_single(value):
+                    raise UnsupportedModelError(
+                        f"{type(estimator).__name__} reads numbers of float32 here, as encoders with dtype=float32 and "
+                        "models of XGBoost give them, and scikit-learn computes in float32 with them: use "
+                        "dtype='float64', or passthrough=True in a stack"
                     )
                 return walker(estimator if names[0][0] else Fitted(estimator), builder, value)
 

@@ -158,6 +158,17 @@ def test_xgb_classifier_decides_as_the_library(objective, tmp_path):
     assert np.array_equal(other.predict(X)[:, 0], estimator.predict(X))
 
 
+def test_a_softmax_of_one_class_has_its_one_label(tmp_path):
+    model = extreme("multi:softprob", np.zeros(len(X)), tmp_path)
+    assert model.ir.classes.labels == (0,)
+    verified(model, tmp_path / "out", rows=100)
+
+
+def test_lgbm_classifier_of_one_class_is_refused_by_that():
+    with pytest.raises(UnsupportedModelError, match="trained on the class 'good' alone"):
+        loaded(lightgbm.LGBMClassifier(n_estimators=2, verbose=-1).fit(X, np.full(len(X), "good")))
+
+
 def test_xgboost_with_a_probability_for_each_of_several_labels_is_refused(tmp_path):
     several = np.column_stack([TWO, ~TWO]).astype(int)
     with pytest.raises(UnsupportedModelError, match="with 2 outputs"):

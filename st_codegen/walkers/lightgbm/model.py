@@ -100,6 +100,7 @@ def load_object(estimator: Any, name: str) -> LoadedModel:
         "lightgbm.sklearn.LGBMRanker",
         "lightgbm.sklearn.LGBMRegressor",
     ),
+    single=True,
 )
 def walk(estimator: Any, builder: GraphBuilder, value: int) -> Walked:
     """Add a fitted estimator or Booster, up to its best iteration, as `predict` uses it."""
@@ -299,6 +300,8 @@ def _classified(model: TextModel, builder: GraphBuilder, raw: int, labels: tuple
     """Probabilities by `ConvertOutput` of the objective, and the number of the largest (`LGBMClassifier.predict`)."""
     objective = model.objective[0]
     count = max(model.n_outputs, 2)
+    if len(labels) == 1:
+        raise UnsupportedModelError(f"trained on the class {labels[0]!r} alone, which is its answer to all rows")
     labels = labels or tuple(range(count))
     of_one = objective in (_BINARY, "cross_entropy", "xentropy")
     if len(labels) != count or of_one != (model.n_outputs == 1) or not (of_one or objective in _SEVERAL):

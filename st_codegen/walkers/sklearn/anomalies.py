@@ -17,7 +17,7 @@ from st_codegen.walkers.sklearn.trees import TreeSum, add_float32_trees
 _INLIERS = (-1, 1)
 
 
-@walks("IsolationForest", trusts=("sklearn.tree._tree.Tree",))
+@walks("IsolationForest", trusts=("sklearn.tree._tree.Tree",), single=True)
 def walk_isolation_forest(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """Lengths of paths, added in order; the score is 2 to the minus their mean, in units of what is usual.
 

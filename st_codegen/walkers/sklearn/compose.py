@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import Clip, FloatArray, Function, Int32Array, Operator, reference
+from st_codegen.ir import Clip, FloatArray, Function, Int32Array, Operator, Precision, reference
 from st_codegen.walkers.base import GraphBuilder, Walked, transforms, walk_any, walk_estimator, walk_transform, walks
 from st_codegen.walkers.fitted import Fitted
 from st_codegen.walkers.sklearn.transforms import weighted
@@ -20,7 +20,7 @@ from st_codegen.walkers.sklearn.transforms import weighted
 Steps = list[tuple[str, FloatArray]]
 
 
-@transforms("Pipeline")
+@transforms("Pipeline", single=True)
 def walk_preparation(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """The steps, one after another; none of them predicts."""
     for _, step in fitted.items("steps"):
@@ -28,7 +28,7 @@ def walk_preparation(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     return value
 
 
-@walks("Pipeline")
+@walks("Pipeline", single=True)
 def walk_pipeline(fitted: Fitted, builder: GraphBuilder, value: int) -> Walked:
     """The steps, one after another; the last one may be a classifier."""
     if not hasattr(fitted.estimator, "predict"):
@@ -63,20 +63,20 @@ _SEARCH = tuple(
 )
 
 
-@walks("GridSearchCV RandomizedSearchCV", trusts=_SEARCH)
+@walks("GridSearchCV RandomizedSearchCV", trusts=_SEARCH, single=True)
 def walk_search(fitted: Fitted, builder: GraphBuilder, value: int) -> Walked:
     """The estimator that the search found best and fitted again (`_search.py: BaseSearchCV.predict`)."""
     return walk_any(fitted.get("best_estimator_"), builder, value)
 
 
-@walks("RFE RFECV")
+@walks("RFE RFECV", single=True)
 def walk_elimination(fitted: Fitted, builder: GraphBuilder, value: int) -> Walked:
     """The estimator on the features that are left (`feature_selection/_rfe.py: predict`)."""
     left = np.flatnonzero(fitted.flags("support_", (builder.width(value),))).astype(np.int32)
     return walk_any(fitted.get("estimator_"), builder, builder.select(left, value))
 
 
-@transforms("ColumnTransformer")
+@transforms("ColumnTransformer", single=True)
 def walk_columns(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """Each transformer on its own columns; results side by side in the order of `transformers_`."""
     parts = []
@@ -88,7 +88,9 @@ def walk_columns(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
         parts.append(weighted(builder, part, fitted.get("transformer_weights"), name, fitted))
     if not parts:
         raise UnsupportedModelError("ColumnTransformer drops every column")
-    return builder.beside(*parts)
+    found = builder.beside(*parts)
+    builder.sparse[found] = bool(fitted.get("sparse_output_"))
+    return found
 
 
 def selected_columns(fitted: Fitted, name: str, given: Any, width: int) -> Int32Array:
@@ -107,7 +109,7 @@ def selected_columns(fitted: Fitted, name: str, given: Any, width: int) -> Int32
     return columns.astype(np.int32)
 
 
-@walks("TransformedTargetRegressor")
+@walks("TransformedTargetRegressor", single=True)
 def walk_transformed_target(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """The regressor, then the inverse of the target's transformation."""
     value = walk_estimator(fitted.get("regressor_"), builder, value)
@@ -120,24 +122,40 @@ def walk_transformed_target(fitted: Fitted, builder: GraphBuilder, value: int) -
             f"TransformedTargetRegressor with transformer={name}: supported are {', '.join(_SCALERS)} and functions"
         )
     steps = _steps(Fitted(transformer), builder.width(value))
-    return builder.chain(value, *((_INVERSE[operator], constant) for operator, constant in reversed(steps)))
+    return _scaled(builder, value, name, [(_INVERSE[operator], constant) for operator, constant in reversed(steps)])
 
 
-@transforms("StandardScaler MinMaxScaler RobustScaler MaxAbsScaler")
+@transforms("StandardScaler MinMaxScaler RobustScaler MaxAbsScaler", single=True)
 def walk_scaler(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """The forward transformation of a scaler."""
     builder.refuse_magnitude(math.inf)
     width = builder.width(value)
     steps = _steps(fitted, width)
     if not (hasattr(fitted.estimator, "clip") and fitted.flag("clip")):
-        return builder.chain(value, *steps)
+        return _scaled(builder, value, fitted.kind, steps)
     low, high = (-1.0, 1.0) if fitted.kind == "MaxAbsScaler" else fitted.items("feature_range", 2)
     low, high = (float(fitted.floats_of("feature_range", end, ())) for end in (low, high))
     reach = _reach(steps, low, high, width)
     if np.all(np.isfinite(reach)):
-        value = builder.add(Clip((value,), -reach, reach))
-    value = builder.chain(value, *steps)
-    return builder.add(Clip((value,), np.full(width, low), np.full(width, high)))
+        value = builder.held_like(value, builder.add(Clip((value,), -reach, reach)))
+    value = _scaled(builder, value, fitted.kind, steps)
+    return builder.held_like(value, builder.add(Clip((value,), np.full(width, low), np.full(width, high))))
+
+
+def _scaled(builder: GraphBuilder, value: int, kind: str, steps: Steps) -> int:
+    """The steps of a scaler, one after another.
+
+    Numbers of float32 stay in it. StandardScaler rounds its constants to it from version 1.9 of scikit-learn on, and
+    did not before.
+    """
+    precision = builder.precision(value)
+    for operator, constant in steps:
+        kept, doubt = constant, None
+        if precision is Precision.FLOAT32 and kind == "StandardScaler":
+            kept = constant.astype(np.float32).astype(np.float64)
+            doubt = np.abs(kept - constant)
+        value = builder.held_like(value, builder.scale(value, operator, kept, precision=precision, doubt=doubt))
+    return value
 
 
 def _reach(steps: Steps, low: float, high: float, width: int) -> FloatArray:
@@ -158,7 +176,7 @@ def _reach(steps: Steps, low: float, high: float, width: int) -> FloatArray:
         reach[short] *= 2.0
 
 
-@transforms("FunctionTransformer")
+@transforms("FunctionTransformer", single=True)
 def walk_function(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """A NumPy function of each column."""
     if fitted.get("kw_args"):
@@ -193,7 +211,17 @@ def _steps(scaler: Fitted, width: int) -> Steps:
     ]
 
 
-_UFUNCS = {np.log1p: Function.LOG1P, np.expm1: Function.EXPM1, np.exp: Function.EXP}
+#: Functions of NumPy that are compiled. None: the product of a column with itself.
+_UFUNCS: dict[Any, Function | None] = {
+    np.log1p: Function.LOG1P,
+    np.expm1: Function.EXPM1,
+    np.exp: Function.EXP,
+    np.log: Function.LOG,
+    np.sqrt: Function.SQRT,
+    np.square: None,
+    np.absolute: Function.ABS,
+    np.tanh: Function.TANH,
+}
 
 
 def _add_function(function: Any, role: str, builder: GraphBuilder, value: int) -> int:
@@ -202,7 +230,10 @@ def _add_function(function: Any, role: str, builder: GraphBuilder, value: int) -
     if not isinstance(function, np.ufunc) or function not in _UFUNCS:
         supported = ", ".join(f"numpy.{known.__name__}" for known in _UFUNCS)
         raise UnsupportedModelError(
-            f"{role}={getattr(function, '__name__', function)!s}: a Python function cannot be compiled; "
+            f"{role}={getattr(function, '__name__', function)!s}: a function that is not compiled; "
             f"supported are None (identity), {supported}"
         )
-    return builder.function(value, _UFUNCS[function])
+    kind, precision = _UFUNCS[function], builder.precision(value)
+    if kind is None:
+        return builder.combine(value, "*", value, precision=precision)
+    return builder.function(value, kind, precision=precision)

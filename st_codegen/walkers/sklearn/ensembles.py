@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import Exceeds, FloatArray, Label, WeightedMedian
+from st_codegen.ir import Exceeds, FloatArray, Label, Precision, WeightedMedian
 from st_codegen.walkers.base import (
     Classified,
     Estimated,
@@ -28,12 +28,14 @@ from st_codegen.walkers.fitted import Fitted
 from st_codegen.walkers.sklearn.models import votes_and_confidences
 
 
-def _mean(builder: GraphBuilder, values: Sequence[int], divisor: float) -> int:
+def _mean(
+    builder: GraphBuilder, values: Sequence[int], divisor: float, precision: Precision = Precision.FLOAT64
+) -> int:
     """The values added one after another, then divided."""
     total = values[0]
     for value in values[1:]:
-        total = builder.combine(total, "+", value)
-    return builder.scale(total, "/", divisor)
+        total = builder.combine(total, "+", value, precision=precision)
+    return builder.scale(total, "/", divisor, precision=precision)
 
 
 def _one_hot(builder: GraphBuilder, index: int, count: int) -> int:
@@ -81,7 +83,7 @@ def _weights(fitted: Fitted, count: int) -> FloatArray | None:
 _NAMED = ("sklearn.utils._bunch.Bunch",)
 
 
-@walks("VotingClassifier", trusts=_NAMED)
+@walks("VotingClassifier", trusts=_NAMED, single=True)
 def walk_voting(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """The first class of most votes, or of the largest mean probability (`ensemble/_voting.py: predict`)."""
     labels, parts = labels_of(fitted), fitted.items("estimators_")
@@ -91,7 +93,8 @@ def walk_voting(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified
         shares = [_probability(one, part) for one, part in zip(found, parts, strict=True)]
         if weights is not None:
             shares = [builder.scale(share, "*", weight) for share, weight in zip(shares, weights, strict=True)]
-        mean = _mean(builder, shares, float(len(parts)) if weights is None else float(weights.sum()))
+        divisor = float(len(parts)) if weights is None else float(weights.sum())
+        mean = _mean(builder, shares, divisor, builder.precision(*shares))
         return Classified(labels, largest(builder, mean), mean)
     votes = [_scattered(fitted, one, _one_hot(builder, one.index, len(one.labels)), numbers, builder) for one in found]
     each = np.ones(len(parts)) if weights is None else weights
@@ -101,7 +104,7 @@ def walk_voting(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified
     )
 
 
-@walks("VotingRegressor", trusts=_NAMED)
+@walks("VotingRegressor", trusts=_NAMED, single=True)
 def walk_voting_regressor(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """The weighted mean of the regressors, which NumPy adds in an order of its own."""
     parts = fitted.items("estimators_")
@@ -110,8 +113,9 @@ def walk_voting_regressor(fitted: Fitted, builder: GraphBuilder, value: int) -> 
         raise UnsupportedModelError("VotingRegressor with several outputs")
     weights = _weights(fitted, len(parts))
     each = np.ones(len(parts)) if weights is None else weights
-    total = builder.linear(builder.beside(*found), each[None, :])
-    return builder.scale(total, "/", each.sum())
+    precision = builder.precision(*found) if weights is None else Precision.FLOAT64
+    total = builder.linear(builder.beside(*found), each[None, :], precision=precision)
+    return builder.scale(total, "/", each.sum(), precision=precision)
 
 
 def _bagged(fitted: Fitted, builder: GraphBuilder, value: int) -> list[tuple[Any, int]]:
@@ -127,7 +131,7 @@ def _bagged(fitted: Fitted, builder: GraphBuilder, value: int) -> list[tuple[Any
     return found
 
 
-@walks("BaggingClassifier")
+@walks("BaggingClassifier", single=True)
 def walk_bagging(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """The mean of probabilities, or of votes (`ensemble/_bagging.py: _parallel_predict_proba` with n_jobs=1)."""
     labels = labels_of(fitted)
@@ -143,14 +147,14 @@ def walk_bagging(fitted: Fitted, builder: GraphBuilder, value: int) -> Classifie
     return Classified(labels, largest(builder, mean), mean)
 
 
-@walks("BaggingRegressor")
+@walks("BaggingRegressor", single=True)
 def walk_bagging_regressor(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """The mean of the regressors, added in order."""
     found = [walk_estimator(part, builder, columns) for part, columns in _bagged(fitted, builder, value)]
-    return _mean(builder, found, float(len(found)))
+    return _mean(builder, found, float(len(found)), builder.precision(*found))
 
 
-@walks("AdaBoostClassifier", finite=True)
+@walks("AdaBoostClassifier", finite=True, single=True)
 def walk_ada_boost(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """Each estimator adds its weight to its class, and takes a share of it from the others (SAMME)."""
     labels, parts = labels_of(fitted), fitted.items("estimators_")
@@ -176,7 +180,7 @@ def walk_ada_boost(fitted: Fitted, builder: GraphBuilder, value: int) -> Classif
     return Classified(labels, above(builder, score), softmax(builder, halves), score)
 
 
-@walks("AdaBoostRegressor", finite=True)
+@walks("AdaBoostRegressor", finite=True, single=True)
 def walk_ada_boost_regressor(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """The weighted median of the estimators (`ensemble/_weight_boosting.py: _get_median_predict`)."""
     parts = fitted.items("estimators_")
@@ -189,7 +193,7 @@ def walk_ada_boost_regressor(fitted: Fitted, builder: GraphBuilder, value: int) 
     return builder.add(WeightedMedian((builder.beside(*found),), weights))
 
 
-@walks("OneVsRestClassifier", trusts=("sklearn.multiclass._ConstantPredictor",))
+@walks("OneVsRestClassifier", trusts=("sklearn.multiclass._ConstantPredictor",), single=True)
 def walk_one_vs_rest(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """The first (or last) of the largest scores, one a class; of two classes the second beyond the threshold."""
     parts = fitted.items("estimators_")
@@ -217,7 +221,7 @@ def _chosen_of_equal(estimator: Any, width: int) -> Label:
     return label
 
 
-@walks("OneVsOneClassifier")
+@walks("OneVsOneClassifier", single=True)
 def walk_one_vs_one(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """Votes of one estimator a pair of classes; what they leave equal is decided by their scores."""
     labels, parts = labels_of(fitted), fitted.items("estimators_")
@@ -237,6 +241,7 @@ def walk_one_vs_one(fitted: Fitted, builder: GraphBuilder, value: int) -> Classi
 @walks(
     "CalibratedClassifierCV",
     trusts=("sklearn.calibration._CalibratedClassifier", "sklearn.calibration._SigmoidCalibration"),
+    single=True,
 )
 def walk_calibrated(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """The mean of calibrated scores (`calibration.py: _CalibratedClassifier.predict_proba`)."""
@@ -298,16 +303,18 @@ def _stacked(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
             raise UnsupportedModelError(f"{type(part).__name__} in a stack by its {method}")
         second = method == "predict_proba" and len(one.labels) == 2
         columns.append(builder.select([1], given) if second else given)
-    return builder.beside(*columns, *([value] if fitted.get("passthrough") else []))
+    if not fitted.get("passthrough"):
+        return builder.beside(*columns)
+    return builder.held_like(value, builder.beside(*columns, value))
 
 
-@walks("StackingRegressor", trusts=_NAMED)
+@walks("StackingRegressor", trusts=_NAMED, single=True)
 def walk_stack(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """The last regressor on what the others give (`ensemble/_stacking.py: _concatenate_predictions`)."""
     return walk_estimator(fitted.get("final_estimator_"), builder, _stacked(fitted, builder, value))
 
 
-@walks("StackingClassifier", trusts=_NAMED)
+@walks("StackingClassifier", trusts=_NAMED, single=True)
 def walk_stack_of_classes(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """The last classifier on what the others give; it knows the classes by their numbers."""
     labels = labels_of(fitted)
@@ -329,13 +336,13 @@ def _one_output(part: Any, builder: GraphBuilder, value: int) -> int:
     return one.index
 
 
-@walks("MultiOutputRegressor MultiOutputClassifier")
+@walks("MultiOutputRegressor MultiOutputClassifier", single=True)
 def walk_multi_output(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """One estimator an output, side by side."""
     return builder.beside(*[_one_output(part, builder, value) for part in fitted.items("estimators_")])
 
 
-@walks("RegressorChain ClassifierChain", finite=True)
+@walks("RegressorChain ClassifierChain", finite=True, single=True)
 def walk_chain(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """Each estimator takes the inputs and what those before it gave (`multioutput.py: _get_predictions`)."""
     parts = fitted.items("estimators_")
@@ -344,5 +351,7 @@ def walk_chain(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     order = fitted.integers_of("order_", np.asarray(fitted.get("order_")), (len(parts),), low=0, high=len(parts) - 1)
     given: list[int] = []
     for part in parts:
-        given.append(_one_output(part, builder, builder.beside(value, *given)))
-    return builder.select(np.argsort(order), builder.beside(*given))
+        given.append(_one_output(part, builder, builder.held_like(value, builder.beside(value, *given))))
+    result = builder.select(np.argsort(order), builder.beside(*given))
+    builder.widened.add(result)
+    return result

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import warnings
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -36,6 +37,8 @@ def load_object(estimator: Any, name: str) -> LoadedModel:
     features = _features(estimator)
     builder = GraphBuilder(len(features))
     result = walk_any(estimator, builder, 0)
+    if isinstance(result, Classified) and not hasattr(estimator, result.decision_method):
+        result = replace(result, decision=None)  # XGBClassifier has margins, a Pipeline that ends in it has none
     if isinstance(result, Estimated) and not hasattr(_last(estimator), "L_"):  # whose predict takes no return_std
         result = result.mean
     if isinstance(result, int) and type(_last(estimator)).__name__ in ("PCA", "IncrementalPCA"):

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import Exceeds, FloatArray
+from st_codegen.ir import Exceeds, FloatArray, Precision
 from st_codegen.walkers.base import Classified, GraphBuilder, walk_estimator, walks
 from st_codegen.walkers.classes import above, complement, labels_of, largest, softmax, whole_sums
 from st_codegen.walkers.fitted import SPARSE, Fitted
@@ -21,8 +21,12 @@ def _weighted_sum(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     width = builder.width(value)
     weights = np.atleast_2d(fitted.floats("coef_", (width,), (None, width)))
     builder.refuse_special(value)
-    intercept = fitted.floats("intercept_", (), (1,), (len(weights),))
-    return builder.linear(value, weights, np.broadcast_to(intercept, (len(weights),)))
+    intercept = np.broadcast_to(fitted.floats("intercept_", (), (1,), (len(weights),)), (len(weights),))
+    if not builder.is_single(value) or fitted.estimator.coef_.dtype != np.float32:
+        return builder.linear(value, weights, intercept)
+    single = np.result_type(np.float32, fitted.estimator.intercept_) == np.float32
+    total = builder.linear(value, weights, intercept if single else 0.0, precision=Precision.FLOAT32)
+    return total if single else builder.scale(total, "+", intercept)
 
 
 @walks(
@@ -31,7 +35,8 @@ def _weighted_sum(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     LassoLarsCV LassoLarsIC LinearRegression LinearSVR MultiTaskElasticNet MultiTaskElasticNetCV MultiTaskLasso
     MultiTaskLassoCV OrthogonalMatchingPursuit OrthogonalMatchingPursuitCV PassiveAggressiveRegressor
     QuantileRegressor Ridge RidgeCV SGDRegressor TheilSenRegressor
-    """
+    """,
+    single=True,
 )
 def walk_linear(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """One weighted sum an output."""
@@ -41,6 +46,7 @@ def walk_linear(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
 @walks(
     "PoissonRegressor GammaRegressor TweedieRegressor",
     trusts=("sklearn._loss.loss.HalfTweedieLossIdentity",),
+    single=True,
 )
 def walk_generalized(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """A weighted sum behind the inverse of the loss's link (`linear_model/_glm/glm.py: predict`)."""
@@ -50,7 +56,7 @@ def walk_generalized(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
         return total
     if link != "LogLink":
         raise UnsupportedModelError(f"{fitted.kind} with the link {link}")
-    return builder.function(total, "exp")
+    return builder.function(total, "exp", precision=builder.precision(total))
 
 
 @walks("PLSRegression PLSCanonical CCA")
@@ -60,7 +66,7 @@ def walk_partial_leastsquares(fitted: Fitted, builder: GraphBuilder, value: int)
     return _weighted_sum(fitted, builder, builder.scale(value, "-", mean))
 
 
-@walks("RANSACRegressor")
+@walks("RANSACRegressor", single=True)
 def walk_consensus(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """The regressor that was fitted on the inliers."""
     return walk_estimator(fitted.get("estimator_"), builder, value)
@@ -72,6 +78,7 @@ def walk_consensus(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     Perceptron RidgeClassifier RidgeClassifierCV SGDClassifier
     """,
     trusts=SPARSE,
+    single=True,
 )
 def walk_linear_classifier(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """Of two classes the second above 0, of more the first of the largest (`LinearClassifierMixin.predict`).
@@ -80,16 +87,17 @@ def walk_linear_classifier(fitted: Fitted, builder: GraphBuilder, value: int) ->
     """
     labels = labels_of(fitted)
     scores = _weighted_sum(fitted, builder, value)
-    count = builder.width(scores)
+    count, precision = builder.width(scores), builder.precision(scores)
     several = getattr(getattr(fitted.estimator, "_label_binarizer", None), "y_type_", "").startswith("multilabel")
     if several or count != (len(labels) if len(labels) > 2 else 1):
         raise UnsupportedModelError(f"{fitted.kind} with {count} scores for {len(labels)} classes: train one for each")
     logistic = fitted.kind in ("LogisticRegression", "LogisticRegressionCV", "LinearDiscriminantAnalysis")
     if count > 1:
-        return Classified(labels, largest(builder, scores), softmax(builder, scores) if logistic else None, scores)
+        shares = softmax(builder, scores, precision) if logistic else None
+        return Classified(labels, largest(builder, scores), shares, scores)
     probability = None
     if logistic or (fitted.kind == "SGDClassifier" and fitted.estimator.loss == "log_loss"):
-        probability = complement(builder, builder.function(scores, "logistic"))
+        probability = complement(builder, builder.function(scores, "logistic", precision=precision), precision)
     return Classified(labels, above(builder, scores), probability, scores)
 
 

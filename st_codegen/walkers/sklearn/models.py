@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import FloatArray, Function, KernelSum
+from st_codegen.ir import FloatArray, Function, KernelSum, Precision
 from st_codegen.walkers.base import Classified, GraphBuilder, Walked, walks
 from st_codegen.walkers.classes import (
     above,
@@ -71,14 +71,14 @@ class _Machine:
         )
 
 
-@walks("SVR NuSVR")
+@walks("SVR NuSVR", single=True)
 def walk_svr(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """Sum of dual coefficient * kernel, plus intercept (`sklearn/svm/src/libsvm/svm.cpp: svm_predict_values`)."""
     machine = _Machine(fitted, builder.width(value), 2)
     return machine.add(builder, value, machine.coefficients)
 
 
-@walks("OneClassSVM")
+@walks("OneClassSVM", single=True)
 def walk_one_class(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """1 where the sum is above 0, else -1 (`svm.cpp: svm_predict_values`)."""
     machine = _Machine(fitted, builder.width(value), 2)
@@ -86,7 +86,7 @@ def walk_one_class(fitted: Fitted, builder: GraphBuilder, value: int) -> Classif
     return Classified((-1, 1), above(builder, scores), decision=scores)
 
 
-@walks("SVC NuSVC")
+@walks("SVC NuSVC", single=True)
 def walk_svc(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """One machine a pair of classes, of which each has a vote; the first of most votes (`svm_predict_values`).
 
@@ -134,6 +134,7 @@ def votes_and_confidences(builder: GraphBuilder, seconds: int, scores: int, coun
         "sklearn.neural_network._stochastic_optimizers.SGDOptimizer",
     ),
     finite=True,
+    single=True,
 )
 def walk_mlp(fitted: Fitted, builder: GraphBuilder, value: int) -> Walked:
     """Add the dense layers of a network, each with its function (`_multilayer_perceptron.py: _forward_pass_fast`).
@@ -147,13 +148,15 @@ def walk_mlp(fitted: Fitted, builder: GraphBuilder, value: int) -> Walked:
     for layer, (given, given_bias) in enumerate(zip(layers, biases, strict=True)):
         weights = fitted.floats_of(f"coefs_[{layer}]", given, (builder.width(value), None))
         bias = fitted.floats_of(f"intercepts_[{layer}]", given_bias, (weights.shape[1],))
-        value = builder.linear(value, weights.T, bias)
+        single = given.dtype == np.float32  # and so is the bias, which is added in place
+        precision = builder.precision(value) if single else Precision.FLOAT64
+        value = builder.linear(value, weights.T, bias, precision=precision)
         if layer == last and fitted.get("out_activation_") == "softmax":
-            value = softmax(builder, value)
+            value = softmax(builder, value, builder.precision(value))
             continue
         function = fitted.choice("out_activation_" if layer == last else "activation", _FUNCTIONS)
         if function is not Function.IDENTITY:
-            value = builder.function(value, function)
+            value = builder.function(value, function, precision=builder.precision(value))
     if fitted.kind != "MLPClassifier":
         return value
     labels, count = labels_of(fitted), builder.width(value)
@@ -163,7 +166,7 @@ def walk_mlp(fitted: Fitted, builder: GraphBuilder, value: int) -> Walked:
         raise UnsupportedModelError(f"MLPClassifier with {count} outputs for {len(labels)} labels: train one for each")
     if count > 1:
         return Classified(labels, largest(builder, value), value)
-    return Classified(labels, above(builder, value, 0.5), complement(builder, value))
+    return Classified(labels, above(builder, value, 0.5), complement(builder, value, builder.precision(value)))
 
 
 @walks("KernelRidge", finite=True)

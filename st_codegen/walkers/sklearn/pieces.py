@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import AnyArray, Exceeds, FillMissing, FloatArray, Piecewise, Round
+from st_codegen.ir import AnyArray, Exceeds, FillMissing, FloatArray, Piecewise, Precision, Round
 from st_codegen.walkers.base import GraphBuilder, transforms, walks
 from st_codegen.walkers.fitted import Fitted
 
@@ -49,7 +49,9 @@ def _rising(fitted: Fitted, name: str, values: FloatArray) -> FloatArray:
 @transforms("Binarizer", finite=True)
 def walk_binarizer(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """1 above the threshold, else 0."""
-    return builder.add(Exceeds((value,), np.full(builder.width(value), fitted.number("threshold"))))
+    return builder.held_like(
+        value, builder.add(Exceeds((value,), np.full(builder.width(value), fitted.number("threshold"))))
+    )
 
 
 def _missing_value(fitted: Fitted, builder: GraphBuilder, value: int) -> float:
@@ -87,7 +89,9 @@ def walk_missing(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
             if not np.isnan(missing):
                 raise UnsupportedModelError("MissingIndicator with error_on_new and missing_values other than NaN")
             builder.refuse_nan(builder.select(others, value))
-    return _indicators(builder, value, missing, columns)
+    found = _indicators(builder, value, missing, columns)
+    builder.sparse[found] = fitted.estimator.sparse is True
+    return found
 
 
 @transforms("SimpleImputer", trusts=("numpy.dtype",))
@@ -177,6 +181,14 @@ def _encoded(builder: GraphBuilder, value: int, fitted: Fitted, columns: Sequenc
     return add_pieces(builder, builder.select([column for column, _ in columns], value), parts)
 
 
+def _made(fitted: Fitted, dtype: Any = None) -> Precision:
+    """What the numbers that an encoder makes are held in; from integers scikit-learn goes on in float64."""
+    kind = np.dtype(fitted.get("dtype") if dtype is None else dtype)
+    if kind.kind == "f" and kind.itemsize < 4:
+        raise UnsupportedModelError(f"{fitted.kind} with dtype={kind}: take float64")
+    return Precision.FLOAT32 if kind == np.float32 else Precision.FLOAT64
+
+
 @transforms("OrdinalEncoder TargetEncoder")
 def walk_codes(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """A number for each category (`preprocessing/_encoders.py`, `_target_encoder.py`)."""
@@ -184,7 +196,10 @@ def walk_codes(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     classes = len(fitted.get("classes_")) if getattr(fitted.estimator, "target_type_", "") == "multiclass" else 1
     answers = _codes(fitted, builder, value, width * classes)
     columns = [(output // classes, answers[output // classes][:, output]) for output in range(width * classes)]
-    return _encoded(builder, value, fitted, columns)
+    codes = _encoded(builder, value, fitted, columns)
+    if fitted.kind == "TargetEncoder" or _made(fitted) is Precision.FLOAT64:
+        return codes
+    return builder.add(Round((codes,), builder.width(codes)))
 
 
 @transforms("OneHotEncoder")
@@ -198,21 +213,25 @@ def walk_one_hot(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
         refused = np.isinf(answers[:, 0]) if answers.shape[1] else np.zeros(len(answers), np.bool_)
         place = np.argmax(own, axis=1) if own.shape[1] else np.zeros(len(own))
         columns.append((column, np.where(refused, math.inf, np.where(np.any(own > 0, axis=1), place, -1.0))))
-    return _one_hot(builder, _encoded(builder, value, fitted, columns), sizes)
+    found = _one_hot(builder, _encoded(builder, value, fitted, columns), sizes, _made(fitted))
+    builder.sparse[found] = fitted.flag("sparse_output")
+    return found
 
 
-def _one_hot(builder: GraphBuilder, codes: int, sizes: Sequence[int]) -> int:
+def _one_hot(builder: GraphBuilder, codes: int, sizes: Sequence[int], precision: Precision = Precision.FLOAT64) -> int:
     """For each column of codes so many columns, of which that of the code is 1 and the others are 0."""
     repeated = builder.select(np.repeat(np.arange(len(sizes)), sizes), codes)
     places = np.concatenate([np.arange(float(size)) for size in sizes])
     reached = builder.add(Exceeds((repeated,), places - 0.5))
     passed = builder.add(Exceeds((repeated,), places + 0.5))
-    return builder.combine(reached, "-", passed)
+    return builder.combine(reached, "-", passed, precision=precision)
 
 
 @transforms("KBinsDiscretizer", trusts=("numpy.dtype",), finite=True)
 def walk_bins(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """How many inner edges of bins do not lie above (`preprocessing/_discretization.py: transform`)."""
+    if _made(fitted, np.float64 if fitted.estimator.dtype is None else fitted.estimator.dtype) is Precision.FLOAT32:
+        raise UnsupportedModelError("KBinsDiscretizer with dtype=float32, which rounds what it reads: take float64")
     columns: list[Column] = []
     for given in fitted.get("bin_edges_"):
         inner = np.asarray(given)[1:-1]
@@ -224,7 +243,9 @@ def walk_bins(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     binned = add_pieces(builder, value, columns)
     if fitted.estimator.encode == "ordinal":
         return binned
-    return _one_hot(builder, binned, [len(column[0]) + 1 for column in columns])
+    found = _one_hot(builder, binned, [len(column[0]) + 1 for column in columns])
+    builder.sparse[found] = fitted.estimator.encode == "onehot"
+    return found
 
 
 @transforms("QuantileTransformer")
@@ -266,8 +287,8 @@ def _linear(knots: FloatArray, left: FloatArray, right: FloatArray, ends: tuple[
     return pieces
 
 
-@walks("IsotonicRegression", finite=True)
-@transforms("IsotonicRegression", finite=True)
+@walks("IsotonicRegression", finite=True, single=True)
+@transforms("IsotonicRegression", finite=True, single=True)
 def walk_isotonic(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """Linear between thresholds (`isotonic.py: _transform`); beyond them the ends, or no answer."""
     given = fitted.get("X_thresholds_")
@@ -277,11 +298,16 @@ def walk_isotonic(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
         raise fitted.fail("X_thresholds_", "not the thresholds of one column")
     single = given.dtype == np.float32
     if single:
-        value = builder.add(Round((value,), 1))
+        value, knots, values = builder.add(Round((value,), 1)), given, values.astype(np.float32)
     clips = fitted.estimator.out_of_bounds == "clip" or len(knots) == 1
     ends = (float(values[0]), float(values[-1])) if clips else (math.inf, math.inf)
     value = add_pieces(builder, value, [(knots, values, _linear(knots, values, values, ends), math.nan)])
-    return builder.add(Round((value,), 1)) if single else value
+    if not single:
+        return value
+    # scipy's slope * (x - knot) + y in float32: the product is at most twice the largest y and rounded with its factor,
+    # the sum is rounded once
+    doubt = 6 * 2.0**-24 * np.abs(values).max().astype(np.float64) + 2.0**-148
+    return builder.add(Round((builder.scale(value, "+", 0.0, doubt=np.array([doubt])),), 1))
 
 
 @transforms(
@@ -321,7 +347,9 @@ def walk_splines(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
         basis = _basis([Fraction(float(knot)) for knot in knots], degree)
         columns += [_spline(knots[degree : count + 1], basis, place, mode, missing) for place in range(kept)]
         repeated += [number] * kept
-    return add_pieces(builder, builder.select(repeated, value), columns)
+    found = add_pieces(builder, builder.select(repeated, value), columns)
+    builder.sparse[found] = bool(getattr(fitted.estimator, "sparse_output", False))
+    return found
 
 
 #: Coefficients of rising powers, an array of fractions.

@@ -24,20 +24,24 @@ def weighted(builder: GraphBuilder, value: int, weights: Any, name: str, fitted:
     if weights is None or weights.get(name) is None:
         return value
     weight = float(fitted.floats_of("transformer_weights", weights[name], ()))
-    return builder.scale(value, "*", weight)
+    return builder.scale(value, "*", weight, precision=builder.precision(value))
 
 
-@transforms("FeatureUnion")
+@transforms("FeatureUnion", single=True)
 def walk_union(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """All transformers on the same columns, results side by side."""
     parts = []
+    sparse = False
     for name, part in fitted.items("transformer_list"):
         if part != "drop":
             found = value if part == "passthrough" else walk_transform(part, builder, value)
+            sparse = sparse or builder.is_sparse(found)
             parts.append(weighted(builder, found, fitted.get("transformer_weights"), name, fitted))
     if not parts:
         raise UnsupportedModelError("FeatureUnion drops every transformer")
-    return builder.beside(*parts)
+    found = builder.beside(*parts)
+    builder.sparse[found] = sparse
+    return found
 
 
 @transforms(
@@ -53,6 +57,7 @@ def walk_union(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
             *("_mutual_info.mutual_info_classif", "_mutual_info.mutual_info_regression"),
         )
     ),
+    single=True,
 )
 def walk_selection(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """The columns that are kept (`feature_selection/_base.py: SelectorMixin.transform`)."""
@@ -74,7 +79,9 @@ def walk_projection(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     weights = fitted.floats("components_", (None, builder.width(value)))
     if fitted.kind == "FastICA" and fitted.get("whiten") is not False:
         value = builder.scale(value, "-", fitted.floats("mean_", (builder.width(value),)))
-    return builder.linear(value, weights)
+    dense = fitted.kind != "SparseRandomProjection" or fitted.flag("dense_output")
+    found = builder.linear(value, weights)
+    return found if dense else builder.held_like(value, found)
 
 
 @transforms("LinearDiscriminantAnalysis", finite=True)
@@ -141,7 +148,7 @@ def walk_polynomial(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     sources = sorted({source for source, _ in places.values()})
     start = dict(zip(sources, np.cumsum([0, *(builder.width(source) for source in sources)]).tolist(), strict=False))
     columns = [start[places[product][0]] + places[product][1] for product in products]
-    return builder.select(columns, *sources)
+    return builder.held_like(value, builder.select(columns, *sources))
 
 
 @transforms("Normalizer", finite=True)
@@ -159,7 +166,7 @@ def walk_normalizer(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     other = builder.scale(large, "-", 1.0, reverse=True)
     divisor = builder.combine(kept, "+", other)
     repeated = builder.select(np.zeros(width, np.int32), divisor)
-    return builder.combine(value, "/", repeated)
+    return builder.held_like(value, builder.combine(value, "/", repeated))
 
 
 @transforms("PowerTransformer", double="lambdas_")
@@ -171,7 +178,6 @@ def walk_power(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     builder.refuse_magnitude(math.inf)
     powers = fitted.floats("lambdas_", (builder.width(value),))
     if fitted.estimator.method == "box-cox":
-        builder.refuse_nan(value)
         value = _powered(builder, builder.function(value, "log"), powers)
     else:
         turned = builder.scale(value, "*", -1.0)

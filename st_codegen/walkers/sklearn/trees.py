@@ -28,7 +28,7 @@ from st_codegen.walkers.sklearn.native import TREE, is_tree
 _TREE = (TREE,)
 
 
-@walks("DecisionTreeRegressor ExtraTreeRegressor RandomForestRegressor ExtraTreesRegressor", trusts=_TREE)
+@walks("DecisionTreeRegressor ExtraTreeRegressor RandomForestRegressor ExtraTreesRegressor", trusts=_TREE, single=True)
 def walk_trees(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """Sum of the trees in order, divided by their number (`ForestRegressor.predict` with n_jobs=1)."""
     from sklearn.ensemble import BaseEnsemble
@@ -37,7 +37,9 @@ def walk_trees(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     return add_float32_trees(builder, value, trees, fitted, TreeSum(divisor=len(trees)))
 
 
-@walks("DecisionTreeClassifier ExtraTreeClassifier RandomForestClassifier ExtraTreesClassifier", trusts=_TREE)
+@walks(
+    "DecisionTreeClassifier ExtraTreeClassifier RandomForestClassifier ExtraTreesClassifier", trusts=_TREE, single=True
+)
 def walk_class_trees(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """The mean of the fractions of the classes in the leaves, and the first of the largest (`predict`)."""
     shares = walk_trees(fitted, builder, value)
@@ -69,7 +71,7 @@ def _starts_plainly(fitted: Fitted, usual: str) -> bool:
     return True
 
 
-@walks("GradientBoostingRegressor", trusts=_TREE)
+@walks("GradientBoostingRegressor", trusts=_TREE, single=True)
 def walk_gradient_boosting(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """The sum of the trees."""
     plain = _starts_plainly(fitted, "DummyRegressor")
@@ -78,7 +80,7 @@ def walk_gradient_boosting(fitted: Fitted, builder: GraphBuilder, value: int) ->
     return _boosted(fitted, builder, value, 1)
 
 
-@walks("GradientBoostingClassifier", trusts=_TREE)
+@walks("GradientBoostingClassifier", trusts=_TREE, single=True)
 def walk_class_gradient_boosting(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """Scores are sums of trees; of two classes the second from 0 on (`_gb.py: predict`)."""
     _starts_plainly(fitted, "DummyClassifier")
@@ -169,6 +171,7 @@ def _structure(tree: Fitted, width: int) -> Any:
         "functools.partial",
         "sklearn.utils.validation.check_array",
     ),
+    single=True,
 )
 def walk_hist_gradient_boosting(fitted: Fitted, builder: GraphBuilder, value: int) -> Walked:
     """Baseline plus leaves in order, then the inverse of the loss's link; missing values and categories included.

@@ -119,12 +119,45 @@ def load_object(estimator: Any, name: str) -> LoadedModel:
             for kind in ("Classifier", "RFClassifier", "RFRegressor", "Ranker", "Regressor")
         ),
     ),
+    single=True,
 )
 def walk(estimator: Any, builder: GraphBuilder, value: int) -> Walked:
     """Add a fitted estimator (up to its best iteration), or a Booster (all rounds)."""
     with errors_name(type(estimator).__name__):
         model, way = _model_of(estimator)
+        if builder.is_sparse(value):  # what a sparse matrix does not store is missing to XGBoost
+            if way.sentinel is not None:
+                raise UnsupportedModelError(f"missing={way.missing} behind a sparse matrix: {_DENSE}")
+            if any(_least(builder, value, column) < _FAR_FROM_ZERO for column in range(builder.width(value))):
+                raise UnsupportedModelError(f"takes the zeros of a sparse matrix for missing values: {_DENSE}")
+            way = replace(way, missing=0.0)
         return _add(model, builder, value, way)
+
+
+#: What to do where a sparse matrix is in front of XGBoost.
+_DENSE = "train it behind dense columns (sparse_output=False of encoders, sparse_threshold=0 of a ColumnTransformer)"
+#: Far above all numbers that are not 0 and become 0 in float32.
+_FAR_FROM_ZERO = 1e-30
+
+
+def _least(builder: GraphBuilder, value: int, column: int) -> float:
+    """What the magnitudes of a column, but for 0, reach at least, as far as it is known: of codes and flags."""
+    op = builder.ops[value - 1] if value else None
+    if isinstance(op, ir.Select):
+        place = int(op.columns[column])
+        for source in op.inputs:
+            if place < builder.width(source):
+                return _least(builder, source, place)
+            place -= builder.width(source)
+    if isinstance(op, ir.Exceeds):
+        return 1.0
+    if isinstance(op, ir.Combine) and op.operator is ir.Operator.SUBTRACT:  # the flag of a category
+        flags = all(isinstance(builder.ops[source - 1], ir.Exceeds) for source in op.inputs if source)
+        return 1.0 if flags and all(op.inputs) else 0.0
+    if isinstance(op, ir.Scale) and not op.reverse:
+        size, factor = _least(builder, op.inputs[0], column), abs(float(op.constant[column]))
+        return {ir.Operator.MULTIPLY: size * factor, ir.Operator.DIVIDE: size / (factor or 1.0)}.get(op.operator, 0.0)
+    return 0.0
 
 
 class XgboostBooster:
@@ -290,6 +323,7 @@ class _ClassPredictor(_XgboostPredictor):
         if self.classifier is not None:
             number = numbers_of(self.labels, self.classifier.predict(rows))
         elif self.objective == "multi:softprob":
+            found = found.reshape(len(rows), -1)  # of one class there is no second dimension
             number = np.argmax(found, axis=1)[:, None].astype(np.float64)
         elif self.objective == "multi:softmax":
             number = found.reshape(-1, 1).astype(np.float64)
