@@ -552,6 +552,23 @@ def test_a_machine_whose_rig_is_a_little_wrong_makes_no_mistake_of_measuring(see
     assert examine(made, a_little_wrong(rig, random), PATH).mistakes == ()
 
 
+@pytest.mark.parametrize("sigma", [3e-6, 6e-5])
+def test_sidebands_of_one_order_are_no_misread_angle(sigma):
+    """A crack changes one mesh order over a part of the turn, and noise may hide all others."""
+    orders = np.union1d(ORDERS, [76, 77, 79])
+    at = measured().at
+    values = RIG.coefficients(at, orders.tolist())
+    theta = 2 * np.pi * np.arange(1024) / 1024
+    turned = (values[:, orders == 78] * np.exp(78j * (theta + np.deg2rad(0.1) * np.cos(theta + 0.4)))).real
+    values[:, orders > 0] += (np.fft.rfft(turned, axis=1) / 512)[:, orders[orders > 0]]
+    values[:, orders == 78] -= RIG.coefficients(at, [78])
+    random = np.random.default_rng(0)
+    noise = sigma * (random.standard_normal(values.shape) + 1j * random.standard_normal(values.shape))
+    noise = np.where(orders == 0, noise.real, noise)
+    made = Observations(at, labels(at), orders, values + noise, spectral_deg=np.full(values.shape, sigma))
+    assert [one.name for one in examine(made, RIG, PATH).mistakes] == []
+
+
 def humming(waves, start_deg=7.0, samples=400, sigma=1e-5):
     """Sums of 20 curves of 100 orders at as many speeds (turns a second), without and with waves of (Hz, deg)."""
     random, turns = np.random.default_rng(8), np.linspace(0.05, 0.35, 20) + 0.0013

@@ -348,8 +348,14 @@ def wrong_angle(data: Observations, rig: RigModel) -> list[Mistake]:
     waves = data.orders > 0
     if found is None or not data.both_directions() or not waves.any():
         return []
-    agreed = agreed_gain(data, rig, found.seen(known, its, data.orders), waves)
-    if not (agreed and _sidebands_show(data, found, known, its)):
+    seen = found.seen(known, its, data.orders)
+    if not (agreed_gain(data, rig, seen, waves) and _sidebands_show(data, found, known, its)):
+        return []
+    # the sidebands of a single order are its own, as those of a crack are
+    saved = np.abs(data.values - rig.coefficients(data.at, data.orders.tolist())) ** 2 - np.abs(data.values - seen) ** 2
+    around = np.abs(data.orders - its[:, None]) <= 2
+    loudest = around[int((around @ np.maximum(saved.sum(axis=0), 0.0)).argmax())]
+    if not agreed_gain(data, rig, seen, waves & ~loudest):
         return []
 
     def corrected(given: Observations) -> Observations:
