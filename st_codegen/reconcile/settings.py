@@ -57,6 +57,8 @@ class Settings:
     torque_step: float = 1e-3
     #: knots over the frequency between which the response of a filter is a straight line: ten orders and more tell each
     knots_of_filter: int = 12
+    #: a filter makes some order larger or smaller by this part: one that only turns them is another angle
+    of_a_filter: float = 0.1
     #: share of a size that sensors are wrong by, within which each order must want it: numbers of a rig that are wrong
     #: by a tenth want any
     of_a_size: float = 0.25

@@ -125,6 +125,25 @@ def test_what_would_do_in_place_of_one_change_is_an_alternative_to_it(sigma, rea
     assert not reconciled(data, word).conclusions.retuned
 
 
+def test_a_sensor_of_the_oil_with_a_gain_is_no_other_drift_and_viscosity():
+    data = measured(2e-5, read=replace(AT, temperature_C=30.0 + 0.6 * (AT.temperature_C - 30.0)))
+    result = reconciled(data)
+    assert re.search(
+        r"all temperatures (39|40|41)(\.\d)? % too low and beside that 1[12](\.\d)? K too high", summary(result)
+    )
+    assert {one.after.name for one in result.conclusions.retuned} == {"friction_windup", "thermal_drift"}
+    assert all("misread_temperature" in one.alternatives for one in result.conclusions.retuned)
+    assert reconciled(data, "misread_temperature").verdict == "nothing_missing"
+
+
+def test_an_angle_that_the_load_winds_up_is_no_turn_of_single_waves():
+    data = measured(1e-5)
+    wound = np.radians(0.08) * AT.sign * AT.torque_Nm / AT.torque_Nm.max()
+    data = replace(data, values=data.values * np.exp(1j * wound[:, None] * ORDERS))
+    assert re.search(r"every angle 0.08\d* deg too low at the largest load, in proportion at others", asked(data))
+    assert reconciled(data, "misread_angle").verdict == "nothing_missing"
+
+
 def test_speeds_that_fall_with_the_load_would_do_in_place_of_a_frequency_that_moves():
     result = reconciled(measured(1e-4, at=slipping(0.03)))
     (one,) = result.conclusions.retuned

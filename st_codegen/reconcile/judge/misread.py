@@ -101,6 +101,10 @@ def _slipped(data: Observations, size: FloatArray) -> Observations:
     return _with(data, "speed_rpm", data.at.speed_rpm * (1.0 - share))
 
 
+def _heat_both(data: Observations, size: FloatArray) -> Observations:
+    return _with(data, "temperature_C", (data.at.temperature_C - size[1]) / (1.0 + size[0] / 100.0))
+
+
 def _of_fahrenheit(data: Observations, _size: FloatArray) -> Observations:
     return _with(data, "temperature_C", (data.at.temperature_C - 32.0) / 1.8)
 
@@ -115,6 +119,12 @@ def _turned(*signs: float) -> Reread:
         data,
         values=data.values * np.exp(1j * np.radians(size[0]) * np.isin(data.at.sign, signs)[:, None] * data.orders),
     )
+
+
+def _wound(data: Observations, size: FloatArray) -> Observations:
+    """Angles of a shaft that the load winds up, by a size at the largest, backward the other way."""
+    load = data.at.sign * data.at.torque_Nm / max(float(np.abs(data.at.torque_Nm).max()), 1e-300)
+    return replace(data, values=data.values * np.exp(1j * np.radians(size[0]) * load[:, None] * data.orders))
 
 
 def _larger(*signs: float) -> Callable[[Observations, FloatArray], FloatArray]:
@@ -153,6 +163,10 @@ READINGS = (
         (0.1, 1.0), (100.0, 500.0), "torque",
     ),
     WrongReading(_HEAT, ("all temperatures {:.3g} K too {}",), _shifted("temperature_C"), (0.1,), (30.0,)),
+    WrongReading(_HEAT, ("all temperatures {:.3g} % too {}",), _scaled("temperature_C"), (0.1,), (90.0,)),
+    WrongReading(
+        _HEAT, ("all temperatures {:.3g} % too {}", "beside that {:.3g} K too {}"), _heat_both, (0.1, 0.1), (90.0, 30.0)
+    ),
     WrongReading(_HEAT, ("all temperatures in degF",), _of_fahrenheit),
     WrongReading(_SPEED, ("all speeds {:.3g} % too {}",), _scaled("speed_rpm"), (0.1,), (30.0,)),
     WrongReading(
@@ -160,6 +174,10 @@ READINGS = (
     ),
     WrongReading(_ANGLE, ("every angle {:.3g} deg too {}",), _turned(1.0, -1.0), (1e-3,), (5.0,), "home_offset"),
     WrongReading(_ANGLE, ("every angle backward {:.3g} deg too {}",), _turned(-1.0), (1e-3,), (5.0,)),
+    WrongReading(
+        _ANGLE, ("every angle {:.3g} deg too {} at the largest load, in proportion at others, backward the other way",),
+        _wound, (1e-3,), (5.0,),
+    ),
     WrongReading(
         "misread_ratio", ("TE {:.3g} deg too {} at the end of each turn",), _ramp_taken_out, (1e-4,), (1.0,), "ratio"
     ),

@@ -227,6 +227,8 @@ def _filter_over(
 
     # between the orders that tell it the response is anybody's guess
     response = np.where(np.abs(model) ** 2 > noise, _between_knots(at, data.at.sign, knots, passes), 1.0)
+    if np.abs(np.abs(response) - 1.0).max() < SETTINGS.of_a_filter:
+        return None
     most = np.unravel_index(int(np.abs(response - 1.0).argmax()), response.shape)
     ahead = np.degrees(np.angle(response[most])) * data.at.sign[most[0]]
     said = text.format(at[most], abs(response[most]), ahead)
