@@ -264,10 +264,10 @@ def _instead(
         if len(kept) >= min(SETTINGS.beside_reading, len(everything) - max(len(sizes), 1)):
             return None
         nearest = sorted(everything - kept, key=lambda i: chance[i])[: SETTINGS.changes_tried]
-        trials = {i: _read(plain.target, _freed(best.state, final, i), reading, sizes) for i in nearest}
+        trials = {i: _read(plain.target, _freed(best.state, final, i), reading, sizes, rounds=1) for i in nearest}
         number = min(trials, key=lambda i: trials[i][1].loss)
         kept.add(number)
-        sizes, best = trials[number]
+        sizes, best = _read(plain.target, trials[number][1].state, reading, trials[number][0])
     for number in sorted(kept):
         # near the right sizes it may be none that is needed: a narrow peak tells them from nearby only
         again = _read(plain.target, _held(best.state, plain, number), reading, sizes)
@@ -366,7 +366,11 @@ def covariance_of_corrections(final: Fit) -> FloatArray:
 
 
 def _read(
-    target: FitData, state: State, reading: WrongReading, sizes: FloatArray | None = None
+    target: FitData,
+    state: State,
+    reading: WrongReading,
+    sizes: FloatArray | None = None,
+    rounds: int = SETTINGS.quick_steps,
 ) -> tuple[FloatArray, Fit]:
     """The sizes of a reading, and all that is free in a state beside it: the best there is near some sizes."""
 
@@ -376,7 +380,7 @@ def _read(
     count = len(reading.steps)
     sizes = np.zeros(count) if sizes is None else sizes
     best = fitted(sizes, state)
-    for _ in range(SETTINGS.quick_steps if count else 0):
+    for _ in range(rounds if count else 0):
         columns = _slopes(target, best, reading, sizes)
         if not all(values.any() for _, values in columns):
             break
