@@ -757,6 +757,17 @@ def test_speeds_that_are_not_held_are_no_labels_of_other_runs():
     assert [one.name for one in examine(replace(data, values=right), RIG, PATH).mistakes] == []
 
 
+def test_an_order_that_does_not_turn_hides_no_zero_of_the_others():
+    """A reducer that is turned on its flange leaves the eccentricity of the encoder where it was."""
+    data, sure = of_curves(3e-6), np.arange(RUNS) > 100
+    turn = np.exp(-1j * np.radians(of_runs(24.0 * sure)) * np.where(ORDERS == 1, 0, ORDERS))
+    made = replace(data, values=data.values * turn)
+    with pytest.raises(InputError, match=f"{sure.sum()} of {RUNS} runs have a zero of the angle.* by up to 24.00 deg"):
+        examine(made, RIG, PATH)
+    back = examine(made, RIG, PATH, accept=["home_offset"]).data
+    assert np.abs(back.values - data.values)[:, ORDERS != 1].max() < 3e-5
+
+
 def test_runs_of_one_start_of_the_machine_share_its_zero():
     """Each by its own, what a missing resonance turned of single orders stayed as steps and scatter of nine orders."""
     data, random = of_curves(), np.random.default_rng(3)

@@ -110,8 +110,10 @@ def zeros(
             angle = float(grid[np.argmin(np.log(np.maximum(left, power[rows][..., None])).sum(axis=(0, 1)))])
         for _ in range(3):  # between the angles of the grid
             turned = m[rows] * np.exp(-1j * k * angle)
-            pull = (k * (turned.conj() * v[rows]).imag / power[rows]).sum()
-            angle -= float(pull / (k**2 * np.abs(turned) ** 2 / power[rows]).sum())
+            # an order that does not agree is off by more than its noise, and says the less
+            spread = np.maximum(np.abs(v[rows] - turned) ** 2, power[rows])
+            pull = (k * (turned.conj() * v[rows]).imag / spread).sum()
+            angle -= float(pull / (k**2 * np.abs(turned) ** 2 / spread).sum())
         before, after = v[rows] - m[rows], v[rows] - m[rows] * np.exp(-1j * k * angle)
         found[rows] = np.angle(np.exp(1j * angle))
         sure[rows] = _most_gain(before, after, power[rows], SETTINGS.vote)
