@@ -36,8 +36,10 @@ class Settings:
     #: waves of a frequency of their own that are looked for; power over noise of a line of one curve, which noise
     #: (exponential) reaches once in 1e13 orders; orders to each side by which its size is told
     most_hums: int = 3
-    #: loud orders that are tried for a wave of no whole number of periods
+    #: loud orders that are tried for a wave of no whole number of periods; part of its power that orders which the rig
+    #: lacks must show: right between two of the rig's it is a tenth
     most_tried_between: int = 12
+    least_between: float = 0.05
     #: curves that are asked first, and orders around a wave that must hold nothing else: what lies farther off is small
     curves_that_tell: int = 8
     orders_beside_wave: float = 2.6
@@ -445,7 +447,8 @@ CHOSEN_ON: dict[str, tuple[str, ...]] = {
         "state_reach", "formula_explains", "formula_whole", "term_price", "term_share", "hidden_turn",
     ),
     "campaigns of other generators (filters, gaps, sensors that drift, zeros of the angle, laws of no catalogue)": (
-        "one_zero", "one_zero_deg", "bends", "at_once", "beside_reading",
+        "one_zero", "one_zero_deg", "bends", "at_once", "beside_reading", "changes_tried", "of_a_filter",
+        "least_between",
     ),
     "all counted cases of other physics, development and held out": (
         "names_by_order", "names_by_more",

@@ -18,8 +18,6 @@ from st_codegen.reconcile.settings import SETTINGS
 
 #: distance from the order that a frequency lets expect, of which whole numbers have a quarter in the median
 _WHOLE = 0.1
-#: part of the power of a wave between two orders that those of no part of the machine must show
-_LEAST_BETWEEN = 0.05
 #: median of the sum of two exponential numbers
 _MEDIAN_OF_TWO = 1.678
 #: steps to each side in which the frequency of a hum that is known to an order is looked for
@@ -144,7 +142,7 @@ def without_waves_between(sums: Sequence[Sums], known: Collection[int]) -> tuple
             continue
         # in curves that do not tell its order well by themselves it has that of the others
         told = [
-            _wave(one, line, middle, free, reach=spread, least=_LEAST_BETWEEN)
+            _wave(one, line, middle, free, reach=spread, least=SETTINGS.least_between)
             for one, line in zip(kept, lines, strict=True)
         ]
         sizes = np.array([fit[0] for fit in told])
@@ -168,7 +166,7 @@ def _between(
     places, found = np.arange(len(free)), []
     for one, line, floor in zip(sums, lines, noise, strict=True):
         fits = [
-            _wave(one, line, low + 0.5, free, reach=0.5 - _WHOLE, least=_LEAST_BETWEEN)
+            _wave(one, line, low + 0.5, free, reach=0.5 - _WHOLE, least=SETTINGS.least_between)
             for low in range(max(top - 3, 1), top + 3)
         ]
         size, order, wave = max(fits, key=lambda fit: fit[0] and float((np.abs(fit[2][: len(free)][free]) ** 2).sum()))
