@@ -296,4 +296,4 @@ def test_beside_many_changes_of_the_rig_a_reading_is_told_that_does_what_one_of_
     (friction,) = (entry for entry in result.retuned if entry.after.name == "friction_windup")
     true = 1.03 * friction.before.scalar("viscous_arcmin_per_krpm")
     off = abs(friction.after.scalar("viscous_arcmin_per_krpm") - true)
-    assert off < 1.2 * friction.stderr["viscous_arcmin_per_krpm"]
+    assert off < 2.0 * friction.stderr["viscous_arcmin_per_krpm"]

@@ -147,6 +147,9 @@ def without_waves_between(sums: Sequence[Sums], known: Collection[int]) -> tuple
         ]
         sizes = np.array([fit[0] for fit in told])
         seen = sizes > 0.0
+        if seen.mean() < SETTINGS.most_orders:
+            free[top] = False
+            continue
         kept = [_less(one, wave) for one, (_, _, wave) in zip(kept, told, strict=True)]
         size = float(np.sqrt((sizes[seen] ** 2).mean()))
         made = _by_order(kept, [wave for _, _, wave in told])

@@ -242,15 +242,7 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
     wrong = misread(final, changed, offset_changed)
     claims = tuple(_claim(rig, joint, final, i, one, known, wrong) for i, one in standing.items())
     rivals = {i: _own_rivals(final, one) for i, one in left.items()}
-    retuned = tuple(
-        replace(
-            _retuned(joint, final, i, p, known, rivals.get(i, ()), wrong),
-            misread=tuple(
-                sorted(_left_of_filters(final, i) | {one.reading.name for one in wrong if i in one.instead_of})
-            ),
-        )
-        for i, p in changed.items()
-    )
+    retuned = tuple(_retuned(joint, final, i, p, known, rivals.get(i, ()), wrong) for i, p in changed.items())
     return Conclusions(joint, final, claims, retuned, offset_changed, wrong)
 
 
@@ -274,8 +266,8 @@ def _retuned(
     number: int,
     p: float,
     known: Catalogue,
-    rivals: tuple[Other, ...] = (),
-    wrong: Sequence[Misread] = (),
+    rivals: tuple[Other, ...],
+    wrong: Sequence[Misread],
 ) -> Retuned:
     """What is said of a changed effect of the rig."""
     smaller, larger = with_piece_held(joint, number), joint
@@ -287,7 +279,9 @@ def _retuned(
             rivals = (*rivals, Other("zero_offset_deg", moved.state.model()))
     others = (*_as_good(smaller, larger, number, known), *rivals)
     before, after = _origin(joint.state.pieces[number]), final.state.pieces[number].effect
-    return Retuned(before, after, standard_errors(joint, number, final, wrong), p, others)
+    names = {one.reading.name for one in wrong if number in one.instead_of} | _left_of_filters(final, number)
+    errors = standard_errors(joint, number, final, wrong)
+    return Retuned(before, after, errors, p, others, misread=tuple(sorted(names)))
 
 
 def _claim(
@@ -297,7 +291,7 @@ def _claim(
     number: int,
     standing: Standing,
     known: Catalogue,
-    wrong: Sequence[Misread] = (),
+    wrong: Sequence[Misread],
 ) -> Claim:
     """What is said of an added effect."""
     others = _as_good(standing.without, joint, number, known)

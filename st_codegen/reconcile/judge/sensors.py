@@ -34,6 +34,7 @@ _FILTER = (
     "TE seems to have passed a filter: what is left of every order depends on its frequency alone, most at {:.3g} Hz, "
     "where it is {:.2g} times as large and {:.0f} deg ahead"
 )
+_UNDO = "undo it, as far as the orders tell it"
 _OVER_ANGLE = (
     "TE seems to have passed a filter over the angle, as a resampling or a smoothing is: what is left of every order "
     "depends on its number alone, at all speeds alike, most at order {:.0f}, where it is {:.2g} times as large and "
@@ -164,7 +165,7 @@ def low_pass(data: Observations, rig: RigModel) -> list[Mistake]:
     every, (seconds, delay) = data.orders > 0, (_fitted(data, model, noise, one) for one in (passed, late))
     seen = model * passed(seconds)
     gain = agreed_gain(data, rig, seen, every) if agreed_gain(data, rig, seen, every, model * late(delay)) else 0.0
-    over_angle = _filter_over(data, rig, _number, *_BY_NUMBER) if gain else None
+    over_angle = _over_the_angle(data, rig) if gain else None
     if not gain or (over_angle is not None and over_angle[0] > gain):
         return []
 
@@ -189,19 +190,29 @@ def any_filter(data: Observations, rig: RigModel) -> list[Mistake]:
     def hertz(given: Observations) -> FloatArray:
         return np.asarray(given.at.speed_rpm[:, None] / (60.0 * ratio) * given.orders)
 
-    found = (_filter_over(data, rig, *one) for one in ((hertz, "filter", _FILTER), (_number, *_BY_NUMBER)))
-    return [max(told, key=lambda one: one[0])[1]] if (told := [one for one in found if one is not None]) else []
+    found = [_filter_over(data, rig, hertz, "filter", _FILTER), _over_the_angle(data, rig)]
+    told = [one for one in found if one is not None]
+    return [max(told, key=lambda one: one[0])[1]] if told else []
 
 
-_BY_NUMBER = ("smoothing", _OVER_ANGLE)
+def _over_the_angle(data: Observations, rig: RigModel) -> tuple[float, Mistake] | None:
+    """A filter of which the number of an order alone tells what passes, and what the votes gain by it."""
 
+    def number(given: Observations) -> FloatArray:
+        return np.tile(given.orders.astype(np.float64), (len(given), 1))
 
-def _number(given: Observations) -> FloatArray:
-    return np.tile(given.orders.astype(np.float64), (len(given), 1))
+    # no data tell it from a machine whose waves are all of another size
+    remedy = f"{_UNDO}, or --accept as_is if all these parts of the machine are of another size"
+    return _filter_over(data, rig, number, "smoothing", _OVER_ANGLE, remedy)
 
 
 def _filter_over(
-    data: Observations, rig: RigModel, place: Callable[[Observations], FloatArray], name: str, text: str
+    data: Observations,
+    rig: RigModel,
+    place: Callable[[Observations], FloatArray],
+    name: str,
+    text: str,
+    remedy: str = _UNDO,
 ) -> tuple[float, Mistake] | None:
     """A filter whose response depends on the place (n, K) of each coefficient, and what the votes gain by it."""
     model, noise, at = rig.coefficients(data.at, data.orders.tolist()), noise_power(data), place(data)
@@ -230,9 +241,9 @@ def _filter_over(
     if np.abs(np.abs(response) - 1.0).max() < SETTINGS.of_a_filter:
         return None
     most = np.unravel_index(int(np.abs(response - 1.0).argmax()), response.shape)
-    ahead = np.degrees(np.angle(response[most])) * data.at.sign[most[0]]
-    said = text.format(at[most], abs(response[most]), ahead)
-    return gain, Mistake(name, said, corrected, remedy="undo it, as far as the orders tell it")
+    # no -0 degrees
+    ahead = round(float(np.degrees(np.angle(response[most])) * data.at.sign[most[0]])) + 0.0
+    return gain, Mistake(name, text.format(at[most], abs(response[most]), ahead), corrected, remedy=remedy)
 
 
 def _between_knots(at: FloatArray, sign: FloatArray, knots: FloatArray, passes: ComplexArray) -> ComplexArray:
