@@ -178,6 +178,14 @@ def read_table(path: Path) -> HarmonicTable:
                 backward[number] = _DIRECTIONS[direction]
     amplitudes = table.numbers([f"A{k}" for k in orders], problems)
     phases = table.numbers([f"phi{k}" for k in orders if k], problems)
+    with problems.collect(), np.errstate(invalid="ignore"):
+        far = np.abs(phases) > 2 * np.pi
+        if far.mean() > 0.5:
+            raise RowError(
+                table.rows[int(far.any(axis=1).argmax())].line,
+                f"{np.count_nonzero(far)} of {far.size} phases lie beyond 2*pi, up to {np.abs(phases).max():g}: they "
+                "look like degrees; phi1, .. are in rad, multiply them by pi/180",
+            )
     problems.raise_if_any()
     if 0 in orders:
         phases = np.insert(phases, orders.index(0), 0.0, axis=1)

@@ -45,7 +45,7 @@ from st_codegen.reconcile.judge.structure import (
     scatter_within_turns,
 )
 from st_codegen.reconcile.judge.suspects import bad_runs, excused, without_structure
-from st_codegen.reconcile.judge.unexplained import Signature, beside_the_rigs, of_a_hum, signatures
+from st_codegen.reconcile.judge.unexplained import Signature, beside_the_rigs, loudest, of_a_hum, signatures
 from st_codegen.reconcile.judge.unseen import below_noise, cannot_show
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Effect, Stage
@@ -115,9 +115,17 @@ class Reconciliation:
 
     @property
     def held_out_is_bound(self) -> bool:
-        """Whether the held-out gap may be larger: few runs carry it, or at other speeds a hum meets other orders."""
-        few = self.data.few_points or self.carriers < SETTINGS.least_curves
+        """Whether the held-out gap may be larger: few runs say too little, or at other speeds a hum meets other orders.
+
+        Where few of many curves carry it, there may be more such places between them.
+        """
+        few = self.data.few_points or (self.held_out_scatters and not self.carriers > self.unseen_curves / 3 > 0)
         return few or any(one.frequency_Hz for one in self.data.hums)
+
+    @property
+    def held_out_scatters(self) -> bool:
+        """Whether so few curves tell the held-out gap that others may well have another, larger or smaller."""
+        return self.carriers < SETTINGS.least_curves
 
     @property
     def verdict(self) -> str:
@@ -213,8 +221,7 @@ def _read_anew(result: Reconciliation, examined: Examined, measured: Path, accep
     )
     read = Mistake(taken.reading.name, f"{taken.text} (corrected)", is_taken_out=True)
     kept = (mistake for mistake in examined.mistakes if not mistake.rows)
-    untold = tuple(dict.fromkeys((*examined.untold, *again.untold)))
-    return replace(again, mistakes=(*kept, read, *again.mistakes), untold=untold)
+    return replace(again, mistakes=(*kept, read, *again.mistakes), untold=again.untold or examined.untold)
 
 
 def _question(one: Misread, found: Conclusions) -> str:
@@ -464,6 +471,11 @@ def _unexplained(
     kept = excused(data, after, noise, is_lacking(target, after))
     kept |= loud_and_foreign(target, after, final.state.rig.orders())
     left = signatures(target, after, gap_power, floor_rms, (before != after).any(axis=0), kept)
+    floor = rms_deg(
+        (floor_rms * np.where(data.orders == 0, 1.0, np.sqrt(2.0)))[None].astype(np.complex128), data.orders
+    )
+    if not left and rms_deg(after[noise.good], data.orders) > SETTINGS.clearly_larger * floor:
+        left = [loudest(target, after, gap_power, floor_rms)]
     return floor_rms, [*map(partial(of_a_hum, gap_power=gap_power), data.hums), *left]
 
 

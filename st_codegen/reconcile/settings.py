@@ -97,6 +97,8 @@ class Settings:
     block_factor: float = 1.3
     least_block: int = 3
     most_of_block: float = 0.45
+    #: a factor on most orders beyond these is that of a unit or of a sign, whatever share of the runs has it
+    like_an_effect: tuple[float, float] = (0.1, 10.0)
     #: an order judges labels where the rig is right for most runs (noises); a run is wrong there when its loss is so
     #: many times the usual, and another label must leave this share of it; more runs than that are something else
     sure_order: float = 3.0
@@ -269,6 +271,10 @@ class Settings:
     #: how strong a slow wander within one turn is, which makes the low ones louder
     beyond_spectral: float = 2.0
     wander_orders: int = 5
+    #: a twist of two slopes with a knee has four numbers: so many torques refuse it where the play is taken up
+    torques_of_a_knee: int = 5
+    #: so many quiet orders tell the noise of an order of a curve, half of those whose median it is
+    quiet_beside: int = 12
     #: of tables, whose orders may differ: so many of their usual distances (standard deviations) above those beside it,
     #: one of 15,000 of normal ones; and at most so many times as loud, or where there are too few orders to tell
     beyond_usual: float = 4.0
@@ -345,6 +351,8 @@ class Settings:
     #: that is a twentieth smaller)
     most_next_runs: int = 12
     least_gain: float = 0.05
+    #: runs that are proposed again where runs differ without a pattern: a spread of four is told to a third
+    repeats: int = 4
     #: share of a size below which its error says that it is known: until then runs are proposed whatever they add
     well_known: float = 0.05
     #: share of the most that a run can add from which on another one adds about as much: the expectation is linear, and

@@ -261,7 +261,7 @@ def test_a_larger_gain_makes_the_noise_larger_and_explains_nothing_by_itself():
     target = FitData(data, np.full(data.values.shape, 1e-4), np.ones(len(AT), bool), groups_of(AT))
     for reading in READINGS:
         if reading.gain is not None:
-            read = _as_meant(target, reading, np.array([20.0]))
+            read = _as_meant(target, reading, np.full(len(reading.steps), 20.0))
             assert np.allclose(read.losses(read.data.values), target.losses(data.values))
 
 

@@ -31,7 +31,7 @@ class Hum:
     frequency_Hz: 0 where it has a number of periods a turn, `order`, instead; amplitude_deg: root mean square over the
     curves in which it was seen; curves: how many these are, and all; by_order: (highest band + 1,) RMS over angle and
     all curves of what it had made of each order, as far as each curve tells it, deg; is_faint: too few curves show it
-    by themselves for it to be taken out of them.
+    by themselves for it to be taken out of them; sizes_deg: between which nine in ten of the curves lie.
     """
 
     frequency_Hz: float
@@ -40,6 +40,17 @@ class Hum:
     by_order: FloatArray
     is_faint: bool = False
     order: float = 0.0
+    sizes_deg: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def varies(self) -> bool:
+        """Whether it is clearly larger in some curves than in others."""
+        return self.sizes_deg[1] > 2.0 * self.sizes_deg[0] > 0.0
+
+    @property
+    def _size_text(self) -> str:
+        low, high = self.sizes_deg
+        return f"{low:.2g} to {high:.2g} deg" if self.varies else f"{self.amplitude_deg:.2g} deg"
 
     @property
     def power(self) -> float:
@@ -49,7 +60,10 @@ class Hum:
 
     def scaled(self, factor: float) -> Hum:
         """The same wave in another unit."""
-        return replace(self, amplitude_deg=self.amplitude_deg * factor, by_order=self.by_order * factor)
+        low, high = (abs(factor) * size for size in self.sizes_deg)
+        return replace(
+            self, amplitude_deg=self.amplitude_deg * factor, by_order=self.by_order * factor, sizes_deg=(low, high)
+        )
 
     @property
     def text(self) -> str:
@@ -57,7 +71,7 @@ class Hum:
         seen, of = self.curves
         if self.order:
             return (
-                f"a wave of {self.order:.1f} periods a turn, {self.amplitude_deg:.2g} deg in {seen} of {of} curves: it "
+                f"a wave of {self.order:.1f} periods a turn, {self._size_text} in {seen} of {of} curves: it "
                 "does not come back to where it began, as of a bearing, a belt or another shaft; it was taken out of "
                 "these curves"
             )
@@ -69,10 +83,17 @@ class Hum:
                 "was not taken out"
             )
         return (
-            f"a wave of {self.frequency_Hz:.4g} Hz whatever the speed, {self.amplitude_deg:.2g} deg in {seen} of {of} "
+            f"a wave of {self.frequency_Hz:.4g} Hz whatever the speed, {self._size_text} in {seen} of {of} "
             "curves (in others it is weaker, or outside of the orders that were looked at): it does not turn with the "
             "machine, as the mains or another drive would make it; it was taken out of these curves"
         )
+
+
+def _hum(frequency_Hz: float, order: float, sizes: FloatArray, of: int, made: FloatArray) -> Hum:
+    """The wave that was taken out of curves with these sizes (deg), of so many."""
+    low, high = np.quantile(sizes, (0.05, 0.95))
+    size = float(np.sqrt((sizes**2).mean()))
+    return Hum(frequency_Hz, size, (len(sizes), of), made, order=order, sizes_deg=(float(low), float(high)))
 
 
 def without_hums(
@@ -107,7 +128,7 @@ def without_hums(
         kept = [_less(one, wave) for one, (_, _, wave) in zip(kept, fits, strict=True)]
         sizes = np.array([size for size, _, _ in fits if size])
         made = _by_order(kept, [wave for _, _, wave in fits])
-        found.append(Hum(frequency, float(np.sqrt((sizes**2).mean())), (len(sizes), len(kept)), made))
+        found.append(_hum(frequency, 0.0, sizes, len(kept), made))
     return kept, tuple(found)
 
 
@@ -151,9 +172,8 @@ def without_waves_between(sums: Sequence[Sums], known: Collection[int]) -> tuple
             free[top] = False
             continue
         kept = [_less(one, wave) for one, (_, _, wave) in zip(kept, told, strict=True)]
-        size = float(np.sqrt((sizes[seen] ** 2).mean()))
         made = _by_order(kept, [wave for _, _, wave in told])
-        found.append(Hum(0.0, size, (int(seen.sum()), len(kept)), made, order=middle))
+        found.append(_hum(0.0, middle, sizes[seen], len(kept), made))
         # what is left of it is none of its own
         free[max(top - 1, 0) : top + 2] = False
     return kept, tuple(found)

@@ -27,7 +27,8 @@ class Observations:
     at: conditions (n,); labels: name of each row for messages; orders: int (K,), rising; values: complex128 (n, K),
     deg. Samples over time are rows of their own, with the TE in the place of order 0: then `angle_rad` (n,) is the
     angle of each and `inside` the orders of which its TE is the sum. run: int (n,), the number of each run in the order
-    of measuring, where that is known. samples: of each curve, where all have as many, else 0. hums: waves of a
+    of measuring, where that is known; sorted_by: the condition by which their list is sorted first, which may be the
+    time as well, where it is. samples: of each curve, where all have as many, else 0. hums: waves of a
     frequency of their own that were taken out of the values.
     """
 
@@ -44,6 +45,7 @@ class Observations:
     not_looked_at: tuple[str, ...] = ()
     samples: int = 0
     hums: tuple[Hum, ...] = ()
+    sorted_by: str = ""
 
     def model_orders(self) -> tuple[int, ...]:
         """The orders whose coefficients a model must give."""
@@ -168,7 +170,8 @@ def from_table(table: HarmonicTable) -> Observations:
     """The rows of a harmonic table."""
     at = table.at
     values = np.array(table.coefficients)
-    return Observations(at, labels(at), np.array(table.orders, np.int64), values, run=order_of_runs(at))
+    orders, run = np.array(table.orders, np.int64), order_of_runs(at)
+    return Observations(at, labels(at), orders, values, run=run, sorted_by=sorted_by(at))
 
 
 def order_of_runs(at: Conditions) -> IntArray | None:
@@ -176,16 +179,26 @@ def order_of_runs(at: Conditions) -> IntArray | None:
 
     Rows that are sorted by conditions say nothing of time, or time cannot be told from a condition.
     """
+    if sorted_by(at):
+        return None
     found = np.zeros(len(at), np.int64)
     for sign in np.unique(at.sign):
         rows = np.flatnonzero(at.sign == sign)
         found[rows] = np.arange(len(rows))
+    return found
+
+
+def sorted_by(at: Conditions) -> str:
+    """The condition by which runs are sorted first (`speed`, `torque`, `temperature`); empty where they are not."""
+    for sign in np.unique(at.sign):
+        rows = at.sign == sign
         columns = [np.round(column[rows], 9) for column in (at.speed_rpm, at.torque_Nm, at.temperature_C)]
         for first in itertools.permutations(range(3)):
             listed = np.stack([columns[i] for i in first], axis=1)
-            if (np.lexsort(listed.T[::-1]) == np.arange(len(rows))).all():
-                return None
-    return found
+            if (np.lexsort(listed.T[::-1]) == np.arange(len(listed))).all():
+                moves = [i for i in first if len(np.unique(columns[i])) > 1] or [0]
+                return ("speed", "torque", "temperature")[moves[0]]
+    return ""
 
 
 def labels(at: Conditions, files: Sequence[str] | None = None) -> tuple[str, ...]:

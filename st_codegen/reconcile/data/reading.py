@@ -18,7 +18,7 @@ from st_codegen.errors import InputError, Problems
 from st_codegen.files.csv_tables import read_csv
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.hum import without_hums, without_waves_between
-from st_codegen.reconcile.data.observations import Observations, from_table, labels, order_of_runs
+from st_codegen.reconcile.data.observations import Observations, from_table, labels, sorted_by
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects.wear import bump
 from st_codegen.rig.model import RigModel
@@ -88,7 +88,9 @@ def _campaign(folder: Path, rig: RigModel, progress: Progress | None, skip_bad: 
         values[row, fitted[row]] = fit.coefficients
         spectral[row, fitted[row]] = fit.noise_floor
     seen = fitted & ~mistaken[:, orders]
+    spectral *= _colour(fits, orders, int(bands.min()))
     spectral /= np.where(np.array(orders) == 0, 1.0, np.sqrt(2.0))
+    run, listed_by = _listed_runs(folder, campaign)
     counts = {curve.sums.samples for curve in campaign.curves}
     files = [_file(campaign, curve) for curve in campaign.curves]
     return Observations(
@@ -96,7 +98,8 @@ def _campaign(folder: Path, rig: RigModel, progress: Progress | None, skip_bad: 
         labels(campaign.at, files),
         np.array(orders, np.int64),
         values,
-        run=_listed_runs(folder, campaign),
+        run=run,
+        sorted_by=listed_by,
         spectral_deg=spectral,
         seen=None if seen.all() else seen,
         not_looked_at=(
@@ -107,6 +110,29 @@ def _campaign(folder: Path, rig: RigModel, progress: Progress | None, skip_bad: 
         samples=counts.pop() if len(counts) == 1 else 0,
         hums=(*between, *hums),
     )
+
+
+def _colour(fits: Sequence[OrderFit], orders: Sequence[int], band: int) -> FloatArray:
+    """By what the noise at each order differs from the median of the quiet orders around it, (K,).
+
+    The floor of a curve is one number for some two dozen orders. Where the noise falls or rises with the order, as all
+    curves together tell, that is too little on one side of them and too much on the other.
+    """
+    powers = np.stack([np.abs(fit.waves[: band + 1]) ** 2 for fit in fits])
+    powers /= np.maximum(np.median(powers, axis=1, keepdims=True), 1e-300)
+    usual = np.median(powers, axis=0)
+    quiet = np.setdiff1d(np.arange(SETTINGS.wander_orders + 1, band + 1), np.array(orders))
+    found = np.ones(len(orders))
+    for number, order in enumerate(orders):
+        near = quiet[np.argsort(np.abs(quiet - order), kind="stable")[: 2 * SETTINGS.quiet_beside]]
+        if order <= SETTINGS.wander_orders or len(near) < SETTINGS.quiet_beside or (usual[near] <= 0.0).any():
+            continue
+        x, y = np.log(near), np.log(usual[near])
+        x_own = float(np.clip(np.log(order), x.min(), x.max()))
+        (slope, level), covariance = np.polyfit(x, y, 1, cov=True)
+        if abs(slope) > SETTINGS.told * float(np.sqrt(covariance[0, 0])):
+            found[number] = np.exp((level + slope * x_own - float(np.median(y))) / 2.0)
+    return found
 
 
 def _with_sums(campaign: Campaign, sums: Sequence[Sums]) -> Campaign:
@@ -302,20 +328,24 @@ def begin_text(start: float) -> str:
     return f" from {np.degrees(start):.1f} deg on" if start else ""
 
 
-def _listed_runs(folder: Path, campaign: Campaign) -> IntArray | None:
-    """The number of each curve's file in conditions.csv, where there is one and it is not sorted by conditions."""
+def _listed_runs(folder: Path, campaign: Campaign) -> tuple[IntArray | None, str]:
+    """The number of each curve's file in conditions.csv, where there is one and it is not sorted by conditions.
+
+    Where it is, the condition by which it is sorted first.
+    """
     listed = folder / CONDITIONS_FILE
     if not listed.is_file():
-        return None
+        return None, ""
     table = read_csv(listed, ["file"])
     number = {folder / table.text(row, "file"): i for i, row in enumerate(table.rows)}
     if not all(curve.path in number for curve in campaign.curves):
-        return None
+        return None, ""
     run = np.array([number[curve.path] for curve in campaign.curves], np.int64)
     place = np.argsort(run, kind="stable")
     chosen = [campaign.curves[i] for i in place]
     at = Conditions.of_runs((curve.direction, curve.conditions) for curve in chosen)
-    return None if order_of_runs(at) is None else run
+    first = sorted_by(at)
+    return None if first else run, first
 
 
 def _loud(power: FloatArray) -> BoolArray:

@@ -152,8 +152,8 @@ class Search:
     def _additions(self, effect: type[Effect]) -> Iterator[Candidate]:
         present = {piece.effect.orders for piece in self.fit.state.pieces if piece.effect.name == effect.name}
         for orders in self._order_choices(effect):
-            if orders in present and not effect.least_foreign:  # a turn may have several places
-                continue
+            if orders in present and all(scalar.key != _CENTRE for scalar in effect.scalars):
+                continue  # a turn may have several places
             for variant in variants(effect, self.data.both_directions()):
                 for starts in self._starts(effect, variant, orders):
                     piece = _started(effect, variant, starts, orders, self.constants)

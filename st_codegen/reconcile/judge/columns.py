@@ -14,7 +14,14 @@ import numpy as np
 from st_codegen.ir.arrays import ComplexArray, FloatArray
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.judge.mistakes import Mistake
-from st_codegen.reconcile.judge.votes import SIGNS, noise_power, told_power
+from st_codegen.reconcile.judge.votes import (
+    SIGNS,
+    enough_orders,
+    loud_orders,
+    noise_power,
+    power_sums,
+    told_power,
+)
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 from st_codegen.rig.model import RigModel
@@ -92,6 +99,55 @@ def _gain(data: Observations, noise: FloatArray, plain: ComplexArray, seen: Comp
             return 0.0
         gain += float(rows.sum() * np.log(left[asked] / right[asked]).sum())
     return gain
+
+
+#: what a table of waves may hold in place of sizes and phases of cosines, A*cos(k*theta + phi), and how it is read then
+_PHASES: tuple[tuple[str, Callable[[ComplexArray], ComplexArray]], ...] = (
+    ("", lambda c: c),
+    ("with phases of sines, 90 deg more than those of cosines", lambda c: -1j * c),
+    ("with phases 90 deg less than those of cosines", lambda c: 1j * c),
+    ("with phases of the other sign, as where the angle counts the other way", np.conj),
+    ("with phases of sines, of the other sign", lambda c: -1j * c.conj()),
+    ("with phases of the other sign, 90 deg less than those of cosines", lambda c: 1j * c.conj()),
+)
+_SIZES = (
+    ("", 1.0), ("twice as large, from peak to peak", 2.0), ("half as large, one side of a spectrum", 0.5),
+    ("RMS in place of amplitudes", 2**-0.5), ("one side of a spectrum, as RMS", 8**-0.5),
+)  # fmt: skip
+_WAVES = "the waves of all orders seem to be {}: with that most agree with the rig, and as they are they do not"
+
+
+def other_waves(data: Observations, rig: RigModel) -> list[Mistake]:
+    """Sizes and phases of all orders above the mean by another convention than the rig's: one for all, or none."""
+    waves = data.orders > 0
+    loud = loud_orders(data, rig) & waves
+    if not enough_orders(data, loud):
+        return []
+    sums, best = power_sums(data, rig, loud, swapped=False), list[tuple[float, str, Callable[..., ComplexArray]]]()
+    ones = np.ones(len(sums.orders), np.complex128)
+    plain = sums.gap(np.ones((2, 1)), ones)
+    for phases, turned in _PHASES:
+        read = power_sums(replace(data, values=turned(data.values)), rig, loud, swapped=False)
+        for sizes, factor in _SIZES:
+            left = read.gap(np.full((2, 1), factor), ones) / factor**2
+            text = " and ".join(part for part in (sizes, phases) if part)
+            # where some runs alone are otherwise, a part of each order seems to be
+            rest = np.median(np.maximum(left - sums.noise / factor**2, 0.0) / sums.model)
+            if text and rest < SETTINGS.of_a_size**2 and sums.gap_falls(plain, left):
+                score = float(np.log(sums.beyond_noise(left)).sum())
+                best.append((score, text, partial(_read_as, turned, factor)))
+    if not best:
+        return []
+    _, text, read_as = min(best, key=lambda one: one[0])
+
+    def corrected(given: Observations) -> Observations:
+        return replace(given, values=np.where(given.orders > 0, read_as(given.values), given.values))
+
+    return [Mistake("waves", _WAVES.format(text), corrected, remedy="read them so")]
+
+
+def _read_as(turned: Callable[[ComplexArray], ComplexArray], factor: float, values: ComplexArray) -> ComplexArray:
+    return turned(values) / factor
 
 
 def taken_off(data: Observations, rig: RigModel) -> list[Mistake]:

@@ -32,10 +32,12 @@ from st_codegen.reconcile.judge.retuned import (
     changed_as_well,
     changes,
     offset_is_large,
+    shown_change,
     with_piece_held,
     without_misfits,
 )
 from st_codegen.reconcile.judge.selection import founded
+from st_codegen.reconcile.judge.surroundings import left_of_place
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Effect, Form, Stage
 from st_codegen.rig.model import RigModel
@@ -255,6 +257,22 @@ def _left_of_filters(final: Fit, number: int) -> frozenset[str]:
     return final.target.corrected & {"filter", "smoothing"} if is_wave else frozenset()
 
 
+def _left_of_a_delay(final: Fit, number: int) -> frozenset[str]:
+    """The name of a filter, where waves of an effect may have changed by what it does beside a changed delay.
+
+    A delay is the first term of any filter: a tenth of what it does to these waves may be the next ones.
+    """
+    pieces = final.state.pieces
+    delays = [
+        one for i, one in enumerate(pieces)
+        if one.effect.stage is Stage.MEASURING and i != number and one.origin not in (None, one.effect)
+    ]  # fmt: skip
+    own = (np.abs(shown_change(final, pieces[number])) ** 2).sum(axis=0)
+    waves = (own > 0.0) & (final.target.data.orders > 0)
+    delayed = sum(float((np.abs(shown_change(final, one)[:, waves]) ** 2).sum()) for one in delays)
+    return frozenset(["filter"]) if waves.any() and own[waves].sum() < SETTINGS.form**2 * delayed else frozenset()
+
+
 def _own_rivals(final: Fit, one: Needed) -> tuple[Other, ...]:
     """Effects of the rig of which a change would do in place of another one's."""
     return tuple(Other(final.state.pieces[i].effect.name, fitted.state.model()) for i, fitted in one.as_good.items())
@@ -279,9 +297,29 @@ def _retuned(
             rivals = (*rivals, Other("zero_offset_deg", moved.state.model()))
     others = (*_as_good(smaller, larger, number, known), *rivals)
     before, after = _origin(joint.state.pieces[number]), final.state.pieces[number].effect
-    names = {one.reading.name for one in wrong if number in one.instead_of} | _left_of_filters(final, number)
+    names = {one.reading.name for one in wrong if number in one.instead_of}
+    names |= _left_of_filters(final, number) | _left_of_a_delay(final, number)
     errors = standard_errors(joint, number, final, wrong)
-    return Retuned(before, after, errors, p, others, misread=tuple(sorted(names)))
+    is_open = _gains_one_sideband(before, after) or _is_a_knee(final, after)
+    return Retuned(before, after, errors, p, others, is_open, tuple(sorted(names)))
+
+
+def _is_a_knee(final: Fit, effect: Effect) -> bool:
+    """Whether the torques at which play is taken up are too few to tell it from a twist that is softer at low loads."""
+    seating = effect.values.get("seating_torque_Nm")
+    torques = np.unique(np.abs(final.target.data.at.torque_Nm))
+    return isinstance(seating, float) and int((torques < 2 * seating).sum()) < SETTINGS.torques_of_a_knee
+
+
+def _gains_one_sideband(before: Effect, after: Effect) -> bool:
+    """Whether a modulation gains a constant sideband without its twin: as likely a wave of that order from elsewhere.
+
+    Its ratio moves with it where the runs do not tell what follows the mesh order from what is constant.
+    """
+    if after.stage is not Stage.MODULATION or after.values.keys() == before.values.keys():
+        return False
+    sides = [abs(after.complex_value(key) - before.complex_value(key)) for key in ("lower_deg", "upper_deg")]
+    return min(sides) < SETTINGS.form * max(sides)
 
 
 def _claim(
@@ -301,6 +339,11 @@ def _claim(
         # the shape fails, so the errors of the fit say little: what the speeds of the peaks leave open counts
         frequency = piece.effect.scalar("frequency_Hz")
         stderr["frequency_Hz"] = float(np.hypot(stderr["frequency_Hz"], spread(frequency, peaks)))
+    if piece.effect.least_foreign:
+        # a bump of another form is higher, or lower, than the bell by as much as its form differs
+        share = np.sqrt(left_of_place(final, piece))
+        sizes = {c.key for c in piece.coordinates() if c.linear}
+        stderr |= {key: float(np.hypot(stderr[key], share * piece.effect.values[key])) for key in sizes & stderr.keys()}
     names = sorted({other.name for other in others} - {piece.effect.name})
     few = final.target.data.few_points
     alone = few or _by_order_alone(final, number)
@@ -526,7 +569,9 @@ def doubted(found: Conclusions, left: Collection[int], beside: Collection[int]) 
         else claim
         for claim in found.claims
     )
-    retuned = tuple(replace(one, is_open=is_open(one.after, near | reached | set(left))) for one in found.retuned)
+    retuned = tuple(
+        replace(one, is_open=one.is_open or is_open(one.after, near | reached | set(left))) for one in found.retuned
+    )
     return replace(found, claims=claims, retuned=retuned)
 
 

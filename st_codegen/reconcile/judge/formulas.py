@@ -9,6 +9,7 @@ taken are said beside it: of two temperatures nobody can say whether something g
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -81,6 +82,16 @@ class _Rows:
         for gram, right, x in zip(self.gram, self.right, amplitudes, strict=True):
             total += float((x.conj() @ gram[np.ix_(terms, terms)] @ x - 2.0 * (x.conj() @ right[terms])).real)
         return max(total, 0.0)
+
+    def best(self, count: int, size: int) -> list[int]:
+        """The choice of so many of `count` terms that leaves least."""
+        choices = np.array(list(itertools.combinations(range(count), size)))
+        grams = self.gram[:, choices[:, :, None], choices[:, None, :]]
+        # terms that these rows do not tell apart are as good as one of them
+        ridge = 1e-10 * np.trace(grams, axis1=2, axis2=3)[..., None, None] * np.eye(size) + 1e-300 * np.eye(size)
+        right = self.right[:, choices]
+        saved = (right.conj() * np.linalg.solve(grams + ridge, right[..., None])[..., 0]).sum(axis=2).real.sum(axis=0)
+        return [int(term) for term in choices[int(np.argmax(saved))]]
 
     def least(self, terms: Sequence[int]) -> float:
         """The loss with the best amplitudes of terms."""
@@ -168,9 +179,18 @@ def formula_of(target: FitData, r: ComplexArray, column: int, floor: float) -> F
         return None
     chosen, as_well = _search(problem.all, problem.names, chosen)
     explains = _explains(problem, chosen)
-    if explains < SETTINGS.formula_explains:
+    # several powers of one condition follow any law of it a little
+    least = SETTINGS.formula_whole if _is_a_polynomial(problem, chosen) else SETTINGS.formula_explains
+    if explains < least:
         return None
     return _formula(problem, chosen, as_well, explains)
+
+
+def _is_a_polynomial(problem: _Problem, chosen: Sequence[int]) -> bool:
+    """Whether two terms are powers of the same condition alone."""
+    powers = [np.flatnonzero(TERMS[problem.names[term]][0]).tolist() for term in chosen]
+    alone = [axes[0] for axes in powers if len(axes) == 1]
+    return len(set(alone)) < len(alone)
 
 
 def _search(
@@ -182,14 +202,14 @@ def _search(
     """
     chosen: list[int] = list(given or ())
     loss = whole = float(rows.power.sum())
-    while given is None and len(chosen) < most:
-        trials = {term: rows.least([*chosen, term]) for term in range(len(names)) if term not in chosen}
-        best = min(trials, key=lambda term: trials[term])
+    while given is None and len(chosen) < min(most, len(names)):
+        # the best of all choices of so many: one after the other takes what two others together do
+        best = rows.best(len(names), len(chosen) + 1)
+        left = rows.least(best)
         # what is still structure after a term must be worth another one
-        if loss - trials[best] < max(rows.price, SETTINGS.term_share * max(whole - rows.noise, 0.0)):
+        if loss - left < max(rows.price, SETTINGS.term_share * max(whole - rows.noise, 0.0)):
             break
-        chosen.append(best)
-        loss = trials[best]
+        chosen, loss = best, left
     margin = rows.price * max(rows.least(chosen) / max(rows.noise, 1.0), 1.0) if chosen else 0.0
     found: dict[int, list[int]] = {}
     # what is said beside a term holds beside the simplest of the others: a second time, when these are known
@@ -203,6 +223,11 @@ def _search(
             powers = {other: sum(map(abs, TERMS[names[other]][0])) for other in good}
             chosen[place], *rest = sorted(good, key=lambda other: (powers[other], losses[other]))
             found[chosen[place]] = rest
+    # a simpler one in the place of another may leave nothing to a third
+    needless = [term for term in chosen if rows.least([o for o in chosen if o != term]) - rows.least(chosen) < margin]
+    if needless and len(chosen) > 1:
+        most_needless = min(needless, key=lambda term: rows.least([other for other in chosen if other != term]))
+        return _search(rows, names, [other for other in chosen if other != most_needless])
     return chosen, found
 
 

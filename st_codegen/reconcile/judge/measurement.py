@@ -20,7 +20,7 @@ from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.data.noise import MEDIAN_1
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.data.reading import begin_text, check_units, ramp_deg, start_of_ramp, unit_choices
-from st_codegen.reconcile.judge.columns import copied_columns, other_conditions, taken_off
+from st_codegen.reconcile.judge.columns import copied_columns, other_conditions, other_waves, taken_off
 from st_codegen.reconcile.judge.each_run import ramp, ramps, zeros
 from st_codegen.reconcile.judge.mistakes import Mistake, mistaken_runs
 from st_codegen.reconcile.judge.sensors import (
@@ -47,7 +47,7 @@ from st_codegen.threads import one_thread
 #: what `--accept` takes
 NAMES = (
     "sign", "direction", "home_offset", "column_scale", "ratio", "drift", "axis", "torque", "low_pass", "smoothing",
-    "filter", "block", "labels", "conditions", "taken_off", "copied",
+    "filter", "block", "labels", "conditions", "taken_off", "copied", "waves",
 )  # fmt: skip
 #: what `--accept` takes so that none but those named is corrected, and nothing is asked
 AS_IS = "as_is"
@@ -93,7 +93,16 @@ def examine(
     found: list[Mistake] = []
     # conditions are told by sizes, of which those in another unit say nothing
     of_sizes = (other_conditions, wrong_torques, low_pass, mean_of_angles, any_filter)
-    of_forms = (copied_columns, taken_off, _drift, _ratio, partial(_common, scale=scale), _zeros, wrong_angle)
+    of_forms = (
+        copied_columns,
+        taken_off,
+        other_waves,
+        _drift,
+        _ratio,
+        partial(_common, scale=scale),
+        _zeros,
+        wrong_angle,
+    )
     for look in (*of_forms, *of_sizes):
         is_unit = any(mistake.name == "unit" for mistake in found)
         for mistake in () if is_unit and look in of_sizes else look(_with_expected(data, rig), rig):

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from st_codegen.ir.arrays import FloatArray
+from st_codegen.ir.arrays import ComplexArray, FloatArray
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.normal import gather, inverse
@@ -22,6 +22,8 @@ from st_codegen.reconcile.settings import SETTINGS
 
 #: the data that were meant where some were read wrong by sizes
 Reread = Callable[[Observations, FloatArray], Observations]
+#: the factor by which TE of some data is too large, for some sizes
+Gain = Callable[[Observations, FloatArray], FloatArray | ComplexArray]
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,7 @@ class WrongReading:
     texts: what is wrong, one for each size, with it in its unit and (where that says it) its sign in words; steps:
     sizes that change little; most: beyond these it is no slip of this kind. A reading without steps has no degrees.
     refines: the mistake of `measurement` of which it may be what the correction was off by. gain: the factor on TE of
-    each row, (n,), by which the noise is larger as well.
+    each row, (n, 1), or coefficient, (n, K), by which the noise is larger as well.
     """
 
     name: str
@@ -40,20 +42,22 @@ class WrongReading:
     steps: tuple[float, ...] = ()
     most: tuple[float, ...] = ()
     refines: str = ""
-    gain: Callable[[Observations, FloatArray], FloatArray] | None = None
+    gain: Gain | None = None
 
 
 @dataclass(frozen=True)
 class Misread:
     """A reading with its sizes, and the numbers of the pieces whose changes it stands for (OFFSET: the zero's).
 
-    best: the fit with it, whose pieces have the numbers of those with the changes.
+    best: the fit with it, whose pieces have the numbers of those with the changes; touched: how many changes lie on
+    orders that it moves.
     """
 
     reading: WrongReading
     sizes: FloatArray
     instead_of: frozenset[int]
     best: Fit
+    touched: int = 0
 
     @property
     def text(self) -> str:
@@ -66,8 +70,11 @@ class Misread:
 
     @property
     def is_asked(self) -> bool:
-        """Whether it has fewer numbers than there are changes for which it stands: then it is hardly by chance."""
-        return len(self.instead_of) > max(len(self.sizes), 1)
+        """Whether it is hardly by chance: it has fewer numbers than there are changes for which it stands.
+
+        Two of twenty that agree on a number say nothing: it stands for most of those on orders that it moves.
+        """
+        return len(self.instead_of) > max(len(self.sizes), 1, self.touched // 2)
 
     def meant(self, data: Observations) -> Observations:
         """The data as they would be, read right."""
@@ -127,25 +134,55 @@ def _wound(data: Observations, size: FloatArray) -> Observations:
     return replace(data, values=data.values * np.exp(1j * np.radians(size[0]) * load[:, None] * data.orders))
 
 
-def _larger(*signs: float) -> Callable[[Observations, FloatArray], FloatArray]:
+def _against(data: Observations, size: FloatArray) -> Observations:
+    """Torques that are read with what rubs between their sensor and the machine, which turns with the direction."""
+    return _with(data, "torque_Nm", data.at.torque_Nm - size[0] * data.at.sign)
+
+
+def _larger(*signs: float) -> Gain:
     """TE of some directions that is too large."""
-    return lambda data, size: 1.0 + size[0] / 100.0 * np.isin(data.at.sign, signs)
+    return lambda data, size: 1.0 + size[0] / 100.0 * np.isin(data.at.sign, signs)[:, None]
 
 
 def _growing(data: Observations, size: FloatArray) -> FloatArray:
     """TE that grows with the number of the run, from the first to the last by a share of 1/100."""
     if data.run is None:
-        return np.ones(len(data))
-    return np.asarray(1.0 + size[0] / 100.0 * data.run / max(int(data.run.max()), 1))
+        return np.ones((len(data), 1))
+    return np.asarray(1.0 + size[0] / 100.0 * data.run / max(int(data.run.max()), 1))[:, None]
 
 
-def _of_gain(text: str, gain: Callable[[Observations, FloatArray], FloatArray], refines: str = "") -> WrongReading:
+def _of_frequency(data: Observations) -> FloatArray:
+    """The frequency of each coefficient as a share of the largest that was measured, (n, K)."""
+    found = data.at.speed_rpm[:, None] * data.orders
+    return np.asarray(found / max(float(np.abs(found).max()), 1e-300))
+
+
+def _delayed_backward(data: Observations, size: FloatArray) -> ComplexArray:
+    """Backward curves behind a delay of their own: phases turn in proportion to the frequency, with the direction."""
+    turned = np.radians(size[0]) * _of_frequency(data) * (data.at.sign < 0)[:, None]
+    return np.asarray(np.exp(1j * turned))
+
+
+def _faded(data: Observations, size: FloatArray) -> FloatArray:
+    """What a filter does to waves beside a delay, at frequencies where it does little: sizes fall with the square."""
+    return np.asarray(1.0 + size[0] / 100.0 * _of_frequency(data) ** 2)
+
+
+def _faded_and_turned(data: Observations, size: FloatArray) -> ComplexArray:
+    """The next term of a filter as well: phases turn with the cube of the frequency."""
+    return np.asarray(_faded(data, size) * np.exp(1j * np.radians(size[1]) * _of_frequency(data) ** 3))
+
+
+def _of_gain(
+    texts: tuple[str, ...], gain: Gain, refines: str = "", *, steps: tuple[float, ...] = (0.1,),
+    most: tuple[float, ...] = (30.0,),
+) -> WrongReading:  # fmt: skip
     def meant(data: Observations, size: FloatArray) -> Observations:
-        factor = gain(data, size)[:, None]
-        spectral = None if data.spectral_deg is None else data.spectral_deg / factor
+        factor = gain(data, size)
+        spectral = None if data.spectral_deg is None else data.spectral_deg / np.abs(factor)
         return replace(data, values=data.values / factor, spectral_deg=spectral)
 
-    return WrongReading("misread_te", (text,), meant, (0.1,), (30.0,), refines, gain)
+    return WrongReading("misread_te", texts, meant, steps, most, refines, gain)
 
 
 def _ramp_taken_out(data: Observations, size: FloatArray) -> Observations:
@@ -154,6 +191,9 @@ def _ramp_taken_out(data: Observations, size: FloatArray) -> Observations:
     return replace(data, values=data.values - np.where(data.orders == 0, size[0] / 2, waves))
 
 
+_DELAYED = "waves backward turned {:.3g} deg too {} at the highest frequency, in proportion at others, as by a delay"
+#: of a filter, of which the rig may have the delay
+_FADED = "waves {:.3g} % too {} at the highest frequency, by its square elsewhere, as behind a filter"
 _TORQUE, _SPEED, _HEAT, _ANGLE = (f"misread_{what}" for what in ("torque", "speed", "temperature", "angle"))
 READINGS = (
     WrongReading(_TORQUE, ("all torques {:.3g} % too {}",), _scaled("torque_Nm"), (0.1,), (100.0,), "torque"),
@@ -161,6 +201,9 @@ READINGS = (
     WrongReading(
         _TORQUE, ("all torques {:.3g} % too {}", "beside that {:.3g} N m too {}"), _torque_both,
         (0.1, 1.0), (100.0, 500.0), "torque",
+    ),
+    WrongReading(
+        _TORQUE, ("torques forward {:.3g} N m too {}, backward the other way",), _against, (1.0,), (500.0,), "torque"
     ),
     WrongReading(_HEAT, ("all temperatures {:.3g} K too {}",), _shifted("temperature_C"), (0.1,), (30.0,)),
     WrongReading(_HEAT, ("all temperatures {:.3g} % too {}",), _scaled("temperature_C"), (0.1,), (90.0,)),
@@ -181,9 +224,16 @@ READINGS = (
     WrongReading(
         "misread_ratio", ("TE {:.3g} deg too {} at the end of each turn",), _ramp_taken_out, (1e-4,), (1.0,), "ratio"
     ),
-    _of_gain("all TE {:.3g} % too {}", _larger(1.0, -1.0)),
-    _of_gain("all TE backward {:.3g} % too {}", _larger(-1.0), "column_scale"),
-    _of_gain("all TE {:.3g} % too {} in the last run, and before in proportion to the run's number", _growing),
+    _of_gain(("all TE {:.3g} % too {}",), _larger(1.0, -1.0)),
+    _of_gain(("all TE backward {:.3g} % too {}",), _larger(-1.0), "column_scale"),
+    _of_gain(("all TE {:.3g} % too {} in the last run, and before in proportion to the run's number",), _growing),
+    _of_gain(
+        (_DELAYED,),
+        _delayed_backward, most=(180.0,),
+    ),
+    _of_gain((_FADED,), _faded),
+    _of_gain((_FADED, "beside that {:.3g} deg too {} there, by the cube elsewhere"), _faded_and_turned,
+             steps=(0.1, 0.1), most=(60.0, 60.0)),
     WrongReading("exchanged_directions", ("forward and backward exchanged",), _exchanged),
 )  # fmt: skip
 
@@ -295,7 +345,12 @@ def _beside_the_rest(
         if not _is_needed(again[1], final, len(sizes)):
             instead.add(i)
             sizes, best = again
-    return Misread(reading, sizes, frozenset(instead), best) if len(instead) >= len(sizes) else None
+    if len(instead) < len(sizes):
+        return None
+    moved = [np.abs(slope).any(axis=0) for _, slope in _slopes(final.target, final, reading, np.zeros(len(sizes)))]
+    orders = set(final.target.data.orders[np.any(moved, axis=0)].tolist())
+    own = [{0} if i == OFFSET else set(final.state.pieces[i].effect.touched_orders()) for i in chance]
+    return Misread(reading, sizes, frozenset(instead), best, sum(bool(one & orders) for one in own))
 
 
 def _is_needed(without: Fit, final: Fit, sizes: int) -> bool:
@@ -326,7 +381,7 @@ def _held(state: State, plain: Fit, number: int) -> State:
 def _as_meant(target: FitData, reading: WrongReading, sizes: FloatArray) -> FitData:
     """What is fitted where data were read wrong by so much, and the noise with it."""
     data = reading.meant(target.data, sizes)
-    noise = np.ones((1, 1)) if reading.gain is None else reading.gain(target.data, sizes)[:, None]
+    noise = np.ones((1, 1)) if reading.gain is None else np.abs(reading.gain(target.data, sizes))
     wide = None if target.wide is None else target.wide / noise
     made = replace(target, data=data, sigma=target.sigma / noise, wide=wide)
     # what was kept of columns is that of these conditions
@@ -343,7 +398,7 @@ def _slopes(target: FitData, best: Fit, reading: WrongReading, sizes: FloatArray
         else:
             # of what the model says: smaller noise is no better a model
             times = reading.gain(target.data, ahead) / reading.gain(target.data, sizes) - 1.0
-            slope = (best.target.data.values - best.residual) * times[:, None] / step
+            slope = (best.target.data.values - best.residual) * times / step
         columns.append((np.arange(slope.shape[1]), slope))
     return columns
 

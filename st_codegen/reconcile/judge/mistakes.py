@@ -69,13 +69,15 @@ def _block(data: Observations, values: ComplexArray, known: ComplexArray, weight
         loud = worth > SETTINGS.loud_order
         factor.append(float(np.median(products[loud])) if loud.sum() >= SETTINGS.least_votes else np.nan)
     size = np.array(factor)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        off = np.abs(np.log(np.maximum(size, 1e-6))) > np.log(SETTINGS.block_factor)
-    off &= np.isfinite(size)
-    if off.sum() < SETTINGS.least_block or off.mean() > SETTINGS.most_of_block:
+    off = np.isfinite(size) & _far_from(size, 1.0)
+    if off.sum() < SETTINGS.least_block:
         return []
     common = float(np.median(size[off]))
-    near = off & (np.abs(np.log(np.maximum(size, 1e-6) / common)) < np.log(SETTINGS.block_factor))
+    # no effect makes most orders ten times as large, or turns all of them
+    is_no_effect = not SETTINGS.like_an_effect[0] < common < SETTINGS.like_an_effect[1]
+    if off.mean() > (1.0 - SETTINGS.most_labels if is_no_effect else SETTINGS.most_of_block):
+        return []
+    near = off & ~_far_from(size, common)
     if near.sum() < SETTINGS.least_block:
         return []
     rows = np.concatenate([runs[i] for i in np.flatnonzero(near)])
@@ -87,6 +89,12 @@ def _block(data: Observations, values: ComplexArray, known: ComplexArray, weight
         where = f", run {first + 1} to run {last + 1} in their order"
     text = f"a block of {int(near.sum())} runs is {common:.3g} times as large as the rig in most orders{where}"
     return [Mistake("block", text, rows=tuple(map(int, rows)))]
+
+
+def _far_from(size: FloatArray, factor: float) -> BoolArray:
+    """Which factors are another one, whatever its sign, by more than what makes a block."""
+    ratio = np.where(np.isfinite(size), size, 1.0) / (factor or 1e-9)
+    return np.asarray(np.abs(np.log(np.maximum(ratio, 1e-6))) > np.log(SETTINGS.block_factor))
 
 
 def _labels(

@@ -89,7 +89,7 @@ def without_misfits(final: Fit, changed: Collection[int], offset_changed: bool) 
     while (kept or offset_changed) and final.target.data.angle_rad is None:
         over = _misfits(final, kept, offset_changed)
         # what made up for a change that is held now is none
-        over |= {i: np.inf for i in kept if not _is_refused(final, i)}
+        over |= {i: np.inf for i in kept if _insists_on_a_bound(final.state.pieces[i]) or not _is_refused(final, i)}
         together = _together(final, kept)
         if together:
             over[min(together, key=lambda i: with_piece_held(final, i).loss)] = np.inf
@@ -117,7 +117,7 @@ def _together(final: Fit, changed: Collection[int]) -> list[int]:
     """
     if not final.target.data.few_points:
         return []
-    shows = {i: np.abs(_shown(final, final.state.pieces[i])).max(axis=0) > 0.0 for i in changed}
+    shows = {i: np.abs(shown_change(final, final.state.pieces[i])).max(axis=0) > 0.0 for i in changed}
     return [i for i in changed if any((shows[i] & shows[other]).any() for other in changed if other != i)]
 
 
@@ -141,7 +141,7 @@ def _misfits(final: Fit, changed: Collection[int], offset_changed: bool) -> dict
     target, data = final.target, final.target.data
     state, own = final.state, {}
     for i in changed:
-        own[i] = (np.abs(_shown(final, state.pieces[i])) ** 2).mean(axis=0)
+        own[i] = (np.abs(shown_change(final, state.pieces[i])) ** 2).mean(axis=0)
         state = state.replaced(i, state.pieces[i].held())
     if offset_changed:
         own[_OFFSET] = np.where(data.orders == 0, 1.0, 0.0)
@@ -183,8 +183,8 @@ def _freed(joint: Fit, final: Fit, number: int, lacking: BoolArray, kept: BoolAr
     p = chi_square_tail(final.loss - one.loss, len(one.prior) - len(final.prior))
     sure = max(p, _p_alone(one, *_difference(one, number))) < SETTINGS.p_changed
     changed = one.state.pieces[number]
-    sure = sure and is_its_own(one, changed, final)
-    return one if sure and stands_out(one, _shown(one, changed), kept) else None
+    sure = sure and not _insists_on_a_bound(changed) and is_its_own(one, changed, final)
+    return one if sure and stands_out(one, shown_change(one, changed), kept) else None
 
 
 def offset_is_large(joint: Fit) -> bool:
@@ -200,10 +200,10 @@ def offset_is_large(joint: Fit) -> bool:
 
 def _stands(joint: Fit, piece: Piece, held: Fit) -> bool:
     """Whether a change is that of the effect, and not what lies around its orders as well."""
-    return is_its_own(joint, piece, held) and stands_out(joint, _shown(joint, piece))
+    return is_its_own(joint, piece, held) and stands_out(joint, shown_change(joint, piece))
 
 
-def _shown(joint: Fit, piece: Piece) -> ComplexArray:
+def shown_change(joint: Fit, piece: Piece) -> ComplexArray:
     """What the change of a piece of the rig makes of the measured coefficients, (n, K)."""
     assert piece.origin is not None
     propagation = joint.propagation
@@ -233,7 +233,7 @@ def _difference(joint: Fit, number: int) -> tuple[list[int], FloatArray]:
 def _lasting_noise(joint: Fit, piece: Piece) -> bool:
     """Whether a change is so small and so much the same in all runs that noise which lasts would look like it."""
     target = joint.target
-    part = _shown(joint, piece) / target.sigma
+    part = shown_change(joint, piece) / target.sigma
     parts = np.where(target.data.orders == 0, 1, 2)
     size, varies = 0.0, 0.0
     for sign in (1.0, -1.0):

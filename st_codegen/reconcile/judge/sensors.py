@@ -41,7 +41,7 @@ _OVER_ANGLE = (
     "{:.0f} deg ahead"
 )
 _MEAN = (
-    "each value of TE seems to be a mean over {:.3g} deg of the angle: every order is smaller, the higher it is the "
+    "each value of TE{} seems to be a mean over {:.3g} deg of the angle: every order is smaller, the higher it is the "
     "more, at all speeds alike"
 )
 _HIDDEN_AXIS = (
@@ -291,14 +291,20 @@ def mean_of_angles(data: Observations, rig: RigModel) -> list[Mistake]:
     """
     if not data.both_directions() or not data.orders.max(initial=0):
         return []
+    return next((found for signs in ((1.0, -1.0), (1.0,), (-1.0,)) if (found := _mean_in(data, rig, signs))), [])
+
+
+def _mean_in(data: Observations, rig: RigModel, signs: tuple[float, ...]) -> list[Mistake]:
+    """The same of the curves of some directions, where one column of a file was processed alone."""
     model, noise, highest = rig.coefficients(data.at, data.orders.tolist()), noise_power(data), int(data.orders.max())
+    own = np.isin(data.at.sign, signs)[:, None]
 
     def mean(square: float) -> ComplexArray:
-        return np.asarray(np.sinc(data.orders / highest * np.sqrt(square))[None, :], np.complex128)
+        return np.where(own, np.sinc(data.orders / highest * np.sqrt(square))[None, :], 1.0).astype(np.complex128)
 
     every, square = data.orders > 0, _fitted(data, model, noise, mean)
     seen = model * mean(square)
-    alike = model * (1.0 + _common_step(data.values - model, model, noise))
+    alike = model * (1.0 + own * _common_step((data.values - model) * own, model * own, noise))
     slope = model * (mean(square + _SMALL) - mean(square)) / _SMALL
     told = _orders_agree(data.values - seen, slope, noise, square)
     if not (told and agreed_gain(data, rig, seen, every) and agreed_gain(data, rig, seen, every, alike)):
@@ -306,13 +312,16 @@ def mean_of_angles(data: Observations, rig: RigModel) -> list[Mistake]:
 
     def corrected(given: Observations) -> Observations:
         kept = np.sinc(given.orders / highest * np.sqrt(square))
-        spectral = None if given.spectral_deg is None else given.spectral_deg / np.maximum(np.abs(kept), 1e-300)
-        whole = replace(given, values=given.values / np.where(kept, kept, 1.0), spectral_deg=spectral)
+        factor = np.where(np.isin(given.at.sign, signs)[:, None], np.where(kept, kept, 1.0), 1.0)
+        spectral = None if given.spectral_deg is None else given.spectral_deg / np.maximum(np.abs(factor), 1e-300)
+        whole = replace(given, values=given.values / factor, spectral_deg=spectral)
         told = kept > SETTINGS.acts
         lost = f"orders from {given.orders[~told].min(initial=highest)} on: a mean over the angle leaves little of them"
         return whole if told.all() else whole.of_orders(told, lost)
 
-    return [Mistake("smoothing", _MEAN.format(360.0 * np.sqrt(square) / highest), corrected, remedy="undo it")]
+    which = "" if len(signs) > 1 else " forward" if signs[0] > 0 else " backward"
+    text = _MEAN.format(which, 360.0 * np.sqrt(square) / highest)
+    return [Mistake("smoothing", text, corrected, remedy="undo it")]
 
 
 #: step of a derivative by the parameter of a response

@@ -12,9 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from st_codegen.campaign.orders import BAND
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.contrasts import levels_of, neighbours, speed_levels
 from st_codegen.reconcile.data.noise import MEDIAN_1
+from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.judge.evidence import chi_square_tail, false_discoveries, normal_tail
 from st_codegen.reconcile.judge.in_time import Course, course_of, without_lasting
@@ -184,20 +186,42 @@ def _known_noise(target: FitData, residual: ComplexArray, found: FloatArray) -> 
     data, own = target.data, noise_within(target)
     if data.spectral_deg is not None:
         lasts = (data.orders <= SETTINGS.wander_orders) & (found < _beyond(target, residual) * own)
+        lasts |= (of_an_encoder(target, residual) > 0) | ~np.isfinite(own)
         walking = own * _wandering(target, residual)
-        return np.where(lasts | (of_an_encoder(target, residual) > 0), found, np.where(data.orders > 0, walking, own))
+        return np.where(lasts, found, np.where(data.orders > 0, walking, own))
     left = is_lacking(target, residual)
     return np.where(left, np.minimum(np.minimum(found, own), by_directions(target, residual)[1]), found)
+
+
+def _told_from_afar(data: Observations) -> BoolArray:
+    """Orders of curves beside which no quiet ones lie, (K,): noise that is coloured may be many times as loud there.
+
+    The noise of an order is that of some two dozen quiet ones around it; where they are more than an octave away it
+    says nothing, and where every order of the band is loud it is that of the samples, above the band.
+    """
+    orders = data.orders
+    # of curves of different lengths nobody knows the band that they share
+    band = min(data.samples // 4, BAND) if data.samples else BAND
+    quiet = np.setdiff1d(np.arange(1, max(band, int(orders.max(initial=0))) + 1), orders)
+    # what the lowest ones have beyond it a walk within the turn explains
+    high = orders > SETTINGS.wander_orders
+    if not len(quiet):
+        return high
+    away = np.sort(np.abs(orders[:, None] - quiet[None, :]), axis=1)
+    count = min(SETTINGS.quiet_beside, len(quiet))
+    return np.asarray(high & (away[:, count - 1] > np.maximum(2 * count, orders)))
 
 
 def noise_within(target: FitData) -> FloatArray:
     """RMS of one component of the noise that is no structure, (K,): that within the curves, of tables that beside.
 
-    The orders beside an order differ from run to run by about as much; those of the mean say nothing of it (inf).
+    The orders beside an order differ from run to run by about as much; those of the mean say nothing of it (inf), nor
+    do quiet orders of a curve that are far away.
     """
     data, good = target.data, target.good
     if data.spectral_deg is not None:
-        return np.asarray(np.sqrt((data.spectral_deg[good] ** 2).mean(axis=0)))
+        within = np.sqrt((data.spectral_deg[good] ** 2).mean(axis=0))
+        return np.where(_told_from_afar(data), np.inf, within)
     sizes, found = np.sqrt((target.sigma[good] ** 2).mean(axis=0)), np.full(len(data.orders), np.inf)
     waves = np.flatnonzero(data.orders > 0)
     for k in waves if len(waves) > SETTINGS.near_floors else ():
@@ -284,20 +308,29 @@ def _times_spectral(target: FitData, residual: ComplexArray) -> FloatArray:
 def _beyond(target: FitData, residual: ComplexArray) -> FloatArray:
     """How many times the noise that is no structure a residual may be, (K,).
 
-    Of curves: twice what a slow wander makes of it. Of tables: no farther above the orders beside it than these
-    scatter about each other, but for the lowest, where a wander would show and no curve tells how strong it is.
+    No farther above it than orders usually are, from run to run and beside each other. Of curves that is at most twice
+    what a slow wander makes of it; of tables more, and most for the lowest orders, where a wander would show and no
+    curve tells how strong it is.
     """
-    orders, times = target.data.orders, _times_spectral(target, residual)
+    orders, usual = target.data.orders, _usual_times(_times_spectral(target, residual), target.data.orders)
     if target.data.spectral_deg is not None:
         found = SETTINGS.beyond_spectral * _wandering(target, residual)
         found[orders == 0] *= np.maximum(1.0, target.run_offset_deg / noise_within(target)[orders == 0])
-        return found
-    apart = np.abs(np.log(np.maximum(times[orders > 0], 1e-9)))
-    if len(apart) < SETTINGS.least_orders_beside:
+        by_chance = 1.0 + SETTINGS.beyond_usual / np.sqrt(4.0 * max(int(target.good.sum()), 1))
+        near = np.clip(usual, np.maximum(SETTINGS.clearly_larger, by_chance), SETTINGS.beyond_spectral)
+        return np.asarray(np.where(orders > SETTINGS.wander_orders, near, found))
+    if not np.isfinite(usual):
         return np.full(len(orders), SETTINGS.beyond_beside)
-    usual = float(np.exp(SETTINGS.beyond_usual * np.median(apart) / MEDIAN_1))
     usual = float(np.clip(usual, SETTINGS.beyond_spectral, SETTINGS.beyond_beside))
     return np.where(orders > SETTINGS.wander_orders, usual, SETTINGS.beyond_beside)
+
+
+def _usual_times(times: FloatArray, orders: IntArray) -> float:
+    """How many times the noise orders are at most, by how they scatter about it; infinite where too few tell."""
+    apart = np.abs(np.log(times[(orders > 0) & (times > 0)]))
+    if len(apart) < SETTINGS.least_orders_beside:
+        return np.inf
+    return float(np.exp(SETTINGS.beyond_usual * np.median(apart) / MEDIAN_1))
 
 
 def _wandering(target: FitData, residual: ComplexArray) -> FloatArray:
@@ -373,7 +406,12 @@ def wander_within_turns(target: FitData, residual: ComplexArray) -> float:
     data = target.data
     if data.spectral_deg is None or not target.good.any():
         return 0.0
-    times = _times_spectral(target, residual)
+    # what all runs of a direction have does not wander
+    differs = residual.copy()
+    for sign in np.unique(data.at.sign[target.good]):
+        rows = data.at.sign == sign
+        differs[rows] -= residual[rows & target.good].mean(axis=0)
+    times = _times_spectral(target, differs)
     low = (data.orders > 0) & (data.orders <= SETTINGS.wander_orders)
     walks = low & (_wandering(target, residual) > SETTINGS.beyond_spectral) & (times > SETTINGS.beyond_spectral)
     return float(times[walks].max(initial=0.0))

@@ -8,6 +8,7 @@ import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.reconcile.fit.fitting import Fit
+from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.judge.lines import stand_out, waves_of_angle
 from st_codegen.reconcile.judge.plausible import explained
@@ -65,10 +66,7 @@ def _lines_stand_out(current: Fit, own: ComplexArray) -> bool:
 
 
 def is_of_its_place(current: Fit, number: int) -> bool:
-    """Whether the curves have the form of an effect of one angle there, and no other one stands beside it.
-
-    Seen are the orders that the rig does not make, within some widths; how large it is in each run may be as it will.
-    """
+    """Whether the curves have the form of an effect of one angle there, and no other one stands beside it."""
     piece, target = current.state.pieces[number], current.target
     centre, width = _place(piece.effect)
     if abs(_turned(centre)) < SETTINGS.reach_of_place * width and wander_within_turns(target, current.residual):
@@ -78,6 +76,15 @@ def is_of_its_place(current: Fit, number: int) -> bool:
             beside, its_width = _place(other.effect)
             if abs(_turned(beside - centre)) < SETTINGS.reach_of_place * (width + its_width):
                 return False
+    return left_of_place(current, piece) <= SETTINGS.left_of_place
+
+
+def left_of_place(current: Fit, piece: Piece) -> float:
+    """The share of its power by which the form of an effect of one angle is not that of the curves there.
+
+    Seen are the orders that the rig does not make, within some widths; how large it is in each run may be as it will.
+    """
+    target, (centre, width) = current.target, _place(piece.effect)
     foreign = ~np.isin(target.data.orders, current.state.rig.orders())
     angles = _ANGLES[np.abs(_turned(_ANGLES - centre)) < SETTINGS.reach_of_place * width]
     turn = np.exp(1j * np.outer(target.data.orders[foreign], angles))
@@ -91,7 +98,7 @@ def is_of_its_place(current: Fit, number: int) -> bool:
             # the one form that curves share most of, whatever its size in each
             alike = float(np.linalg.svd(form)[2][0] @ np.linalg.svd(there)[2][0]) ** 2
             left, power = left + (form**2).sum() * (1.0 - alike), power + (form**2).sum()
-    return bool(left <= SETTINGS.left_of_place * power)
+    return left / max(power, 1e-300)
 
 
 def angle_of_rest(target: FitData, residual: ComplexArray, orders: Sequence[int]) -> tuple[float, float, float] | None:

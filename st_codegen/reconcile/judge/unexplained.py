@@ -111,7 +111,7 @@ def of_a_hum(hum: Hum, gap_power: float) -> Signature:
         -1,
         hum.amplitude_deg * float(np.sqrt(seen / of / 2)),
         min(1.0, hum.power / max(gap_power, 1e-300)),
-        {"time" if hum.frequency_Hz else "constant": 1.0},
+        {"time" if hum.frequency_Hz else "combination" if hum.varies else "constant": 1.0},
         "both",
         hum.text,
         hum.amplitude_deg,
@@ -135,9 +135,10 @@ def _with_hums(one: Signature, hums: Sequence[Hum]) -> Signature:
     made = float(np.linalg.norm([hum.by_order[one.order] for hum in hums if one.order >= 0]))
     if not made or made < SETTINGS.form * one.rms_deg:
         return one
+    # the wave has its share of the gap by itself
     whole = float(np.hypot(one.rms_deg, made))
     text = f"{one.text} (beside {made:.2g} deg RMS of a wave of no order that was taken out: this may be left of that)"
-    return replace(one, rms_deg=whole, share=min(1.0, one.share * (whole / max(one.rms_deg, 1e-300)) ** 2), text=text)
+    return replace(one, rms_deg=whole, text=text)
 
 
 def signatures(
@@ -161,11 +162,20 @@ def signatures(
     loud &= False if claimed is None else claimed
     loud[scatter(target, residual)] = True
     loud |= False if kept is None else kept
+    # what the mean of runs differs by is its floor, where that comes from the runs
+    loud &= (target.data.orders > 0) | (rms_of_component(target, residual) > sure_times(target) * floor)
     out += [
         _scattered(target, residual, int(k), gap_power, floor[k])
         for k in np.flatnonzero(loud & ~found.significant & (of_an_encoder(target, residual) == 0))
     ]
     return sorted((_with_hums(one, target.data.hums) for one in out), key=lambda signature: -signature.rms_deg)
+
+
+def loudest(target: FitData, residual: ComplexArray, gap_power: float, floor: FloatArray) -> Signature:
+    """The signature of the order that keeps most beyond its floor, where all together keep more than noise."""
+    power = rms_of_component(target, residual) ** 2 - floor**2
+    k = int(np.argmax(power * np.where(target.data.orders == 0, 1, 2)))
+    return _scattered(target, residual, k, gap_power, floor[k])
 
 
 def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float, floor: float) -> Signature:
@@ -177,6 +187,8 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float
     what = "what orders beside it differ by" if target.data.spectral_deg is None else "the noise within the curves"
     if differ < own:
         own, what = differ, "what both directions of a run differ by"
+    if not order and own < floor**2:
+        own, what = floor**2, "what the means of runs differ by"
     of_runs = bool(floor**2 < own and not np.isclose(floor**2, own))
     if of_runs:
         own, what = floor**2, "what runs differ by from others like them"
@@ -186,8 +198,9 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float
         why = _WITH_TIME
     size = float(np.sqrt(max(power - own, 0.0)))
     name = f"order {order}" if order else "the mean"
+    times = _digits(float(np.sqrt(power / own)))
     text = (
-        f"{name}: {size:.2g} deg RMS beyond the noise, with it {np.sqrt(power / own):.1f} times {what}, {where}: {why}"
+        f"{name}: {size:.2g} deg RMS beyond the noise, with it {times} times {what}, {where}: {why}"
         if size
         else f"{name}: no louder than {what} over all runs, but single runs that are not called bad are far off in it"
     )
@@ -204,6 +217,11 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float
         # what runs differ by may be more of it
         at_least=of_runs,
     )
+
+
+def _digits(times: float) -> str:
+    """A factor with the digits that say something."""
+    return f"{times:.1f}" if times < 100.0 else f"{times:.0f}"
 
 
 def _where_loud(target: FitData, r: ComplexArray) -> str:
@@ -243,6 +261,8 @@ def _signature(
     direction = _direction(target, r)
     formula = formula_of(target, r, k, max(floor, SETTINGS.least_noise_deg))
     said, amplitude = _sentence(target, r, order, shares, course, formula)
+    if target.data.sorted_by and target.data.sorted_by in said and "when it was measured" not in said:
+        said += ", or with the time if the runs were made in the order of their list"
     side = "" if direction == "both" else f", {direction} only"
     # orders beside an order tell its noise, but nothing tells that of a table's mean
     at_least = not order and target.data.spectral_deg is None
@@ -250,7 +270,7 @@ def _signature(
     at_least |= course is not None and bool(floor > SETTINGS.clearly_larger * noise_within(target)[k])
     what = f"order {order}" if order else "the mean"
     size = f"{'at least ' if at_least else ''}{np.sqrt(power):.2g} deg RMS"
-    is_law = formula is not None and said == formula.text
+    is_law = formula is not None and said.startswith(formula.text)
     text = f"{what} {said}; {size} over the runs{side}" if is_law else f"{what}: {size}, {said}{side}"
     share = float(min(1.0, power / max(gap_power, 1e-300)))
     return Signature(order, float(np.sqrt(power)), share, shares, direction, text, amplitude, formula, at_least)

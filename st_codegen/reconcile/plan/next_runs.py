@@ -89,7 +89,8 @@ def next_runs(result: Reconciliation) -> NextRuns:
     rivals = other_models(result)
     points = points_of(result, [rival.rig for rival in rivals])
     if not points:
-        return NextRuns(none_because="every point between the measured ones was measured")
+        repeated = tuple(_repeats(result))
+        return NextRuns(repeated, none_because="" if repeated else "every point between the measured ones was measured")
     rows = rows_at(points, final)
     parameters = Parameters.of(final, rows)
     questions = [
@@ -102,9 +103,25 @@ def next_runs(result: Reconciliation) -> NextRuns:
     chosen = _chosen(points, questions, company, least=SETTINGS.least_gain if is_known(result) else 0.0)
     rest = SETTINGS.most_next_runs - len(chosen)
     chosen += _chosen(points, peaks_between(result, rows), company, rest, {run.point for run in chosen})
+    chosen += _repeats(result)[: SETTINGS.most_next_runs - len(chosen)]
     if not chosen:
         return NextRuns(none_because="no single run inside what was measured would add much")
     return NextRuns(tuple(chosen), () if parameters is None else _narrowed(result, parameters.ratios()))
+
+
+def _repeats(result: Reconciliation) -> list[NextRun]:
+    """Runs that were made already, where what runs differ by without a pattern is largest: repeated they tell noise."""
+    orders = {one.order for one in result.unexplained if "scatter" in one.dependence}
+    if not orders or result.data.repeated:
+        return []
+    columns, at = np.isin(result.data.orders, sorted(orders)), result.data.at
+    power = (np.abs(result.conclusions.final.residual[:, columns] / result.target.sigma[:, columns]) ** 2).sum(axis=1)
+    loudest = [rows[0] for rows in sorted(result.data.runs, key=lambda rows: -float(power[rows].sum()))]
+    why = "repeats a run that was made: what differs again is noise, or changes from run to run"
+    points = [
+        OperatingPoint(*(float(x[row]) for x in (at.speed_rpm, at.torque_Nm, at.temperature_C))) for row in loudest
+    ]
+    return [NextRun(point, why, 0.0) for point in points[: SETTINGS.repeats]]
 
 
 def is_known(result: Reconciliation) -> bool:

@@ -35,6 +35,8 @@ _NEAR = 0.5
 _INSIDE = 0.125
 #: share of a residual that a run leaves open where it was made
 _NUGGET = 0.01
+#: percent by which an error falls that are worth a number
+_LEAST_FALL = 1.0
 #: effect, its orders, key
 Name = tuple[str, tuple[int, ...], str]
 
@@ -84,7 +86,10 @@ class Parameters:
         best = int(ratio.argmin())
         effect, orders, key = self.names[best]
         where = f" (order {', '.join(map(str, orders))})" if orders else ""
-        return f"narrows {key} of {effect}{where}: its error is expected to fall by {100 * (1 - ratio[best]):.0f} %"
+        falls = 100 * (1 - ratio[best])
+        if falls < _LEAST_FALL:
+            return "narrows what was found by little: each error is expected to fall by less than 1 %"
+        return f"narrows {key} of {effect}{where}: its error is expected to fall by {falls:.0f} %"
 
     def ratios(self) -> dict[Name, float]:
         """By effect and key: the expected error with all runs taken, over that without."""

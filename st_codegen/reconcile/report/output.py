@@ -51,11 +51,13 @@ def report(result: Reconciliation, update: Update | None = None, ahead: NextRuns
         "noise_floor_at_most": result.floor_is_bound,
         "noise_floor_without_scatter": result.noise_may_be_larger,
         "held_out_at_least": result.held_out_is_bound,
+        "held_out_scatters": result.held_out_scatters,
         "held_out_because": left_text(result) or None,
         "gap_by_order": [asdict(gap) for gap in result.orders],
         "suspect_runs": [f"{result.data.labels[row]}: {times:.1f} times the usual distance from what is expected"
                          for row, times in result.noise.suspects]
-        + [f"{result.data.labels[row]}: {mistake.name}" for mistake in result.mistakes for row in mistake.rows],
+        + [f"{result.data.labels[row]}: {mistake.name}" for mistake in result.mistakes for row in mistake.rows
+           if row not in dict(result.noise.suspects)],
         "held_out_curves_unseen": result.unseen_curves,
         "held_out_between_temperatures_deg": result.between_deg,
         "taken_back": None if result.taken_back is None else asdict(result.taken_back),
@@ -91,12 +93,15 @@ def _by_name(claims: Sequence[Claim]) -> list[list[Claim]]:
 
 
 def _group(group: list[Claim], result: Reconciliation) -> dict[str, Any]:
-    """One entry of `effects`: all tables of one name; the order in brackets behind a key where there are several."""
+    """One entry of `effects`: all of one name; where there are several, behind a key its order or angle in brackets."""
     several = len(group) > 1
     parameters: dict[str, Any] = {}
     for claim in group:
         effect = claim.piece.effect
-        suffix = f"[{effect.orders[0]}{effect.state_text}]" if several and effect.orders else ""
+        which = f"{effect.orders[0]}{effect.state_text}" if effect.orders else ""
+        if "centre_deg" in effect.values:  # a turn may have several places
+            which = f"{which} at {effect.scalar('centre_deg'):.1f} deg".strip()
+        suffix = f"[{which}]" if several and which else ""
         for key, value in parameters_of(claim.piece.effect, claim.stderr).items():
             parameters[key + suffix] = value
     first = group[0]

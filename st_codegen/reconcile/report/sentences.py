@@ -39,6 +39,10 @@ def verdict_text(result: Reconciliation) -> str:
     if result.unexplained and all(one.would_be for one in result.unexplained):
         named = "What was missing is named; what is left" if result.verdict == "partly_explained" else "What differs"
         return f"{named} has a faint pattern, which may be noise that lasts over runs."
+    if result.unexplained and all("scatter" in one.dependence for one in result.unexplained):
+        named = "What was missing is named; runs" if result.verdict == "partly_explained" else "Runs"
+        known = "that is known" if result.data.spectral_deg is None else "within their curves"
+        return f"{named} differ by more than the noise {known}, without a pattern: more noise, or something missing."
     return VERDICT_TEXT[result.verdict]
 
 
@@ -71,7 +75,14 @@ def floor_text(result: Reconciliation) -> str:
         also = "what is unexplained" if result.unexplained else "what differs between so few runs"
         text += f". It may be smaller: {also} may be in it as well"
     if result.noise_may_be_larger:
-        more = math.hypot(*(one.rms_deg for one in result.unexplained if "scatter" in one.dependence))
+        hums = [hum.by_order for hum in result.data.hums]
+        more = math.sqrt(
+            sum(
+                max(one.rms_deg**2 - sum(float(made[one.order]) ** 2 for made in hums), 0.0)
+                for one in result.unexplained
+                if "scatter" in one.dependence
+            )
+        )
         text += f". If what runs differ by without a pattern ({more:.2g} deg RMS) is noise, there is that more of it"
     if result.data.spectral_deg is not None:
         text += ". Orders above 5 were also compared with the noise between the orders of their own curves"
@@ -87,9 +98,9 @@ def between_text(result: Reconciliation) -> str:
         texts.append(
             "The gap on held-out runs is a least value: at other speeds the wave of one frequency makes other orders."
         )
-    elif result.held_out_is_bound and result.carriers > result.unseen_curves / 3 > 0:
-        texts.append(f"The gap on held-out runs is a least value: it comes from {result.unseen_curves} curves.")
-    elif result.held_out_is_bound:
+    elif result.held_out_scatters and result.carriers > result.unseen_curves / 3 > 0:
+        texts.append(f"The gap on held-out runs comes from {result.unseen_curves} curves: of others it may be another.")
+    elif result.held_out_scatters:
         texts.append(
             f"The gap on held-out runs is a least value: few runs carry most of it (it scatters as if there were "
             f"{result.carriers:.1f} curves), and between the runs there may be more such places."
@@ -129,12 +140,20 @@ def left_text(result: Reconciliation) -> str:
     if result.data.angle_rad is not None:
         listed = "only waves of the angle that stand out of it are listed"
         return f"The gap on held-out recordings is {times:.3g} floors; {listed}."
-    left = np.array([one.held_out for one in own]) ** 2
-    shares, alike = left / gap.after**2, in_both_directions(result.target, result.conclusions.final.residual)
+    hums = [hum for hum in result.data.hums if hum.power]
+    of_hums = sum((hum.by_order[[one.order for one in own]] ** 2 for hum in hums), np.zeros(len(own)))
+    left = np.maximum(np.array([one.held_out for one in own]) ** 2 - of_hums, 0.0)
+    shares = np.concatenate([left, [hum.power for hum in hums]]) / gap.after**2
+    alike = in_both_directions(result.target, result.conclusions.final.residual)
     parts = []
     most = int(np.searchsorted(np.cumsum(np.sort(shares)[::-1]), SETTINGS.most_of_gap)) + 1
     most_of_it = [k for n, k in enumerate(np.argsort(-shares)[:most]) if n == 0 or shares[k] >= _LEAST_SHARE]
     for k in most_of_it[:_MOST_LISTED]:
+        if k >= len(own):
+            hum = hums[k - len(own)]
+            name = f"{hum.order:.1f} periods a turn" if hum.order else f"{hum.frequency_Hz:.4g} Hz"
+            parts.append(f"{100 * shares[k]:.0f} % of its power is the wave of {name} that was taken out")
+            continue
         name = f"order {own[k].order}" if own[k].order else "the mean"
         text = f"{100 * shares[k]:.0f} % of its power is {name}, {own[k].held_out:.2g} deg RMS"
         if alike[k] > SETTINGS.most_of_gap * own[k].after:
@@ -150,11 +169,13 @@ def together_text(result: Reconciliation) -> str:
     found = angle_of_rest(result.target, result.conclusions.final.residual, orders)
     if found is not None:
         angle, reach, size = found
-        return (
+        place = (
             "In the mean of all runs, most of what stays unexplained in orders stands at one angle of the output: "
-            f"{angle:.0f} deg, within {reach:g} deg on both sides, up to {size:.2g} deg. Look at pins, teeth and "
-            "bearings there, and at the encoder's disc."
+            f"{angle:.0f} deg, within {reach:g} deg on both sides, up to {size:.2g} deg. "
         )
+        if result.data.spectral_deg is not None and abs((angle + 180.0) % 360.0 - 180.0) <= reach:
+            return f"{place}There the curves begin and end: an axis may still settle there, a filter may run in."
+        return f"{place}Look at pins, teeth and bearings there, and at the encoder's disc."
     return beside_text(orders, result.rig.orders())
 
 

@@ -44,14 +44,15 @@ def summary(result: Reconciliation) -> str:
     gap = result.held_out
     floor = f"{'at most ' if result.floor_is_bound else ''}{gap.noise_floor:.3g} deg"
     floor += " beside what runs differ by without a pattern" if result.noise_may_be_larger else ""
-    least = "at least " if result.held_out_is_bound else ""
+    least = "at least " if result.held_out_is_bound else "about " if result.held_out_scatters else ""
     lines.append(f"Gap on held-out runs: {gap.before:.3g} -> {least}{gap.after:.3g} deg RMS, noise floor {floor}")
     lines += [text for text in (left_text(result), between_text(result), floor_text(result)) if text]
     lines += [f"Cannot be shown: {text}" for text in result.cannot_show]
     lines += [f"Not looked at: {text}" for text in result.data.not_looked_at]
     if result.noise.suspects:
         worst = result.data.labels[result.noise.suspects[0][0]]
-        lines.append(f"Suspected bad runs: {len(result.noise.suspects)}, the worst {worst}{suspects_text(result)}")
+        runs = len({int(result.data.number_of_run[row]) for row, _ in result.noise.suspects})
+        lines.append(f"Suspected bad runs: {runs}, the worst {worst}{suspects_text(result)}")
     return "\n".join(lines)
 
 

@@ -174,7 +174,7 @@ def read_report(report: Mapping[str, Any]) -> Report:
         _about(report, _UNSEEN_KEYS),
         json.dumps(report),
         bool(report.get("noise_floor_at_most", False)),
-        bool(report.get("held_out_at_least", False)),
+        bool(report.get("held_out_at_least") or report.get("held_out_scatters")),
     )  # fmt: skip
 
 
