@@ -63,17 +63,12 @@ def engine_bound(model: ModelIR, x: FloatArray) -> FloatArray:
         difference = differences[-1] + _affine_error(
             output_of(model, engine.last), core, differences[engine.last], unit
         )
-    if _answers_in_single(engine):
+    if engine.precision is Precision.FLOAT32:  # it hands the result over as REAL
         difference = difference + bounds.UNIT[Precision.FLOAT32] * np.abs(values[-1])
         # beyond REAL, on the way or at the end, the engine has no answer and the block flags the row
         largest = np.max(np.abs(np.hstack(values)), axis=1, keepdims=True)
         difference = np.where(largest < CEILING[Precision.FLOAT32], difference, np.inf)
     return np.asarray(difference)
-
-
-def _answers_in_single(engine: Engine) -> bool:
-    """Whether the result is handed over as REAL."""
-    return engine.precision is Precision.FLOAT32
 
 
 def _input_error(engine: Engine, x: FloatArray, operand: FloatArray, unit: float) -> FloatArray:

@@ -334,9 +334,7 @@ def _check_trees(op: TreeEnsemble) -> None:
         reasons.append("linear models in leaves")
     if op.aggregate is not Aggregate.SUM:
         reasons.append(f"the {op.aggregate} over trees")
-    inner = op.split >= 0
-    parents = np.bincount(np.concatenate([op.left[inner], op.right[inner]]), minlength=1)
-    if np.any(parents > 1):
+    if not op.is_forest:
         reasons.append("nodes that several splits share")
     if reasons:
         raise UnsupportedModelError(f"trees with {', '.join(reasons)}: not expressible")
@@ -484,7 +482,8 @@ def _said(op: Operation) -> tuple[object, ...]:
 def checked_engines(model: ModelIR) -> tuple[Engine, ...]:
     """`engines_of`, its errors with the name of the model."""
     with errors_name(f"model '{model.name}'"):
-        engines = engines_of(model) if model.classes is None or _sums_kernels(model) else ()
+        has_file = model.classes is None or any(isinstance(op, KernelSum) for op in model.ops)
+        engines = engines_of(model) if has_file else ()
         if not engines:
             raise UnsupportedModelError(
                 "a classifier that is no support vector machine: the text of such files is not public; use --target "
@@ -493,7 +492,3 @@ def checked_engines(model: ModelIR) -> tuple[Engine, ...]:
         if model.classes is not None and len(model.outputs) > 1:
             raise UnsupportedModelError("the runtime hands out labels only: leave scores out (--outputs class)")
         return engines
-
-
-def _sums_kernels(model: ModelIR) -> bool:
-    return any(isinstance(op, KernelSum) for op in model.ops)

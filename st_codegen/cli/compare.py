@@ -97,7 +97,7 @@ def command(
     """
     from st_codegen.cost.profile import load_profile
     from st_codegen.live.compare import compare, generated_folder
-    from st_codegen.live.record_page import times_csv
+    from st_codegen.live.live_report import times_csv
 
     base = load_profile(profile)
     if calibrated is not None:
@@ -123,7 +123,7 @@ def command(
 
 def _write(report: LiveReport, models: Path, json_file: Path | None, html: Path | None) -> None:
     """The record as JSON and as a page, where they are asked for."""
-    from st_codegen.live.record_page import record_of, record_sections
+    from st_codegen.live.live_report import record_of, record_sections
 
     if json_file is not None:
         write_text(json_file, json.dumps(record_of(report), indent=1) + "\n")
@@ -137,7 +137,7 @@ def _write(report: LiveReport, models: Path, json_file: Path | None, html: Path 
 def _calibrate(report: LiveReport, folder: Path, base: Profile, out: Path, *, quiet: bool) -> None:
     """The profile that was asked for, or why there is none."""
     from st_codegen.cost.calibrate import Measurement
-    from st_codegen.live.record_page import known_times
+    from st_codegen.live.live_report import known_times
 
     measured = tuple(Measurement(name, False, high_us) for name, high_us in known_times(report).items())
     if not report.passed:

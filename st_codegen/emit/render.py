@@ -16,9 +16,8 @@ import jinja2
 from st_codegen.emit.blocks.listing import Block, CodeSection
 from st_codegen.emit.blocks.model import Limits
 from st_codegen.emit.contents import Contents
-from st_codegen.emit.file_plan import PLAIN, FileForm, FilePlan
 from st_codegen.emit.scl_text import scl_section
-from st_codegen.emit.targets import Target
+from st_codegen.emit.targets.base import PLAIN, FileForm, FilePlan, Target
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,7 @@ from st_codegen.files.made_by import VERSION
 from st_codegen.files.temporary import temporary_folder
 from st_codegen.files.text import make_folder, read_text, write_text
 from st_codegen.fleet.axes import AxisOptions, FleetAxis, TextCheck
-from st_codegen.fleet.failures import failure
-from st_codegen.fleet.hashes import LIBRARIES, content_hash, file_hashes, sha256_of
+from st_codegen.fleet.records import LIBRARIES, content_hash, failure, file_hashes, sha256_of
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.rig.model import read_rig
 from st_codegen.te.bundle_file import BUNDLE_FILE, LARGEST_FACTOR

@@ -24,8 +24,7 @@ from st_codegen.files.made_by import MADE_BY, VERSION
 from st_codegen.files.text import make_folder, read_text, write_text
 from st_codegen.fleet.axes import FleetAxis, TextCheck
 from st_codegen.fleet.estimates import estimates
-from st_codegen.fleet.failures import failure
-from st_codegen.fleet.hashes import LIBRARIES, content_hash, file_hashes, sha256_of
+from st_codegen.fleet.records import LIBRARIES, content_hash, failure, file_hashes, sha256_of
 from st_codegen.fleet.shared import axis_plan, axis_table, copy_models, shared_part
 from st_codegen.project.bundle import load
 from st_codegen.proof.prove.certificate import certificate

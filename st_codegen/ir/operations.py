@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -405,3 +405,15 @@ class FactoredKernel:
     @property
     def width(self) -> int:
         return int(self.coefficients.shape[0])
+
+
+def one_column(op: Any, column: int) -> Any:
+    """What an operation that computes each column by itself does to one of them, as an operation of width 1."""
+    changes: dict[str, Any] = {"inputs": (0,)}
+    for field in fields(op):
+        value = getattr(op, field.name)
+        if isinstance(value, np.ndarray):
+            changes[field.name] = value[column : column + 1]
+        elif field.name == "width":
+            changes["width"] = 1
+    return replace(op, **changes)

@@ -116,6 +116,12 @@ class TreeEnsemble(ReadsColumns):
         """Whether the source library's result is reproduced bit for bit."""
         return self.sum_precision is not Precision.REAL
 
+    @property
+    def is_forest(self) -> bool:
+        """Whether no node has two parents (an ONNX membership test becomes comparisons that share their children)."""
+        inner = self.split >= 0
+        return not np.any(np.bincount(np.concatenate([self.left[inner], self.right[inner]])) > 1)
+
     def __post_init__(self) -> None:
         nodes = len(freeze(self, "split", np.int32, (None,)))
         roots = freeze(self, "roots", np.int32, (None,))

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from st_codegen.ir import FloatArray, ModelIR, Operator, TreeEnsemble
-from st_codegen.proof.probes import operating_range, origin, probe_rows, undone
+from st_codegen.proof.probes import operating_range, origin, probe_rows, singles, undone
 
 #: Grids of cells with more points are left to the rows of leaves and thresholds.
 _MOST_CELLS = 20_000
@@ -159,18 +159,8 @@ def _inside(low: float, high: float, steps: list[Step], otherwise: float) -> flo
 
 def _around(base: FloatArray, feature: int, threshold: FloatArray) -> list[FloatArray]:
     """The threshold itself, and its neighbours in float64 and float32."""
-    found = []
-    for value in threshold:
-        with np.errstate(over="ignore"):  # LightGBM has 1e300 for infinity, which float32 has as infinity
-            single = np.float32(value)
-        for near in (
-            value,
-            np.nextafter(value, -np.inf),
-            np.nextafter(value, np.inf),
-            float(np.nextafter(single, np.float32(-np.inf))),
-            float(np.nextafter(single, np.float32(np.inf))),
-        ):
-            row = base.copy()
-            row[feature] = near
-            found.append(row)
-    return found
+    below, _, above = singles(threshold)
+    near = [threshold, np.nextafter(threshold, -np.inf), np.nextafter(threshold, np.inf), below, above]
+    rows = np.tile(base, (len(near) * len(threshold), 1))
+    rows[:, feature] = np.stack(near, 1).ravel()
+    return list(rows)

@@ -8,7 +8,6 @@ compares the raw input with that number and decides as the library does, for eve
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from enum import StrEnum
@@ -37,6 +36,7 @@ from st_codegen.ir import (
     TreeEnsemble,
     reference,
 )
+from st_codegen.ir.operations import one_column
 
 #: Stands for infinity among the neighbours of a float32 number: as far behind the largest one as that is from the next.
 _BEYOND = 2.0**128
@@ -80,8 +80,7 @@ def columns_of(model: ModelIR, rising: Collection[Function] = ()) -> list[list[C
     for op in model.ops:
         given = [column for number in op.inputs for column in values[number]]
         if isinstance(op, Activation) and op.function in rising and op.precision is Precision.FLOAT64:
-            step = dataclasses.replace(op, inputs=(0,), width=1)
-            values.append(_extended(given, lambda _, step=step: step))  # type: ignore[misc]
+            values.append(_extended(op, given, is_monotone=True))
         else:
             values.append(_after(op, given))
     return values
@@ -94,13 +93,12 @@ def _after(op: Operation, given: list[Column]) -> list[Column]:
     return [Dependence.STEPS if steps else Dependence.OTHER] * op.width
 
 
-def _extended(given: list[Column], narrowed: Callable[[int], Operation | None]) -> list[Column]:
-    """Each column behind an operation that works column by column; None where it is not monotone."""
+def _extended(op: Operation, given: list[Column], *, is_monotone: bool) -> list[Column]:
+    """The columns behind an operation that works column by column."""
     result: list[Column] = []
     for number, column in enumerate(given):
-        step = narrowed(number)
         if isinstance(column, Chain):
-            result.append(Dependence.OTHER if step is None else column.then(step))
+            result.append(column.then(one_column(op, number)) if is_monotone else Dependence.OTHER)
         else:
             result.append(column)
     return result
@@ -111,29 +109,16 @@ def _(op: Select, given: list[Column]) -> list[Column]:
     return [given[column] for column in op.columns]
 
 
-@_after.register
-def _(op: Scale, given: list[Column]) -> list[Column]:
-    def narrowed(number: int) -> Operation | None:
-        if (op.reverse and op.operator is Operator.DIVIDE) or not op.exact:
-            return None
-        return dataclasses.replace(op, inputs=(0,), constant=op.constant[number : number + 1])
-
-    return _extended(given, narrowed)
-
-
-@_after.register
-def _(op: Round, given: list[Column]) -> list[Column]:
-    return _extended(given, lambda _: Round((0,), 1))
-
-
-@_after.register
-def _(op: Clip, given: list[Column]) -> list[Column]:
-    return _extended(given, lambda n: Clip((0,), op.lower[n : n + 1], op.upper[n : n + 1]))
-
-
-@_after.register
-def _(op: FillMissing, given: list[Column]) -> list[Column]:
-    return _extended(given, lambda n: FillMissing((0,), op.fill[n : n + 1]) if op.sentinel is None else None)
+@_after.register(Scale)
+@_after.register(Round)
+@_after.register(Clip)
+@_after.register(FillMissing)
+def _(op: Scale | Round | Clip | FillMissing, given: list[Column]) -> list[Column]:
+    if isinstance(op, Scale):
+        is_monotone = op.exact and not (op.reverse and op.operator is Operator.DIVIDE)
+    else:
+        is_monotone = not isinstance(op, FillMissing) or op.sentinel is None
+    return _extended(op, given, is_monotone=is_monotone)
 
 
 @_after.register

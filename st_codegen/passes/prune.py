@@ -94,17 +94,9 @@ def _rebuilt(op: TreeEnsemble, substitute: IntArray, forward: IntArray) -> TreeE
     first, kind = distinct_rows(values)
     leaves = np.full(len(node), -1, np.int32)
     leaves[leaf] = kind
-    return dataclasses.replace(
-        op,
-        roots=layout.roots,
-        split=op.split[node],
-        threshold=np.where(leaf, 0.0, op.threshold[node]),
-        left=layout.left,
-        right=layout.right,
-        missing_left=op.missing_left[node],
-        leaf=leaves,
-        leaf_value=values[first],
-    )
+    kept = with_nodes(op, layout, node, op.tree_output)
+    threshold = np.where(leaf, 0.0, kept.threshold)
+    return dataclasses.replace(kept, threshold=threshold, leaf=leaves, leaf_value=values[first])
 
 
 def _without_constant_trees(op: TreeEnsemble) -> TreeEnsemble:

@@ -72,15 +72,8 @@ class _RankedSplits:
     missing_left: BoolArray
 
 
-def _is_forest(op: TreeEnsemble) -> bool:
-    """Whether no node has two parents (an ONNX membership test becomes comparisons that share their children)."""
-    inner = op.split >= 0
-    parents = np.bincount(np.concatenate([op.left[inner], op.right[inner]]), minlength=op.n_nodes)
-    return bool(np.all(parents <= 1))
-
-
 def _ranked_ensemble(model: ModelIR, op: TreeEnsemble, given: list[Column]) -> tuple[Rank, TreeEnsemble] | None:
-    if op.linear is not None or op.has_categories or not _is_forest(op):
+    if op.linear is not None or op.has_categories or not op.is_forest:
         return None
     columns: list[RankColumn] = []
     split = np.full(op.n_nodes, -1, np.int32)

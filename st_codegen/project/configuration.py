@@ -190,7 +190,11 @@ class Configuration:
 
     def model_name(self, file: str) -> str:
         """The name of the model of a file: as the file has it given, else its stem; behind the prefix."""
-        return self.prefix + next((m.name for m in self.models if m.file == file and m.name), Path(file).stem)
+        return self.prefix + (self._entry(file).name or Path(file).stem)
+
+    def _entry(self, file: str) -> ModelEntry:
+        """What is said of one file, which may be nothing."""
+        return next((entry for entry in self.models if entry.file == file), ModelEntry(file, ""))
 
     def renamed(self, files: Sequence[str], prefix: str | None, block_name: str | None) -> Configuration:
         """The configuration with another prefix, and another name for the only one of these files.
@@ -209,9 +213,8 @@ class Configuration:
             )
         (file,) = files
         name = block_name.removeprefix("FB_")
-        known = next((entry for entry in self.models if entry.file == file), ModelEntry(file, ""))
         others = tuple(entry for entry in self.models if entry.file != file)
-        return dataclasses.replace(changed, models=(*others, dataclasses.replace(known, name=name)))
+        return dataclasses.replace(changed, models=(*others, dataclasses.replace(self._entry(file), name=name)))
 
     def layouts(self) -> dict[str, Layout]:
         """The layouts that are asked for, by the names of models."""
@@ -223,7 +226,7 @@ class Configuration:
 
     def remarks(self, file: str) -> tuple[str, ...]:
         """What the header of the block of a file says of its training."""
-        entry = next((entry for entry in self.models if entry.file == file), ModelEntry(file, ""))
+        entry = self._entry(file)
         data = [f"Training data given: SHA-256 {entry.training_sha256}"] if entry.training_sha256 else []
         metrics = "; ".join(f"{name} {value:g}" for name, value in entry.metrics)
         return (*data, *([f"Metrics, as given: {metrics}"] if metrics else []))
@@ -243,8 +246,7 @@ class Configuration:
             if entry.file in ("", model.source.file):
                 features = [entry.applied(f) if f.name == entry.feature else f for f in features]
         named, ports = self.names.applied(model, features)
-        own = next((entry.outputs for entry in self.models if entry.file == model.source.file), ())
-        return dataclasses.replace(model, features=named, ports=own or ports)
+        return dataclasses.replace(model, features=named, ports=self._entry(model.source.file).outputs or ports)
 
     def check_used(self, models: Mapping[str, tuple[str, ...]], problems: Problems) -> None:
         """Note what is said of files and features that are not there; `models`: the features of each file."""

@@ -13,8 +13,7 @@ from pathlib import Path
 from st_codegen.errors import DefectError, GeneratedCodeError
 from st_codegen.processes import can_be_copied, make_copy, other_processors
 from st_codegen.proof.runner import GeneratedCode
-from st_codegen.st.check.generated import single_rounds
-from st_codegen.st.check.portable import violations_in
+from st_codegen.st.check.portable import single_rounds, violations_in
 from st_codegen.st.syntax.parser import get_ready
 from st_codegen.st.syntax.source import read_ahead
 

@@ -140,9 +140,9 @@ def _unique(parts: list[FloatArray]) -> FloatArray:
     return values[np.isfinite(values)]
 
 
-def _singles(values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def singles(values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The float32 numbers below, at and above."""
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore"):  # LightGBM has 1e300 for infinity, which float32 has as infinity
         single = values.astype(np.float32)
         below, above = np.nextafter(single, np.float32(-np.inf)), np.nextafter(single, np.float32(np.inf))
     return below.astype(np.float64), single.astype(np.float64), above.astype(np.float64)
@@ -150,12 +150,12 @@ def _singles(values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 def _neighbours(values: FloatArray) -> FloatArray:
     """Values with their neighbours in float64 and in float32."""
-    return np.concatenate([values, np.nextafter(values, -np.inf), np.nextafter(values, np.inf), *_singles(values)])
+    return np.concatenate([values, np.nextafter(values, -np.inf), np.nextafter(values, np.inf), *singles(values)])
 
 
 def _changeovers(values: FloatArray) -> FloatArray:
     """The midpoints between the float32 numbers around each value, with their neighbours."""
-    below, at, above = _singles(values)
+    below, at, above = singles(values)
     halves = np.concatenate([(below + at) / 2, (at + above) / 2])
     return np.concatenate([halves, np.nextafter(halves, -np.inf), np.nextafter(halves, np.inf)])
 

@@ -124,8 +124,8 @@ def _smooth(values: FloatArray, width: int) -> FloatArray:
 PROFILES: dict[str, Callable[[float], MotionProfile]] = {"cycloidal": cycloidal, "robot": robot}
 
 
-def profile_named(name: str, cycle_s: float, limits: tuple[float, float] = (22.2, 2000.0)) -> MotionProfile:
-    """A profile by name, or from a CSV file. `limits`: speed of the output in rpm and its torque in N m.
+def profile_named(name: str, cycle_s: float) -> MotionProfile:
+    """A profile by name, or from a CSV file.
 
     Raises InputError for an unknown name, and lists what is wrong with a file.
     """
@@ -135,7 +135,7 @@ def profile_named(name: str, cycle_s: float, limits: tuple[float, float] = (22.2
     path = Path(name)
     if path.suffix.lower() != ".csv":
         raise InputError(f"profile '{name}': known are {', '.join(PROFILES)}, or the path of a .csv file")
-    return read_profile(path, cycle_s, limits)
+    return read_profile(path, cycle_s)
 
 
 def read_profile(path: Path, cycle_s: float, limits: tuple[float, float] = (22.2, 2000.0)) -> MotionProfile:

@@ -1,4 +1,4 @@
-"""What FB_TEPredict and FB_Compensator must compute, from the models alone (Eq. 2, 3 and 6)."""
+"""What FB_TEPredict and FB_Compensator must compute, from the models alone (Eq. 2, 3 and 6); rows for a test suite."""
 
 from __future__ import annotations
 
@@ -12,14 +12,17 @@ import numpy as np
 
 from st_codegen.emit.blocks.comparison import CalledBlock
 from st_codegen.emit.blocks.model import input_variables
+from st_codegen.emit.blocks.tests import ReferenceVectors
 from st_codegen.emit.output import read_manifest
 from st_codegen.ir import FloatArray, ModelIR, Precision, reference
 from st_codegen.project.purpose import BlockCheck, DifferenceBound, RunsBlocks
 from st_codegen.proof import bounds
+from st_codegen.proof.vectors import ROWS
 from st_codegen.te.compensation.correction import LEAST_TORQUE, SIGNED_LOAD
 from st_codegen.te.compensation.harmonic_sum import ERROR_PER_ORDER
 from st_codegen.te.compensation.parts import SUFFIX
 from st_codegen.te.harmonics import AxisCorrection, Direction, Play, Quantity, TransmissionError
+from st_codegen.walkers.base import LoadedModel
 
 PREDICT, COMPENSATOR = "FB_TEPredict", "FB_Compensator"
 #: Inputs of FB_Compensator beside the operating point.
@@ -29,6 +32,8 @@ _ROUNDINGS = 16
 #: Operating points on which FB_TEPredict and FB_Compensator are tried; their models are verified by themselves.
 _ROWS = 2_000
 _UNIT = bounds.UNIT[Precision.FLOAT64]
+#: Phases nearer to half a turn may come with either sign.
+_HALF_TURN = 3.1
 
 
 @dataclass(frozen=True)
@@ -149,9 +154,7 @@ def check_transmission_error(
     must give."""
     rows = _ROWS
     random = np.random.default_rng(seed)
-    lower = np.array([feature.lower for feature in te.features], dtype=np.float64)
-    upper = np.array([feature.upper for feature in te.features], dtype=np.float64)
-    x = lower + (upper - lower) * random.random((rows, len(te.features)))
+    x = _inside(te, rows, random)
     theta = random.uniform(-2 * np.pi, 2 * np.pi, rows)
     sets = {direction: harmonics(models, te, direction, x, bound) for direction in te.directions}
     checks: dict[str, Callable[[], BlockCheck]] = {
@@ -266,3 +269,42 @@ def _with_loads(
         bound[:, mean] = error
         found[direction] = dataclasses.replace(sets[direction], amplitude=amplitude, amplitude_bound=bound)
     return found
+
+
+def prediction_vectors(te: TransmissionError, models: Sequence[LoadedModel]) -> ReferenceVectors:
+    """FB_TEPredict at operating points inside the declared range."""
+    x = _inside(te, ROWS, np.random.default_rng(0))
+    by_name = {model.ir.name: model for model in models}
+
+    def by_library(model: ModelIR, rows: FloatArray) -> FloatArray:
+        return by_name[model.name].predict(reference.limited(model, rows))
+
+    results: list[str] = []
+    expected, allowed = [], []
+    sure = np.ones(len(x), np.bool_)
+    for direction in te.directions:
+        found = harmonics([model.ir for model in models], te, direction, x, evaluate=by_library)
+        sure &= np.all((np.abs(found.phase) < _HALF_TURN) & np.isfinite(found.phase_bound), axis=1)
+        for kind, values, bound in (
+            ("aAmplitude", found.amplitude, found.amplitude_bound),
+            ("aPhase", found.phase, found.phase_bound),
+        ):
+            results += [f"{kind}{SUFFIX[direction]}[{number}]" for number in range(values.shape[1])]
+            expected.append(values)
+            allowed.append(bound)
+    return ReferenceVectors(
+        name="TEPredict",
+        block=PREDICT,
+        results=tuple(results),
+        inputs=x[sure],
+        expected=np.hstack(expected)[sure],
+        allowed=np.hstack(allowed)[sure],
+        refuses_nan=True,
+    )
+
+
+def _inside(te: TransmissionError, rows: int, random: np.random.Generator) -> FloatArray:
+    """Operating points inside the declared range, (rows, features)."""
+    lower = np.array([feature.lower for feature in te.features], dtype=np.float64)
+    upper = np.array([feature.upper for feature in te.features], dtype=np.float64)
+    return lower + (upper - lower) * random.random((rows, len(te.features)))

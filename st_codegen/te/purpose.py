@@ -17,11 +17,10 @@ from st_codegen.passes.choose import Options, simple_cost
 from st_codegen.passes.pipeline import Compiled, Location
 from st_codegen.project.bundle import Bundle
 from st_codegen.project.purpose import BlockCheck, DifferenceBound, RunsBlocks
-from st_codegen.te.check import check_transmission_error, checked_blocks
+from st_codegen.te.check import check_transmission_error, checked_blocks, prediction_vectors
 from st_codegen.te.compensation import compensation
 from st_codegen.te.compensation.recorder import with_recorder
 from st_codegen.te.harmonics import HarmonicOutput, TransmissionError
-from st_codegen.te.vectors import prediction_vectors
 from st_codegen.walkers.base import LoadedModel
 
 

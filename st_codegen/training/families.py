@@ -90,15 +90,13 @@ def _mlp(params: Params, x: FloatArray, y: FloatArray, seed: int) -> Any:
     return Pipeline([("scale", scaler), ("mlp", mlp)])
 
 
-def _sklearn(module: str, name: str, *, one_thread: bool = False, random: bool = True) -> Fit:
+def _sklearn(module: str, name: str, *, one_thread: bool = False) -> Fit:
     def fit(params: Params, x: FloatArray, y: FloatArray, seed: int) -> Any:
         import importlib
 
         kind = getattr(importlib.import_module(f"sklearn.{module}"), name)
-        fixed = {"random_state": seed} if random else {}
-        if one_thread:
-            fixed["n_jobs"] = 1
-        return kind(**fixed, **params).fit(x, y)
+        fixed = {"n_jobs": 1} if one_thread else {}
+        return kind(random_state=seed, **fixed, **params).fit(x, y)
 
     return fit
 

@@ -23,7 +23,7 @@ from st_codegen.training.faulty import Faulty, faulty_runs
 from st_codegen.training.search import LEARNERS, Backend, FitOutcome, FitTask, Progress, point_numbers, run_tasks
 from st_codegen.training.store import FitStore
 from st_codegen.training.study import SearchSettings, Solution, Study, operating_points, study
-from st_codegen.training.targets import combined, mean_direction, values
+from st_codegen.training.targets import combined, learned_values
 
 #: fewer operating points in a direction cannot be split, cross-validated and learned from
 LEAST_POINTS = 20
@@ -187,14 +187,13 @@ def fitted(
     rows: HarmonicTable, direction: Direction, solution: Solution, settings: SearchSettings
 ) -> list[FittedModel]:
     """The models of a solution, fitted on all rows."""
-    column = rows.column(solution.order)
-    turn = mean_direction(column) if settings.turned else 0.0
+    order, kind = solution.order, solution.kind
+    targets = learned_values(rows.column(order), kind, order, turned=settings.turned)
     models = []
     with one_thread(*LEARNERS):
-        for quantity, candidate in zip(solution.kind.quantities(solution.order), solution.candidates, strict=True):
-            y = values(column, quantity, solution.order, turn)
+        for quantity, y, candidate in zip(kind.quantities(order), targets, solution.candidates, strict=True):
             estimator = candidate.fit(rows.conditions, y, settings.seed)
-            models.append(FittedModel(direction, solution.order, quantity, estimator))
+            models.append(FittedModel(direction, order, quantity, estimator))
     return models
 
 
@@ -241,19 +240,11 @@ def predictions(
 
 def _tasks(learn_from: HarmonicTable, x: FloatArray, solution: Solution, settings: SearchSettings) -> list[FitTask]:
     """One fit for each quantity of a solution."""
-    order, column = solution.order, learn_from.column(solution.order)
-    turn = mean_direction(column) if settings.turned else 0.0
+    order = solution.order
+    targets = learned_values(learn_from.column(order), solution.kind, order, turned=settings.turned)
     return [
-        FitTask(
-            candidate,
-            learn_from.conditions,
-            values(column, quantity, order, turn),
-            x,
-            0,
-            settings.seed,
-            f"order {order} again",
-        )
-        for quantity, candidate in zip(solution.kind.quantities(order), solution.candidates, strict=True)
+        FitTask(candidate, learn_from.conditions, y, x, 0, settings.seed, f"order {order} again")
+        for y, candidate in zip(targets, solution.candidates, strict=True)
     ]
 
 

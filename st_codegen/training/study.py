@@ -14,7 +14,7 @@ from st_codegen.training.errors import Errors, errors_of
 from st_codegen.training.families import Learner
 from st_codegen.training.search import Backend, FitOutcome, FitTask, Progress, run_tasks
 from st_codegen.training.store import FitStore
-from st_codegen.training.targets import Coordinates, combined, kinds, mean_direction, values
+from st_codegen.training.targets import Coordinates, combined, kinds, learned_values
 
 #: LightGBM takes no larger seed, scikit-learn none below 0.
 LARGEST_SEED = 2**31 - 1
@@ -99,14 +99,12 @@ def tasks_of(
     """The tasks of a search, and the order and kind of each group of them: quantities by candidates."""
     groups, tasks = [], []
     for order in orders:
-        column = learn.column(order)
-        turn = mean_direction(column) if settings.turned else 0.0
         for kind in kinds(order):
             if kind not in settings.kinds and order:
                 continue
             groups.append((order, kind))
-            for quantity in kind.quantities(order):
-                y = values(column, quantity, order, turn)
+            targets = learned_values(learn.column(order), kind, order, turned=settings.turned)
+            for quantity, y in zip(kind.quantities(order), targets, strict=True):
                 tasks += [
                     FitTask(
                         candidate,

@@ -45,6 +45,12 @@ def values(coefficients: ComplexArray, quantity: Quantity, order: int, turn: flo
     return np.ascontiguousarray(made[quantity], np.float64)
 
 
+def learned_values(coefficients: ComplexArray, kind: Coordinates, order: int, *, turned: bool) -> list[FloatArray]:
+    """The values of the kind's quantities; phases are around their mean direction where `turned`, else around 0."""
+    turn = mean_direction(coefficients) if turned else 0.0
+    return [values(coefficients, quantity, order, turn) for quantity in kind.quantities(order)]
+
+
 def mean_direction(coefficients: ComplexArray) -> float:
     """The angle (rad) around which the phases lie."""
     size = np.abs(coefficients)

@@ -36,7 +36,7 @@ from st_codegen.ir import (
     TreeEnsemble,
     WeightedMedian,
 )
-from st_codegen.ir.missing import Origins, origins_after
+from st_codegen.ir.model import Origins, origins_after
 from st_codegen.walkers.fitted import Fitted
 
 #: Rows (rows, features) -> predictions (rows, outputs), computed by the source library alone. Only rows that the

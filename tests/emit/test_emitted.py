@@ -17,7 +17,7 @@ from st_codegen.passes.domain import limit_inputs
 from st_codegen.proof import bounds
 from st_codegen.proof.probes import probe_rows
 from st_codegen.proof.runner import GeneratedCode
-from st_codegen.st.check.generated import single_rounds
+from st_codegen.st.check.portable import single_rounds
 from tests.examples import examples
 from tests.models import MISSING_BEHIND, SMALL_MODELS, tree_models
 from tests.st.leftovers import unused_variables

@@ -17,8 +17,8 @@ from st_codegen.errors import GeneratedCodeError, InputError
 from st_codegen.live.compare import LiveCode, _times, compare, compared_project
 from st_codegen.live.controller import Signal, connected
 from st_codegen.live.failures import ControllerError, NotRunningError
+from st_codegen.live.live_report import record_of, record_sections, times_csv
 from st_codegen.live.plc import PlcState
-from st_codegen.live.record_page import record_of, record_sections, times_csv
 from st_codegen.live.rows import _around, comparison_rows
 from st_codegen.passes.choose import Layout, Options
 from tests.cli.helpers import run

@@ -3,7 +3,7 @@
 import pytest
 
 from st_codegen.st import parse_project
-from st_codegen.st.check.generated import single_rounds
+from st_codegen.st.check.portable import single_rounds
 from tests.st.leftovers import unused_variables
 
 BLOCK = """FUNCTION_BLOCK FB_A

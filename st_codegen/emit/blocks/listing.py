@@ -13,7 +13,7 @@ import numpy as np
 
 from st_codegen.emit.blocks.wording import meaning
 from st_codegen.emit.literals import real, real32, reals, texts_of
-from st_codegen.errors import TargetError
+from st_codegen.errors import InputError, TargetError
 from st_codegen.ir import AnyArray
 
 #: Bytes of an element.
@@ -174,7 +174,8 @@ class Block:
     `kind` is the opening keyword: FUNCTION_BLOCK, PROGRAM or FUNCTION; `result` the type that a function returns;
     `extends` the block that a function block is built on. `codes` are the named numbers that its text uses. A program
     with `needs_globals` shares variables with another; others have inputs and outputs where a dialect has no globals.
-    `cuts` says where its arrays were cut (`Listing.chunks`).
+    `cuts` says where its arrays were cut (`Listing.chunks`). Raises InputError where two of its variables would have
+    one name, as a feature and an output may.
     """
 
     name: str
@@ -192,6 +193,13 @@ class Block:
     codes: tuple[Code, ...] = ()
     needs_globals: bool = False
     cuts: Cuts = ()
+
+    def __post_init__(self) -> None:
+        taken: set[str] = set()
+        for variable in (*self.inputs, *self.outputs, *self.in_outs, *self.variables, *self.constants):
+            if variable.name.lower() in taken:
+                raise InputError(f"{self.name} would have two variables called {variable.name}: rename the feature")
+            taken.add(variable.name.lower())
 
     @property
     def table_bytes(self) -> int:

@@ -35,7 +35,7 @@ from st_codegen.ir import (
     Select,
     TreeEnsemble,
 )
-from st_codegen.ir.missing import Origins, origins_after
+from st_codegen.ir.model import Origins, origins_after
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,7 @@ A room of its own (such as `beckhoff_ml`) enters its target when it is imported.
 import importlib
 import pkgutil
 
-from st_codegen.emit.file_plan import FilePlan
-from st_codegen.emit.targets.base import TARGETS, Target, enter_target, target_named
+from st_codegen.emit.targets.base import TARGETS, FilePlan, Target, enter_target, target_named
 
 for _module in pkgutil.iter_modules(__path__):
     importlib.import_module(f"{__name__}.{_module.name}")

@@ -3,15 +3,48 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 from st_codegen.emit.blocks.application import Application
+from st_codegen.emit.blocks.listing import Block
 from st_codegen.emit.blocks.model import Limits, model_block
 from st_codegen.emit.blocks.tests import ReferenceVectors, with_tests
 from st_codegen.emit.contents import Contents
-from st_codegen.emit.file_plan import FilePlan
 from st_codegen.entries import Entries
 from st_codegen.errors import InputError
+
+
+@dataclass(frozen=True)
+class FileForm:
+    """How a text becomes a file: a byte order mark in front, the end of each line, and whether the last line has one.
+
+    Development environments keep the form of a file that they save, and compare badly where it is another.
+    """
+
+    has_mark: bool = False
+    line_end: str = "\n"
+    ends_last_line: bool = True
+
+
+PLAIN = FileForm()
+
+
+@dataclass(frozen=True)
+class FilePlan:
+    """A file to write: its path below the target's folder, the template that prints it and what that prints."""
+
+    path: str
+    template: str
+    values: Mapping[str, Any]
+    form: FileForm = PLAIN
+
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        """The function blocks that the file prints."""
+        one = self.values.get("block")
+        return tuple(self.values.get("blocks", () if one is None else (one,)))
 
 
 class Target(ABC):

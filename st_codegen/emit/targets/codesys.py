@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from st_codegen.emit.blocks.application import Application
-from st_codegen.emit.file_plan import FilePlan
-from st_codegen.emit.targets.base import enter_target
+from st_codegen.emit.targets.base import FilePlan, enter_target
 from st_codegen.emit.targets.iec import text_file
 from st_codegen.emit.targets.plcopen import PlcOpenTarget
 
@@ -23,9 +22,7 @@ class CodesysTarget(PlcOpenTarget):
     template = "codesys/project.xml.j2"
 
     def files(self, application: Application) -> Iterable[FilePlan]:
-        types = tuple(item for item in application.types if item.portable)
-        blocks = tuple(block for block in application.blocks if not block.needs_globals)
-        return [*super().files(application), text_file(application.name, types, blocks)]
+        return [*super().files(application), text_file(application)]
 
 
 enter_target(CodesysTarget())

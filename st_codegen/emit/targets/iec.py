@@ -8,8 +8,7 @@ from st_codegen.emit.blocks.application import Application, DataType, Task
 from st_codegen.emit.blocks.configuration import with_programs
 from st_codegen.emit.blocks.listing import Block
 from st_codegen.emit.blocks.model import Limits
-from st_codegen.emit.file_plan import FilePlan
-from st_codegen.emit.targets.base import Target, enter_target
+from st_codegen.emit.targets.base import FilePlan, Target, enter_target
 
 
 class IecTarget(Target):
@@ -31,18 +30,18 @@ class IecTarget(Target):
         if application.has_configuration:
             application = with_programs(application)
         if application.connected or application.has_configuration:
-            types = tuple(item for item in application.types if item.portable)
-            blocks = tuple(block for block in application.blocks if not block.needs_globals)
-            return [
-                text_file(application.name, types, blocks, application.tasks if application.has_configuration else ())
-            ]
-        return [text_file(name, (), blocks) for name, blocks in application.alone()]
+            return [text_file(application)]
+        return [_file(name, (), blocks) for name, blocks in application.alone()]
 
 
-def text_file(
-    name: str, types: tuple[DataType, ...], blocks: tuple[Block, ...], tasks: tuple[Task, ...] = ()
-) -> FilePlan:
-    """A file of portable text with types, blocks and, where there are tasks, what runs them."""
+def text_file(application: Application) -> FilePlan:
+    """A file of portable text with the types and blocks of an application and, where it says so, what runs them."""
+    types = tuple(item for item in application.types if item.portable)
+    blocks = tuple(block for block in application.blocks if not block.needs_globals)
+    return _file(application.name, types, blocks, application.tasks if application.has_configuration else ())
+
+
+def _file(name: str, types: tuple[DataType, ...], blocks: tuple[Block, ...], tasks: tuple[Task, ...] = ()) -> FilePlan:
     values = {"types": types, "blocks": blocks, "tasks": [_timed(task) for task in tasks]}
     return FilePlan(f"{name}.st", "iec/blocks.st.j2", values)
 

@@ -16,8 +16,7 @@ from typing import ClassVar
 from st_codegen.emit.blocks.application import Application, Enumeration
 from st_codegen.emit.blocks.listing import LINE_LENGTH, Block, BlockVariable, Table
 from st_codegen.emit.blocks.model import Limits
-from st_codegen.emit.file_plan import FilePlan
-from st_codegen.emit.targets.base import Target, enter_target
+from st_codegen.emit.targets.base import FilePlan, Target, enter_target
 from st_codegen.errors import Problems, TargetError
 
 #: The schema requires a date and the files must not change from run to run: always this one.

@@ -13,8 +13,7 @@ from collections.abc import Iterable, Mapping
 from st_codegen.emit.blocks.application import Application, ArrayAlias, Structure
 from st_codegen.emit.blocks.listing import Block, BlockVariable
 from st_codegen.emit.blocks.model import Limits
-from st_codegen.emit.file_plan import FilePlan
-from st_codegen.emit.targets.base import Target, enter_target
+from st_codegen.emit.targets.base import FilePlan, Target, enter_target
 from st_codegen.errors import InputError, TargetError
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from st_codegen.proof.prove.disagree import OtherExpressionError, SearchedInputs
 from st_codegen.proof.prove.intervals import WHOLE, Interval
 from st_codegen.proof.prove.model import InputDomain, domain_of
 from st_codegen.proof.prove.range_bound import range_bound
-from st_codegen.proof.prove.symbolic import Path, Symbolic, anything
+from st_codegen.proof.prove.symbolic import Held, Path, Symbolic, anything
 from st_codegen.proof.prove.terms import Term, Terms, Value
 from st_codegen.st import Project
 from st_codegen.st import tree as t
@@ -93,12 +94,12 @@ def _compared(model: ModelIR, project: Project, block: str, outputs: tuple[int, 
     demand = Demand.of_inputs(terms, model, inputs)
     held = {variable.name: run.held[_PATH, variable] for variable in _outputs(project, block)}
     taken = SearchedInputs(domain.low, domain.high, lambda x: dict(zip(inputs, x.T, strict=True)))
-    valid: Value = held["bValid"]  # type: ignore[assignment]
+    valid: Value = held["bValid"]
     if valid is not demand.valid:
         reason = "bValid is not the condition under which the model has an answer"
         raise OtherExpressionError(reason, [valid], [demand.valid], taken)
     names = numbers_of(project, block)
-    got: list[Value] = [_assigned(held[names[number]], demand.valid) for number in outputs]  # type: ignore[misc]
+    got: list[Value] = [_assigned(held[names[number]], demand.valid) for number in outputs]
     different = [n for n, pair in enumerate(zip(got, demand.put_out(), strict=True)) if not same_number(*pair)]
     if different:
         where = ", ".join(names[outputs[n]] for n in different)
@@ -123,21 +124,21 @@ def numbers_of(project: Project, block: str) -> list[str]:
     return [variable.name for variable in _outputs(project, block) if str(variable.type) != "BOOL"]
 
 
-def check_plausible(model: ModelIR, terms: Terms, held: Mapping[str, object], valid: Value) -> None:
+def check_plausible(model: ModelIR, terms: Terms, held: Mapping[str, Held], valid: Value) -> None:
     """bPlausible, where there is one, is bValid and that no output lies outside of its plausible range."""
     if "bPlausible" not in held:
         return
     plausible = valid
     for port in model.ports:
         if port.lower is not None and port.upper is not None:
-            value: Value = held[port.variable]  # type: ignore[assignment]
+            value: Value = held[port.variable]
             beyond = terms.either(terms.compare("LT", value, port.lower), terms.compare("GT", value, port.upper))
             plausible = terms.choice(beyond, False, plausible)
     if held["bPlausible"] is not plausible:
         raise NotProvedError("bPlausible is not what the plausible ranges demand")
 
 
-def _check_range(model: ModelIR, terms: Terms, inputs: list[Term], held: dict[str, object]) -> None:
+def _check_range(model: ModelIR, terms: Terms, inputs: list[Term], held: dict[str, Held]) -> None:
     """bInRange, where there is one, is FALSE exactly where a number lies outside its declared range."""
     if "bInRange" not in held:
         return
@@ -167,7 +168,7 @@ def _executed(terms: Terms, project: Project, block: str, intervals: list[Interv
         raise NotProvedError("the block has another number of inputs than the model has features")
     run, given = _run(terms, project, block, intervals, set())
     outputs = [run.held[_PATH, variable] for variable in _outputs(project, block)]
-    read = {term.arguments[0] for term in parts_of(outputs) if term.operation == "leaf"}  # type: ignore[arg-type]
+    read = {term.arguments[0] for term in parts_of(outputs) if term.operation == "leaf"}
     if not read.isdisjoint(_unchanged(run)):
         # only what no call changes, with whatever inputs, is as it was initially
         everything, _ = _run(Terms(), project, block, [WHOLE] * len(inputs), set())
@@ -215,7 +216,7 @@ def _outputs(project: Project, block: str) -> tuple[t.Variable, ...]:
     return project.pous[block.upper()].section(t.Section.OUTPUT)
 
 
-def _assigned(held: object, valid: Value) -> object:
+def _assigned(held: Held, valid: Value) -> Held:
     """What an output is assigned where `valid` holds; it must keep its value elsewhere."""
     if valid is True:
         return held
@@ -234,14 +235,14 @@ def _check_all_inputs(model: ModelIR, project: Project, block: str, outputs: tup
     valid = held["bValid"]
     names = numbers_of(project, block)
     for number in outputs:
-        value = _assigned(held[names[number]], valid)  # type: ignore[arg-type]
-        if terms.interval(value)[2]:  # type: ignore[arg-type]
+        value = _assigned(held[names[number]], valid)
+        if terms.interval(value)[2]:
             raise NotProvedError(f"{names[number]} may be NaN")
-    check_plausible(model, terms, held, valid)  # type: ignore[arg-type]
+    check_plausible(model, terms, held, valid)
     for number, (feature, x) in enumerate(zip(model.features, inputs, strict=True)):
         for interval in _refused(domain, number):
             with terms.only(x, interval):
-                if terms.truth(valid) is not False:  # type: ignore[arg-type]
+                if terms.truth(valid) is not False:
                     raise NotProvedError(f"bValid may be TRUE for an input '{feature.name}' that is refused")
 
 
@@ -255,8 +256,8 @@ def _refused(domain: InputDomain, number: int) -> list[Interval]:
     return found
 
 
-def same_number(one: object, other: object) -> bool:
+def same_number(one: Any, other: Any) -> bool:
     """Whether two terms are the same, or two numbers to the bit."""
     if isinstance(one, Term) or isinstance(other, Term):
         return one is other
-    return one == other and math.copysign(1.0, one) == math.copysign(1.0, other)  # type: ignore[arg-type]
+    return one == other and math.copysign(1.0, one) == math.copysign(1.0, other)

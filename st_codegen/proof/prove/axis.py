@@ -252,19 +252,29 @@ class AxisValue:
         open_ = lanes[holds(first[lanes], lanes) != holds(last[lanes], lanes)]
         if not open_.size:
             return False
-        cuts = []
-        for number, chain in enumerate(self.chains, 1):
-            at = open_[self.chain[open_] == number]
-            if at.size:
-                cuts.append(
-                    bisected(
-                        lambda x, chain=chain, at=at: holds(run_chain(chain, x), at),  # type: ignore[misc]
-                        self.axis.starts[at],
-                        self.axis.ends[at],
-                    )
-                )
-        self.axis.cut(np.concatenate(cuts))
+        self.cut_lanes(open_, lambda x, places: holds(x, open_[places]))
         return True
+
+    def cut_lanes(self, lanes: IntArray, holds: Callable[[FloatArray, IntArray], BoolArray]) -> None:
+        """Cut lanes (of chains) in each of which a monotone decision changes over.
+
+        `holds` decides for values in some of them, which are given as places in `lanes`.
+        """
+        assert self.chain is not None
+        chain = self.chain[lanes]
+        places = [np.flatnonzero(chain == number) for number in range(1, len(self.chains) + 1)]
+        pairs = zip(self.chains, places, strict=True)
+        self.axis.cut(np.concatenate([self._changeovers(links, lanes, own, holds) for links, own in pairs]))
+
+    def _changeovers(
+        self,
+        links: tuple[Link, ...],
+        lanes: IntArray,
+        places: IntArray,
+        holds: Callable[[FloatArray, IntArray], BoolArray],
+    ) -> IntArray:
+        at = lanes[places]
+        return bisected(lambda x: holds(run_chain(links, x), places), self.axis.starts[at], self.axis.ends[at])
 
 
 def input_value(axis: InputAxis, *, counted_as_zero: bool = False) -> AxisValue:

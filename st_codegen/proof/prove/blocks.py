@@ -258,15 +258,15 @@ def _target(run: Symbolic, value: Held) -> str:
 
 
 def _arguments(value: Held, operation: str) -> tuple[Value, ...] | None:
-    return value.arguments if isinstance(value, Term) and value.operation == operation else None  # type: ignore[return-value]
+    return value.arguments if isinstance(value, Term) and value.operation == operation else None
 
 
 def _text(value: Value) -> str:
     """A step in the words of its inputs."""
     if isinstance(value, Term) and value.operation == "mul":
-        return " * ".join(_text(argument) for argument in value.arguments)  # type: ignore[arg-type]
+        return " * ".join(_text(argument) for argument in value.arguments)
     if isinstance(value, Term) and value.operation == "if":
-        return _text(value.arguments[1])  # type: ignore[arg-type]
+        return _text(value.arguments[1])
     if isinstance(value, Term) and value.operation == "leaf":
         name = value.arguments[0]
         return str(name[-2] if isinstance(name, tuple) else name)

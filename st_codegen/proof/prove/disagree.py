@@ -251,7 +251,7 @@ def _first_differences(one: Value, other: Value) -> list[tuple[Value, Value]]:
         seen.add((id(a), id(b)))
         alike = isinstance(a, Term) and isinstance(b, Term) and a.operation == b.operation
         if alike and a.operation != "leaf" and len(a.arguments) == len(b.arguments):  # type: ignore[union-attr]
-            open_ += list(zip(a.arguments, b.arguments, strict=True))  # type: ignore[union-attr, arg-type]
+            open_ += list(zip(a.arguments, b.arguments, strict=True))  # type: ignore[union-attr]
         else:
             found.append((a, b))
     return found

@@ -16,6 +16,7 @@ from st_codegen import ir
 from st_codegen.ir import reference
 from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray
 from st_codegen.ir.base import Elementwise
+from st_codegen.ir.operations import one_column
 from st_codegen.passes.jumps import largest_jump
 from st_codegen.proof.prove.axis import (
     HIGHEST,
@@ -181,18 +182,15 @@ def _refused(step: ir.Operation, column: Column) -> Callable[[FloatArray], Float
     return lambda x: (np.isnan(_after(step, column)(x)) & ~np.isnan(column.value(x))).astype(np.float64)
 
 
-def _step(op: ir.Operation, number: int, *, monotone: bool) -> ir.Operation | None:  # noqa: PLR0911 - one return a kind
+def _step(op: ir.Operation, number: int, *, monotone: bool) -> ir.Operation | None:
     """One column of an operation that keeps a column monotone, or in steps; None where it does not."""
-    if isinstance(op, ir.Scale) and not (monotone and op.reverse and op.operator is ir.Operator.DIVIDE):
-        return ir.Scale((0,), op.operator, op.constant[number : number + 1], op.precision, op.reverse)
-    if isinstance(op, ir.Round):
-        return ir.Round((0,), 1)
-    if isinstance(op, ir.Clip):
-        return ir.Clip((0,), op.lower[number : number + 1], op.upper[number : number + 1])
-    if isinstance(op, ir.FillMissing) and op.sentinel is None:
-        return ir.FillMissing((0,), op.fill[number : number + 1])
-    if isinstance(op, ir.Exceeds):
-        return ir.Exceeds((0,), op.cut[number : number + 1], inclusive=op.inclusive)
+    if (
+        (isinstance(op, ir.Scale) and not (monotone and op.reverse and op.operator is ir.Operator.DIVIDE))
+        or isinstance(op, ir.Round | ir.Clip | ir.Exceeds)
+        or (isinstance(op, ir.FillMissing) and op.sentinel is None)
+    ):
+        step: ir.Operation = one_column(op, number)
+        return step
     if isinstance(op, ir.Piecewise) and op.degree == 0:
         first, last = op.start[number : number + 2]
         missing = None if op.missing is None else op.missing[number : number + 1]

@@ -11,18 +11,17 @@ from typing import Literal
 
 import numpy as np
 
-from st_codegen.ir.arrays import AnyArray, BoolArray, FloatArray
+from st_codegen.ir.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from st_codegen.proof.prove.axis import (
     HIGHEST,
     LOWEST,
     AxisValue,
     InputAxis,
     NotProvedError,
-    bisected,
     require_assigned,
 )
 from st_codegen.proof.prove.boxes import Lanes, Slots, Space
-from st_codegen.proof.prove.floats import COMPARE, FLIPPED, INFINITY, MAGNITUDE, OPERATIONS, run_chain
+from st_codegen.proof.prove.floats import COMPARE, FLIPPED, INFINITY, MAGNITUDE, OPERATIONS
 from st_codegen.proof.prove.inputs import InputTerms
 from st_codegen.proof.prove.intervals import compute
 from st_codegen.proof.prove.joining import Joining
@@ -98,8 +97,9 @@ class ValueOperations(Joining):
 
     def _float(self, name: str, values: list[Value], mask: Value) -> Value:
         """A floating point operation: on constants and on chains of one input as it is, else as an expression."""
-        if all(is_scalar(value) for value in values):
-            return compute(name, *(float(value) for value in values))  # type: ignore[arg-type]
+        numbers = [value for value in values if isinstance(value, bool | int | float)]
+        if len(numbers) == len(values):
+            return compute(name, *map(float, numbers))
         axis_values = [value for value in values if isinstance(value, AxisValue)]
         # what is constant in each lane is the leaf of a tree or an element of a table: a term of a sum
         terms = name in ("add", "min", "max") and any(value.chain is None for value in axis_values)
@@ -358,6 +358,10 @@ def _changeovers(operator: str, item: AxisValue, thresholds: FloatArray) -> tupl
     axis = item.axis
     item.held_alike()
     distinct, back = np.unique(thresholds, return_inverse=True)
+
+    def beyond(limits: FloatArray) -> Callable[[FloatArray, IntArray], BoolArray]:
+        return lambda x, places: np.asarray(COMPARE[operator](x, limits[places]), np.bool_)
+
     while True:
         order = item.in_order()
         if order is None:
@@ -372,20 +376,7 @@ def _changeovers(operator: str, item: AxisValue, thresholds: FloatArray) -> tupl
         open_ = (count > 0) & ends_beyond
         if not np.any(open_):
             break
-        at, limit = lanes[lane[open_]], distinct[open_]
-        assert item.chain is not None
-        cuts = []
-        for number in np.unique(item.chain[at]).tolist():
-            chosen = item.chain[at] == number
-            chain = item.chains[number - 1]
-            cuts.append(
-                bisected(
-                    lambda x, chain=chain, limit=limit[chosen]: COMPARE[operator](run_chain(chain, x), limit),  # type: ignore[misc]
-                    axis.starts[at[chosen]],
-                    axis.ends[at[chosen]],
-                )
-            )
-        axis.cut(np.concatenate(cuts))
+        item.cut_lanes(lanes[lane[open_]], beyond(distinct[open_]))
     end = np.where(count > 0, axis.ends[lanes[np.maximum(count - 1, 0)]], LOWEST - 1)
     nan = COMPARE[operator](item.lift().constant[-1], distinct)
     below = np.full(len(distinct), name in ("LT", "LE"))

@@ -46,8 +46,8 @@ class TreeTerms:
             demand = Demand.of_trees(self.terms, self.model, self.inputs, {}, True, op.inputs)
             if demand.valid is not True:
                 raise NotProvedError("linear models in leaves behind operations that refuse numbers are not followed")
-            columns, missing = demand.values, demand.missing
-            self._columns[number] = tuple([c for value in op.inputs for c in of[value]] for of in (columns, missing))  # type: ignore[assignment]
+            columns = [column for value in op.inputs for column in demand.values[value]]
+            self._columns[number] = columns, [flag for value in op.inputs for flag in demand.missing[value]]
         if (number, row) not in self._linear:
             assert op.linear is not None
             self._linear[number, row] = self._sum(op, number, row, 0, float(op.linear.constant[row]))

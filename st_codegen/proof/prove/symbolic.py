@@ -8,6 +8,7 @@ holds it; whatever may stop a controller on the way, and whatever is not known h
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -28,7 +29,7 @@ _FUNCTIONS = {"ABS", "EXP", "LN", "SQRT", "SIN", "COS", "ATAN"}
 #: Where an instance lies: the names that lead to it.
 Path = tuple[str, ...]
 #: What a variable holds: a value, an array, bits, or what a union was assigned.
-Held = object
+Held = Any
 Key = tuple[Path, t.Variable]
 #: Gives the outputs of a block that is not executed, for the instance at a path.
 Summary = Callable[["Symbolic", Path], None]
@@ -172,7 +173,7 @@ class Symbolic:
             return
         assert isinstance(condition, Term)
         before = self.held
-        ends: list[dict[Key, tuple[Held, object]] | None] = []
+        ends: list[dict[Key, tuple[Held, Any]] | None] = []
         for truth, body in ((True, then), (False, otherwise)):
             with self.terms.assuming(condition, truth) as reached:
                 self.held = dict(before)
@@ -198,20 +199,20 @@ class Symbolic:
                         sides.append((before.get(key), self._intervals(before.get(key))))
             self.held[key] = self._joined(condition, *sides)
 
-    def _intervals(self, value: Held) -> object:
+    def _intervals(self, value: Held) -> Any:
         if isinstance(value, tuple):
             return tuple(self._intervals(entry) for entry in value)
         return self.terms.interval(value) if isinstance(value, Term | bool | int | float) else None
 
-    def _joined(self, condition: Term, one: tuple[Held, object], other: tuple[Held, object]) -> Held:
+    def _joined(self, condition: Term, one: tuple[Held, Any], other: tuple[Held, Any]) -> Held:
         if one[0] is other[0]:
             return one[0]
         if isinstance(one[0], tuple) and isinstance(other[0], tuple):
-            pairs = zip(one[0], one[1], other[0], other[1], strict=True)  # type: ignore[call-overload]
+            pairs = zip(one[0], one[1], other[0], other[1], strict=True)
             return tuple(self._joined(condition, (a, b), (c, d)) for a, b, c, d in pairs)
         if one[1] is None or other[1] is None:
             return None  # nobody may read it
-        return self.terms.merged(condition, one, other)  # type: ignore[arg-type]
+        return self.terms.merged(condition, one, other)
 
     def _for(self, path: Path, statement: t.For) -> None:
         bounds = [self._number(path, part) for part in (statement.start, statement.stop, statement.step)]
@@ -354,8 +355,8 @@ class Symbolic:
 
     def _binary(self, path: Path, expression: t.Binary) -> Held:
         left, right = expression.left, expression.right
-        if all(isinstance(side, t.Compare) and side.is_number_test for side in (left, right)):
-            return self.terms.is_number(self._number(path, left.left))  # type: ignore[attr-defined]
+        if isinstance(left, t.Compare) and left.is_number_test:
+            return self.terms.is_number(self._number(path, left.left))
         one, other = self._value(path, left), self._value(path, right)
         if isinstance(one, Bits) and other == MAGNITUDE and expression.operator == "AND":
             return Bits(one.value, magnitude=True)
@@ -374,16 +375,16 @@ class Symbolic:
         if not isinstance(value, Term) or value.kind != "int":
             return value
         if value.operation == "if":
-            truth = self.terms.truth(value.arguments[0])  # type: ignore[arg-type]
+            truth = self.terms.truth(value.arguments[0])
             if truth is not None:
-                return self._settled(value.arguments[1 if truth else 2], needed=needed)  # type: ignore[arg-type]
+                return self._settled(value.arguments[1 if truth else 2], needed=needed)
             if needed and _between_numbers(value.arguments[0]):
                 raise NotProvedError("an element whose place is a choice between computed numbers")
             if needed:
-                raise OpenCaseError(value.arguments[0])  # type: ignore[arg-type]
+                raise OpenCaseError(value.arguments[0])
         elif needed:
             for argument in value.arguments:
-                self._settled(argument, needed=True)  # type: ignore[arg-type]
+                self._settled(argument, needed=True)
         return value
 
     def _whole(self, operator: str, one: Value, other: Value, kind: Type) -> Value:
@@ -401,7 +402,7 @@ class Symbolic:
         for value in (one, other):
             if not isinstance(value, bool | int | float | Term):
                 raise NotProvedError("a comparison of what is no number")
-        one, other = self._settled(one), self._settled(other)  # type: ignore[arg-type]
+        one, other = self._settled(one), self._settled(other)
         for side in (one, other) if _is_choice(one) and _is_choice(other) else ():
             self._settled(side, needed=True)
         return self.terms.compare(expression.operator, one, other)

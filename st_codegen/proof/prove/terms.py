@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +31,7 @@ class Term:
 
     __slots__ = ("arguments", "kind", "minus_zero", "operation", "single")
 
-    def __init__(self, operation: str, arguments: tuple[object, ...], kind: str) -> None:
+    def __init__(self, operation: str, arguments: tuple[Any, ...], kind: str) -> None:
         self.operation, self.arguments, self.kind = operation, arguments, kind
         self.minus_zero, self.single = True, False
 
@@ -77,7 +78,7 @@ class Terms:
         self._intervals[0].setdefault(term, interval)
         return term
 
-    def _term(self, operation: str, arguments: tuple[object, ...], kind: str) -> Term:
+    def _term(self, operation: str, arguments: tuple[Any, ...], kind: str) -> Term:
         key = (operation, kind, *map(_name, arguments))
         return self._known.setdefault(key, Term(operation, arguments, kind))
 
@@ -95,21 +96,22 @@ class Terms:
     def _computed(self, term: Term) -> Interval:
         if term.operation == "if":
             condition, one, other = term.arguments
-            truth = self.truth(condition)  # type: ignore[arg-type]
+            truth = self.truth(condition)
             if truth is not None:
-                return self.interval(one if truth else other)  # type: ignore[arg-type]
-            return hull(self.interval(one), self.interval(other))  # type: ignore[arg-type]
+                return self.interval(one if truth else other)
+            return hull(self.interval(one), self.interval(other))
         if term.kind == "bool":
             return 0.0, 1.0, False
         try:
-            return self._result(term.operation, term.arguments, term)  # type: ignore[arg-type]
+            return self._result(term.operation, term.arguments, term)
         except NotProvedError:
             return -LARGEST, LARGEST, False  # it was computed where it stood, and was a number there
 
     def real(self, operation: str, *arguments: Value) -> Value:
         """A floating point operation. Raises NotProvedError where it may overflow, divide by zero or meet NaN."""
-        if operation not in FUNCTIONS and not any(isinstance(argument, Term) for argument in arguments):
-            return compute(operation, *(float(argument) for argument in arguments))  # type: ignore[arg-type]
+        numbers = [argument for argument in arguments if not isinstance(argument, Term)]
+        if operation not in FUNCTIONS and len(numbers) == len(arguments):
+            return compute(operation, *map(float, numbers))
         simpler = _simpler(operation, arguments)
         if simpler is not None:
             return simpler
@@ -211,7 +213,7 @@ class Terms:
             [size, value] if self.interval(value)[0] >= 0 else [size]
             for value, size in zip((top, bottom), magnitudes, strict=True)
         ]
-        if any(self._is_no_larger(one, other) for one in sizes[0] for other in sizes[1]):  # type: ignore[arg-type]
+        if any(self._is_no_larger(one, other) for one in sizes[0] for other in sizes[1]):
             return 1.0
         guarded = self._guarded_quotient(*magnitudes)
         if guarded is not None:
@@ -227,12 +229,12 @@ class Terms:
             if bottom.operation == "sub" and bottom.arguments[1] == 1.0:
                 u = bottom.arguments[0]
                 if isinstance(u, Term) and u is self._seen("add", 1.0, other) and one is self._seen("ln", u):
-                    low, high, _ = self.interval(one)  # type: ignore[arg-type]
+                    low, high, _ = self.interval(top.arguments[0])
                     return 2.0 * max(abs(low), abs(high))
             if bottom.operation == "ln":
                 u = bottom.arguments[0]
                 if isinstance(u, Term) and u is self._seen("exp", other) and one is self._seen("sub", u, 1.0):
-                    low, high, _ = self.interval(one)  # type: ignore[arg-type]
+                    low, high, _ = self.interval(top.arguments[0])
                     return 4.0 * max(abs(low), abs(high))
         return None
 
@@ -243,13 +245,13 @@ class Terms:
                 if truth is (term.operation == "GT") and term.operation in ("GT", "LE") and term.arguments[0] is bottom:
                     product = term.arguments[1]
                     if isinstance(product, Term) and product.operation == "mul" and product.arguments[0] is top:
-                        return (1.0 + 1e-15) / float(product.arguments[1])  # type: ignore[arg-type]
+                        return (1.0 + 1e-15) / float(product.arguments[1])
         return None
 
     def _seen(self, operation: str, *arguments: object) -> Term | None:
         return self._known.get((operation, "real", *map(_name, arguments)))
 
-    def _is_no_larger(self, one: Term | None, other: Term | None) -> bool:
+    def _is_no_larger(self, one: Value | None, other: Value | None) -> bool:
         for name, pair in (("LE", (one, other)), ("LT", (one, other)), ("GE", (other, one)), ("GT", (other, one))):
             for operator, truth in ((name, True), (NEGATED[name], False)):
                 term = self._known.get((operator, "bool", *map(_name, pair)))
@@ -283,9 +285,9 @@ class Terms:
                 if isinstance(value, Term) and value.operation == "if" and not isinstance(number, Term):
                     condition, first, second = value.arguments
                     return self.choice(
-                        condition,  # type: ignore[arg-type]
-                        self.compare(operator, first, number),  # type: ignore[arg-type]
-                        self.compare(operator, second, number),  # type: ignore[arg-type]
+                        condition,
+                        self.compare(operator, first, number),
+                        self.compare(operator, second, number),
                     )
         decided = self._decided(operator, one, other)
         if decided is not None:
@@ -321,7 +323,8 @@ class Terms:
         if not isinstance(value, Term):
             return not value
         if value.operation == "not":
-            return value.arguments[0]  # type: ignore[return-value]
+            inner: Value = value.arguments[0]
+            return inner
         return self._term("not", (value,), "bool")
 
     def both(self, one: Value, other: Value) -> Value:
@@ -389,18 +392,18 @@ class Terms:
                 return layer[value]
         arguments = value.arguments
         if value.operation == "not":
-            inner = self.truth(arguments[0])  # type: ignore[arg-type]
+            inner = self.truth(arguments[0])
             return None if inner is None else not inner
         if value.operation == "and":
             found = []
             for argument in arguments:
-                found.append(self.truth(argument))  # type: ignore[arg-type]
+                found.append(self.truth(argument))
                 if found[-1] is False:
                     return False
             return True if None not in found else None
         if value.operation == "if":
-            condition = self.truth(arguments[0])  # type: ignore[arg-type]
-            sides = [self.truth(argument) for argument in arguments[1:]]  # type: ignore[arg-type]
+            condition = self.truth(arguments[0])
+            sides = [self.truth(argument) for argument in arguments[1:]]
             if condition is not None:
                 return sides[0] if condition else sides[1]
             return sides[0] if sides[0] is sides[1] else None
@@ -409,9 +412,9 @@ class Terms:
             for layer in reversed(self._truths):
                 if negative in layer:
                     return not layer[negative]
-            return self._decided(value.operation, *arguments)  # type: ignore[arg-type]
+            return self._decided(value.operation, *arguments)
         if value.operation == "number":
-            low, high, nan = self.interval(arguments[0])  # type: ignore[arg-type]
+            low, high, nan = self.interval(arguments[0])
             return True if not nan else False if low > high else None
         return None
 
@@ -446,24 +449,24 @@ class Terms:
         self._truths[-1][value] = truth
         arguments = value.arguments
         if value.operation == "not":
-            return self._assume(arguments[0], not truth)  # type: ignore[arg-type]
+            return self._assume(arguments[0], not truth)
         if value.operation == "and":
             if truth:
-                narrowed = [self._assume(argument, True) for argument in arguments]  # type: ignore[arg-type]
+                narrowed = [self._assume(argument, True) for argument in arguments]
                 return all(narrowed)
             for one, other in (arguments, arguments[::-1]):
-                if self.truth(one):  # type: ignore[arg-type]
-                    return self._assume(other, False)  # type: ignore[arg-type]
+                if self.truth(one):
+                    return self._assume(other, False)
         elif value.operation == "if":
             for at, holds in ((1, False), (2, True)):  # a side that cannot be tells the condition
-                if self.truth(arguments[at]) is (not truth):  # type: ignore[arg-type]
-                    return self._assume(arguments[0], holds) and self._assume(arguments[3 - at], truth)  # type: ignore[arg-type]
+                if self.truth(arguments[at]) is (not truth):
+                    return self._assume(arguments[0], holds) and self._assume(arguments[3 - at], truth)
         elif value.operation == "number":
-            low, high, _ = self.interval(arguments[0])  # type: ignore[arg-type]
+            low, high, _ = self.interval(arguments[0])
             ends = (low, high, False) if truth else (math.inf, -math.inf, True)
-            return self._narrow(arguments[0], ends)  # type: ignore[arg-type]
+            return self._narrow(arguments[0], ends)
         elif value.operation in NEGATED:
-            return self._assume_order(value.operation if truth else NEGATED[value.operation], *arguments)  # type: ignore[arg-type]
+            return self._assume_order(value.operation if truth else NEGATED[value.operation], *arguments)
         return True
 
     def _assume_order(self, operator: str, one: Value, other: Value) -> bool:
@@ -487,7 +490,7 @@ class Terms:
         found = cut(self.interval(value), interval)
         self._intervals[-1][value] = found
         if value.operation == "abs":
-            inner: Value = value.arguments[0]  # type: ignore[assignment]
+            inner: Value = value.arguments[0]
             self._narrow(inner, (-found[1], found[1], False))
             if found[0] > 0:
                 self._not_zero(inner, found[0])
@@ -546,7 +549,7 @@ def _facts(operation: str, arguments: tuple[Value, ...]) -> tuple[bool, bool]:
     if operation == "single":
         below = arguments[0]
         # a sum of float32 numbers is zero or a float32 number at least: rounding it makes no zero
-        exact = isinstance(below, Term) and below.operation == "add" and all(map(_is_single, below.arguments))  # type: ignore[arg-type]
+        exact = isinstance(below, Term) and below.operation == "add" and all(map(_is_single, below.arguments))
         return _may_be_minus_zero(below) if exact else True, True
     return True, False
 
@@ -562,8 +565,8 @@ def _largest_of(value: Value) -> set[Value]:
             ("LT", _name(other), _name(one)),
         ):
             break
-        found.add(one)  # type: ignore[arg-type]
-        value = other  # type: ignore[assignment]
+        found.add(one)
+        value = other
     return {*found, value}
 
 
@@ -582,7 +585,7 @@ def _exponent(value: Value) -> tuple[Value, Value] | None:
     if not isinstance(condition, Term) or condition.operation != "GT" or condition.arguments[0] is not apart:
         return None
     cut = condition.arguments[1]
-    return apart.arguments if isinstance(cut, float) and cut < 0 else None  # type: ignore[return-value]
+    return apart.arguments if isinstance(cut, float) and cut < 0 else None
 
 
 def _summands(term: Value) -> list[Value]:
@@ -590,8 +593,8 @@ def _summands(term: Value) -> list[Value]:
     found: list[Value] = []
     while isinstance(term, Term) and term.operation in ("add", "single"):
         if term.operation == "add":
-            found.append(term.arguments[1])  # type: ignore[arg-type]
-        term = term.arguments[0]  # type: ignore[assignment]
+            found.append(term.arguments[1])
+        term = term.arguments[0]
         if isinstance(term, Term) and term.operation == "single" and term.arguments[0] is not None:
             inner = term.arguments[0]
             if not (isinstance(inner, Term) and inner.operation == "add"):

@@ -13,12 +13,13 @@ from functools import cached_property
 from st_codegen.st import tree as t
 from st_codegen.st import walk
 from st_codegen.st.check.check import check
+from st_codegen.st.check.constants import NotConstantError, evaluate
 from st_codegen.st.dialects import IEC
 from st_codegen.st.errors import Problem
 from st_codegen.st.syntax import declarations as d
 from st_codegen.st.syntax.scan import Scanned
 from st_codegen.st.syntax.source import ParsedFiles
-from st_codegen.st.types import LREAL, REAL, ArrayType, Elementary, EnumType, StructType, Type
+from st_codegen.st.types import LREAL, REAL, ArrayType, Elementary, EnumType, Scalar, StructType, Type
 
 SMALLEST_REAL, LARGEST_REAL = 1e-37, 1e37
 #: Functions of REAL that round nothing.
@@ -312,3 +313,27 @@ RULES: tuple[Rule, ...] = (
     self_comparisons,
     rounding,
 )
+
+
+# --- what no generated text has, in whatever dialect: constructs that compilers in use get wrong ---
+
+
+def single_rounds(project: t.Project) -> tuple[Problem, ...]:
+    """Loops from a constant to the same constant, whose body a compiler in use never runs, in the order of the text."""
+    return tuple(sorted(_single_rounds(project)))
+
+
+def _single_rounds(project: t.Project) -> Iterator[Problem]:
+    for pou in project.pous.values():
+        for statement in walk.statements(pou.body):
+            if isinstance(statement, t.For):
+                start, stop = _constant(statement.start), _constant(statement.stop)
+                if start is not None and start == stop:
+                    yield Problem(statement.position, f"a loop from {start} to {stop}: write its body once")
+
+
+def _constant(expression: t.Expression) -> Scalar | None:
+    try:
+        return evaluate(expression)
+    except NotConstantError:
+        return None

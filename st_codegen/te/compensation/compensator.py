@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from st_codegen.emit.blocks.listing import Block, BlockVariable, CodeSection
-from st_codegen.emit.blocks.model import input_variables
+from st_codegen.emit.blocks.model import header_lines, input_variables
 from st_codegen.emit.literals import real
 from st_codegen.te.compensation.codes import TE_ERROR
 from st_codegen.te.compensation.correction import parameters, results, torque_variable
 from st_codegen.te.compensation.parts import (
     LARGEST_INPUT,
     CallArgument,
-    block,
     boolean,
     check,
     lreal,
@@ -25,25 +26,18 @@ IN_RANGE = boolean("bInRange", "no input had to be limited to its declared range
 
 def compensator_block(te: TransmissionError) -> Block:
     """FB_TEPredict and FB_Correction, one after the other."""
-    features = input_variables(te.features)
-    speed = features[te.speed_feature].name
-    given, torque = parameters(te, "0.0005"), torque_variable(te)
-    correction = [
-        *same(["fThetaOut_rad"]),
-        CallArgument("fSpeed_rpm", speed),
-        *(CallArgument(name, f"fbPredict.{name}") for name, _ in set_parts(te)),
-        *same(variable.name for variable in torque),
-        *same(["eSet", *(variable.name for variable in given)]),
-    ]
-    return block(
+    given = parameters(te, "0.0005")
+    return Block(
         "FB_Compensator",
-        (
-            "FB_Compensator: correction of the motor's reference, for one task that does everything",
-            f"Bundle: {te.name}, reduction ratio {real(te.reduction_ratio)}",
-            "Motor reference = reduction ratio * theta_out + fCorrection_deg. The law, and what happens after bad "
-            "inputs, are described in FB_Correction; for two tasks see FB_CompensatorFast.",
+        header_lines(
+            (
+                "FB_Compensator: correction of the motor's reference, for one task that does everything",
+                f"Bundle: {te.name}, reduction ratio {real(te.reduction_ratio)}",
+                "Motor reference = reduction ratio * theta_out + fCorrection_deg. The law, and what happens after bad "
+                "inputs, are described in FB_Correction; for two tasks see FB_CompensatorFast.",
+            )
         ),
-        inputs=(ANGLE, *features, *given),
+        inputs=(ANGLE, *input_variables(te.features), *given),
         outputs=(*results(), IN_RANGE),
         variables=(
             BlockVariable("fbPredict", "FB_TEPredict", comment="harmonics at the operating point"),
@@ -52,8 +46,7 @@ def compensator_block(te: TransmissionError) -> Block:
         ),
         sections=(
             predict_section(te),
-            CodeSection("correction", "te_call", {"instance": "fbCorrection", "arguments": correction}),
-            outputs_section("fbCorrection"),
+            *correction_sections(te, given, "fbPredict"),
         ),
         codes=TE_ERROR.some("NONE", "OPERATING_POINT", "NO_PREDICTION"),
     )
@@ -74,7 +67,17 @@ def predict_section(te: TransmissionError) -> CodeSection:
     return CodeSection("prediction at the operating point", "te_predict", values)
 
 
-def outputs_section(instance: str) -> CodeSection:
-    """Hand on the results of FB_Correction."""
+def correction_sections(te: TransmissionError, given: Iterable[BlockVariable], source: str) -> tuple[CodeSection, ...]:
+    """Call FB_Correction with the set of coefficients in `source` and `eSet`, and hand on its results."""
+    arguments = [
+        *same(["fThetaOut_rad"]),
+        CallArgument("fSpeed_rpm", input_variables(te.features)[te.speed_feature].name),
+        *(CallArgument(name, f"{source}.{name}") for name, _ in set_parts(te)),
+        *same(variable.name for variable in torque_variable(te)),
+        *same(["eSet", *(variable.name for variable in given)]),
+    ]
     names = [variable.name for variable in results()]
-    return CodeSection("outputs", "te_outputs", {"instance": instance, "names": names})
+    return (
+        CodeSection("correction", "te_call", {"instance": "fbCorrection", "arguments": arguments}),
+        CodeSection("outputs", "te_outputs", {"instance": "fbCorrection", "names": names}),
+    )

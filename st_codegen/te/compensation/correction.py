@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from st_codegen.emit.blocks.listing import Block, BlockVariable, CodeSection
-from st_codegen.emit.blocks.model import input_variables
+from st_codegen.emit.blocks.model import header_lines, input_variables
 from st_codegen.emit.literals import real
 from st_codegen.errors import InputError
 from st_codegen.te.compensation.codes import TE_ERROR
@@ -13,7 +13,6 @@ from st_codegen.te.compensation.parts import (
     LARGEST_INPUT,
     SUFFIX,
     Check,
-    block,
     boolean,
     check,
     error_output,
@@ -110,9 +109,9 @@ def correction_block(te: TransmissionError) -> Block:
         raise InputError(f"reduction ratio {te.reduction_ratio}: the compensator takes {_RATIOS[0]} .. {_RATIOS[1]:g}")
     both = len(te.directions) == 2
     names = ["NONE", "ANGLE", "OPERATING_POINT", "CYCLE_TIME", "PARAMETER", *([] if both else ["DIRECTION"])]
-    return block(
+    return Block(
         "FB_Correction",
-        _header(te, both),
+        header_lines(_header(te, both)),
         inputs=(
             lreal("fThetaOut_rad", "angle of the output shaft from its encoder, rad"),
             lreal("fSpeed_rpm", "input speed, its sign is the direction, rpm"),

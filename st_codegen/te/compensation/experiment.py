@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from st_codegen.emit.blocks.listing import Block, BlockVariable, CodeSection
+from st_codegen.emit.blocks.model import header_lines
 from st_codegen.emit.literals import real
 from st_codegen.te.compensation.codes import EXPERIMENT_STATE, TE_ERROR
 from st_codegen.te.compensation.load_torque import LARGEST_TORQUE, LOAD_RATIO
-from st_codegen.te.compensation.parts import LARGEST_ANGLE, Check, block, boolean, check, dint, lreal
+from st_codegen.te.compensation.parts import LARGEST_ANGLE, Check, boolean, check, dint, lreal
 from st_codegen.te.harmonics import TransmissionError
 
 #: Limits of section 2.1: motor of the tested side, motor of the loading side (input speeds, rpm).
@@ -108,9 +109,9 @@ def experiment_block(te: TransmissionError) -> Block:
         "encoders": _encoders(),
         "load_ratio": real(LOAD_RATIO),
     }
-    return block(
+    return Block(
         "FB_Experiment",
-        _header(),
+        header_lines(_header()),
         inputs=inputs(),
         outputs=outputs(),
         variables=_locals(),

@@ -6,9 +6,10 @@ import math
 from dataclasses import dataclass
 
 from st_codegen.emit.blocks.listing import Block, BlockVariable, CodeSection
+from st_codegen.emit.blocks.model import header_lines
 from st_codegen.emit.literals import real
 from st_codegen.te.compensation.addition_chain import ChainLink, addition_chain
-from st_codegen.te.compensation.parts import HARMONICS_TYPE, block, dint, lreal
+from st_codegen.te.compensation.parts import HARMONICS_TYPE, dint, lreal
 from st_codegen.te.harmonics import TransmissionError
 
 #: pi / 2 in three parts: multiples up to 2**30 of the first two are exact in LREAL (23 significant bits each).
@@ -48,17 +49,19 @@ def harmonic_sum_block(te: TransmissionError) -> Block:
     terms = [{"index": index, "order": order} for index, order in enumerate(te.orders)]
     largest = max(te.orders)
     chain = ", ".join(map(str, numbers))
-    return block(
+    return Block(
         "FB_HarmonicSum",
-        (
-            "FB_HarmonicSum: sum over k of aCosine[k] * cos(k * theta) - aSine[k] * sin(k * theta)",
-            f"Orders: {', '.join(map(str, te.orders))}",
-            "cos and sin of theta give those of all multiples by complex multiplication along an addition chain:",
-            f"Chain: {chain}",
-            f"Cost: 1 COS, 1 SIN, {len(cost.chain)} complex multiplications; in all {cost.multiplications} "
-            f"multiplications and {cost.additions} additions of LREAL.",
-            f"Error of each cosine and sine: below k * 4.0E-16, {largest * 4e-16:.1E} for order {largest}.",
-            "The angle is reduced to -pi/4 .. pi/4 first, so that many turns cost no accuracy.",
+        header_lines(
+            (
+                "FB_HarmonicSum: sum over k of aCosine[k] * cos(k * theta) - aSine[k] * sin(k * theta)",
+                f"Orders: {', '.join(map(str, te.orders))}",
+                "cos and sin of theta give those of all multiples by complex multiplication along an addition chain:",
+                f"Chain: {chain}",
+                f"Cost: 1 COS, 1 SIN, {len(cost.chain)} complex multiplications; in all {cost.multiplications} "
+                f"multiplications and {cost.additions} additions of LREAL.",
+                f"Error of each cosine and sine: below k * 4.0E-16, {largest * 4e-16:.1E} for order {largest}.",
+                "The angle is reduced to -pi/4 .. pi/4 first, so that many turns cost no accuracy.",
+            )
         ),
         inputs=(
             lreal("fTheta_rad", "angle of the output shaft, within +-1.0E9 rad"),

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from st_codegen.emit.blocks.listing import Block, CodeSection
+from st_codegen.emit.blocks.model import header_lines
 from st_codegen.emit.literals import real
 from st_codegen.te.compensation.codes import TE_ERROR
-from st_codegen.te.compensation.parts import block, boolean, check, error_output, lreal
+from st_codegen.te.compensation.parts import boolean, check, error_output, lreal
 
 #: Ratio of the loading side's reducer, and the largest torque that the torque meter at the slow shaft stands [N m].
 LOAD_RATIO = 156.0
@@ -21,13 +22,15 @@ def load_torque_block() -> Block:
         check("fCycle_s", 1e-6, 1.0, TE_ERROR["CYCLE_TIME"], "fCycle"),
         check("fTorque_Nm", -1e9, 1e9, TE_ERROR["LOAD_TORQUE"]),
     )
-    return block(
+    return Block(
         "FB_LoadTorque",
-        (
-            "FB_LoadTorque: torque of the loading motor for a torque at the slow shaft",
-            f"Reduction ratio of the loading side {real(LOAD_RATIO)}; losses of its reducer are not modelled.",
-            "The torque never exceeds its limit and changes at most at its rate. After bad inputs, and without "
-            "bEnable, it goes down to zero at that rate.",
+        header_lines(
+            (
+                "FB_LoadTorque: torque of the loading motor for a torque at the slow shaft",
+                f"Reduction ratio of the loading side {real(LOAD_RATIO)}; losses of its reducer are not modelled.",
+                "The torque never exceeds its limit and changes at most at its rate. After bad inputs, and without "
+                "bEnable, it goes down to zero at that rate.",
+            )
         ),
         inputs=(
             lreal("fTorque_Nm", "wanted torque at the slow shaft, N m"),

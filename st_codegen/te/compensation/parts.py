@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from st_codegen.emit.blocks.listing import Block, BlockVariable, Code, CodeSection
 from st_codegen.emit.blocks.model import header_lines
 from st_codegen.emit.literals import real
-from st_codegen.errors import InputError
 from st_codegen.te.compensation.codes import TE_ERROR
 from st_codegen.te.harmonics import Direction, TransmissionError
 
@@ -81,43 +80,6 @@ def error_output() -> BlockVariable:
     return BlockVariable("eError", TE_ERROR.type, comment="NONE, or why bValid is FALSE")
 
 
-def block(  # noqa: PLR0913 - the parts of a block
-    name: str,
-    header: Sequence[str],
-    *,
-    inputs: Sequence[BlockVariable] = (),
-    outputs: Sequence[BlockVariable] = (),
-    in_outs: Sequence[BlockVariable] = (),
-    variables: Sequence[BlockVariable] = (),
-    constants: Sequence[BlockVariable] = (),
-    sections: Sequence[CodeSection] = (),
-    codes: Sequence[Code] = (),
-    kind: str = "FUNCTION_BLOCK",
-    result: str = "",
-    needs_globals: bool = False,
-) -> Block:
-    """A block. Raises InputError where two of its variables would have one name, as a feature and an output may."""
-    taken: dict[str, str] = {}
-    for variable in (*inputs, *outputs, *in_outs, *variables, *constants):
-        if variable.name.lower() in taken:
-            raise InputError(f"{name} would have two variables called {variable.name}: rename the feature")
-        taken[variable.name.lower()] = variable.name
-    return Block(
-        name=name,
-        header=header_lines(header),
-        inputs=tuple(inputs),
-        outputs=tuple(outputs),
-        in_outs=tuple(in_outs),
-        variables=tuple(variables),
-        constants=tuple(constants),
-        sections=tuple(sections),
-        codes=tuple(codes),
-        kind=kind,
-        result=result,
-        needs_globals=needs_globals,
-    )
-
-
 def set_parts(te: TransmissionError) -> list[tuple[str, str]]:
     """Names and meanings of a set of coefficients: the two parts of every harmonic, for each direction."""
     return [
@@ -134,11 +96,13 @@ def set_variables(te: TransmissionError) -> tuple[BlockVariable, ...]:
 
 def within_function() -> Block:
     """F_IsWithin: the only comparison that the blocks make with a number that may be none."""
-    return block(
+    return Block(
         "F_IsWithin",
-        (
-            "F_IsWithin: TRUE for a number within fLower .. fUpper; FALSE for what is no number.",
-            "NaN is recognised before anything is compared with it.",
+        header_lines(
+            (
+                "F_IsWithin: TRUE for a number within fLower .. fUpper; FALSE for what is no number.",
+                "NaN is recognised before anything is compared with it.",
+            )
         ),
         inputs=(
             lreal("fValue", "any 64 bits"),

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from st_codegen.emit.blocks.listing import Block, BlockVariable, CodeSection
-from st_codegen.emit.blocks.model import block_name, feature_text, input_variables
+from st_codegen.emit.blocks.model import block_name, feature_text, header_lines, input_variables
 from st_codegen.emit.literals import real
-from st_codegen.te.compensation.parts import HARMONICS_TYPE, SUFFIX, block, boolean, lreal, set_variables
+from st_codegen.te.compensation.parts import HARMONICS_TYPE, SUFFIX, boolean, lreal, set_variables
 from st_codegen.te.harmonics import AxisCorrection, Direction, Quantity, TransmissionError
 
 
@@ -24,9 +24,9 @@ def predict_block(te: TransmissionError) -> Block:
         for direction in te.directions
         for number in range(len(te.orders))
     ]
-    return block(
+    return Block(
         "FB_TEPredict",
-        _header(te),
+        header_lines(_header(te)),
         inputs=inputs,
         outputs=_outputs(te),
         variables=(

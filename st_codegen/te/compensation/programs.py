@@ -7,12 +7,12 @@ from collections.abc import Iterable
 
 from st_codegen.emit.blocks.application import GlobalList, Task
 from st_codegen.emit.blocks.listing import Block, BlockVariable, CodeSection
-from st_codegen.emit.blocks.model import input_variables
+from st_codegen.emit.blocks.model import header_lines, input_variables
 from st_codegen.emit.literals import real
 from st_codegen.te.compensation import experiment
 from st_codegen.te.compensation.compensator import ANGLE, IN_RANGE
 from st_codegen.te.compensation.correction import SIGNED_LOAD, parameters, results, torque_variable
-from st_codegen.te.compensation.parts import CallArgument, block, lreal
+from st_codegen.te.compensation.parts import CallArgument, lreal
 from st_codegen.te.compensation.two_tasks import AGE_LIMIT, EXCHANGE, fast_results
 from st_codegen.te.harmonics import TransmissionError
 
@@ -116,12 +116,14 @@ def cycle_constant(microseconds: int) -> BlockVariable:
 def main_program(te: TransmissionError) -> Block:
     """PRG_Main: everything in one task."""
     arguments = [*_given(_names(compensation_inputs(te))), CallArgument("fCycle_s", "CYCLE_S")]
-    return block(
+    return Block(
         "PRG_Main",
-        (
-            "PRG_Main: prediction and correction in one task",
-            f"Bundle: {te.name}",
-            "To be called by one task with the cycle time CYCLE_S, in place of PRG_Fast and PRG_Slow.",
+        header_lines(
+            (
+                "PRG_Main: prediction and correction in one task",
+                f"Bundle: {te.name}",
+                "To be called by one task with the cycle time CYCLE_S, in place of PRG_Fast and PRG_Slow.",
+            )
         ),
         inputs=compensation_inputs(te),
         outputs=compensation_outputs(),
@@ -138,12 +140,14 @@ def main_program(te: TransmissionError) -> Block:
 def slow_program(te: TransmissionError) -> Block:
     """PRG_Slow, which runs the models in the slow task."""
     arguments = [*_given(_names(input_variables(te.features))), *_given([EXCHANGE.name])]
-    return block(
+    return Block(
         "PRG_Slow",
-        (
-            "PRG_Slow: coefficients at the operating point, for PRG_Fast",
-            f"Bundle: {te.name}",
-            "To be called by the slow task; one that is late or stops lets the correction of PRG_Fast fade out.",
+        header_lines(
+            (
+                "PRG_Slow: coefficients at the operating point, for PRG_Fast",
+                f"Bundle: {te.name}",
+                "To be called by the slow task; one that is late or stops lets the correction of PRG_Fast fade out.",
+            )
         ),
         variables=(BlockVariable("fbSlow", "FB_CompensatorSlow", comment="models"),),
         sections=(_call("fbSlow", arguments, "coefficients"),),
@@ -164,12 +168,14 @@ def fast_program(te: TransmissionError) -> Block:
         EXCHANGE.name,
     ]
     outputs = [*_names(compensation_outputs()), *_names(fast_results())]
-    return block(
+    return Block(
         "PRG_Fast",
-        (
-            "PRG_Fast: correction from the coefficients of PRG_Slow",
-            f"Bundle: {te.name}",
-            "To be called by the fast task with the cycle time CYCLE_S, in place of PRG_Main.",
+        header_lines(
+            (
+                "PRG_Fast: correction from the coefficients of PRG_Slow",
+                f"Bundle: {te.name}",
+                "To be called by the fast task with the cycle time CYCLE_S, in place of PRG_Main.",
+            )
         ),
         variables=(BlockVariable("fbFast", "FB_CompensatorFast", comment="harmonic sum and correction"),),
         constants=(cycle_constant(FAST_US),),
@@ -190,12 +196,14 @@ def experiment_program() -> Block:
         CallArgument("bEnable", "fbExperiment.bLoadEnable"),
         cycle,
     ]
-    return block(
+    return Block(
         "PRG_Experiment",
-        (
-            "PRG_Experiment: measurements of the transmission error, and the torque of the loading side",
-            "To be called by a task with the cycle time CYCLE_S. While bBusy is TRUE the motor follows "
-            "fMotorSpeed_rpm, without correction.",
+        header_lines(
+            (
+                "PRG_Experiment: measurements of the transmission error, and the torque of the loading side",
+                "To be called by a task with the cycle time CYCLE_S. While bBusy is TRUE the motor follows "
+                "fMotorSpeed_rpm, without correction.",
+            )
         ),
         inputs=experiment_inputs(),
         outputs=experiment_outputs(),

@@ -10,8 +10,9 @@ import dataclasses
 
 from st_codegen.emit.blocks.application import Application, GlobalList
 from st_codegen.emit.blocks.listing import Block, BlockVariable, CodeSection
+from st_codegen.emit.blocks.model import header_lines
 from st_codegen.te.compensation.codes import EXPERIMENT_STATE
-from st_codegen.te.compensation.parts import block, boolean, dint, lreal
+from st_codegen.te.compensation.parts import boolean, dint, lreal
 from st_codegen.te.compensation.programs import EXPERIMENT_SIGNALS, SLOW_US, cycle_constant
 
 LIST, PROGRAM = "GVL_Record", "PRG_Record"
@@ -62,13 +63,15 @@ def _signals() -> GlobalList:
 
 
 def _program() -> Block:
-    return block(
+    return Block(
         PROGRAM,
-        (
-            f"{PROGRAM}: keeps the samples of a measurement for st-codegen record",
-            "To be called after PRG_Experiment by the same task.",
-            "A measurement whose client is silent for fAliveTimeOut_s is aborted, so that nothing goes on moving when "
-            "a connection is lost.",
+        header_lines(
+            (
+                f"{PROGRAM}: keeps the samples of a measurement for st-codegen record",
+                "To be called after PRG_Experiment by the same task.",
+                "A measurement whose client is silent for fAliveTimeOut_s is aborted, so that nothing goes on moving "
+                "when a connection is lost.",
+            )
         ),
         variables=(
             dint("nLeft", "cycles until the next sample"),

@@ -9,20 +9,17 @@ from __future__ import annotations
 
 from st_codegen.emit.blocks.application import Structure
 from st_codegen.emit.blocks.listing import Block, BlockVariable, CodeSection
-from st_codegen.emit.blocks.model import input_variables
+from st_codegen.emit.blocks.model import header_lines, input_variables
 from st_codegen.emit.literals import real
 from st_codegen.te.compensation.codes import TE_ERROR
-from st_codegen.te.compensation.compensator import ANGLE, IN_RANGE, outputs_section, predict_section
+from st_codegen.te.compensation.compensator import ANGLE, IN_RANGE, correction_sections, predict_section
 from st_codegen.te.compensation.correction import parameters, results, torque_variable
 from st_codegen.te.compensation.parts import (
-    CallArgument,
-    block,
     boolean,
     check,
     dint,
     lreal,
     order_index,
-    same,
     set_parts,
     set_variables,
 )
@@ -66,19 +63,21 @@ def exchange_structure() -> Structure:
 def slow_block(te: TransmissionError) -> Block:
     """FB_CompensatorSlow: coefficients at the operating point, handed to the fast task."""
     values = {"names": [name for name, _ in set_parts(te)], "last": len(te.orders) - 1}
-    return block(
+    return Block(
         "FB_CompensatorSlow",
-        (
-            "FB_CompensatorSlow: coefficients at the operating point, for FB_CompensatorFast in another task",
-            f"Bundle: {te.name}",
-            "Writes the buffer that is not read, and publishes its number when the set is whole. This relies on "
-            "stores of aligned numbers of 32 and 64 bits being whole and in order, as on x86.",
-            "A set is published with every call, also one that says why it must not be used.",
+        header_lines(
+            (
+                "FB_CompensatorSlow: coefficients at the operating point, for FB_CompensatorFast in another task",
+                f"Bundle: {te.name}",
+                "Writes the buffer that is not read, and publishes its number when the set is whole. This relies on "
+                "stores of aligned numbers of 32 and 64 bits being whole and in order, as on x86.",
+                "A set is published with every call, also one that says why it must not be used.",
+            )
         ),
         inputs=input_variables(te.features),
         outputs=(
             boolean("bValid", "the set may be used"),
-            error_output_of_set(),
+            BlockVariable("eError", TE_ERROR.type, comment="NONE, or why the set must not be used"),
             IN_RANGE,
         ),
         in_outs=(EXCHANGE,),
@@ -98,11 +97,6 @@ def slow_block(te: TransmissionError) -> Block:
     )
 
 
-def error_output_of_set() -> BlockVariable:
-    """The error code of the set that was published."""
-    return BlockVariable("eError", TE_ERROR.type, comment="NONE, or why the set must not be used")
-
-
 def fast_results() -> tuple[BlockVariable, ...]:
     """What the fast task knows of the exchange."""
     return (
@@ -113,16 +107,8 @@ def fast_results() -> tuple[BlockVariable, ...]:
 
 def fast_block(te: TransmissionError) -> Block:
     """FB_CompensatorFast: correction from the newest whole set."""
-    given, torque = parameters(te, "0.00025"), torque_variable(te)
+    given = parameters(te, "0.00025")
     names = [name for name, _ in set_parts(te)]
-    speed = input_variables(te.features)[te.speed_feature]
-    arguments = [
-        *same(["fThetaOut_rad"]),
-        CallArgument("fSpeed_rpm", speed.name),
-        *(CallArgument(name, f"stUsed.{name}") for name in names),
-        *same(variable.name for variable in torque),
-        *same(["eSet", *(variable.name for variable in given)]),
-    ]
     values = {
         "names": names,
         "last": len(te.orders) - 1,
@@ -131,20 +117,22 @@ def fast_block(te: TransmissionError) -> Block:
         "limit": real(_LARGEST_PART),
         **{name.lower(): TE_ERROR[name] for name in ("NOT_READY", "STALE", "PARAMETER", "NO_PREDICTION")},
     }
-    return block(
+    return Block(
         "FB_CompensatorFast",
-        (
-            "FB_CompensatorFast: correction of the motor's reference from the coefficients of FB_CompensatorSlow",
-            f"Bundle: {te.name}, reduction ratio {real(te.reduction_ratio)}",
-            "Motor reference = reduction ratio * theta_out + fCorrection_deg. The law, and what happens after bad "
-            "inputs, are described in FB_Correction.",
-            "A set that the slow task changed while it was copied is left alone: the last whole one stays in use, "
-            "until it is older than fAgeLimit_s.",
+        header_lines(
+            (
+                "FB_CompensatorFast: correction of the motor's reference from the coefficients of FB_CompensatorSlow",
+                f"Bundle: {te.name}, reduction ratio {real(te.reduction_ratio)}",
+                "Motor reference = reduction ratio * theta_out + fCorrection_deg. The law, and what happens after bad "
+                "inputs, are described in FB_Correction.",
+                "A set that the slow task changed while it was copied is left alone: the last whole one stays in use, "
+                "until it is older than fAgeLimit_s.",
+            )
         ),
         inputs=(
             ANGLE,
-            speed,
-            *torque,
+            input_variables(te.features)[te.speed_feature],
+            *torque_variable(te),
             *given,
             AGE_LIMIT,
         ),
@@ -165,8 +153,7 @@ def fast_block(te: TransmissionError) -> Block:
         sections=(
             CodeSection("newest set, copied and checked", "te_receive", values),
             CodeSection("age of the set", "te_age", values),
-            CodeSection("correction", "te_call", {"instance": "fbCorrection", "arguments": arguments}),
-            outputs_section("fbCorrection"),
+            *correction_sections(te, given, "stUsed"),
         ),
         codes=TE_ERROR.some("PARAMETER", "NO_PREDICTION", "NOT_READY", "STALE"),
     )

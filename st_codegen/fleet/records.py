@@ -1,10 +1,13 @@
-"""SHA-256 of what decides a result, by which it is known to be done."""
+"""What is kept of work on a fleet: SHA-256 of what decides a result, by which it is known to be done, and failures."""
 
 from __future__ import annotations
 
+import csv
 import hashlib
 import json
 from pathlib import Path
+
+from st_codegen.errors import StCodegenError
 
 #: What else decides results beside the version of st-codegen.
 LIBRARIES = ("numpy", "scipy", "scikit-learn", "lightgbm", "xgboost-cpu", "skops", "onnx", "skl2onnx", "polars")
@@ -30,3 +33,12 @@ def file_hashes(folder: Path, place: str) -> dict[str, str]:
             with path.open("rb") as file:
                 found[path.relative_to(root).as_posix()] = hashlib.file_digest(file, "sha256").hexdigest()
     return found
+
+
+def failure(error: Exception) -> tuple[str, bool]:
+    """What went wrong, and whether it is a defect of ours: nothing that a user can mend."""
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}", False
+    if isinstance(error, StCodegenError | OSError | UnicodeError | csv.Error | MemoryError | RecursionError):
+        return str(error) or type(error).__name__, False
+    return f"a defect of st-codegen: {type(error).__name__}: {error}", True
