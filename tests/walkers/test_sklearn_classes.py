@@ -131,7 +131,6 @@ def test_a_row_on_the_border_is_open_and_not_wrong(tmp_path):
     ("estimator", "y", "message"),
     [
         (linear_model.RidgeClassifier(), np.column_stack([TWO, ~TWO, THREE > 0]).astype(int), "train one for each"),
-        (MLPClassifier((2,), max_iter=5), np.column_stack([TWO, ~TWO]).astype(int), "train one for each"),
         (neighbors.NearestCentroid(metric="manhattan"), TWO, "metric='manhattan'"),
         (svm.SVC(kernel="precomputed"), TWO, "kernel=precomputed"),
     ],
@@ -140,6 +139,34 @@ def test_what_is_not_supported_says_so(estimator, y, message):
     x = X @ X.T if getattr(estimator, "kernel", "") == "precomputed" else X
     with pytest.raises(UnsupportedModelError, match=message):
         loaded(fit(estimator, x, y))
+
+
+def test_a_network_of_several_labels_a_row(tmp_path):
+    labels = np.column_stack([TWO, THREE > 1, X[:, 1] > 0]).astype(int)
+    model = loaded(fit(MLPClassifier((4,), max_iter=60, random_state=0), X, labels))
+    assert np.array_equal(model.predict(X), reference.evaluate(model.ir, X))
+    assert np.all(np.ptp(model.predict(X), axis=0) == 1)
+    verified(model, tmp_path, rows=300)
+
+
+def test_categories_are_cut_to_integers_and_others_have_no_answer(tmp_path):
+    codes = np.column_stack([np.digitize(X[:, 0], [-1, 0, 1]), np.digitize(X[:, 1], [0, 3]), X[:, 2] > 0]).astype(int)
+    whole = fit(naive_bayes.CategoricalNB(min_categories=[5, 3, 2]), codes, WORDS)
+    model = loaded(whole)
+    verified(model, tmp_path, rows=300)
+    near = [
+        near for code in range(-1, 7) for near in (code, np.nextafter(code, 9.0), np.nextafter(code, -9.0), code + 0.5)
+    ]
+    near += [-0.0, 5e-324, -5e-324, 1e18, 1e19, 1e300, -1e300]
+    rows = np.vstack([np.tile(np.eye(3)[place] * value, (2, 1)) for place in range(3) for value in near])
+    found, bound = reference.evaluate(model.ir, rows), bounds.difference_bound(model.ir, rows)
+    for row, answer, off in zip(rows, found, bound, strict=True):
+        if np.isnan(answer).any():
+            with pytest.raises((ValueError, IndexError)):
+                whole.predict(row[None])
+        else:
+            assert np.all(np.abs(model.predict(row[None])[0] - answer) <= off)
+    assert 0.2 < np.isnan(found[:, 0]).mean() < 0.8
 
 
 def test_probabilities_are_given_where_the_library_gives_them():

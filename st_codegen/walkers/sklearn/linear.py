@@ -5,7 +5,9 @@ They add products through BLAS, whose order is not specified: equal within the b
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+from functools import reduce
 
 import numpy as np
 
@@ -14,6 +16,7 @@ from st_codegen.ir import Exceeds, FloatArray, Precision
 from st_codegen.walkers.base import Classified, GraphBuilder, walk_estimator, walks
 from st_codegen.walkers.classes import above, complement, labels_of, largest, softmax, whole_sums
 from st_codegen.walkers.fitted import SPARSE, Fitted
+from st_codegen.walkers.sklearn.pieces import add_pieces
 
 
 def _weighted_sum(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
@@ -45,7 +48,7 @@ def walk_linear(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
 
 @walks(
     "PoissonRegressor GammaRegressor TweedieRegressor",
-    trusts=("sklearn._loss.loss.HalfTweedieLossIdentity",),
+    trusts=("sklearn._loss.loss.HalfTweedieLoss", "sklearn._loss.loss.HalfTweedieLossIdentity"),
     single=True,
 )
 def walk_generalized(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
@@ -153,6 +156,26 @@ def walk_discrete_bayes(fitted: Fitted, builder: GraphBuilder, value: int) -> Cl
         constant = np.zeros(len(weights))
     total = builder.linear(value, weights)
     return _most_likely(fitted, builder, builder.scale(total, "+", constant))
+
+
+@walks("CategoricalNB", finite=True)
+def walk_categorical_bayes(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
+    """Logarithms of shares, added feature by feature, then those of the classes (`naive_bayes.py: CategoricalNB`).
+
+    The library cuts numbers to integers, so that all above -1 are the category 0; it raises for categories that the
+    training did not have.
+    """
+    prior, parts = fitted.floats("class_log_prior_", (None,)), []
+    for number, given in enumerate(fitted.items("feature_log_prob_", builder.width(value))):
+        shares = fitted.floats_of(f"feature_log_prob_[{number}]", given, (len(prior), None))
+        knots = np.array([-1.0, *range(1, shares.shape[1] + 1)])
+        columns = []
+        for own in shares:
+            between = np.array([math.inf, *own, math.inf])
+            columns.append((knots, np.delete(between, 1), between[:, None], math.nan))
+        parts.append(add_pieces(builder, builder.select(np.full(len(prior), number), value), columns))
+    total = reduce(lambda one, other: builder.combine(one, "+", other), parts)
+    return _most_likely(fitted, builder, builder.scale(total, "+", prior))
 
 
 @walks("QuadraticDiscriminantAnalysis", finite=True, double="scalings_")
