@@ -8,7 +8,18 @@ import pytest
 from onnx import AttributeProto, helper
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import FLOAT32_OVERFLOW, Activation, Linear, Normalize, Precision, Round, Scale, Select, reference
+from st_codegen.ir import (
+    FLOAT32_OVERFLOW,
+    Activation,
+    Linear,
+    Normalize,
+    Precision,
+    Round,
+    Scale,
+    Select,
+    SlidingLinear,
+    reference,
+)
 from tests.walkers import onnx_builders as build
 from tests.walkers.onnx_builders import (
     DOUBLE,
@@ -129,14 +140,33 @@ def test_matmul_with_constants_on_either_side(tmp_path, elem_type):
         ((3,), (4, 3), True),
         ((1, 3, 1), (4, 3), True),
         ((1, 3, 1), (3,), True),
+        ((3,), (2, 3, 4), False),
+        ((2, 2, 3), (3,), False),
+        ((1, 2, 2, 3), (3,), False),
     ):
         names = ["W", "X"] if reverse else ["X", "W"]
         node = helper.make_node("MatMul", names, ["Y"])
         constants = [constant("W", rng.normal(size=weights), dtype)]
         model = graph_model([node], [info("X", shape, elem_type)], [info("Y", None, elem_type)], constants)
         loaded = build.load(model, tmp_path)
-        assert isinstance(loaded.ir.ops[-1], Linear)
-        assert_within_bound(loaded, rows(3))
+        assert isinstance(loaded.ir.ops[-1], Linear | SlidingLinear)
+        assert_within_bound(loaded, rows(len(loaded.ir.features)))
+
+
+@pytest.mark.parametrize("shapes", [((3,), (3,)), ((3,), (3, 2)), ((2, 3), (3,)), ((1, 2, 2, 3), (3,))])
+def test_matmul_of_computed_vectors(tmp_path, shapes):
+    """The first one of numpy.matmul: a vector is a row on the left, a column on the right."""
+    left, right = shapes
+    nodes = [
+        helper.make_node("Split", ["X", "sizes"], ["A", "B"], axis=1),
+        helper.make_node("Reshape", ["A", "left"], ["L"]),
+        helper.make_node("Reshape", ["B", "right"], ["R"]),
+        helper.make_node("MatMul", ["L", "R"], ["Y"]),
+    ]
+    sizes = [int(np.prod(shape)) for shape in shapes]
+    given = [constant(name, list(to), np.int64) for name, to in (("sizes", sizes), ("left", left), ("right", right))]
+    model = graph_model(nodes, [info("X", (1, sum(sizes)))], [info("Y", None)], given)
+    assert_within_bound(build.load(model, tmp_path), rows(sum(sizes)))
 
 
 def test_layers_of_a_network(tmp_path):
