@@ -370,8 +370,8 @@ def test_opsets_are_those_of_the_schemas(tmp_path):
 
     legacy = {"Gemm": 6, "Add": 6, "Sub": 6, "Mul": 6, "Div": 6, "Dropout": 6, "Sum": 6, "Reshape": 1, "MatMul": 1}
     legacy |= {"Clip": 1, "Tanh": 1, "Relu": 1, "Sigmoid": 1, "LeakyRelu": 1, "Elu": 1, "Exp": 1, "Neg": 1}
-    legacy |= {"Cast": 1, "Concat": 1, "Max": 6, "Min": 6, "PRelu": 6}
-    names = "Abs And Equal Greater HardSigmoid Less Log Or Pow Reciprocal Selu Split Sqrt LabelEncoder"
+    legacy |= {"Cast": 1, "Concat": 1, "Max": 6, "Mean": 6, "Min": 6, "PRelu": 6}
+    names = "Abs And Equal Greater HardSigmoid Less Log Or Pow Reciprocal Selu Split Sqrt Tile Xor LabelEncoder"
     legacy |= dict.fromkeys(names.split(), 1)
     legacy |= {"Pad": 1, "TopK": 1, "InstanceNormalization": 1, "BatchNormalization": 6, "RNN": 1, "LSTM": 1, "GRU": 3}
     known: dict[tuple[str, str], set[int]] = {}

@@ -133,7 +133,7 @@ def _size(call: NodeCall) -> Operand:
     return ConstantOperand(np.array(math.prod(call.required().shape), np.int64))
 
 
-@operator("Range", 11)
+@operator("Range", 11, 27)
 def _range(call: NodeCall) -> Operand:
     ends = [call.constant(number, "an end of a range") for number in range(3)]
     if any(end is None or end.size != 1 or end.dtype.kind != "i" for end in ends):
