@@ -59,6 +59,8 @@ EXACT = {
     "boosted, three": (ensemble.AdaBoostClassifier(tree(2), n_estimators=5, random_state=0), WORDS),
     "rest of trees": (multiclass.OneVsRestClassifier(tree(3)), WORDS),
     "isolation": (ensemble.IsolationForest(n_estimators=12, max_samples=40, random_state=0), None),
+    "isolation of some features": (ensemble.IsolationForest(n_estimators=9, max_features=2, random_state=0), None),
+    "isolation of one feature": (ensemble.IsolationForest(n_estimators=9, max_features=1, random_state=0), None),
     "isolation, contamination": (ensemble.IsolationForest(n_estimators=8, contamination=0.2, random_state=1), None),
     "bagged regressors": (ensemble.BaggingRegressor(grown(4), 4, max_features=2, random_state=0), SCORE),
     "most frequent": (
@@ -213,8 +215,6 @@ def test_the_text_of_compositions(name, tmp_path):
             2 + LABELS,
             "encode them as 0, 1, ..",
         ),
-        (ensemble.IsolationForest(n_estimators=3, max_features=1), None, "max_features below 1"),
-        (multiclass.OneVsRestClassifier(tree()), np.column_stack([TWO, ~TWO, TWO]).astype(int), "several labels a row"),
     ],
 )
 def test_what_is_not_supported_says_so(estimator, y, message):

@@ -26,15 +26,19 @@ def walk_isolation_forest(fitted: Fitted, builder: GraphBuilder, value: int) -> 
     """
     trees = fitted.items("estimators_")
     width, count = builder.width(value), len(trees)
+    columns = None
     if fitted.integer("_max_features", 1, width) != width:
-        raise UnsupportedModelError("IsolationForest with max_features below 1: train it on all features")
+        columns = [
+            fitted.integers_of("estimators_features_", part, (None,), low=0, high=width - 1)
+            for part in fitted.items("estimators_features_", count)
+        ]
     paths = [np.asarray(path, np.float64) for path in fitted.items("_decision_path_lengths", count)]
     usual = [np.asarray(path, np.float64) for path in fitted.items("_average_path_length_per_tree", count)]
     for tree, path, mean in zip(trees, paths, usual, strict=True):
         if path.shape != (tree.tree_.node_count,) or mean.shape != path.shape:
             raise fitted.fail("_decision_path_lengths", "not one number a node")
     leaves = [(path + mean - 1.0)[:, None] for path, mean in zip(paths, usual, strict=True)]
-    depth = add_float32_trees(builder, value, trees, fitted, TreeSum(leaves=leaves))
+    depth = add_float32_trees(builder, value, trees, fitted, TreeSum(leaves=leaves, columns=columns))
     unit, offset = count * _usual_length(fitted.integer("_max_samples", 1, 2**53)), fitted.number("offset_")
     longest = sum(float(np.max(lengths)) for lengths in leaves)
     if not unit > 0.0 or longest * math.log(2.0) > 8.0 * unit:

@@ -18,6 +18,7 @@ from st_codegen.walkers.base import (
     Classified,
     Estimated,
     GraphBuilder,
+    Walked,
     walk_any,
     walk_classifier,
     walk_estimator,
@@ -194,16 +195,19 @@ def walk_ada_boost_regressor(fitted: Fitted, builder: GraphBuilder, value: int) 
 
 
 @walks("OneVsRestClassifier", trusts=("sklearn.multiclass._ConstantPredictor",), single=True)
-def walk_one_vs_rest(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
-    """The first (or last) of the largest scores, one a class; of two classes the second beyond the threshold."""
+def walk_one_vs_rest(fitted: Fitted, builder: GraphBuilder, value: int) -> Walked:
+    """The first (or last) of the largest scores, one a class; of two classes the second beyond the threshold.
+
+    Of several labels a row: 1 for each whose score lies beyond it.
+    """
     parts = fitted.items("estimators_")
     binarizer = Fitted(fitted.get("label_binarizer_"))
     labels = labels_of(binarizer)
-    if str(binarizer.get("y_type_")).startswith("multilabel"):
-        raise UnsupportedModelError("OneVsRestClassifier with several labels a row: train one for each of them")
     scores = [_response(walk_classifier(part, builder, value), part, builder) for part in parts]
+    cut = 0.0 if hasattr(parts[0], "decision_function") else 0.5
+    if binarizer.get("y_type_") == "multilabel-indicator":
+        return above(builder, builder.beside(*scores), cut)
     if len(parts) == 1:
-        cut = 0.0 if hasattr(parts[0], "decision_function") else 0.5
         return Classified(labels, above(builder, scores[0], cut))
     if _chosen_of_equal(fitted.estimator, builder.width(value)) == labels[0]:
         return Classified(labels, largest(builder, builder.beside(*scores)))

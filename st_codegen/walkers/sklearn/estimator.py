@@ -20,6 +20,8 @@ from st_codegen.walkers.base import (
     LoadedModel,
     Predictor,
     Walked,
+    is_known,
+    unsupported,
     walk_any,
 )
 from st_codegen.walkers.classes import numbers_of
@@ -90,7 +92,12 @@ def _features(estimator: Any) -> tuple[Feature, ...]:
     if count is None and hasattr(estimator, "X_thresholds_"):  # IsotonicRegression takes one column and does not say so
         count = 1
     if count is None:
-        raise InputError(f"{type(estimator).__name__} is not fitted: call fit() before saving it")
+        package, name = type(estimator).__module__.partition(".")[0], type(estimator).__name__
+        if not is_known(package, name):
+            raise unsupported(package, name)
+        if not _is_fitted(estimator):
+            raise InputError(f"{name} is not fitted: call fit() before saving it")
+        raise InputError(f"{name} does not say how many features it takes: fit it on numbers, with a kernel of sklearn")
     if not isinstance(count, int | np.integer) or not 1 <= count <= MAX_COLUMNS:
         raise InputError(f"{type(estimator).__name__}.n_features_in_: {str(count)[:40]}, expected 1 .. {MAX_COLUMNS}")
     names = _first(estimator, "feature_names_in_")
@@ -99,6 +106,17 @@ def _features(estimator: Any) -> tuple[Feature, ...]:
     if not isinstance(names, np.ndarray) or names.shape != (count,) or not all(isinstance(n, str) for n in names):
         raise InputError(f"{type(estimator).__name__}.feature_names_in_: not {count} texts")
     return tuple(Feature(str(name)) for name in names)
+
+
+def _is_fitted(estimator: Any) -> bool:
+    from sklearn.exceptions import NotFittedError
+    from sklearn.utils.validation import check_is_fitted
+
+    try:
+        check_is_fitted(estimator)
+    except NotFittedError:
+        return False
+    return True
 
 
 def _first(estimator: Any, attribute: str) -> Any:

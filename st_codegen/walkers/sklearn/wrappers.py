@@ -62,7 +62,7 @@ def walk_threshold(fitted: Fitted, builder: GraphBuilder, value: int) -> Classif
     method = fitted.get("response_method")
     if method == "auto":
         method = "predict_proba" if hasattr(inner, "predict_proba") else "decision_function"
-    score = one.probability if method == "predict_proba" else one.decision
+    score = {"predict_proba": one.probability, "decision_function": one.decision}.get(method)
     if score is None:
         raise UnsupportedModelError(f"{fitted.kind} by the {method} of {type(inner).__name__}")
     if method == "predict_proba":
