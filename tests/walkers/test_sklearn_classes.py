@@ -128,6 +128,16 @@ def test_the_bound_of_kernel_ridge_covers_distances_that_lose_their_digits(kerne
     assert np.all(np.abs(library - found) <= bounds.difference_bound(model.ir, x))
 
 
+@pytest.mark.parametrize("kernel", ["linear", "poly", "sigmoid", "rbf"])
+def test_the_bound_of_kernel_ridge_covers_products_below_the_normal_numbers(kernel, tmp_path):
+    model = loaded(fit(KernelRidge(kernel=kernel, degree=2, coef0=0.0), X, SCORE))
+    rows = np.array([[value] * 3 for value in (5e-324, -5e-324, 1.5e-323, 1e-320, 3e-310, 1e-308, 1e-162, 0.0)])
+    library, found = model.predict(rows), reference.evaluate(model.ir, rows)
+    bound = bounds.difference_bound(model.ir, rows)
+    assert np.all(np.abs(library - found) <= bound) and np.max(bound) < 1e-9
+    verified(model, tmp_path, rows=300)
+
+
 def test_a_row_on_the_border_is_open_and_not_wrong(tmp_path):
     """On the border of a linear machine the score is 0 but for its rounding."""
     model = loaded(fit(linear_model.LogisticRegression(), X, TWO))
