@@ -864,7 +864,10 @@ def main(certificate, models, out):
     need(content["statement"] == STATEMENT and content["assumptions"] == ASSUMPTIONS, "another statement")
     proofs, bundle, settings = content["proofs"], folder / "bundle.toml", folder / "st-codegen.toml"
     files = {e["file"] for e in proofs} | {path.name for path in (bundle, settings) if path.is_file()}
-    need(content["models"] == {name: sha256(folder / name) for name in files}, "other model files")
+    # beside them the files in which the numbers of a model stand
+    need(content["models"].keys() >= files, "other model files")
+    held = {name: folder / name for name in content["models"]}
+    need(all(path.is_file() and content["models"][n] == sha256(path) for n, path in held.items()), "other model files")
     targets = {name: out / name if (out / name).is_dir() else out for name in content["texts"]}
     for target, path in targets.items():
         texts = {p.relative_to(path).as_posix(): sha256(p) for p in path.rglob("*") if p.suffix in TEXTS}

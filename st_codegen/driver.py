@@ -538,9 +538,12 @@ def facts(
         output.PURPOSE: {} if purpose is None else purpose.facts(),
         **_comparison_facts(compiled, purpose, plans),
         output.CHOICES: {**dataclasses.asdict(compiled.choices), **_cuts(plans, max_array)},
-        output.PROVENANCE: {
-            model.source.file: model.source.file_sha256 for model in bundle.irs if model.source.file_sha256
-        },
+        output.PROVENANCE: dict(
+            pair
+            for model in bundle.irs
+            if model.source.file_sha256
+            for pair in ((model.source.file, model.source.file_sha256), *model.source.data_files)
+        ),
     }
 
 

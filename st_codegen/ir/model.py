@@ -69,7 +69,8 @@ class Source:
     """Where a model comes from, as printed in the header of the generated block.
 
     `digest` is that of what was read from the file (`ir.digest`). `file_sha256` is the file's own: files that hold the
-    same model may differ, so that it is never printed.
+    same model may differ, so that it is never printed. `data_files`: the path of each file beside it in which its
+    numbers stand, and its SHA-256.
     """
 
     library: str
@@ -78,6 +79,7 @@ class Source:
     file: str = ""
     digest: str = ""
     file_sha256: str = ""
+    data_files: tuple[tuple[str, str], ...] = ()
     notes: tuple[str, ...] = ()
 
 

@@ -41,6 +41,8 @@ _SMALLEST = {ir.Precision.FLOAT64: _TINY, ir.Precision.FLOAT32: 2.0**-148}
 _SMALLEST[ir.Precision.REAL] = 2e-38
 #: What an operation in REAL and the coefficient that it reads may lose below the normal numbers.
 _UNDERFLOW = {ir.Precision.FLOAT64: 0.0, ir.Precision.FLOAT32: 0.0, ir.Precision.REAL: 2.0**-148}
+#: What two evaluations of a product may differ by where it lies below the normal numbers: half a unit each.
+_LOST_PRODUCT = _UNDERFLOW | {ir.Precision.FLOAT64: 2.0**-1074, ir.Precision.FLOAT32: 2.0**-149}
 
 
 def difference_bound(model: ir.ModelIR, x: FloatArray) -> FloatArray:
@@ -380,6 +382,7 @@ def kernel_difference(
         change = _kernel_change(op, np.abs(value), x, delta, moved, np.abs(vector), factors)
         size += (np.abs(value) + change)[:, None] * coefficients
         difference += change[:, None] * coefficients
+    difference += _LOST_PRODUCT[op.precision] * len(op.support_vectors)  # each kernel times its coefficient
     return difference + sum_rounding(terms, size, result, op.precision)
 
 
@@ -407,16 +410,17 @@ def _kernel_change(
         return np.asarray(kernel * (np.expm1(argument) + function) + factors * tiny)
     size = np.sum(x * vector, axis=1)
     change = both * size + np.sum(vector * moved, axis=1)
-    change = change + _UNDERFLOW[op.precision] * (np.sum(x, axis=1) + 2 * terms)
+    lost = _LOST_PRODUCT[op.precision]
+    change = change + lost * (np.sum(x, axis=1) + 2 * terms)
     if op.kernel is ir.Kernel.LINEAR:
         return np.asarray(change)
     base = np.abs(op.gamma) * size + abs(op.coef0)
-    change = abs(op.gamma) * change + both * base + _UNDERFLOW[op.precision]
+    change = abs(op.gamma) * change + both * base + lost
     if op.kernel is ir.Kernel.SIGMOID:
         return np.asarray(change + function * kernel)
     larger = (base + change) ** op.degree
     # a product falls below the normal numbers only where all factors behind it are below 1, too
-    return np.asarray(larger - base**op.degree + op.degree * (both * larger + _UNDERFLOW[op.precision]))
+    return np.asarray(larger - base**op.degree + op.degree * (both * larger + lost))
 
 
 @step.register

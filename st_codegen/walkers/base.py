@@ -427,10 +427,6 @@ def is_known(package: str, name: str) -> bool:
     return name in walks.of(package) or name in transforms.of(package)
 
 
-_BEFORE_THRESHOLD = (
-    "what its estimator_ is, such as LogisticRegression, whose probability or decision (--outputs) the program "
-    "compares with the threshold"
-)
 #: What does the work of a class that is not compiled, for messages.
 _NEAR = {
     "GaussianProcessClassifier": "SVC with kernel='rbf'",
@@ -441,8 +437,6 @@ _NEAR = {
     "Birch": "KMeans",
     "KernelPCA": "Nystroem and PCA",
     "OutputCodeClassifier": "OneVsRestClassifier",
-    "FixedThresholdClassifier": _BEFORE_THRESHOLD,
-    "TunedThresholdClassifierCV": _BEFORE_THRESHOLD,
 }
 
 

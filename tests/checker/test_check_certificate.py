@@ -375,6 +375,20 @@ outside = "flag"
 """
 
 
+def test_files_with_the_numbers_of_a_model_are_held_to_their_hashes(tmp_path):
+    models = folder_of(tmp_path, ["random_forest.skops"])
+    generate(load(models), "iec", tmp_path / "out")
+    path, data = written(tmp_path, models, tmp_path / "out"), models / "weights.data"
+    content = json.loads(path.read_text())
+    content["models"][data.name] = hashlib.sha256(b"1").hexdigest()
+    path.write_text(json.dumps(content))
+    assert "other model files" in check(path, models, tmp_path / "out").stdout  # it is not there
+    data.write_bytes(b"2")
+    assert "other model files" in check(path, models, tmp_path / "out").stdout
+    data.write_bytes(b"1")
+    assert check(path, models, tmp_path / "out").returncode == 0
+
+
 def test_the_limits_of_inputs_are_part_of_what_is_claimed(tmp_path):
     models = folder_of(tmp_path, ["random_forest.skops"])
     settings = models / "st-codegen.toml"

@@ -87,6 +87,32 @@ def test_tree_classifiers(tmp_path, seed):
     assert set(loaded.ir.classes.labels) <= {*labels, 0, 1}
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_two_classes_by_weights_of_many_digits(tmp_path, seed):
+    """What the other class has is 1 less the score: of double numbers, before it is rounded to float."""
+    rng = np.random.default_rng(seed)
+    digits = lambda r, n: r.uniform(0.01 if seed % 2 else -0.4, 0.4, n).tolist()  # noqa: E731
+    trees = [
+        build.random_tree(
+            rng,
+            ("LEQ",),
+            [0.1, 0.7],
+            3,
+            n_features=2,
+            weights=lambda r: LEAVES[("first", "last")[seed % 4 // 2]](r, 2, digits),
+        )
+        for _ in range(7)
+    ]
+    options = {"post_transform": TRANSFORMS[seed % 3]} | ({"base_values": (0.3,)} if seed > 5 else {})
+    for elem_type, tensors in ((FLOAT, False), (DOUBLE, False), (DOUBLE, True)):
+        if tensors and "base_values" in options:
+            options["base_values_as_tensor"] = constant("base", options.pop("base_values"), np.float64)
+        loaded = build.load(
+            build.classifier(trees, (0, 1), n_features=2, elem_type=elem_type, tensors=tensors, **options), tmp_path
+        )
+        agree(loaded, build.special_rows(2, [0.1, 0.7], rng))
+
+
 def test_classes_to_which_each_tree_gives_alone(tmp_path):
     trees = [
         Branch("LEQ", 0, float(t % 2), Leaf({t % 3: 0.5}), Leaf({t % 3: -0.5 * t}), missing=True) for t in range(6)

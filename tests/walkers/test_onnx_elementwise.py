@@ -46,20 +46,28 @@ UNARY = {
     "HardSigmoid 2": {"alpha": 0.3, "beta": 0.25},
     "Celu 2": {"alpha": 1.7},
     "Selu 2": {"alpha": 1.5, "gamma": 0.75},
+    "ThresholdedRelu": {},
+    "ThresholdedRelu 2": {"alpha": -1.0},
+    "ThresholdedRelu 3": {"alpha": 0.1},
+    "Swish": {},
+    "Swish 2": {"alpha": 1.7},
 }
-EXACT = {"Abs", "Sign", "Sqrt", "Reciprocal", "HardSigmoid", "HardSwish"}
-FLOAT_ONLY = {"Erf", "Celu", "Gelu", "Mish"}
+EXACT = {"Abs", "Sign", "Sqrt", "Reciprocal", "HardSigmoid", "HardSwish", "ThresholdedRelu"}
+FLOAT_ONLY = {"Erf", "Celu", "Gelu", "Mish", "ThresholdedRelu"}
 
 
 @DTYPES
 @pytest.mark.parametrize("name", UNARY)
 def test_functions_of_each_number(tmp_path, name, elem_type):
     op_type = name.split()[0]
-    model = single(op_type, 3, elem_type=elem_type, opset=20, **UNARY[name])
+    model = single(op_type, 3, elem_type=elem_type, opset=24 if op_type == "Swish" else 20, **UNARY[name])
     try:
         loaded = build.load(model, tmp_path)
     except InputError as error:
-        assert op_type in FLOAT_ONLY | {"Selu", "HardSigmoid", "HardSwish", "Softsign"} and elem_type == DOUBLE
+        assert (
+            op_type in FLOAT_ONLY | {"Selu", "HardSigmoid", "HardSwish", "Softsign", "ThresholdedRelu"}
+            and elem_type == DOUBLE
+        )
         assert any(text in str(error) for text in ("onnxruntime refuses the model", "cast the input to float"))
         return
     x = rows(np.random.default_rng(1))
@@ -138,7 +146,7 @@ def test_comparisons(tmp_path, op_type, operands, elem_type):
     agree(loaded, rows(np.random.default_rng(5)))
 
 
-@pytest.mark.parametrize("op_type", ["And", "Or"])
+@pytest.mark.parametrize("op_type", ["And", "Or", "Xor"])
 def test_truth_values_together(tmp_path, op_type):
     nodes = [
         helper.make_node("Less", ["X", "C"], ["below"]),
@@ -164,7 +172,9 @@ def test_the_truth_of_a_number_is_that_it_is_not_zero(tmp_path, elem_type):
     assert np.isfinite(x[reference.valid_rows(loaded.ir, x)]).all()
 
 
-REDUCTIONS = ("ReduceSum ReduceMean ReduceMax ReduceMin ReduceSumSquare ReduceL1 ReduceL2 ReduceLogSumExp").split()
+REDUCTIONS = (
+    "ReduceSum ReduceMean ReduceMax ReduceMin ReduceSumSquare ReduceL1 ReduceL2 ReduceLogSum ReduceLogSumExp"
+).split()
 
 
 @pytest.mark.parametrize("op_type", REDUCTIONS)
@@ -180,7 +190,18 @@ def test_reductions(tmp_path, op_type, keepdims, grid):
     loaded = build.load(graph_model(nodes, [info("X", (None, 6))], [info("Y", None)], constants, opset=13), tmp_path)
     assert len(loaded.ir.outputs) == (1 if len(grid) == 2 else 2)
     assert loaded.ir.exact == (op_type in ("ReduceMax", "ReduceMin"))
-    agree(loaded, np.clip(rows(np.random.default_rng(7), 6), -1e6, 1e6))
+    x = np.clip(rows(np.random.default_rng(7), 6), -1e6, 1e6)
+    agree(loaded, np.abs(x) if op_type == "ReduceLogSum" else x)
+
+
+@pytest.mark.parametrize("count", range(1, 8))
+def test_the_mean_of_tensors_is_their_sum_times_a_share(tmp_path, count):
+    """onnxruntime multiplies by 1 / count in float, and has no kernel for double."""
+    inputs = [info(f"X{number}", (None, 2 - number % 2)) for number in range(count)]
+    model = graph_model([helper.make_node("Mean", [one.name for one in inputs], ["Y"])], inputs, [info("Y", None)])
+    loaded = build.load(model, tmp_path)
+    assert loaded.ir.exact
+    agree(loaded, rows(np.random.default_rng(17), len(loaded.ir.features)))
 
 
 @DTYPES

@@ -8,7 +8,18 @@ import pytest
 from onnx import AttributeProto, helper
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import FLOAT32_OVERFLOW, Activation, Linear, Normalize, Precision, Round, Scale, Select, reference
+from st_codegen.ir import (
+    FLOAT32_OVERFLOW,
+    Activation,
+    Linear,
+    Normalize,
+    Precision,
+    Round,
+    Scale,
+    Select,
+    SlidingLinear,
+    reference,
+)
 from tests.walkers import onnx_builders as build
 from tests.walkers.onnx_builders import (
     DOUBLE,
@@ -129,14 +140,33 @@ def test_matmul_with_constants_on_either_side(tmp_path, elem_type):
         ((3,), (4, 3), True),
         ((1, 3, 1), (4, 3), True),
         ((1, 3, 1), (3,), True),
+        ((3,), (2, 3, 4), False),
+        ((2, 2, 3), (3,), False),
+        ((1, 2, 2, 3), (3,), False),
     ):
         names = ["W", "X"] if reverse else ["X", "W"]
         node = helper.make_node("MatMul", names, ["Y"])
         constants = [constant("W", rng.normal(size=weights), dtype)]
         model = graph_model([node], [info("X", shape, elem_type)], [info("Y", None, elem_type)], constants)
         loaded = build.load(model, tmp_path)
-        assert isinstance(loaded.ir.ops[-1], Linear)
-        assert_within_bound(loaded, rows(3))
+        assert isinstance(loaded.ir.ops[-1], Linear | SlidingLinear)
+        assert_within_bound(loaded, rows(len(loaded.ir.features)))
+
+
+@pytest.mark.parametrize("shapes", [((3,), (3,)), ((3,), (3, 2)), ((2, 3), (3,)), ((1, 2, 2, 3), (3,))])
+def test_matmul_of_computed_vectors(tmp_path, shapes):
+    """The first one of numpy.matmul: a vector is a row on the left, a column on the right."""
+    left, right = shapes
+    nodes = [
+        helper.make_node("Split", ["X", "sizes"], ["A", "B"], axis=1),
+        helper.make_node("Reshape", ["A", "left"], ["L"]),
+        helper.make_node("Reshape", ["B", "right"], ["R"]),
+        helper.make_node("MatMul", ["L", "R"], ["Y"]),
+    ]
+    sizes = [int(np.prod(shape)) for shape in shapes]
+    given = [constant(name, list(to), np.int64) for name, to in (("sizes", sizes), ("left", left), ("right", right))]
+    model = graph_model(nodes, [info("X", (1, sum(sizes)))], [info("Y", None)], given)
+    assert_within_bound(build.load(model, tmp_path), rows(sum(sizes)))
 
 
 def test_layers_of_a_network(tmp_path):
@@ -340,8 +370,8 @@ def test_opsets_are_those_of_the_schemas(tmp_path):
 
     legacy = {"Gemm": 6, "Add": 6, "Sub": 6, "Mul": 6, "Div": 6, "Dropout": 6, "Sum": 6, "Reshape": 1, "MatMul": 1}
     legacy |= {"Clip": 1, "Tanh": 1, "Relu": 1, "Sigmoid": 1, "LeakyRelu": 1, "Elu": 1, "Exp": 1, "Neg": 1}
-    legacy |= {"Cast": 1, "Concat": 1, "Max": 6, "Min": 6, "PRelu": 6}
-    names = "Abs And Equal Greater HardSigmoid Less Log Or Pow Reciprocal Selu Split Sqrt LabelEncoder"
+    legacy |= {"Cast": 1, "Concat": 1, "Max": 6, "Mean": 6, "Min": 6, "PRelu": 6}
+    names = "Abs And Equal Greater HardSigmoid Less Log Or Pow Reciprocal Selu Split Sqrt Tile Xor LabelEncoder"
     legacy |= dict.fromkeys(names.split(), 1)
     legacy |= {"Pad": 1, "TopK": 1, "InstanceNormalization": 1, "BatchNormalization": 6, "RNN": 1, "LSTM": 1, "GRU": 3}
     known: dict[tuple[str, str], set[int]] = {}

@@ -213,8 +213,11 @@ DAMAGE = {
     "tensors of COMPLEX64 are not supported": lambda t: setattr(t, "data_type", TensorProto.COMPLEX64),
     "tensors of type 77 are not supported": lambda t: setattr(t, "data_type", 77),
     "needs 8 bytes, it has 5": lambda t: setattr(t, "raw_data", b"12345"),
-    "its numbers are in another file; save the model with its weights inside": lambda t: setattr(
+    "its numbers are in '', which is no path inside the folder": lambda t: setattr(
         t, "data_location", TensorProto.EXTERNAL
+    ),
+    "its numbers are in another file; save the model with its weights inside": lambda t: t.external_data.add(
+        key="location", value="c.data"
     ),
 }
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from onnx import TensorProto, helper
 
-from st_codegen.errors import InputError
+from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import Round, Scale, reference
 from tests.walkers import onnx_builders as build
 from tests.walkers.onnx_builders import DOUBLE, FLOAT, assert_equal_bits, constant, graph_model, info, rows
@@ -72,6 +72,48 @@ def test_operators_that_move_numbers(tmp_path):
     extractor = make("ArrayFeatureExtractor", ["X", "picks"], ["Y"], domain="ai.onnx.ml")
     assert moved(tmp_path, [extractor], [picks]) == [5.0, 1.0]
     assert moved(tmp_path, [extractor], [picks], shape=(6,)) == [5.0, 1.0]
+
+
+def test_numbers_that_are_repeated(tmp_path):
+    make = helper.make_node
+    given = [constant("shape", [1, 3, 2], np.int64), constant("times", [1, 2, 3], np.int64)]
+    nodes = [make("Reshape", ["X", "shape"], ["grid"]), make("Tile", ["grid", "times"], ["Y"])]
+    assert moved(tmp_path, nodes, given) == [0, 1, 0, 1, 0, 1, 2, 3, 2, 3, 2, 3, 4, 5, 4, 5, 4, 5] * 2
+    with pytest.raises(InputError, match=r"repeats shape .* times; the model file is damaged"):
+        moved(tmp_path, nodes, [given[0], constant("times", [1, 2], np.int64)])
+    with pytest.raises(UnsupportedModelError, match="at most 65536 are supported"):
+        moved(tmp_path, nodes, [given[0], constant("times", [1, 2**20, 1], np.int64)])
+    with pytest.raises(InputError, match="rows have no answers of their own"):
+        moved(tmp_path, [make("Tile", ["X", "times"], ["Y"])], [constant("times", [2, 1], np.int64)], shape=("N", 6))
+
+
+def test_whole_numbers_that_graphs_compute_of_constants(tmp_path):
+    """A range of lengths, and the triangle of a causal mask."""
+    make = helper.make_node
+    given = [
+        constant("from", 0, np.int64),
+        constant("step", 2, np.int64),
+        constant("ones", np.ones((6, 6)), np.float64),
+        constant("diagonal", -1, np.int64),
+    ]
+    nodes = [make("Size", ["X"], ["size"]), make("Range", ["from", "size", "step"], ["at"])]
+    assert moved(tmp_path, [*nodes, make("Gather", ["X", "at"], ["Y"], axis=1)], given) == [0, 2, 4]
+    nodes = [make("Trilu", ["ones", "diagonal"], ["M"], upper=0), make("MatMul", ["X", "M"], ["Y"])]
+    model = graph_model(nodes, [info("X", (None, 6), DOUBLE)], [info("Y", None, DOUBLE)], given)
+    loaded = build.load(model, tmp_path)
+    assert np.array_equal(loaded.ir.ops[-1].weights, np.tril(np.ones((6, 6)), -1).T)
+    nodes = [make("Trilu", ["X", "diagonal"], ["Y"])]
+    with pytest.raises(UnsupportedModelError, match="a triangle of numbers that are computed"):
+        moved(tmp_path, nodes, given)
+    with pytest.raises(InputError, match="a step of 0"):
+        nodes = [make("Range", ["from", "from", "from"], ["at"]), make("Gather", ["X", "at"], ["Y"], axis=1)]
+        moved(tmp_path, nodes, given)
+
+
+def test_a_cast_to_the_type_of_another_tensor(tmp_path):
+    nodes = [helper.make_node("CastLike", ["X", "like"], ["F"]), helper.make_node("CastLike", ["F", "X"], ["Y"])]
+    model = graph_model(nodes, [info("X", (None, 3), DOUBLE)], [info("Y", None, DOUBLE)], [constant("like", 0.0)])
+    assert_equal_bits(build.load(model, tmp_path), rows(3))
 
 
 def test_shapes_computed_in_the_graph(tmp_path):

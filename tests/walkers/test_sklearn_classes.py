@@ -7,13 +7,25 @@ import pytest
 
 pytest.importorskip("sklearn")
 
-from sklearn import cross_decomposition, discriminant_analysis, linear_model, naive_bayes, neighbors, svm
+from sklearn import (
+    cross_decomposition,
+    discriminant_analysis,
+    ensemble,
+    linear_model,
+    multiclass,
+    naive_bayes,
+    neighbors,
+    svm,
+    tree,
+)
+from sklearn.feature_extraction.text import CountVectorizer
 from sklearn.kernel_ridge import KernelRidge
+from sklearn.model_selection import FixedThresholdClassifier
 from sklearn.neural_network import MLPClassifier
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from st_codegen.errors import UnsupportedModelError
+from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import OutputKind, reference
 from st_codegen.proof import bounds
 from tests.classifiers import SCORE, THREE, TWO, WORDS, X, loaded, verified
@@ -116,6 +128,16 @@ def test_the_bound_of_kernel_ridge_covers_distances_that_lose_their_digits(kerne
     assert np.all(np.abs(library - found) <= bounds.difference_bound(model.ir, x))
 
 
+@pytest.mark.parametrize("kernel", ["linear", "poly", "sigmoid", "rbf"])
+def test_the_bound_of_kernel_ridge_covers_products_below_the_normal_numbers(kernel, tmp_path):
+    model = loaded(fit(KernelRidge(kernel=kernel, degree=2, coef0=0.0), X, SCORE))
+    rows = np.array([[value] * 3 for value in (5e-324, -5e-324, 1.5e-323, 1e-320, 3e-310, 1e-308, 1e-162, 0.0)])
+    library, found = model.predict(rows), reference.evaluate(model.ir, rows)
+    bound = bounds.difference_bound(model.ir, rows)
+    assert np.all(np.abs(library - found) <= bound) and np.max(bound) < 1e-9
+    verified(model, tmp_path, rows=300)
+
+
 def test_a_row_on_the_border_is_open_and_not_wrong(tmp_path):
     """On the border of a linear machine the score is 0 but for its rounding."""
     model = loaded(fit(linear_model.LogisticRegression(), X, TWO))
@@ -130,9 +152,8 @@ def test_a_row_on_the_border_is_open_and_not_wrong(tmp_path):
 @pytest.mark.parametrize(
     ("estimator", "y", "message"),
     [
-        (linear_model.RidgeClassifier(), np.column_stack([TWO, ~TWO, THREE > 0]).astype(int), "train one for each"),
-        (MLPClassifier((2,), max_iter=5), np.column_stack([TWO, ~TWO]).astype(int), "train one for each"),
-        (neighbors.NearestCentroid(metric="manhattan"), TWO, "metric='manhattan'"),
+        (tree.DecisionTreeClassifier(), np.column_stack([TWO, THREE + 1]), "labels .1 2 3., .. beside other outputs"),
+        (neighbors.NearestCentroid(priors=[0.1, 0.9]), TWO, r"metric='euclidean' and priors .0\.1 0\.9."),
         (svm.SVC(kernel="precomputed"), TWO, "kernel=precomputed"),
     ],
 )
@@ -140,6 +161,103 @@ def test_what_is_not_supported_says_so(estimator, y, message):
     x = X @ X.T if getattr(estimator, "kernel", "") == "precomputed" else X
     with pytest.raises(UnsupportedModelError, match=message):
         loaded(fit(estimator, x, y))
+
+
+SEVERAL = {
+    "network": MLPClassifier((4,), max_iter=60, random_state=0),
+    "ridge": linear_model.RidgeClassifier(),
+    "rest of scores": multiclass.OneVsRestClassifier(svm.LinearSVC()),
+    "rest of trees": multiclass.OneVsRestClassifier(tree.DecisionTreeClassifier(max_depth=3, random_state=0)),
+    "tree": tree.DecisionTreeClassifier(max_depth=4, random_state=0),
+    "forest": ensemble.RandomForestClassifier(5, max_depth=3, random_state=0),
+    "extra trees": ensemble.ExtraTreesClassifier(3, max_depth=3, random_state=0),
+}
+
+
+@pytest.mark.parametrize("name", SEVERAL)
+def test_several_labels_a_row_are_outputs_of_numbers(name, tmp_path):
+    by_trees = name in ("tree", "forest", "extra trees")
+    labels = np.column_stack([TWO, THREE if by_trees else THREE > 1, X[:, 1] > 0]).astype(int)
+    model = loaded(fit(SEVERAL[name], X, labels))
+    rows = np.vstack([X, 3 * X[::-1, ::-1]])
+    library, found, bound = (
+        model.predict(rows),
+        reference.evaluate(model.ir, rows),
+        bounds.difference_bound(model.ir, rows),
+    )
+    assert np.all(np.abs(library - found) <= bound) and np.mean(bound == 0) > 0.98
+    assert np.all(np.ptp(library, axis=0) >= 1)
+    assert model.ir.exact or not by_trees
+    verified(model, tmp_path, rows=300)
+
+
+@pytest.mark.parametrize(
+    ("kind", "changes", "message"),
+    [
+        (tree.DecisionTreeClassifier, {"n_outputs_": 5}, "n_outputs_: number 0 is 5, expected 2 .. 2"),
+        (tree.DecisionTreeClassifier, {"classes_": [np.arange(2)]}, "n_outputs_: number 0 is 2, expected 1 .. 1"),
+        (tree.DecisionTreeClassifier, {"classes_": [np.arange(2), np.arange(3)]}, "leaves that do not hold 6 numbers"),
+        (ensemble.RandomForestClassifier, {"classes_": []}, "n_outputs_: number 0 is 2, expected 0 .. 0"),
+    ],
+)
+def test_several_outputs_that_do_not_fit_the_leaves_are_refused(kind, changes, message):
+    model = kind(max_depth=3, random_state=0).fit(X, np.column_stack([TWO, X[:, 1] > 0]).astype(int))
+    for name, value in changes.items():
+        setattr(model, name, value)
+    with pytest.raises(InputError, match=message):
+        loaded(model)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"threshold": np.nan}, "threshold: number 0 is nan, not finite"),
+        ({"threshold": "low"}, "threshold: a str, expected numbers"),
+        ({"response_method": "predict"}, "FixedThresholdClassifier by the predict of LogisticRegression"),
+        ({"pos_label": 7}, "the model is not as FixedThresholdClassifier makes it"),
+    ],
+)
+def test_thresholds_that_were_changed_are_refused(changes, message):
+    model = FixedThresholdClassifier(linear_model.LogisticRegression()).fit(X, TWO)
+    for name, value in changes.items():
+        setattr(model, name, value)
+    with pytest.raises(InputError, match=message):
+        loaded(model)
+
+
+def test_the_nearest_centre_by_the_manhattan_distance(tmp_path):
+    model = loaded(fit(neighbors.NearestCentroid(metric="manhattan"), X, WORDS))
+    assert np.array_equal(model.predict(X), reference.evaluate(model.ir, X))
+    verified(model, tmp_path, rows=300)
+
+
+def test_what_does_not_say_how_many_features_it_takes_is_not_called_unfitted():
+    with pytest.raises(InputError, match=r"^SVC does not say how many features it takes: fit it on numbers"):
+        loaded(svm.SVC(kernel=lambda a, b: a @ b.T).fit(X, TWO))
+    with pytest.raises(InputError, match=r"^SVC is not fitted: call fit"):
+        loaded(svm.SVC())
+    with pytest.raises(UnsupportedModelError, match="CountVectorizer is not supported"):
+        loaded(CountVectorizer().fit(["a word"]))
+
+
+def test_categories_are_cut_to_integers_and_others_have_no_answer(tmp_path):
+    codes = np.column_stack([np.digitize(X[:, 0], [-1, 0, 1]), np.digitize(X[:, 1], [0, 3]), X[:, 2] > 0]).astype(int)
+    whole = fit(naive_bayes.CategoricalNB(min_categories=[5, 3, 2]), codes, WORDS)
+    model = loaded(whole)
+    verified(model, tmp_path, rows=300)
+    near = [
+        near for code in range(-1, 7) for near in (code, np.nextafter(code, 9.0), np.nextafter(code, -9.0), code + 0.5)
+    ]
+    near += [-0.0, 5e-324, -5e-324, 1e18, 1e19, 1e300, -1e300]
+    rows = np.vstack([np.tile(np.eye(3)[place] * value, (2, 1)) for place in range(3) for value in near])
+    found, bound = reference.evaluate(model.ir, rows), bounds.difference_bound(model.ir, rows)
+    for row, answer, off in zip(rows, found, bound, strict=True):
+        if np.isnan(answer).any():
+            with pytest.raises((ValueError, IndexError)):
+                whole.predict(row[None])
+        else:
+            assert np.all(np.abs(model.predict(row[None])[0] - answer) <= off)
+    assert 0.2 < np.isnan(found[:, 0]).mean() < 0.8
 
 
 def test_probabilities_are_given_where_the_library_gives_them():

@@ -8,10 +8,15 @@ import pytest
 pytest.importorskip("sklearn")
 
 from sklearn import cluster, covariance, ensemble, mixture, multiclass, multioutput
+from sklearn.base import clone
 from sklearn.calibration import CalibratedClassifierCV
-from sklearn.linear_model import LinearRegression, LogisticRegression, Perceptron, RidgeClassifier
+from sklearn.dummy import DummyClassifier, DummyRegressor
+from sklearn.frozen import FrozenEstimator
+from sklearn.linear_model import LinearRegression, LogisticRegression, Perceptron, RidgeClassifier, SGDOneClassSVM
+from sklearn.model_selection import FixedThresholdClassifier, TunedThresholdClassifierCV
 from sklearn.naive_bayes import GaussianNB
 from sklearn.neighbors import KNeighborsClassifier
+from sklearn.semi_supervised import SelfTrainingClassifier
 from sklearn.svm import SVC, LinearSVC
 from sklearn.tree import DecisionTreeClassifier, DecisionTreeRegressor
 
@@ -20,6 +25,7 @@ from st_codegen.ir import reference
 from st_codegen.proof import bounds
 from tests.classifiers import SCORE, THREE, TWO, WORDS, X, loaded, verified
 
+LABELS = np.column_stack([TWO, SCORE > 1, X[:, 1] > 0]).astype(int)
 YN = np.column_stack([SCORE, SCORE**2 - X[:, 1], X[:, 0]])
 
 
@@ -53,8 +59,30 @@ EXACT = {
     "boosted, three": (ensemble.AdaBoostClassifier(tree(2), n_estimators=5, random_state=0), WORDS),
     "rest of trees": (multiclass.OneVsRestClassifier(tree(3)), WORDS),
     "isolation": (ensemble.IsolationForest(n_estimators=12, max_samples=40, random_state=0), None),
+    "isolation of some features": (ensemble.IsolationForest(n_estimators=9, max_features=2, random_state=0), None),
+    "isolation of one feature": (ensemble.IsolationForest(n_estimators=9, max_features=1, random_state=0), None),
     "isolation, contamination": (ensemble.IsolationForest(n_estimators=8, contamination=0.2, random_state=1), None),
     "bagged regressors": (ensemble.BaggingRegressor(grown(4), 4, max_features=2, random_state=0), SCORE),
+    "most frequent": (
+        ensemble.VotingClassifier([("a", DummyClassifier()), ("b", tree(3))], voting="soft", weights=[1, 9]),
+        WORDS,
+    ),
+    "threshold": (FixedThresholdClassifier(tree(3), threshold=0.3, response_method="predict_proba"), TWO),
+    "threshold of the first": (FixedThresholdClassifier(tree(3), threshold=0.3, pos_label=False), TWO),
+    "tuned threshold": (TunedThresholdClassifierCV(tree(3), scoring="f1", cv=2), TWO.astype(int)),
+    "frozen forest": (
+        FrozenEstimator(ensemble.RandomForestRegressor(9, random_state=0, n_jobs=2).fit(X, SCORE)),
+        SCORE,
+    ),
+    "frozen, calibrated": (
+        CalibratedClassifierCV(FrozenEstimator(tree(3).fit(X, WORDS)), method="isotonic"),
+        WORDS,
+    ),
+    "own labels": (SelfTrainingClassifier(tree(3)), np.where(np.arange(len(X)) % 3, THREE, -1)),
+    "chain of tree classes": (
+        multioutput.ClassifierChain(tree(3), order=[1, 2, 0], chain_method="predict_proba"),
+        LABELS,
+    ),
     "chain of trees": (multioutput.RegressorChain(grown(4), order=[2, 0, 1]), YN),
 }
 WITHIN = {
@@ -75,6 +103,20 @@ WITHIN = {
     "envelope": (covariance.EllipticEnvelope(random_state=0), None),
     "clusters": (cluster.KMeans(4, n_init=1, random_state=0), None),
     "clusters in batches": (cluster.MiniBatchKMeans(3, n_init=1, random_state=0), None),
+    **{
+        f"expected mixture, {kind}, {prior}": (
+            mixture.BayesianGaussianMixture(
+                n_components=3, covariance_type=kind, weight_concentration_prior_type=prior, random_state=0
+            ),
+            None,
+        )
+        for kind, prior in zip(
+            ("full", "tied", "diag", "spherical"), ("dirichlet_process", "dirichlet_distribution") * 2, strict=True
+        )
+    },
+    "linear one class": (SGDOneClassSVM(nu=0.2, random_state=0), None),
+    "threshold of a score": (FixedThresholdClassifier(LinearSVC(), threshold=0.4, pos_label=False), TWO),
+    "chain of machines": (multioutput.ClassifierChain(LinearSVC(), chain_method="decision_function"), LABELS),
     "mixture": (mixture.GaussianMixture(3, random_state=0), None),
     "tied mixture": (mixture.GaussianMixture(2, covariance_type="tied", random_state=0), None),
     "voting regressor": (ensemble.VotingRegressor([("a", grown()), ("b", LinearRegression())], weights=[2, 1]), SCORE),
@@ -146,6 +188,12 @@ def test_other_compositions_lie_within_the_bound(name):
         "stack of two",
         "calibrated in steps, three",
         "mixture",
+        "expected mixture, tied, dirichlet_distribution",
+        "linear one class",
+        "threshold of the first",
+        "threshold of a score",
+        "most frequent",
+        "chain of tree classes",
     ],
 )
 def test_the_text_of_compositions(name, tmp_path):
@@ -156,13 +204,49 @@ def test_the_text_of_compositions(name, tmp_path):
     ("estimator", "y", "message"),
     [
         (CalibratedClassifierCV(GaussianNB(), method="temperature", cv=2), TWO, "supported are 'sigmoid'"),
-        (ensemble.IsolationForest(n_estimators=3, max_features=1), None, "max_features below 1"),
-        (multiclass.OneVsRestClassifier(tree()), np.column_stack([TWO, ~TWO, TWO]).astype(int), "several labels a row"),
+        (DummyClassifier(strategy="stratified"), TWO, "draws its answers at random"),
+        (
+            multioutput.ClassifierChain(GaussianNB(), chain_method="predict_log_proba"),
+            LABELS,
+            "by the predict_log_proba",
+        ),
+        (
+            multioutput.ClassifierChain(GaussianNB(), chain_method="predict_proba"),
+            2 + LABELS,
+            "encode them as 0, 1, ..",
+        ),
     ],
 )
 def test_what_is_not_supported_says_so(estimator, y, message):
     with pytest.raises(UnsupportedModelError, match=message):
         loaded(fit(estimator, y))
+
+
+@pytest.mark.parametrize("strategy", ["mean", "median", "quantile", "constant"])
+def test_a_constant_is_the_answer_to_every_row(strategy, tmp_path):
+    given = {"quantile": 0.3} if strategy == "quantile" else {}
+    model = loaded(DummyRegressor(strategy=strategy, constant=[2.5, -0.0, 1e-300], **given).fit(X, YN))
+    rows = np.array([[1.0, 2.0, 3.0], [np.nan, np.inf, -np.inf], [np.inf, 0.0, np.nan], [-np.inf, 1e300, -1e300]])
+    assert np.array_equal(model.predict(rows), reference.evaluate(model.ir, rows))
+    verified(model, tmp_path, rows=300)
+
+
+@pytest.mark.parametrize("strategy", ["most_frequent", "prior", "constant"])
+def test_a_constant_label_and_its_shares(strategy):
+    model = loaded(DummyClassifier(strategy=strategy, constant=WORDS[0]).fit(X, WORDS))
+    rows = np.array([[1.0, 2.0, 3.0], [np.nan, np.inf, -np.inf]])
+    assert np.array_equal(model.predict(rows), reference.evaluate(model.ir, rows))
+
+
+def test_forests_run_one_job_wherever_they_stand():
+    """With several jobs two calls of the library differ in their last bits, and no reference equals both."""
+    forest = ensemble.RandomForestClassifier(4, random_state=0, n_jobs=2).fit(X, TWO)
+    calibrated = CalibratedClassifierCV(clone(forest), cv=2).fit(X, TWO)
+    inside = calibrated.calibrated_classifiers_[0].estimator
+    for whole, inner in ((calibrated, inside), (FrozenEstimator(forest), forest)):
+        assert inner.n_jobs == 2
+        model = loaded(whole)
+        assert inner.n_jobs == 1 and any("n_jobs=1" in note for note in model.ir.source.notes)
 
 
 @pytest.mark.parametrize("kind", [ensemble.BaggingClassifier, ensemble.BaggingRegressor])

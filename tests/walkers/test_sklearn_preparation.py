@@ -19,12 +19,14 @@ from sklearn.cluster import KMeans
 from sklearn.compose import ColumnTransformer
 from sklearn.ensemble import HistGradientBoostingRegressor, RandomForestRegressor
 from sklearn.feature_selection import RFE, SelectKBest, VarianceThreshold
+from sklearn.frozen import FrozenEstimator
 from sklearn.impute import KNNImputer, MissingIndicator, SimpleImputer
 from sklearn.isotonic import IsotonicRegression
 from sklearn.kernel_approximation import Nystroem, RBFSampler
 from sklearn.pipeline import FeatureUnion, make_pipeline
 from sklearn.preprocessing import (
     Binarizer,
+    FunctionTransformer,
     KBinsDiscretizer,
     MinMaxScaler,
     Normalizer,
@@ -61,6 +63,10 @@ TRANSFORMERS = {
     "PolynomialFeatures of pairs": (PolynomialFeatures((2, 3), interaction_only=True, include_bias=False), None),
     "Normalizer": (Normalizer(), None),
     "Normalizer, l1": (Normalizer("l1"), None),
+    "Normalizer, maximum": (Normalizer("max"), None),
+    "frozen": (FrozenEstimator(StandardScaler().fit(X)), None),
+    "sines": (FunctionTransformer(np.sin), None),
+    "cosines": (FunctionTransformer(np.cos), None),
     "PowerTransformer": (PowerTransformer(), None),
     "PowerTransformer, plain": (PowerTransformer(standardize=False), None),
     "KMeans": (KMeans(3, random_state=0, n_init=1), None),
@@ -234,6 +240,23 @@ def test_transformers_alone_are_verified(name, tmp_path):
     fitted = fit(estimator, X, y)
     columns = np.asarray(fitted.transform(X))
     assert np.array_equal(loaded(fitted).predict(X)[:, : columns.shape[1]], columns)
+
+
+@pytest.mark.parametrize("function", [np.negative, np.deg2rad, np.radians, np.rad2deg, np.degrees, np.reciprocal])
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_functions_of_one_operation_are_exact(function, dtype):
+    codes = np.arange(1.0, 400.0)[:, None] * [0.7, 1.3, -11.0]
+    steps = [FunctionTransformer(function)]
+    if dtype == np.float32:
+        steps.insert(0, OrdinalEncoder(dtype=np.float32))
+    model = loaded(make_pipeline(*steps).fit(codes))
+    rows = codes[1:]
+    if dtype == np.float64:
+        rows = np.vstack([rows, [[5e-324, -1e-300, 1e300], [-0.0, 1e-310, -1e16]]])
+    found, library = reference.evaluate(model.ir, rows), model.predict(rows)
+    answered = np.isfinite(found).all(axis=1)
+    assert model.ir.exact and answered[:-2].all() and np.array_equal(found[answered], library[answered])
+    assert not np.isfinite(library[~answered]).all(axis=1).any()
 
 
 def test_the_bound_of_principal_components_covers_a_mean_that_cancels():

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from st_codegen.errors import InputError, UnsupportedModelError, UntrustedFileError
+from st_codegen.errors import InputError, UntrustedFileError
 from st_codegen.walkers import limits, skops_file
 from st_codegen.walkers.files import load_model
 from tests.cli.helpers import run
@@ -213,12 +213,10 @@ def test_the_limit_holds_for_files_of_every_kind_and_is_an_option(tmp_path, caps
     assert "m.txt: 500 bytes, at most 499 are read" in " ".join(capsys.readouterr().err.split())
 
 
-def test_a_tuned_threshold_is_refused_by_its_name_with_what_to_save(tmp_path):
+def test_a_tuned_threshold_is_read_with_what_scored_it(tmp_path):
     search = pytest.importorskip("sklearn.model_selection")
     x = np.random.default_rng(0).normal(size=(40, 2))
     tuned = search.TunedThresholdClassifierCV(linear_model.LogisticRegression(), cv=2).fit(x, x[:, 0] > 0)
     skops.dump(tuned, tmp_path / "m.skops")
-    with pytest.raises(UnsupportedModelError, match=r"TunedThresholdClassifierCV is not supported; .*estimator_"):
-        load_model(tmp_path / "m.skops", "m")
-    skops.dump(tuned.estimator_, tmp_path / "m.skops")
-    assert load_model(tmp_path / "m.skops", "m").ir.classes is not None
+    model = load_model(tmp_path / "m.skops", "m")
+    assert np.array_equal(model.predict(x)[:, 0], tuned.predict(x))

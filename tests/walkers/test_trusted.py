@@ -13,6 +13,9 @@ from st_codegen.walkers.base import trusted_types
 skops = pytest.importorskip("skops.io")
 ensemble = pytest.importorskip("sklearn.ensemble")
 neural_network = pytest.importorskip("sklearn.neural_network")
+linear_model = pytest.importorskip("sklearn.linear_model")
+pytest.importorskip("sklearn.experimental.enable_halving_search_cv")
+model_selection = pytest.importorskip("sklearn.model_selection")
 
 X = np.array([[0.0, 1.0], [1.0, 0.0], [2.0, 2.0], [3.0, 1.0]])
 Y = [0.0, 1.0, 2.0, 3.0]
@@ -25,6 +28,9 @@ Y = [0.0, 1.0, 2.0, 3.0]
         ensemble.HistGradientBoostingRegressor(max_iter=2, categorical_features=[1]),
         neural_network.MLPRegressor(max_iter=2),
         neural_network.MLPRegressor(max_iter=2, solver="sgd"),
+        linear_model.TweedieRegressor(power=1.5),
+        model_selection.HalvingGridSearchCV(linear_model.Ridge(), {"alpha": [1.0, 2.0]}, cv=2),
+        model_selection.HalvingRandomSearchCV(linear_model.Ridge(), {"alpha": [1.0, 2.0]}, cv=2),
     ],
     ids=repr,
 )

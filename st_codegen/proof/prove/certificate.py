@@ -41,7 +41,8 @@ def certificate(bundle: Bundle, models: Path, generated: Path, report: ProveRepo
     folder = models if models.is_dir() else models.parent
     files = {loaded.ir.name: loaded.ir.source.file for loaded in bundle.models}
     settings = [name for name in ("bundle.toml", CONFIGURATION_FILE) if (folder / name).is_file()]
-    named = sorted({*files.values(), *settings})
+    beside = [name for loaded in bundle.models for name, _ in loaded.ir.source.data_files]
+    named = sorted({*files.values(), *beside, *settings})
     return {
         "format": FORMAT,
         "statement": STATEMENT,

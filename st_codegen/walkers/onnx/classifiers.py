@@ -151,11 +151,13 @@ def _two_classes(
 def _pair(walk: GraphWalk, score: Tensor, positive: bool, transform: str) -> Tensor:
     """Two scores made of one (`write_scores`): its distance from 1 where all weights are positive, else its negative.
 
-    A softmax is not taken of them; a sigmoid is taken of the score and of its negative.
+    A softmax is not taken of them; a sigmoid is taken of the score and of its negative. Of trees of double numbers the
+    distance is one of these, and rounded once.
     """
-    score = walk.as_type(score, FLOAT32)
     if positive and transform != "LOGISTIC":
-        return _beside(walk, with_constant(walk, score, ir.Operator.SUBTRACT, 1.0, left=True), score)
+        rest = with_constant(walk, score, ir.Operator.SUBTRACT, 1.0, left=True)
+        return _beside(walk, *(walk.as_type(one, FLOAT32) for one in (rest, score)))
+    score = walk.as_type(score, FLOAT32)
     both = _beside(walk, with_constant(walk, score, ir.Operator.MULTIPLY, -1.0), score)
     return _transformed(walk, both, transform if transform == "LOGISTIC" else "NONE")
 

@@ -47,6 +47,25 @@ def _sign(call: NodeCall) -> Operand:
     return walk.computed(found, tensor.shape, tensor.dtype)
 
 
+@operator("ThresholdedRelu", 10, 22)
+def _thresholded(call: NodeCall) -> Operand:
+    """The number itself above alpha, else 0."""
+    tensor, walk = call.computed(), call.walk
+    walk.refuse_special(tensor)
+    value = walk.settle(tensor)
+    above = walk.builder.add(Exceeds((value,), np.full(tensor.size, call.node.number("alpha", 1.0))))
+    # 0 is added since a negative number times 0 has a sign
+    kept = walk.builder.scale(walk.builder.combine(value, "*", above), "+", 0.0)
+    return walk.computed(kept, tensor.shape, tensor.dtype)
+
+
+@operator("Swish", 24)
+def _swish(call: NodeCall) -> Operand:
+    tensor, walk = call.computed(), call.walk
+    scaled = with_constant(walk, tensor, Operator.MULTIPLY, call.node.number("alpha", 1.0))
+    return product_of(walk, tensor, apply_activation(walk, scaled, Function.LOGISTIC))
+
+
 @operator("Gelu", 20)
 def _gelu(call: NodeCall) -> Operand:
     kind, tensor, walk = call.node.text("approximate", "none"), call.computed(), call.walk
@@ -248,19 +267,27 @@ def _not(call: NodeCall) -> Operand:
     return _truths(call.walk, _opposite(call.walk, call.walk.settle(tensor)), tensor.shape)
 
 
-def _both_or_either(call: NodeCall) -> Operand:
-    is_both = call.node.op_type == "And"
-    if (known := _folded(call, np.logical_and if is_both else np.logical_or)) is not None:
+#: What is done with constants, and with truth values that are numbers; one of two is the size of their difference.
+_JOINED: dict[str, tuple[np.ufunc, Operator]] = {
+    "And": (np.logical_and, Operator.MINIMUM),
+    "Or": (np.logical_or, Operator.MAXIMUM),
+    "Xor": (np.logical_xor, Operator.SUBTRACT),
+}
+
+
+def _joined_truths(call: NodeCall) -> Operand:
+    function, code = _JOINED[call.node.op_type]
+    if (known := _folded(call, function)) is not None:
         return known
-    code = Operator.MINIMUM if is_both else Operator.MAXIMUM
     pair = [_logical(call.required(number)) for number in (0, 1)]
     shape = np.broadcast_shapes(pair[0].shape, pair[1].shape)
     one, other = (call.walk.settle(side.moved(lambda array: np.broadcast_to(array, shape))) for side in pair)
-    return _truths(call.walk, call.walk.builder.combine(one, code, other), shape)
+    found = call.walk.builder.combine(one, code, other)
+    return _truths(call.walk, call.walk.builder.function(found, "abs") if function is np.logical_xor else found, shape)
 
 
-operator("And", 7)(_both_or_either)
-operator("Or", 7)(_both_or_either)
+for _name in _JOINED:
+    operator(_name, 7)(_joined_truths)
 
 
 @operator("Where", 9, 16)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from st_codegen.walkers.onnx import (  # noqa: F401  (they register operators)
     shapes,
     sums,
 )
+from st_codegen.walkers.onnx.external import embed
 from st_codegen.walkers.onnx.file import check_names, domain_of, plain, printable, type_name
 from st_codegen.walkers.onnx.graph import GraphWalk, read_initializers, run_nodes
 from st_codegen.walkers.onnx.operands import FLOAT32, MAX_COLUMNS, Tensor
@@ -48,6 +50,7 @@ def load(path: Path, name: str) -> LoadedModel:
     """Load a file; see `st_codegen.walkers.onnx.load.load_file`."""
     data = _read(path)
     model = _parse(data, path.name)
+    beside = embed(model, path, len(data))
     problems = Problems(path.name)
     opsets = _opsets(model, problems)
     inputs = _inputs(model.graph, problems)
@@ -56,7 +59,8 @@ def load(path: Path, name: str) -> LoadedModel:
     result, outputs, notes = finish(walk, model.graph, problems)
     problems.raise_if_any()
     with problems.collect():
-        ir = walk.builder.model(name, _features(inputs), _source(model, inputs, opsets, notes), result)
+        source = replace(_source(model, inputs, opsets, notes), data_files=beside)
+        ir = walk.builder.model(name, _features(inputs), source, result)
     problems.raise_if_any()
     return LoadedModel(ir, predictor(model, inputs, outputs, path.name))
 

@@ -26,7 +26,7 @@ def _scan(call: NodeCall) -> Result:
     kept = [a.i for node in reduced for a in node.attribute if a.name == "keepdims"]
     if (
         not usual
-        or not (isinstance(row, Tensor) and row.shape[0] == 1 and len(row.shape) == 2)
+        or not (isinstance(row, Tensor) and len(row.shape) == 2 and row.shape[0] == 1)
         or not (isinstance(rows, ConstantOperand) and rows.array.ndim == 2)
         or not kinds <= _BY_ROWS
         or len(kept) != 1

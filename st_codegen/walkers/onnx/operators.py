@@ -50,10 +50,22 @@ for _name in _SYMBOLS:
 
 @operator("Sum", 8, 13)
 def _sum(call: NodeCall) -> Operand:
+    return _total(call)
+
+
+def _total(call: NodeCall) -> Operand:
+    """All inputs, added in order."""
     total = call.required()
     for number in range(1, len(call.operands)):
         total = combined(call.walk, ir.Operator.ADD, total, call.required(number))
     return total
+
+
+@operator("Mean", 8, 13)
+def _mean(call: NodeCall) -> Operand:
+    """The sum times what 1 / count is in float (core/providers/cpu/math/element_wise_ops.cc: Mean_8)."""
+    share = np.float32(1.0) / np.float32(len(call.operands))
+    return with_constant(call.walk, require_tensor(_total(call)), ir.Operator.MULTIPLY, float(share))
 
 
 def combined(walk: GraphWalk, code: ir.Operator, left: Operand, right: Operand) -> Operand:
@@ -185,7 +197,9 @@ def _matrix_product(walk: GraphWalk, left: Operand, right: Operand) -> Operand:
             raise UnsupportedModelError("multiplies constants, in an order that is open; fold constants when exporting")
         return ConstantOperand(np.zeros(shape, left.dtype))
     rows = left.moved(lambda array: np.atleast_2d(array)[..., :, None, :])
-    columns = right.moved(lambda array: (array.swapaxes(-1, -2) if array.ndim > 1 else array)[..., None, :, :])
+    columns = right.moved(
+        lambda array: np.atleast_2d(array.swapaxes(-1, -2) if array.ndim > 1 else array)[..., None, :, :]
+    )
     products = require_tensor(combined(walk, ir.Operator.MULTIPLY, rows, columns))
     return total_of_last(walk, products, 1).moved(lambda array: array.reshape(shape))
 
@@ -442,6 +456,7 @@ _REDUCTIONS: dict[str, Callable[[GraphWalk, Tensor], Tensor]] = {
     "ReduceMax": partial(extreme_of, code=ir.Operator.MAXIMUM),
     "ReduceMin": partial(extreme_of, code=ir.Operator.MINIMUM),
     "ReduceLogSumExp": _log_sum_exp,
+    "ReduceLogSum": lambda walk, rows: apply_activation(walk, total_of(walk, rows), ir.Function.LOG),
 }
 for _name in _REDUCTIONS:
     newest = {"ReduceSum": (), "ReduceMax": (12, 18, 20), "ReduceMin": (12, 18, 20)}.get(_name, (18,))

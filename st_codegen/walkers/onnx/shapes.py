@@ -60,10 +60,20 @@ def _dropout(call: NodeCall) -> Operand:
 
 @operator("Cast", 6, 9, 13, 19, 21, 23, 24, 25)
 def _cast(call: NodeCall) -> Operand:
-    operand, target = call.required(), _CASTS.get(call.node.integer("to"))
+    target = _CASTS.get(call.node.integer("to"))
     if target is None:
         raise UnsupportedModelError(f"casts to {type_name(call.node.integer('to'))}; FLOAT and DOUBLE are supported")
-    dtype = np.dtype(target)
+    return _converted(call, np.dtype(target))
+
+
+@operator("CastLike", 15, 19, 21, 23, 24, 25)
+def _cast_like(call: NodeCall) -> Operand:
+    return _converted(call, call.required(1).dtype)
+
+
+def _converted(call: NodeCall, dtype: np.dtype[Any]) -> Operand:
+    """The first input as numbers, truth values or text of a type."""
+    operand = call.required()
     if isinstance(operand, LabelOperand):
         return _cast_labels(operand, dtype)
     if isinstance(operand, PickedOperand):
@@ -116,6 +126,31 @@ def _shape(call: NodeCall) -> Operand:
     shape = call.required().shape
     end = call.node.integer("end", len(shape))
     return ConstantOperand(np.array(shape[call.node.integer("start") : end], np.int64))
+
+
+@operator("Size", 1, 13, 19, *_SHAPE_VERSIONS)
+def _size(call: NodeCall) -> Operand:
+    return ConstantOperand(np.array(math.prod(call.required().shape), np.int64))
+
+
+@operator("Range", 11, 27)
+def _range(call: NodeCall) -> Operand:
+    ends = [call.constant(number, "an end of a range") for number in range(3)]
+    if any(end is None or end.size != 1 or end.dtype.kind != "i" for end in ends):
+        raise UnsupportedModelError("a range other than of whole-number constants")
+    start, limit, step = (int(np.ravel(end)[0]) for end in ends if end is not None)
+    if step == 0:
+        raise InputError("a step of 0; the model file is damaged")
+    check_size([len(range(start, limit, step))], MAX_FOLDED)
+    return ConstantOperand(np.arange(start, limit, step).astype(np.asarray(ends[0]).dtype))
+
+
+@operator("Trilu", 14)
+def _triangle(call: NodeCall) -> Operand:
+    operand, diagonal = call.required(), call.integers(1, "the diagonal") or [0]
+    if not isinstance(operand, ConstantOperand) or operand.array.ndim < 2:
+        raise UnsupportedModelError("a triangle of numbers that are computed; multiply them by a constant one")
+    return operand.moved(partial(np.triu if call.node.integer("upper", 1) else np.tril, k=diagonal[0]))
 
 
 @operator("Reshape", 5, 14, 19, *_SHAPE_VERSIONS)
@@ -392,6 +427,15 @@ def _expand(call: NodeCall) -> Operand:
         raise InputError(f"shape {operand.shape} does not grow to {wanted}; the model file is damaged") from None
     check_size(shape, MAX_COLUMNS if isinstance(operand, Tensor) else MAX_FOLDED)
     return operand.moved(lambda array: np.broadcast_to(array, shape))
+
+
+@operator("Tile", 6, 13)
+def _tile(call: NodeCall) -> Operand:
+    operand, times = call.required(), call.integers(1, "repeats") or []
+    if len(times) != len(operand.shape) or min(times, default=1) < 1:
+        raise InputError(f"repeats shape {operand.shape} {times} times; the model file is damaged")
+    check_size([*operand.shape, *times], MAX_FOLDED if isinstance(operand, ConstantOperand) else MAX_COLUMNS)
+    return operand.moved(partial(np.tile, reps=times))
 
 
 @operator("ConstantOfShape", 9, 20, 21, 23, 24, 25)

@@ -26,15 +26,19 @@ def walk_isolation_forest(fitted: Fitted, builder: GraphBuilder, value: int) -> 
     """
     trees = fitted.items("estimators_")
     width, count = builder.width(value), len(trees)
+    columns = None
     if fitted.integer("_max_features", 1, width) != width:
-        raise UnsupportedModelError("IsolationForest with max_features below 1: train it on all features")
+        columns = [
+            fitted.integers_of("estimators_features_", part, (None,), low=0, high=width - 1)
+            for part in fitted.items("estimators_features_", count)
+        ]
     paths = [np.asarray(path, np.float64) for path in fitted.items("_decision_path_lengths", count)]
     usual = [np.asarray(path, np.float64) for path in fitted.items("_average_path_length_per_tree", count)]
     for tree, path, mean in zip(trees, paths, usual, strict=True):
         if path.shape != (tree.tree_.node_count,) or mean.shape != path.shape:
             raise fitted.fail("_decision_path_lengths", "not one number a node")
     leaves = [(path + mean - 1.0)[:, None] for path, mean in zip(paths, usual, strict=True)]
-    depth = add_float32_trees(builder, value, trees, fitted, TreeSum(leaves=leaves))
+    depth = add_float32_trees(builder, value, trees, fitted, TreeSum(leaves=leaves, columns=columns))
     unit, offset = count * _usual_length(fitted.integer("_max_samples", 1, 2**53)), fitted.number("offset_")
     longest = sum(float(np.max(lengths)) for lengths in leaves)
     if not unit > 0.0 or longest * math.log(2.0) > 8.0 * unit:
@@ -71,6 +75,14 @@ def walk_envelope(fitted: Fitted, builder: GraphBuilder, value: int) -> Classifi
     return Classified(_INLIERS, above(builder, decision, inclusive=True), decision=decision)
 
 
+@walks("SGDOneClassSVM", finite=True)
+def walk_linear_one_class(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
+    """A weighted sum less `offset_`; 1 from 0 on (`linear_model/_stochastic_gradient.py: SGDOneClassSVM`)."""
+    total = builder.linear(value, fitted.floats("coef_", (builder.width(value),))[None, :])
+    decision = builder.scale(total, "-", fitted.floats("offset_", (1,)))
+    return Classified(_INLIERS, above(builder, decision, inclusive=True), decision=decision)
+
+
 @walks("KMeans MiniBatchKMeans MeanShift AffinityPropagation", finite=True, double="cluster_centers_")
 def walk_clusters(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """The nearest centre, the first of equal ones (`cluster/_k_means_lloyd.pyx: lloyd_iter_chunked_dense`)."""
@@ -83,19 +95,48 @@ def walk_clusters(fitted: Fitted, builder: GraphBuilder, value: int) -> Classifi
     return Classified(tuple(range(len(centres))), largest(builder, near))
 
 
-@walks("GaussianMixture", finite=True, double="precisions_cholesky_")
+@walks("GaussianMixture BayesianGaussianMixture", finite=True, double="precisions_cholesky_")
 def walk_mixture(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """The most probable component (`mixture/_gaussian_mixture.py: _estimate_log_gaussian_prob`)."""
     width = builder.width(value)
     means = fitted.floats("means_", (None, width))
     count = len(means)
-    weights = fitted.floats("weights_", (count,))
-    if np.any(weights <= 0):
-        raise fitted.fail("weights_", "a component without weight")
     full = fitted.estimator.covariance_type in ("full", "tied")
     norms, determinants = (_turned if full else _straight)(fitted, builder, value, means)
-    scores = builder.chain(norms, ("*", -0.5), ("+", determinants), ("+", np.log(weights)))
+    of_components = _of_components if fitted.kind == "GaussianMixture" else _of_expected_components
+    scores = builder.chain(norms, ("*", -0.5), ("+", determinants), *of_components(fitted, means))
     return Classified(tuple(range(count)), largest(builder, scores), softmax(builder, scores))
+
+
+def _of_components(fitted: Fitted, means: FloatArray) -> list[tuple[str, FloatArray]]:
+    """What is added for the share of each component."""
+    weights = fitted.floats("weights_", (len(means),))
+    if np.any(weights <= 0):
+        raise fitted.fail("weights_", "a component without weight")
+    return [("+", np.log(weights))]
+
+
+def _of_expected_components(fitted: Fitted, means: FloatArray) -> list[tuple[str, FloatArray]]:
+    """As `_of_components`, for shares and precisions that have distributions of their own.
+
+    `mixture/_bayesian_mixture.py: _estimate_log_prob, _estimate_log_weights`, step by step.
+    """
+    from scipy.special import digamma
+
+    count, width = means.shape
+    degrees = fitted.floats("degrees_of_freedom_", (), (count,))  # one where the precisions are tied
+    precision = fitted.floats("mean_precision_", (count,))
+    given = fitted.get("weight_concentration_")
+    if fitted.estimator.weight_concentration_prior_type == "dirichlet_process":
+        one, other = (fitted.floats_of("weight_concentration_", part, (count,)) for part in given)
+        both = digamma(one + other)
+        shares = digamma(one) - both + np.hstack((0, np.cumsum(digamma(other) - both)[:-1]))
+    else:
+        one = fitted.floats_of("weight_concentration_", given, (count,))
+        shares = digamma(one) - digamma(np.sum(one))
+    turns = digamma(0.5 * (degrees - np.arange(width)[:, None]))
+    spread = 0.5 * (width * np.log(2.0) + np.sum(turns, 0) - width / precision)
+    return [("-", 0.5 * width * np.log(degrees)), ("+", spread), ("+", shares)]
 
 
 def _turned(fitted: Fitted, builder: GraphBuilder, value: int, means: FloatArray) -> tuple[int, FloatArray]:

@@ -63,7 +63,17 @@ _SEARCH = tuple(
 )
 
 
-@walks("GridSearchCV RandomizedSearchCV", trusts=_SEARCH, single=True)
+@walks(
+    "GridSearchCV RandomizedSearchCV HalvingGridSearchCV HalvingRandomSearchCV",
+    trusts=(
+        *_SEARCH,
+        *(
+            f"sklearn.model_selection._search_successive_halving.{name}"
+            for name in ("HalvingGridSearchCV", "HalvingRandomSearchCV", "_SubsampleMetaSplitter")
+        ),
+    ),
+    single=True,
+)
 def walk_search(fitted: Fitted, builder: GraphBuilder, value: int) -> Walked:
     """The estimator that the search found best and fitted again (`_search.py: BaseSearchCV.predict`)."""
     return walk_any(fitted.get("best_estimator_"), builder, value)
@@ -221,19 +231,29 @@ _UFUNCS: dict[Any, Function | None] = {
     np.square: None,
     np.absolute: Function.ABS,
     np.tanh: Function.TANH,
+    np.sin: Function.SIN,
+    np.cos: Function.COS,
 }
+#: Functions that are one product with what they make of 1.
+_FACTORS = (np.negative, np.deg2rad, np.radians, np.rad2deg, np.degrees)
 
 
 def _add_function(function: Any, role: str, builder: GraphBuilder, value: int) -> int:
     if function is None:
         return value
-    if not isinstance(function, np.ufunc) or function not in _UFUNCS:
-        supported = ", ".join(f"numpy.{known.__name__}" for known in _UFUNCS)
+    known = (*_UFUNCS, *_FACTORS, np.reciprocal)
+    if not isinstance(function, np.ufunc) or function not in known:
+        supported = ", ".join(f"numpy.{one.__name__}" for one in known)
         raise UnsupportedModelError(
             f"{role}={getattr(function, '__name__', function)!s}: a function that is not compiled; "
             f"supported are None (identity), {supported}"
         )
-    kind, precision = _UFUNCS[function], builder.precision(value)
+    precision = builder.precision(value)
+    if function is np.reciprocal:
+        return builder.scale(value, "/", 1.0, precision=precision, reverse=True)
+    if function in _FACTORS:
+        return builder.scale(value, "*", float(function(np.dtype(precision.value).type(1.0))), precision=precision)
+    kind = _UFUNCS[function]
     if kind is None:
         return builder.combine(value, "*", value, precision=precision)
     return builder.function(value, kind, precision=precision)

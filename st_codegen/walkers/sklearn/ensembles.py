@@ -18,6 +18,7 @@ from st_codegen.walkers.base import (
     Classified,
     Estimated,
     GraphBuilder,
+    Walked,
     walk_any,
     walk_classifier,
     walk_estimator,
@@ -194,16 +195,19 @@ def walk_ada_boost_regressor(fitted: Fitted, builder: GraphBuilder, value: int) 
 
 
 @walks("OneVsRestClassifier", trusts=("sklearn.multiclass._ConstantPredictor",), single=True)
-def walk_one_vs_rest(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
-    """The first (or last) of the largest scores, one a class; of two classes the second beyond the threshold."""
+def walk_one_vs_rest(fitted: Fitted, builder: GraphBuilder, value: int) -> Walked:
+    """The first (or last) of the largest scores, one a class; of two classes the second beyond the threshold.
+
+    Of several labels a row: 1 for each whose score lies beyond it.
+    """
     parts = fitted.items("estimators_")
     binarizer = Fitted(fitted.get("label_binarizer_"))
     labels = labels_of(binarizer)
-    if str(binarizer.get("y_type_")).startswith("multilabel"):
-        raise UnsupportedModelError("OneVsRestClassifier with several labels a row: train one for each of them")
     scores = [_response(walk_classifier(part, builder, value), part, builder) for part in parts]
+    cut = 0.0 if hasattr(parts[0], "decision_function") else 0.5
+    if binarizer.get("y_type_") == "multilabel-indicator":
+        return above(builder, builder.beside(*scores), cut)
     if len(parts) == 1:
-        cut = 0.0 if hasattr(parts[0], "decision_function") else 0.5
         return Classified(labels, above(builder, scores[0], cut))
     if _chosen_of_equal(fitted.estimator, builder.width(value)) == labels[0]:
         return Classified(labels, largest(builder, builder.beside(*scores)))
@@ -329,11 +333,24 @@ def _one_output(part: Any, builder: GraphBuilder, value: int) -> int:
     one = walk_any(part, builder, value)
     if not isinstance(one, Classified):
         return one.mean if isinstance(one, Estimated) else one
+    return _number(one, part)
+
+
+def _number(one: Classified, part: Any) -> int:
+    """The label of a classifier, where the labels are the numbers 0, 1, .. themselves."""
     if tuple(one.labels) != tuple(range(len(one.labels))):
         raise UnsupportedModelError(
             f"{type(part).__name__} with labels {one.labels[:3]}, .. beside other outputs: encode them as 0, 1, .."
         )
     return one.index
+
+
+def _handed_on(one: Classified, part: Any, method: str, builder: GraphBuilder) -> int:
+    """What those behind a classifier of a chain are given of it (`utils/_response.py: _get_response_values`)."""
+    score = {"predict_proba": one.probability, "decision_function": one.decision}.get(method)
+    if len(one.labels) != 2 or score is None:
+        raise UnsupportedModelError(f"ClassifierChain by the {method} of {type(part).__name__}")
+    return builder.select([1], score) if method == "predict_proba" else score
 
 
 @walks("MultiOutputRegressor MultiOutputClassifier", single=True)
@@ -346,12 +363,19 @@ def walk_multi_output(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
 def walk_chain(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """Each estimator takes the inputs and what those before it gave (`multioutput.py: _get_predictions`)."""
     parts = fitted.items("estimators_")
-    if fitted.kind == "ClassifierChain" and fitted.get("chain_method_") != "predict":
-        raise UnsupportedModelError("ClassifierChain with another chain_method than 'predict'")
+    method = fitted.get("chain_method_") if fitted.kind == "ClassifierChain" else "predict"
     order = fitted.integers_of("order_", np.asarray(fitted.get("order_")), (len(parts),), low=0, high=len(parts) - 1)
     given: list[int] = []
+    found: list[int] = []
     for part in parts:
-        given.append(_one_output(part, builder, builder.held_like(value, builder.beside(value, *given))))
-    result = builder.select(np.argsort(order), builder.beside(*given))
+        read = builder.held_like(value, builder.beside(value, *given))
+        if method == "predict":
+            given.append(_one_output(part, builder, read))
+            found.append(given[-1])
+            continue
+        one = walk_classifier(part, builder, read)
+        given.append(_handed_on(one, part, method, builder))
+        found.append(_number(one, part))
+    result = builder.select(np.argsort(order), builder.beside(*found))
     builder.widened.add(result)
     return result

@@ -20,11 +20,13 @@ from st_codegen.walkers.base import (
     LoadedModel,
     Predictor,
     Walked,
+    is_known,
+    unsupported,
     walk_any,
 )
 from st_codegen.walkers.classes import numbers_of
 from st_codegen.walkers.limits import MAX_COLUMNS
-from st_codegen.walkers.sklearn.native import check_native
+from st_codegen.walkers.sklearn.native import check_native, objects_in
 
 
 def load_object(estimator: Any, name: str) -> LoadedModel:
@@ -48,7 +50,7 @@ def load_object(estimator: Any, name: str) -> LoadedModel:
     if not hasattr(estimator, "predict"):
         builder.refuse_nan(len(builder.ops))  # the library hands NaN on, and the block has no output for it
         notes = ("computes transform; a row with NaN is not valid",)
-    if any(jobs is not None and jobs != 1 for jobs in _jobs(estimator).values()):
+    if _one_job(estimator):
         # a forest adds its trees in the order in which its jobs finish: two calls differ in their last bits
         notes += ("as the library predicts with n_jobs=1; with more, its own last bits may vary from call to call",)
     source = Source(LIBRARIES["sklearn"], _version(estimator), _description(estimator), notes=notes)
@@ -90,7 +92,12 @@ def _features(estimator: Any) -> tuple[Feature, ...]:
     if count is None and hasattr(estimator, "X_thresholds_"):  # IsotonicRegression takes one column and does not say so
         count = 1
     if count is None:
-        raise InputError(f"{type(estimator).__name__} is not fitted: call fit() before saving it")
+        package, name = type(estimator).__module__.partition(".")[0], type(estimator).__name__
+        if not is_known(package, name):
+            raise unsupported(package, name)
+        if not _is_fitted(estimator):
+            raise InputError(f"{name} is not fitted: call fit() before saving it")
+        raise InputError(f"{name} does not say how many features it takes: fit it on numbers, with a kernel of sklearn")
     if not isinstance(count, int | np.integer) or not 1 <= count <= MAX_COLUMNS:
         raise InputError(f"{type(estimator).__name__}.n_features_in_: {str(count)[:40]}, expected 1 .. {MAX_COLUMNS}")
     names = _first(estimator, "feature_names_in_")
@@ -99,6 +106,17 @@ def _features(estimator: Any) -> tuple[Feature, ...]:
     if not isinstance(names, np.ndarray) or names.shape != (count,) or not all(isinstance(n, str) for n in names):
         raise InputError(f"{type(estimator).__name__}.feature_names_in_: not {count} texts")
     return tuple(Feature(str(name)) for name in names)
+
+
+def _is_fitted(estimator: Any) -> bool:
+    from sklearn.exceptions import NotFittedError
+    from sklearn.utils.validation import check_is_fitted
+
+    try:
+        check_is_fitted(estimator)
+    except NotFittedError:
+        return False
+    return True
 
 
 def _first(estimator: Any, attribute: str) -> Any:
@@ -122,9 +140,6 @@ def _predictor(estimator: Any, result: Walked) -> Predictor:
     That is `predict`, whose labels become their numbers, and of a classifier its probabilities and scores beside it;
     of a scaler or another preparation that stands alone it is `transform`.
     """
-    if hasattr(estimator, "get_params"):
-        _set_fitted_jobs(estimator)
-        estimator.set_params(**dict.fromkeys(_jobs(estimator), 1))
     names = _first(estimator, "feature_names_in_")
     compute = estimator.predict if hasattr(estimator, "predict") else estimator.transform
 
@@ -161,19 +176,18 @@ def _reconstructed(estimator: Any, rows: Any) -> FloatArray:
     return np.column_stack([columns, (missed * missed).sum(axis=1)])
 
 
-def _jobs(estimator: Any) -> dict[str, Any]:
-    """The parameters of an estimator, and of those inside it, that say how many jobs it runs."""
-    parameters = estimator.get_params(deep=True) if hasattr(estimator, "get_params") else {}
-    return {key: jobs for key, jobs in parameters.items() if key == "n_jobs" or key.endswith("__n_jobs")}
+def _one_job(estimator: Any) -> bool:
+    """Let an estimator, and whatever predicts inside it, run one job; whether any ran several.
 
-
-def _set_fitted_jobs(estimator: Any) -> None:
-    """`set_params` reaches the templates of a composition, not the fitted copies that predict: reach those too."""
-    found = vars(estimator).get("estimators_") if hasattr(estimator, "__dict__") else None
-    for part in (*(part for _, part in _parts(estimator)), *(found if isinstance(found, list) else ())):
-        if hasattr(part, "n_jobs"):
+    `set_params` reaches the templates of a composition, not the fitted copies, and neither inside FrozenEstimator.
+    """
+    several = False
+    for part in objects_in(estimator):
+        own = vars(part) if hasattr(part, "__dict__") and not isinstance(part, type) else {}
+        if "n_jobs" in own:
+            several |= own["n_jobs"] not in (None, 1)
             part.n_jobs = 1
-        _set_fitted_jobs(part)
+    return several
 
 
 def _with_names(x: FloatArray, names: Any) -> Any:

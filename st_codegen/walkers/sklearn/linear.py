@@ -5,15 +5,18 @@ They add products through BLAS, whose order is not specified: equal within the b
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+from functools import reduce
 
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import Exceeds, FloatArray, Precision
-from st_codegen.walkers.base import Classified, GraphBuilder, walk_estimator, walks
+from st_codegen.ir import Distances, Exceeds, FloatArray, Precision
+from st_codegen.walkers.base import Classified, GraphBuilder, Walked, walk_estimator, walks
 from st_codegen.walkers.classes import above, complement, labels_of, largest, softmax, whole_sums
 from st_codegen.walkers.fitted import SPARSE, Fitted
+from st_codegen.walkers.sklearn.pieces import add_pieces
 
 
 def _weighted_sum(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
@@ -45,7 +48,7 @@ def walk_linear(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
 
 @walks(
     "PoissonRegressor GammaRegressor TweedieRegressor",
-    trusts=("sklearn._loss.loss.HalfTweedieLossIdentity",),
+    trusts=("sklearn._loss.loss.HalfTweedieLoss", "sklearn._loss.loss.HalfTweedieLossIdentity"),
     single=True,
 )
 def walk_generalized(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
@@ -75,7 +78,7 @@ def walk_consensus(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
 @walks(
     """
     LinearDiscriminantAnalysis LinearSVC LogisticRegression LogisticRegressionCV PassiveAggressiveClassifier
-    Perceptron RidgeClassifier RidgeClassifierCV SGDClassifier
+    Perceptron SGDClassifier
     """,
     trusts=SPARSE,
     single=True,
@@ -88,8 +91,7 @@ def walk_linear_classifier(fitted: Fitted, builder: GraphBuilder, value: int) ->
     labels = labels_of(fitted)
     scores = _weighted_sum(fitted, builder, value)
     count, precision = builder.width(scores), builder.precision(scores)
-    several = getattr(getattr(fitted.estimator, "_label_binarizer", None), "y_type_", "").startswith("multilabel")
-    if several or count != (len(labels) if len(labels) > 2 else 1):
+    if count != (len(labels) if len(labels) > 2 else 1):
         raise UnsupportedModelError(f"{fitted.kind} with {count} scores for {len(labels)} classes: train one for each")
     logistic = fitted.kind in ("LogisticRegression", "LogisticRegressionCV", "LinearDiscriminantAnalysis")
     if count > 1:
@@ -99,6 +101,14 @@ def walk_linear_classifier(fitted: Fitted, builder: GraphBuilder, value: int) ->
     if logistic or (fitted.kind == "SGDClassifier" and fitted.estimator.loss == "log_loss"):
         probability = complement(builder, builder.function(scores, "logistic", precision=precision), precision)
     return Classified(labels, above(builder, scores), probability, scores)
+
+
+@walks("RidgeClassifier RidgeClassifierCV", single=True)
+def walk_ridge_classifier(fitted: Fitted, builder: GraphBuilder, value: int) -> Walked:
+    """As other linear classifiers; of several labels a row 1 for each above 0 (`linear_model/_ridge.py: predict`)."""
+    if Fitted(fitted.get("_label_binarizer")).get("y_type_") == "multilabel-indicator":
+        return above(builder, _weighted_sum(fitted, builder, value))
+    return walk_linear_classifier(fitted, builder, value)
 
 
 def _most_likely(fitted: Fitted, builder: GraphBuilder, scores: int) -> Classified:
@@ -155,6 +165,28 @@ def walk_discrete_bayes(fitted: Fitted, builder: GraphBuilder, value: int) -> Cl
     return _most_likely(fitted, builder, builder.scale(total, "+", constant))
 
 
+@walks("CategoricalNB", finite=True)
+def walk_categorical_bayes(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
+    """Logarithms of shares, added feature by feature, then those of the classes (`naive_bayes.py: CategoricalNB`).
+
+    The library cuts numbers to integers, so that all above -1 are the category 0; it raises for categories that the
+    training did not have.
+    """
+    prior, parts = fitted.floats("class_log_prior_", (None,)), []
+    for number, given in enumerate(fitted.items("feature_log_prob_", builder.width(value))):
+        shares = fitted.floats_of(f"feature_log_prob_[{number}]", given, (len(prior), None))
+        if not shares.size:
+            raise fitted.fail(f"feature_log_prob_[{number}]", "no categories")
+        knots = np.array([-1.0, *range(1, shares.shape[1] + 1)])
+        columns = []
+        for own in shares:
+            between = np.array([math.inf, *own, math.inf])
+            columns.append((knots, np.delete(between, 1), between[:, None], math.nan))
+        parts.append(add_pieces(builder, builder.select(np.full(len(prior), number), value), columns))
+    total = reduce(lambda one, other: builder.combine(one, "+", other), parts)
+    return _most_likely(fitted, builder, builder.scale(total, "+", prior))
+
+
 @walks("QuadraticDiscriminantAnalysis", finite=True, double="scalings_")
 def walk_quadratic(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """`discriminant_analysis.py: QuadraticDiscriminantAnalysis._decision_function`, class by class."""
@@ -182,15 +214,19 @@ def walk_quadratic(fitted: Fitted, builder: GraphBuilder, value: int) -> Classif
 
 @walks("NearestCentroid", finite=True)
 def walk_nearest_centroid(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
-    """The nearest centre by the Euclidean distance, the first of equal ones (`pairwise_distances_argmin`)."""
+    """The nearest centre by the distance, the first of equal ones (`pairwise_distances_argmin`)."""
     labels = labels_of(fitted)
     prior = fitted.floats("class_prior_", (len(labels),))
-    if fitted.estimator.metric != "euclidean" or not np.isclose(prior, 1 / len(labels)).all():
+    manhattan = fitted.estimator.metric == "manhattan"
+    if not (manhattan or fitted.estimator.metric == "euclidean") or not np.isclose(prior, 1 / len(labels)).all():
         raise UnsupportedModelError(
             f"NearestCentroid with metric={fitted.estimator.metric!r} and priors {prior[:3]}: supported are "
-            "metric='euclidean' and equal priors (priors='uniform')"
+            "the metrics 'euclidean' and 'manhattan', and equal priors (priors='uniform')"
         )
     centres = fitted.floats("centroids_", (len(labels), builder.width(value)))
+    if manhattan:
+        distances = builder.add(Distances((value,), centres, squared=False))
+        return Classified(labels, largest(builder, builder.scale(distances, "*", -1.0)))
     return Classified(labels, largest(builder, negative_square_distances(builder, value, centres)))
 
 

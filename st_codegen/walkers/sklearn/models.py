@@ -162,6 +162,8 @@ def walk_mlp(fitted: Fitted, builder: GraphBuilder, value: int) -> Walked:
     labels, count = labels_of(fitted), builder.width(value)
     if len(labels) < 2:
         raise UnsupportedModelError("MLPClassifier with one class")
+    if getattr(fitted.get("_label_binarizer"), "y_type_", "") == "multilabel-indicator":
+        return above(builder, value, 0.5)
     if count != (len(labels) if len(labels) > 2 else 1) or (count > 1) != (fitted.get("out_activation_") == "softmax"):
         raise UnsupportedModelError(f"MLPClassifier with {count} outputs for {len(labels)} labels: train one for each")
     if count > 1:

@@ -7,6 +7,7 @@ feature is.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,15 @@ def check_native(estimator: Any) -> None:
 
     Raises InputError for a tree, ValueError for a matrix, that the library would follow beyond its end.
     """
+    for part in objects_in(estimator):
+        if is_tree(part):
+            _check_tree(part)
+        elif type(part).__module__.startswith("scipy.sparse") and hasattr(part, "check_format"):
+            part.check_format(full_check=True)
+
+
+def objects_in(estimator: Any) -> Iterator[Any]:
+    """An estimator and everything that it holds, lists and dictionaries included, each once."""
     seen: set[int] = set()
     waiting = [estimator]
     while waiting:
@@ -42,12 +52,9 @@ def check_native(estimator: Any) -> None:
             waiting += part
         elif isinstance(part, np.ndarray):
             waiting += part.ravel().tolist() if part.dtype == object else []
-        elif is_tree(part):
-            _check_tree(part)
-        elif type(part).__module__.startswith("scipy.sparse") and hasattr(part, "check_format"):
-            part.check_format(full_check=True)
         elif hasattr(part, "__dict__") and not isinstance(part, type):
             waiting += vars(part).values()
+        yield part
 
 
 def _check_tree(tree: Any) -> None:

@@ -6,6 +6,7 @@ Projections add products through BLAS, whose order is not specified: equal withi
 from __future__ import annotations
 
 import math
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -154,12 +155,17 @@ def walk_polynomial(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
 @transforms("Normalizer", finite=True)
 def walk_normalizer(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """Columns divided by their norm; norms below ten units of rounding count as 1 (`_data.py: normalize`)."""
-    if fitted.estimator.norm not in ("l1", "l2"):
-        raise UnsupportedModelError(f"Normalizer with norm={fitted.estimator.norm!r}: supported are 'l1' and 'l2'")
-    width = builder.width(value)
-    parts = squares(builder, value) if fitted.estimator.norm == "l2" else builder.function(value, "leaky_relu", -1.0)
-    norm = builder.linear(parts, np.ones((1, width)))
-    if fitted.estimator.norm == "l2":
+    width, kind = builder.width(value), fitted.choice("norm", {"l1": "l1", "l2": "l2", "max": "max"})
+    parts = squares(builder, value) if kind == "l2" else builder.function(value, "leaky_relu", -1.0)
+    if kind == "max":
+        norm = reduce(
+            lambda one, n: builder.combine(one, "max", builder.select([n], parts)),
+            range(1, width),
+            builder.select([0], parts),
+        )
+    else:
+        norm = builder.linear(parts, np.ones((1, width)))
+    if kind == "l2":
         norm = builder.function(norm, "sqrt")
     large = builder.add(Exceeds((norm,), np.full(1, 10 * np.finfo(np.float64).eps), inclusive=True))
     kept = builder.combine(norm, "*", large)

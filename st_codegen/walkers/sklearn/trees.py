@@ -40,10 +40,23 @@ def walk_trees(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
 @walks(
     "DecisionTreeClassifier ExtraTreeClassifier RandomForestClassifier ExtraTreesClassifier", trusts=_TREE, single=True
 )
-def walk_class_trees(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
-    """The mean of the fractions of the classes in the leaves, and the first of the largest (`predict`)."""
+def walk_class_trees(fitted: Fitted, builder: GraphBuilder, value: int) -> Walked:
+    """The mean of the fractions of the classes in the leaves, and the first of the largest (`predict`).
+
+    Of several outputs the number of each one's class, of which leaves have as many fractions as the most have classes.
+    """
     shares = walk_trees(fitted, builder, value)
-    return Classified(labels_of(fitted), largest(builder, shares), probability=shares)
+    given = fitted.get("classes_")
+    if not isinstance(given, list):
+        return Classified(labels_of(fitted), largest(builder, shares), probability=shares)
+    each, found = builder.width(shares) // len(given), []
+    for output, labels in enumerate(given):
+        if not np.array_equal(labels, np.arange(len(labels))):
+            raise UnsupportedModelError(
+                f"{fitted.kind} with labels {np.ravel(labels)[:3]}, .. beside other outputs: encode them as 0, 1, .."
+            )
+        found.append(largest(builder, builder.select(output * each + np.arange(len(labels)), shares)))
+    return builder.beside(*found)
 
 
 def _boosted(fitted: Fitted, builder: GraphBuilder, value: int, count: int) -> int:
@@ -100,22 +113,27 @@ class TreeSum:
 
     A leaf has a number for each output or for each class; leaves of one number add to the outputs in turn, of which
     there is one for each `base`. `leaves`: numbers of the nodes of each tree that stand in place of the trees' own.
+    `columns`: those that each tree reads, where it does not read all.
     """
 
     base: FloatArray | float = 0.0
     leaf_scale: float = 1.0
     divisor: float = 1.0
     leaves: Sequence[FloatArray] | None = None
+    columns: Sequence[IntArray] | None = None
 
 
 def add_float32_trees(
     builder: GraphBuilder, value: int, trees: Sequence[Any], fitted: Fitted, rule: TreeSum = TreeSum()
 ) -> int:
     """The trees of `sklearn.tree`; `leaf_scale * leaf` is rounded once here as the library rounds it at run time."""
-    structures = [_structure(Fitted(tree), builder.width(value)) for tree in trees]
+    columns = [np.arange(builder.width(value))] * len(trees) if rule.columns is None else rule.columns
+    structures = [_structure(Fitted(tree), len(own)) for tree, own in zip(trees, columns, strict=True)]
     wanted = (1, 1)
     if hasattr(trees[0], "classes_"):
-        wanted = 1, len(labels_of(fitted))
+        several = fitted.get("classes_")
+        several = several if isinstance(several, list) else [labels_of(fitted)]
+        wanted = fitted.integer("n_outputs_", len(several), len(several)), max(map(len, several))
     elif hasattr(fitted.estimator, "n_outputs_"):  # boosting has one output and does not say so
         wanted = fitted.integer("n_outputs_", 1, 2**31 - 1), 1
     if any(tree.value.shape[1:] != wanted for tree in structures):
@@ -138,7 +156,9 @@ def add_float32_trees(
             value,
             layout,
             columns=tuple(TreeColumn(column) for column in range(builder.width(value))),
-            split=joined("feature")[order],
+            split=np.concatenate(
+                [own[np.maximum(tree.feature, 0)] for own, tree in zip(columns, structures, strict=True)]
+            )[order],
             threshold=joined("threshold")[order],
             missing_left=joined("missing_go_to_left")[order].astype(np.bool_),
             leaf_value=leaves,
