@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from st_codegen.campaign.orders import Sums
+from st_codegen.campaign.orders import Sums, fit_orders
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.settings import SETTINGS
 
@@ -158,7 +158,8 @@ def without_waves_between(sums: Sequence[Sums], known: Collection[int]) -> tuple
         seen = sizes > 0.0
         middle = float(np.median(orders[seen])) if seen.any() else 0.0
         spread = float(np.median(np.abs(orders[seen] - middle))) if seen.any() else 0.0
-        if abs(middle - round(middle)) < _WHOLE or seen.mean() < SETTINGS.most_orders or spread > _WHOLE:
+        is_between = abs(middle - round(middle)) >= _WHOLE and seen.mean() >= SETTINGS.most_orders and spread <= _WHOLE
+        if not is_between or not _over_the_angle(kept[some], known, top):
             free[top] = False  # it may be louder than a wave between others
             continue
         # in curves that do not tell its order well by themselves it has that of the others
@@ -177,6 +178,20 @@ def without_waves_between(sums: Sequence[Sums], known: Collection[int]) -> tuple
         # what is left of it is none of its own
         free[max(top - 1, 0) : top + 2] = False
     return kept, tuple(found)
+
+
+def _over_the_angle(sums: Sequence[Sums], known: Collection[int], top: int) -> bool:
+    """Whether curves are loud near an order over the measured angle as well as over the number of the sample.
+
+    Where the speed ripples within the turn the samples are uneven in angle, and orders of the rig (`known`) leak into
+    others over their number.
+    """
+    powers = []
+    for one in sums:
+        fit = fit_orders(one, [order for order in known if order <= one.band])
+        near = [order for order in range(max(top - 3, 1), min(top + 4, one.band + 1)) if order not in known]
+        powers.append(float((np.abs(fit.waves[near]) ** 2 / np.maximum(fit.spectrum_floor[near], 1e-150) ** 2).max()))
+    return float(np.median(powers)) > SETTINGS.loud_line
 
 
 def _between(
