@@ -18,6 +18,8 @@ from st_codegen.reconcile.settings import SETTINGS
 
 #: distance from the order that a frequency lets expect, of which whole numbers have a quarter in the median
 _WHOLE = 0.1
+#: share of its size near an order that a wave has over the measured angle as well, beside the orders of the rig
+_STAYS = 0.5
 #: median of the sum of two exponential numbers
 _MEDIAN_OF_TWO = 1.678
 #: steps to each side in which the frequency of a hum that is known to an order is looked for
@@ -186,12 +188,12 @@ def _over_the_angle(sums: Sequence[Sums], known: Collection[int], top: int) -> b
     Where the speed ripples within the turn the samples are uneven in angle, and orders of the rig (`known`) leak into
     others over their number.
     """
-    powers = []
+    shares = []
     for one in sums:
-        fit = fit_orders(one, [order for order in known if order <= one.band])
         near = [order for order in range(max(top - 3, 1), min(top + 4, one.band + 1)) if order not in known]
-        powers.append(float((np.abs(fit.waves[near]) ** 2 / np.maximum(fit.spectrum_floor[near], 1e-150) ** 2).max()))
-    return float(np.median(powers)) > SETTINGS.loud_line
+        over_angle = fit_orders(one, [order for order in known if order <= one.band]).waves[near]
+        shares.append(float(np.abs(over_angle).max() / max(float(np.abs(one.plain_fft[near]).max()), 1e-300)))
+    return float(np.median(shares)) > _STAYS
 
 
 def _between(
