@@ -13,6 +13,7 @@ import numpy as np
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations
+from st_codegen.reconcile.judge.votes import noise_power
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.model import RigModel
 
@@ -50,8 +51,9 @@ def mistaken_runs(data: Observations, rig: RigModel) -> list[Mistake] | None:
     power = np.median(np.abs(model), axis=0)
     # orders in which the rig is right for most runs, and loud
     sure = (usual < SETTINGS.sure_order) & (power > 3 * np.median(sigma, axis=0))
-    if sure.sum() < SETTINGS.least_votes:
-        return None
+    turned = _block_of_no_effect(data, model, seen)
+    if turned or sure.sum() < SETTINGS.least_votes:
+        return turned or None
     # a coefficient that a curve does not tell says nothing of its label
     values, known, weight = data.values[:, sure], model[:, sure], seen[:, sure] / sigma[:, sure] ** 2
     blocks = _block(data, values, known, weight)
@@ -60,7 +62,34 @@ def mistaken_runs(data: Observations, rig: RigModel) -> list[Mistake] | None:
     return [*blocks, *_labels(data, rig, sure, rest, known, weight)]
 
 
-def _block(data: Observations, values: ComplexArray, known: ComplexArray, weight: FloatArray) -> list[Mistake]:
+def _block_of_no_effect(data: Observations, model: ComplexArray, seen: BoolArray) -> list[Mistake]:
+    """A block of runs in another unit, or of the other sign: so many of them that neighbours tell no noise.
+
+    The rig must be right in some of the others.
+    """
+    parts = np.where(data.orders == 0, 1, 2)
+    sigma = np.sqrt(noise_power(data) / parts)
+    if data.spectral_deg is None:
+        # what they are measured to be says nothing of the noise of those in another unit
+        sigma = np.minimum(sigma, np.sqrt(SETTINGS.most_noise / parts) * np.abs(model))
+    z = np.abs(data.values - model) / np.maximum(sigma, 1e-300)
+    right = np.quantile(np.where(seen, z, np.inf), SETTINGS.most_labels, axis=0, method="inverted_cdf")
+    sure = (right < SETTINGS.sure_order) & (np.median(np.abs(model), axis=0) > 3 * np.median(sigma, axis=0))
+    if sure.sum() < SETTINGS.least_votes:
+        return []
+    weight = seen[:, sure] / np.maximum(sigma[:, sure], 1e-300) ** 2
+    found = _block(data, data.values[:, sure], model[:, sure], weight, only_no_effect=True)
+    return found if all(len(one.rows) > SETTINGS.most_labels * len(data) for one in found) else []
+
+
+def _block(
+    data: Observations,
+    values: ComplexArray,
+    known: ComplexArray,
+    weight: FloatArray,
+    *,
+    only_no_effect: bool = False,
+) -> list[Mistake]:
     factor = []
     runs = data.runs
     for rows in runs:
@@ -77,6 +106,8 @@ def _block(data: Observations, values: ComplexArray, known: ComplexArray, weight
     is_no_effect = not SETTINGS.like_an_effect[0] < common < SETTINGS.like_an_effect[1]
     if off.mean() > (1.0 - SETTINGS.most_labels if is_no_effect else SETTINGS.most_of_block):
         return []
+    if only_no_effect and not is_no_effect:
+        return []
     near = off & ~_far_from(size, common)
     if near.sum() < SETTINGS.least_block:
         return []
@@ -84,9 +115,10 @@ def _block(data: Observations, values: ComplexArray, known: ComplexArray, weight
     where = ""
     if data.run is not None:
         first, last = int(np.flatnonzero(near)[0]), int(np.flatnonzero(near)[-1])
-        if last - first + 1 > 1.5 * near.sum():
+        is_one = last - first + 1 <= 1.5 * near.sum()
+        if not is_one and not is_no_effect:
             return []
-        where = f", run {first + 1} to run {last + 1} in their order"
+        where = "" if not is_one else f", run {first + 1} to run {last + 1} in their order"
     text = f"a block of {int(near.sum())} runs is {common:.3g} times as large as the rig in most orders{where}"
     return [Mistake("block", text, rows=tuple(map(int, rows)))]
 

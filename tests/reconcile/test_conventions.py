@@ -1,0 +1,94 @@
+"""Sizes and phases by another convention than the rig's, and parts of a campaign that were written another way."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from st_codegen.campaign.harmonic_table import read_table
+from st_codegen.errors import InputError
+from st_codegen.reconcile.judge.measurement import examine
+from st_codegen.rig.model import RigModel
+
+from .test_measurement import ORDERS, PATH, RIG, RUNS, measured, smoothed
+
+WRITTEN = {
+    "with phases of sines": lambda c: 1j * c,
+    "with phases 90 deg less": lambda c: -1j * c,
+    "with phases of the other sign": np.conj,
+    "twice as large, from peak to peak": lambda c: 2 * c,
+    "half as large, one side of a spectrum": lambda c: c / 2,
+    "RMS in place of amplitudes and with phases of sines": lambda c: 1j * c / np.sqrt(2),
+}
+
+
+def waves(data, written):
+    return replace(data, values=np.where(data.orders > 0, written(data.values), data.values))
+
+
+@pytest.mark.parametrize("words", WRITTEN)
+def test_waves_by_another_convention_are_asked_about_and_read_so(words):
+    """Sines in place of cosines made twenty parts of the machine change their phases."""
+    data, wrong = measured(), waves(measured(), WRITTEN[words])
+    with pytest.raises(InputError, match=f"the waves of all orders seem to be {words}.* --accept waves"):
+        examine(wrong, RIG, PATH)
+    read = examine(wrong, RIG, PATH, accept=["waves"])
+    assert read.corrected == {"waves"} and np.abs(read.data.values - data.values).max() < 1e-12
+
+
+def test_a_missing_effect_is_no_convention_and_hides_none():
+    poor = RigModel(
+        constants=RIG.constants,
+        effects=tuple(e for e in RIG.effects if e.name != "structural_resonance"),
+        noise=RIG.noise,
+        zero_offset_deg=RIG.zero_offset_deg,
+    )
+    assert not examine(measured(), poor, PATH).mistakes
+    with pytest.raises(InputError, match="twice as large"):
+        examine(waves(measured(), lambda c: 2 * c), poor, PATH)
+
+
+@pytest.mark.parametrize(("factor", "share"), [(-1.0, 0.3), (60.0, 0.5), (-1.0, 0.6)])
+def test_runs_in_another_unit_or_of_the_other_sign_are_a_block_whatever_their_share(factor, share):
+    """A factor of -1 was the logarithm of a negative number, and half of the runs were a law of the temperature."""
+    data, first = measured(), int(RUNS * (1 - share))
+    late = np.tile(np.arange(RUNS) >= first, 2)
+    found = examine(replace(data, values=data.values * np.where(late, factor, 1.0)[:, None]), RIG, PATH)
+    (one,) = found.mistakes
+    assert one.name == "block" and f"is {factor:.3g} times as large" in one.text and "run to" not in one.text
+    assert set(found.left_out) == set(np.flatnonzero(late))
+
+
+def test_half_of_the_runs_with_a_factor_that_an_effect_may_make_are_no_block():
+    data = measured()
+    late = np.tile(np.arange(RUNS) >= RUNS // 2, 2)
+    found = examine(replace(data, values=data.values * np.where(late, 1.5, 1.0)[:, None]), RIG, PATH)
+    assert all(mistake.name != "block" for mistake in found.mistakes)
+
+
+@pytest.mark.parametrize(("sign", "words"), [(1.0, "TE forward"), (-1.0, "TE backward")])
+def test_one_column_that_was_smoothed_alone_is_asked_about(sign, words):
+    """Backward curves that are means over 3 deg made ten parts of the machine smaller backward."""
+    data = measured()
+    one = data.at.sign == sign
+    wrong = replace(data, values=np.where(one[:, None], smoothed(data, 1.5).values, data.values))
+    with pytest.raises(InputError, match=f"{words} seems to be a mean over 1.5 deg of the angle"):
+        examine(wrong, RIG, PATH)
+    read = examine(wrong, RIG, PATH, accept=["smoothing"]).data
+    kept = np.isin(ORDERS, read.orders)
+    assert np.abs(read.values - data.values[:, kept]).max() < 1e-3 * np.abs(data.values).max()
+
+
+def table(tmp_path, phases):
+    rows = [f"{speed},{torque},30,0.01,{','.join(f'{a},{phi}' for a, phi in zip((0.001, 0.002), row, strict=True))}"
+            for (speed, torque), row in zip(((300, 0), (600, 500), (900, 900)), phases, strict=True)]  # fmt: skip
+    path = tmp_path / "table.csv"
+    path.write_text("\n".join(["speed_rpm,torque_Nm,temperature_C,A0,A1,phi1,A39,phi39", *rows]) + "\n")
+    return path
+
+
+def test_phases_in_degrees_are_refused_and_unwrapped_ones_are_read(tmp_path):
+    """They were read as rad: the resonance moved by 1 Hz, and six runs were called bad."""
+    with pytest.raises(InputError, match=r"line 2: 5 of 6 phases lie beyond 2\*pi, up to 170: they look like degrees"):
+        read_table(table(tmp_path, [(90, -170), (45, 120), (-30, 3)]))
+    assert read_table(table(tmp_path, [(0.1, 7.0), (0.2, 6.5), (0.3, -3)])).orders == (0, 1, 39)
