@@ -14,6 +14,7 @@ from sklearn.ensemble import (
     HistGradientBoostingClassifier,
     RandomForestClassifier,
 )
+from sklearn.neighbors import KNeighborsClassifier
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.tree import DecisionTreeClassifier, ExtraTreeClassifier
@@ -100,7 +101,7 @@ def test_outputs_that_a_model_does_not_have_are_refused():
 
 def test_a_classifier_of_several_outputs_is_refused():
     with pytest.raises(UnsupportedModelError, match="several outputs of classes"):
-        loaded(DecisionTreeClassifier().fit(X, np.column_stack([TWO, THREE])))
+        loaded(KNeighborsClassifier().fit(X, np.column_stack([TWO, THREE])))
 
 
 def test_text_of_other_classes_is_not_compared(tmp_path):

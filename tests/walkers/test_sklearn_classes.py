@@ -27,7 +27,9 @@ from sklearn.preprocessing import StandardScaler
 
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import OutputKind, reference
+from st_codegen.project.bundle import Bundle
 from st_codegen.proof import bounds
+from st_codegen.proof.prove.prove import prove
 from tests.classifiers import SCORE, THREE, TWO, WORDS, X, loaded, verified
 
 COUNTS = np.abs(np.round(X * [2.0, 1.0, 20.0]))
@@ -189,6 +191,8 @@ def test_several_labels_a_row_are_outputs_of_numbers(name, tmp_path):
     assert np.all(np.ptp(library, axis=0) >= 1)
     assert model.ir.exact or not by_trees
     verified(model, tmp_path, rows=300)
+    if by_trees:
+        assert prove(Bundle((model,)), tmp_path).proved
 
 
 @pytest.mark.parametrize(

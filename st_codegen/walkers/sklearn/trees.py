@@ -31,10 +31,15 @@ _TREE = (TREE,)
 @walks("DecisionTreeRegressor ExtraTreeRegressor RandomForestRegressor ExtraTreesRegressor", trusts=_TREE, single=True)
 def walk_trees(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """Sum of the trees in order, divided by their number (`ForestRegressor.predict` with n_jobs=1)."""
+    trees = _trees(fitted)
+    return add_float32_trees(builder, value, trees, fitted, TreeSum(divisor=len(trees)))
+
+
+def _trees(fitted: Fitted) -> list[Any]:
+    """The trees of a forest, or a tree itself."""
     from sklearn.ensemble import BaseEnsemble
 
-    trees = fitted.items("estimators_") if isinstance(fitted.estimator, BaseEnsemble) else [fitted.estimator]
-    return add_float32_trees(builder, value, trees, fitted, TreeSum(divisor=len(trees)))
+    return fitted.items("estimators_") if isinstance(fitted.estimator, BaseEnsemble) else [fitted.estimator]
 
 
 @walks(
@@ -43,19 +48,28 @@ def walk_trees(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
 def walk_class_trees(fitted: Fitted, builder: GraphBuilder, value: int) -> Walked:
     """The mean of the fractions of the classes in the leaves, and the first of the largest (`predict`).
 
-    Of several outputs the number of each one's class, of which leaves have as many fractions as the most have classes.
+    Of several outputs the number of each one's class; the library's leaves have for each as many fractions as the most
+    have classes.
     """
-    shares = walk_trees(fitted, builder, value)
     given = fitted.get("classes_")
     if not isinstance(given, list):
+        shares = walk_trees(fitted, builder, value)
         return Classified(labels_of(fitted), largest(builder, shares), probability=shares)
-    each, found = builder.width(shares) // len(given), []
-    for output, labels in enumerate(given):
+    trees, sizes = _trees(fitted), [len(labels) for labels in given]
+    fitted.integer("n_outputs_", len(given), len(given))
+    own = np.arange(max(sizes)) < np.array(sizes)[:, None]
+    if any(tree.tree_.value.shape[1:] != own.shape for tree in trees):
+        raise fitted.fail("tree_", f"leaves that do not hold {own.size} numbers")
+    leaves = [tree.tree_.value[:, own] for tree in trees]
+    shares = add_float32_trees(builder, value, trees, fitted, TreeSum(divisor=len(trees), leaves=leaves))
+    found, start = [], 0
+    for labels in given:
         if not np.array_equal(labels, np.arange(len(labels))):
             raise UnsupportedModelError(
                 f"{fitted.kind} with labels {np.ravel(labels)[:3]}, .. beside other outputs: encode them as 0, 1, .."
             )
-        found.append(largest(builder, builder.select(output * each + np.arange(len(labels)), shares)))
+        found.append(largest(builder, builder.select(start + np.arange(len(labels)), shares)))
+        start += len(labels)
     return builder.beside(*found)
 
 
