@@ -184,7 +184,7 @@ def read_table(path: Path) -> HarmonicTable:
             raise RowError(
                 table.rows[int(far.any(axis=1).argmax())].line,
                 f"{np.count_nonzero(far)} of {far.size} phases lie beyond 2*pi, up to {np.abs(phases).max():g}: they "
-                "look like degrees; phi1, .. are in rad, multiply them by pi/180",
+                "look like degrees; phi1, .. are in rad: multiply them by pi/180, or take multiples of 2*pi out",
             )
     problems.raise_if_any()
     if 0 in orders:

@@ -249,7 +249,7 @@ def curves():
 
 def tables():
     rows = ["direction,speed_rpm,torque_Nm,temperature_C,A0,A1,phi1"]
-    rows += [f"{way},{speed},900,30,0.1,0.2,{0.1 * speed}" for way in ("forward", "backward") for speed in (100, 200)]
+    rows += [f"{way},{speed},900,30,0.1,0.2,{0.01 * speed}" for way in ("forward", "backward") for speed in (100, 200)]
     return ["\n".join(rows).encode()]
 
 

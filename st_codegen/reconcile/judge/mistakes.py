@@ -72,12 +72,12 @@ def _block_of_no_effect(data: Observations, model: ComplexArray, seen: BoolArray
     if data.spectral_deg is None:
         # what they are measured to be says nothing of the noise of those in another unit
         sigma = np.minimum(sigma, np.sqrt(SETTINGS.most_noise / parts) * np.abs(model))
-    z = np.abs(data.values - model) / np.maximum(sigma, 1e-300)
+    z = np.abs(data.values - model) / np.maximum(sigma, 1e-150)
     right = np.quantile(np.where(seen, z, np.inf), SETTINGS.most_labels, axis=0, method="inverted_cdf")
     sure = (right < SETTINGS.sure_order) & (np.median(np.abs(model), axis=0) > 3 * np.median(sigma, axis=0))
     if sure.sum() < SETTINGS.least_votes:
         return []
-    weight = seen[:, sure] / np.maximum(sigma[:, sure], 1e-300) ** 2
+    weight = seen[:, sure] / np.maximum(sigma[:, sure], 1e-150) ** 2
     found = _block(data, data.values[:, sure], model[:, sure], weight, only_no_effect=True)
     return found if all(len(one.rows) > SETTINGS.most_labels * len(data) for one in found) else []
 
