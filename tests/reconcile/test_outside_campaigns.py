@@ -67,6 +67,7 @@ def test_load_that_rubs_before_its_sensor_would_do_in_place_of_another_zero():
     assert result.conclusions.offset_changed and "misread_torque" in result.conclusions.of_offset
 
 
+@pytest.mark.slow
 def test_a_delay_of_backward_curves_would_do_in_place_of_a_wave_that_turned():
     """The resonance and two meshes had changed their phases, or every angle was too low."""
     data = read_as(1e-5)
@@ -78,6 +79,7 @@ def test_a_delay_of_backward_curves_would_do_in_place_of_a_wave_that_turned():
     assert "as by a delay would do in place of the change of pin_error" in summary(result).replace("\n", " ")
 
 
+@pytest.mark.slow
 def test_two_of_many_changes_that_agree_on_a_number_are_asked_about_by_chance():
     """Another specimen of the type, each of whose sizes is off by 1 %, was "all TE 0.0742 % too low"."""
     random, rig = np.random.default_rng(3), test_misread.WHOLE
@@ -98,6 +100,7 @@ def test_two_of_many_changes_that_agree_on_a_number_are_asked_about_by_chance():
     assert len(retuned(result)) > 4 and not any(one.is_asked for one in result.conclusions.misread)
 
 
+@pytest.mark.slow
 def test_what_a_filter_does_beside_its_delay_has_the_filter_among_its_names():
     """A filter of second order was a delay, and a pin that had changed for no reason."""
     rig, at, sigma, random = test_misread.WHOLE, test_misread.AT, 1e-6, np.random.default_rng(1)
