@@ -1,4 +1,4 @@
-"""Campaigns of other laboratories that made the report say what is not true, each with what it says now."""
+"""Simulated campaigns of other generators that made the report say what is not true, each with what it says now."""
 
 from dataclasses import replace
 from types import SimpleNamespace
