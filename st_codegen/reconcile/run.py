@@ -383,6 +383,8 @@ def _result(
     left = left or faint(replace(final, target=target), judged, gap_power)
     floor_power = weight * np.where(data.orders == 0, 1, 2) * floor_rms**2
     floor = float(np.sqrt(floor_power.sum()))
+    if not left and data.angle_rad is None and rms_deg(after[good], data.orders) > SETTINGS.clearly_larger * floor:
+        left = [loudest(target, after, gap_power, floor_rms)]
     unseen = _held_out(replace(final, target=target), before, apart)
 
     def with_hum(values: ComplexArray, chosen: list[int]) -> float:
@@ -471,11 +473,6 @@ def _unexplained(
     kept = excused(data, after, noise, is_lacking(target, after))
     kept |= loud_and_foreign(target, after, final.state.rig.orders())
     left = signatures(target, after, gap_power, floor_rms, (before != after).any(axis=0), kept)
-    floor = rms_deg(
-        (floor_rms * np.where(data.orders == 0, 1.0, np.sqrt(2.0)))[None].astype(np.complex128), data.orders
-    )
-    if not left and rms_deg(after[noise.good], data.orders) > SETTINGS.clearly_larger * floor:
-        left = [loudest(target, after, gap_power, floor_rms)]
     return floor_rms, [*map(partial(of_a_hum, gap_power=gap_power), data.hums), *left]
 
 

@@ -36,6 +36,22 @@ def test_waves_by_another_convention_are_asked_about_and_read_so(words):
     assert read.corrected == {"waves"} and np.abs(read.data.values - data.values).max() < 1e-12
 
 
+@pytest.mark.parametrize("factor", [0.6, 0.75, 1.8, 2.2])
+def test_a_factor_that_no_convention_has_is_none(factor):
+    """Waves of 0.75 times the rig's were "RMS in place of amplitudes"."""
+    for wrong in (measured().scaled(factor), waves(measured(), lambda c: factor * c)):
+        with pytest.raises(InputError) as error:
+            examine(wrong, RIG, PATH)
+        assert "the waves of all orders" not in str(error.value)
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_a_factor_that_the_mean_has_as_well_is_no_convention_of_waves(factor):
+    with pytest.raises(InputError) as error:
+        examine(measured().scaled(factor), RIG, PATH)
+    assert "the waves of all orders" not in str(error.value)
+
+
 def test_a_missing_effect_is_no_convention_and_hides_none():
     poor = RigModel(
         constants=RIG.constants,

@@ -127,11 +127,11 @@ def _colour(fits: Sequence[OrderFit], orders: Sequence[int], band: int) -> Float
         near = quiet[np.argsort(np.abs(quiet - order), kind="stable")[: 2 * SETTINGS.quiet_beside]]
         if order <= SETTINGS.wander_orders or len(near) < SETTINGS.quiet_beside or (usual[near] <= 0.0).any():
             continue
-        x, y = np.log(near), np.log(usual[near])
-        x_own = float(np.clip(np.log(order), x.min(), x.max()))
-        (slope, level), covariance = np.polyfit(x, y, 1, cov=True)
+        x = np.log(near)
+        (slope, _), covariance = np.polyfit(x, np.log(usual[near]), 1, cov=True)
         if abs(slope) > SETTINGS.told * float(np.sqrt(covariance[0, 0])):
-            found[number] = np.exp((level + slope * x_own - float(np.median(y))) / 2.0)
+            # the median of what rises or falls is that of the middle one; beyond the quiet orders no slope is told
+            found[number] = np.exp(slope * (np.clip(np.log(order), x.min(), x.max()) - np.median(x)) / 2.0)
     return found
 
 

@@ -12,10 +12,12 @@ from functools import partial
 import numpy as np
 
 from st_codegen.ir.arrays import ComplexArray, FloatArray
+from st_codegen.reconcile.data.noise import MEDIAN_1
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.judge.mistakes import Mistake
 from st_codegen.reconcile.judge.votes import (
     SIGNS,
+    PowerSums,
     enough_orders,
     loud_orders,
     noise_power,
@@ -118,7 +120,11 @@ _WAVES = "the waves of all orders seem to be {}: with that most agree with the r
 
 
 def other_waves(data: Observations, rig: RigModel) -> list[Mistake]:
-    """Sizes and phases of all orders above the mean by another convention than the rig's: one for all, or none."""
+    """Sizes and phases of all orders above the mean by another convention than the rig's: one for all, or none.
+
+    Sizes have the factor of a convention, to the error by which the orders tell it; any other is none, and so is one
+    that the mean has as well.
+    """
     waves = data.orders > 0
     loud = loud_orders(data, rig) & waves
     if not enough_orders(data, loud):
@@ -130,6 +136,8 @@ def other_waves(data: Observations, rig: RigModel) -> list[Mistake]:
         read = power_sums(replace(data, values=turned(data.values)), rig, loud, swapped=False)
         for sizes, factor in _SIZES:
             left = read.gap(np.full((2, 1), factor), ones) / factor**2
+            if sizes and not _has_factor(data, rig, read, factor):
+                continue
             text = " and ".join(part for part in (sizes, phases) if part)
             # where some runs alone are otherwise, a part of each order seems to be
             rest = np.median(np.maximum(left - sums.noise / factor**2, 0.0) / sums.model)
@@ -144,6 +152,21 @@ def other_waves(data: Observations, rig: RigModel) -> list[Mistake]:
         return replace(given, values=np.where(given.orders > 0, read_as(given.values), given.values))
 
     return [Mistake("waves", _WAVES.format(text), corrected, remedy="read them so")]
+
+
+def _has_factor(data: Observations, rig: RigModel, waves: PowerSums, factor: float) -> bool:
+    """Whether the sizes of waves have a factor, each order with one vote, and the mean has it not."""
+    apart = np.log(np.maximum(np.abs(waves.product) / waves.model, 1e-12) / factor).ravel()
+    middle = float(np.median(apart))
+    error = float(np.median(np.abs(apart - middle))) / MEDIAN_1 * np.sqrt(np.pi / 2 / apart.size)
+    if abs(middle) > SETTINGS.told * error:
+        return False
+    mean = (data.orders == 0) & loud_orders(data, rig)
+    if not mean.any():
+        return True
+    of_mean = power_sums(data, rig, mean, swapped=False)
+    own = float(np.abs(of_mean.product).sum() / of_mean.model.sum())
+    return bool(abs(np.log(max(own, 1e-12))) < abs(np.log(max(own, 1e-12) / factor)))
 
 
 def _read_as(turned: Callable[[ComplexArray], ComplexArray], factor: float, values: ComplexArray) -> ComplexArray:

@@ -174,7 +174,10 @@ def together_text(result: Reconciliation) -> str:
             f"{angle:.0f} deg, within {reach:g} deg on both sides, up to {size:.2g} deg. "
         )
         if result.data.spectral_deg is not None and abs((angle + 180.0) % 360.0 - 180.0) <= reach:
-            return f"{place}There the curves begin and end: an axis may still settle there, a filter may run in."
+            return (
+                f"{place}If the curves begin and end there, an axis may still settle, or a filter run in; else look at "
+                "pins, teeth and bearings there, and at the encoder's disc."
+            )
         return f"{place}Look at pins, teeth and bearings there, and at the encoder's disc."
     return beside_text(orders, result.rig.orders())
 
