@@ -461,6 +461,19 @@ def test_a_block_of_runs_with_a_factor_is_left_out():
     assert "block of 40 runs is 0.5 times" in examined.mistakes[0].text
 
 
+@pytest.mark.parametrize("share", [0.02, 0.33, 0.45])
+def test_runs_with_exchanged_directions_are_left_out(share):
+    """A third of the campaign, at one temperature, made 13 orders depend on the temperature."""
+    data = measured()
+    wrong = np.random.default_rng(3).random(RUNS) < share
+    exchanged = np.where(np.tile(wrong, 2)[:, None], np.roll(data.values, RUNS, axis=0), data.values)
+    examined = examine(replace(data, values=exchanged), RIG, PATH)
+    (mistake,) = examined.mistakes
+    assert {row % RUNS for row in examined.left_out} == set(np.flatnonzero(wrong).tolist())
+    assert mistake.text.startswith(f"{wrong.sum()} runs seem to have forward and backward exchanged: ")
+    assert "ward," not in mistake.text and "ward)" not in mistake.text
+
+
 @pytest.mark.parametrize("gone", sorted({effect.name for effect in RIG.effects}))
 @pytest.mark.parametrize("sigma", [3e-5, 3e-4, 5e-3])
 def test_a_missing_effect_is_no_mistake_of_measuring(gone, sigma):

@@ -208,6 +208,13 @@ def test_unexplained_orders_beside_those_of_the_rig_are_said_to_lie_so(orders, s
     assert text.startswith(f"Unexplained orders {said} lie one beside") if said else text == ""
 
 
+def test_a_row_of_orders_may_be_one_wave_between_them():
+    """The wave of a slipping motor, 158 to 160 periods a turn, was said to be the rig's orders that change."""
+    its = [156, 159, 162]
+    assert "lie in one row" in beside_text([157, 158, 160, 161, 163], its)
+    assert "lie one beside" in beside_text([155, 157, 161, 163], its)
+
+
 def test_a_line_that_only_a_curve_with_few_samples_shows_may_be_a_higher_order():
     power = np.ones((10, 60))
     power[0, [20, 30, 40]] = 100.0

@@ -229,6 +229,27 @@ def test_what_happens_at_one_speed_is_said_to():
     assert "deg at 100 rpm, another in each run" in one.text and "no pattern" not in one.text
 
 
+def test_a_size_that_grows_with_a_condition_is_said_whatever_its_phase():
+    """A belt's wave grew threefold with the torque, with another phase in each run, and had "no pattern"."""
+    random, at = np.random.default_rng(4), grid()
+    values = white([1] * 6)
+    values[:, 5] += (
+        20 * SIGMA * (1 + 2 * at.torque_Nm / at.torque_Nm.max()) * np.exp(2j * np.pi * random.random(len(at)))
+    )
+    (one,) = curves(values, SIGMA)[0].values()
+    said = re.search(r"([\d.e-]+) deg near 1700 N m and ([\d.e-]+) deg at 0 N m, another in each run", one.text)
+    # two torques of ten lie in the last of eight groups
+    top = 20 * np.sqrt((3.0**2 + (1 + 2 * 1600 / 1800) ** 2) / 2)
+    assert [float(x) for x in said.groups()] == pytest.approx([top * SIGMA, 20 * SIGMA], rel=0.03), one.text
+
+
+def test_a_size_that_is_the_same_at_all_conditions_has_no_pattern_that_was_found():
+    values = white([1] * 6)
+    values[:, 5] += 20 * SIGMA * np.exp(2j * np.pi * np.random.default_rng(4).random(len(values)))
+    (one,) = curves(values, SIGMA)[0].values()
+    assert "with no pattern over the conditions that was found" in one.text
+
+
 def test_what_is_left_of_an_order_that_something_is_named_on_must_be_its_own_noise():
     """Friction left 1.7 floors of the mean below the noise of twenty other orders, and all of it was explained."""
     at = grid()

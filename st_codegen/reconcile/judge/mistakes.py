@@ -1,10 +1,11 @@
-"""A mistake of measuring, and those of single runs: wrong labels, and a block of runs with a factor of its own.
+"""A mistake of measuring, and those of single runs: exchanged directions, a factor of their own, wrong labels.
 
 The mistakes that touch all runs are looked for in `measurement` and `sensors`.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -39,13 +40,18 @@ class Mistake:
 
 
 def mistaken_runs(data: Observations, rig: RigModel) -> list[Mistake] | None:
-    """A block of runs with a factor of its own, and runs that agree with the rig under another label than theirs.
+    """Runs with exchanged directions, a block with a factor of its own, and runs that agree with the rig under another
+    label than theirs.
 
     None where too few orders tell.
     """
+    seen = np.ones(data.values.shape, bool) if data.seen is None else data.seen
+    exchanged = _exchanged(data, rig, seen)
+    out = {row for mistake in exchanged for row in mistake.rows}
+    # how others scatter, and what they are, is told with those in their own directions
+    data = _with_exchanged(data, list(out))
     model = rig.coefficients(data.at, data.orders.tolist())
     sigma = estimate(data, data.values - model).sigma
-    seen = np.ones(model.shape, bool) if data.seen is None else data.seen
     z = np.abs(data.values - model) / sigma
     usual = np.array([np.median(own[of]) if of.any() else np.inf for own, of in zip(z.T, seen.T, strict=True)])
     power = np.median(np.abs(model), axis=0)
@@ -53,13 +59,53 @@ def mistaken_runs(data: Observations, rig: RigModel) -> list[Mistake] | None:
     sure = (usual < SETTINGS.sure_order) & (power > 3 * np.median(sigma, axis=0))
     turned = _block_of_no_effect(data, model, seen)
     if turned or sure.sum() < SETTINGS.least_votes:
-        return turned or None
+        return [*exchanged, *turned] or None
     # a coefficient that a curve does not tell says nothing of its label
     values, known, weight = data.values[:, sure], model[:, sure], seen[:, sure] / sigma[:, sure] ** 2
-    blocks = _block(data, values, known, weight)
-    out = {row for mistake in blocks for row in mistake.rows}
+    blocks = [*exchanged, *_block(data, values, known, weight)]
+    out |= {row for mistake in blocks for row in mistake.rows}
     rest = np.array([row not in out for row in range(len(data))])
     return [*blocks, *_labels(data, rig, sure, rest, known, weight)]
+
+
+def _exchanged(data: Observations, rig: RigModel, seen: BoolArray) -> list[Mistake]:
+    """Runs of which each direction agrees with the rig's other one, in most orders that tell.
+
+    In each of these orders the run has a vote: a missing effect makes some of them look so, hardly most.
+    """
+    runs = [rows for rows in data.runs if sorted(data.at.sign[rows]) == [-1.0, 1.0]]
+    orders = data.orders.tolist()
+    gap = np.abs(data.values - rig.coefficients(data.at, orders))
+    closer = np.abs(data.values - rig.coefficients(_with_exchanged(data, np.arange(len(data))).at, orders)) < gap
+    nearer = [rows for rows in runs if closer[rows][seen[rows]].sum() * 2 > seen[rows].sum()]
+    if not nearer:
+        return []
+    turned = _with_exchanged(data, np.concatenate(nearer))
+    left = data.values - rig.coefficients(turned.at, orders)
+    weight = seen / estimate(turned, left).sigma ** 2
+    wrong, texts = [], []
+    for rows in nearer:
+        own, other = ((weight[rows] * part[rows] ** 2).sum(axis=0) for part in (gap, np.abs(left)))
+        tells = np.abs(own - other) > SETTINGS.order_gain
+        agree = (own > other) & tells
+        most = agree.sum() > max(SETTINGS.least_votes - 1, SETTINGS.most_orders * tells.sum())
+        if most and other.sum() < SETTINGS.label_gain * own.sum():
+            wrong.append(rows)
+            # a label ends with its direction, within the brackets where it names a file
+            texts.append(re.sub(r", \w+(?=\)?$)", "", data.labels[rows[0]]))
+    if not wrong or 2 * len(wrong) > len(data.runs):
+        return []
+    shown = "; ".join(texts[:6]) + ("; .." if len(texts) > 6 else "")
+    said = f"{len(texts)} runs seem" if len(texts) > 1 else "a run seems"
+    text = f"{said} to have forward and backward exchanged: {shown}"
+    return [Mistake("direction", text, rows=tuple(map(int, np.concatenate(wrong))))]
+
+
+def _with_exchanged(data: Observations, rows: IntArray | list[int]) -> Observations:
+    """The data with rows under the other direction than theirs."""
+    sign = data.at.sign.copy()
+    sign[rows] *= -1.0
+    return replace(data, at=replace(data.at, sign=sign)) if len(rows) else data
 
 
 def _block_of_no_effect(data: Observations, model: ComplexArray, seen: BoolArray) -> list[Mistake]:

@@ -64,6 +64,9 @@ def inside_bounds(fitted: Fit, number: int) -> Fit | None:
     costs = best.loss - fitted.loss
     if costs < SETTINGS.as_good:
         return best
+    if has_a_frequency(piece.effect):
+        # its width is what tells a resonance: held elsewhere it hides what else is there, as a second state
+        return None
     without = fit(fitted.target, fitted.state.without(number), steps=SETTINGS.quick_steps) if piece.added else fitted
     return best if costs < SETTINGS.misfit_in_curves * (without.loss - fitted.loss) else None
 

@@ -183,13 +183,24 @@ def together_text(result: Reconciliation) -> str:
 
 
 def beside_text(orders: Collection[int], its: Iterable[int]) -> str:
-    """What is said of unexplained orders that lie beside those of the rig (`its`); empty where few or others do."""
-    beside = beside_the_rigs(orders, its)
+    """What is said of unexplained orders that lie beside those of the rig (`its`); empty where few or others do.
+
+    Those of several orders that change stand apart: a wave between orders is found on a row of them.
+    """
+    made = set(its)
+    beside = beside_the_rigs(orders, made)
+    if not beside:
+        return ""
+    named = ", ".join(map(str, beside))
+    if set(range(beside[0], beside[-1])) <= set(orders) | made:
+        return (
+            f"Unexplained orders {named} lie in one row: so does a wave between orders, above all one whose number of "
+            "periods a turn differs from run to run, as that of a motor that slips; or the orders of the rig among "
+            "them change once a turn of the output."
+        )
     return (
-        f"Unexplained orders {', '.join(map(str, beside))} lie one beside orders of the rig: so they look where these "
-        "orders change once a turn of the output, or where the angle is read wrong once a turn."
-        if beside
-        else ""
+        f"Unexplained orders {named} lie one beside orders of the rig: so they look where these orders change once a "
+        "turn of the output, or where the angle is read wrong once a turn."
     )
 
 
