@@ -227,3 +227,19 @@ def test_a_wave_that_was_taken_out_is_no_noise_and_stands_for_its_part_of_the_ga
     more = floor_text(replace(humming, unexplained=(with_it,)))
     assert f"({scattered.unexplained[0].rms_deg:.2g} deg RMS) is noise" in more
     assert "Suspected" not in summary(humming)
+
+
+@pytest.mark.parametrize(("sigma", "is_told"), [(2e-5, True), (8e-4, False)])
+def test_friction_of_the_rig_that_falls_as_a_bell_is_one_or_its_size_holds_both_forms(sigma, is_told):
+    """Clean data left it unexplained; noisy ones gave it the size of an exponential, six errors from its own."""
+    own = {"coulomb_arcmin": 0.25, "viscous_arcmin_per_krpm": 0.02}
+    bell = {"stribeck_arcmin": 0.3, "stribeck_speed_rpm": 150.0, "stribeck_exponent": 2.0}
+    torques, speeds = np.meshgrid([0.0, 200.0, 600.0, 900.0], [40.0, 80, 120, 180, 260, 400, 700, 1100, 1600])
+    at = Conditions.of(np.ones(36), speeds.ravel(), torques.ravel(), np.full(36, 30.0))
+    rest = [one for one in RIG.effects if one.name != "friction_windup"]
+    rig, truth = (RigModel(effects=(*rest, effect("friction_windup", **own | more))) for more in ({}, bell))
+    result = reconcile_observations(rig, observed(truth, at, sigma=sigma), KNOWN)
+    one, size = retuned(result)["friction_windup"], bell["stribeck_arcmin"]
+    assert ("stribeck_exponent" in one.after.values) == is_told
+    off, error = abs(one.after.scalar("stribeck_arcmin") - size), one.stderr["stribeck_arcmin"]
+    assert off < 2 * error and (error < 0.1 * size) == is_told

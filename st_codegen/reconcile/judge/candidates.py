@@ -216,8 +216,13 @@ class Search:
         located = _CENTRE in keys and self.data.angle_rad is None
         if located:
             shapes = [s for s in shapes if s.key != _CENTRE]
-        for values in itertools.product(*(s.starts or ((s.lower + s.upper) / 2,) for s in shapes)):
-            start = {s.key: float(value) for s, value in zip(shapes, values, strict=True)}
+        forms = [s for s in effect.scalars if s.form is Form.FIXED and s.shapes in keys and s.starts]
+        for values in itertools.product(
+            *(s.starts or ((s.lower + s.upper) / 2,) for s in shapes), *((None, *s.starts) for s in forms)
+        ):
+            told = zip((*shapes, *forms), values, strict=True)
+            # a form that is not said is the usual one
+            start = {s.key: float(value) for s, value in told if value is not None}
             if located:
                 gain, angle = self._loudest_angle(effect, keys, start, orders)
                 start[_CENTRE] = angle

@@ -37,6 +37,7 @@ from st_codegen.reconcile.judge.retuned import (
     without_misfits,
 )
 from st_codegen.reconcile.judge.selection import founded
+from st_codegen.reconcile.judge.states import in_forms_as_good
 from st_codegen.reconcile.judge.surroundings import left_of_place
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Effect, Form, Stage
@@ -487,16 +488,17 @@ def standard_errors(
 ) -> dict[str, float]:
     """Standard errors of the free keys of a piece, from the covariance of the joint fit; lists: `key[order]`.
 
-    final: the fit with what did not change held, by which corrections of the data are told. wrong: what may be read
-    wrong, of which nobody knows whether it is: the coordinates would be others then.
+    final: the fit with what did not change held, by which corrections of the data are told, and other forms of the
+    piece that do as well. wrong: what may be read wrong, of which nobody knows whether it is: the coordinates would be
+    others then.
     """
     piece, place = joint.state.pieces[number], joint.state.slices()[number]
     covariance = discrepancy.covariance(joint)[place, place]
     if final is not None and final.state.pieces[number].coordinates() == piece.coordinates():
         own = final.state.slices()[number]
         covariance = covariance + covariance_of_corrections(final)[own, own]
-        for one in wrong:
-            other = one.best.state.pieces[number]
+        for fitted in (*(one.best for one in wrong), *in_forms_as_good(final, number)):
+            other = fitted.state.pieces[number]
             if other.coordinates() == piece.coordinates():
                 moved = other.vector() - final.state.pieces[number].vector()
                 covariance = covariance + np.outer(moved, moved)

@@ -20,7 +20,7 @@ from st_codegen.reconcile.judge.peaks import has_a_frequency
 from st_codegen.reconcile.judge.plausible import at_nobodys_expense, bounds_met, is_a_peak
 from st_codegen.reconcile.judge.structure import is_lacking
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Effect, Form
+from st_codegen.rig.effects import Form
 
 _SIDES = ("above_C", "below_C")
 
@@ -38,25 +38,60 @@ def _in_other_forms(current: Fit) -> Fit:
         (scalar.key, float(start))
         for piece in current.state.pieces
         for scalar in piece.effect.scalars
-        if piece.added and scalar.form is Form.FIXED
+        if scalar.form is Form.FIXED
         for start in scalar.starts
     }
     for key, start in sorted(forms):
         state = current.state
         for number, piece in enumerate(state.pieces):
-            if piece.added and _may_take(piece.effect, key):
+            if _may_take(piece, key):
                 other = piece.effect.with_values(dict(piece.effect.values) | {key: start})
                 state = state.replaced(number, replace(piece, effect=other))
         if state is not current.state:
             found = fit(current.target, state, steps=SETTINGS.long_steps)
-            current = found if found.loss < current.loss - SETTINGS.as_good else current
+            current = found if _is_better(found, current) else current
     return current
 
 
-def _may_take(effect: Effect, key: str) -> bool:
-    """Whether an effect has no form by this key yet, and has what the form is one of."""
+def in_forms_as_good(final: Fit, number: int) -> Iterator[Fit]:
+    """The fits with a piece in each other form of one of its free parts that the data do not refuse.
+
+    Its numbers are others in each of them: nobody knows which form is the machine's.
+    """
+    piece = final.state.pieces[number]
+    for scalar in piece.effect.scalars:
+        if scalar.form is not Form.FIXED or scalar.shapes not in piece.free:
+            continue
+        rest = {key: x for key, x in piece.effect.values.items() if key != scalar.key}
+        forms = (rest, *(rest | {scalar.key: float(start)} for start in scalar.starts))
+        for values in forms:
+            if values != piece.effect.values:
+                other = replace(piece, effect=piece.effect.with_values(values))
+                fitted = fit(final.target, final.state.replaced(number, other), steps=SETTINGS.quick_steps)
+                if not _is_better(final, fitted):
+                    yield fitted
+
+
+def _is_better(found: Fit, current: Fit) -> bool:
+    """Whether a fit is clearly better than another of the same target, weighed by how far runs scatter about the best.
+
+    Weighed by how far they scatter about the worse one, the better one would save little.
+    """
+    target = found.target
+    spreads = [target.about(one.residual).spread for one in (found, current)]
+    sharp = replace(target, wide=np.minimum(*spreads))
+    after, before = (float(sharp.losses(one.residual).sum()) for one in (found, current))
+    return after < before - SETTINGS.as_good
+
+
+def _may_take(piece: Piece, key: str) -> bool:
+    """Whether a piece has no form by this key yet, and has what the form is one of beyond what the rig says."""
+    effect, own = piece.effect, () if piece.origin is None else piece.origin.values
     known = {scalar.key: scalar for scalar in effect.scalars}
-    return key in known and key not in effect.values and known[key].shapes in ("", *effect.values)
+    if key not in known or key in effect.values:
+        return False
+    shaped = known[key].shapes
+    return shaped in ("", *effect.values) if piece.added else shaped in effect.values and shaped not in own
 
 
 def _with_states(current: Fit) -> Fit:

@@ -114,7 +114,7 @@ class FrictionWindup(_MeanEffect):
         ),
         Scalar(
             "stribeck_exponent",
-            "1",
+            "",
             0.4,
             4,
             "how suddenly it falls: 1 as an exponential, 2 as a bell, more from one level to another",
