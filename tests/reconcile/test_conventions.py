@@ -108,3 +108,24 @@ def test_phases_in_degrees_are_refused_and_unwrapped_ones_are_read(tmp_path):
     with pytest.raises(InputError, match=r"line 2: 5 of 6 phases lie beyond 2\*pi, up to 170: they look like degrees"):
         read_table(table(tmp_path, [(90, -170), (45, 120), (-30, 3)]))
     assert read_table(table(tmp_path, [(0.1, 7.0), (0.2, 6.5), (0.3, -3)])).orders == (0, 1, 39)
+
+
+@pytest.mark.parametrize(("step", "words"), [(1, "below"), (-1, "above")])
+def test_columns_that_are_shifted_are_asked_about_and_shifted_back(step, words):
+    """A list from 1 read as one from 0: it was asked whether TE was divided by the ratio, 0.006 times the rig's."""
+    data = measured()
+    beside = np.arange(int(data.orders.max()) + 2)
+    own = np.zeros((len(data), len(beside)), np.complex128)
+    own[:, data.orders] = data.values
+    noise = np.random.default_rng(5).standard_normal((2, *own.shape)) * 1e-5
+    own += np.where(own == 0, noise[0] + 1j * noise[1], 0.0)
+    spectral = np.full(own.shape, 1e-5)
+    right = replace(data, orders=beside, values=own, spectral_deg=spectral)
+    place = np.clip(beside - step, 1, len(beside) - 1)
+    wrong = replace(right, values=np.where(beside > 0, own[:, place], own))
+    assert not examine(right, RIG, PATH).mistakes
+    with pytest.raises(InputError, match=f"at the order {words} its own.* --accept shifted"):
+        examine(wrong, RIG, PATH)
+    read = examine(wrong, RIG, PATH, accept=["shifted"]).data
+    assert set(read.orders) == set(beside) - {beside[-1] if step == 1 else 1}
+    assert np.array_equal(read.values, right.values[:, read.orders])

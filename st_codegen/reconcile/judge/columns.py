@@ -33,6 +33,10 @@ _TAKEN_OFF = (
     "hardly anything is left of {} in the runs, where the rig has {:.2g} deg RMS: {} seems to have been taken off the "
     "curves"
 )
+_SHIFTED = (
+    "the columns of waves seem to be shifted: each holds what the rig has at the order {} its own, and as they are "
+    "most orders disagree with the rig"
+)
 _COPIED = (
     "forward and backward have the same digits in {} of {} runs, noise included: one of the columns seems to be a copy "
     "of the other"
@@ -198,6 +202,40 @@ def taken_off(data: Observations, rig: RigModel) -> list[Mistake]:
         return given.of_orders(given.orders > last, why)
 
     return [Mistake("taken_off", text, without, remedy=f"leave {what} out")]
+
+
+def shifted_columns(data: Observations, rig: RigModel) -> list[Mistake]:
+    """Columns of waves that stand one place off: that of order k holds order k - 1, or k + 1, of a table.
+
+    As where a list that begins with 1 is read as one that begins with 0.
+    """
+    best: tuple[float, list[Mistake]] = (0.0, [])
+    for step, neighbour in ((1, "below"), (-1, "above")):
+        place = np.clip(np.searchsorted(data.orders, data.orders + step), 0, len(data.orders) - 1)
+        held = (data.orders[place] == data.orders + step) & (data.orders > 0) & (data.orders[place] > 0)
+        moved = replace(data, values=np.where(held, data.values[:, place], data.values))
+        loud = loud_orders(data, rig) & (data.orders > 0)
+        if not enough_orders(data, loud & held) or (loud & held).sum() <= SETTINGS.most_orders * loud.sum():
+            continue
+        plain, read = (power_sums(one, rig, loud & held, swapped=False) for one in (data, moved))
+        before, after = (sums.gap(np.ones((2, 1)), np.ones(len(sums.orders), np.complex128)) for sums in (plain, read))
+        rest = float(np.median(np.maximum(after - read.noise, 0.0) / read.model))
+        if rest < SETTINGS.of_a_size**2 and plain.gap_falls(before, after):
+            said = _SHIFTED.format(neighbour)
+            found = Mistake("shifted", said, partial(_shifted_back, step), remedy="shift them back")
+            best = max(best, (float(np.log(before / np.maximum(after, 1e-300)).sum()), [found]), key=lambda one: one[0])
+    return best[1]
+
+
+def _shifted_back(step: int, given: Observations) -> Observations:
+    place = np.clip(np.searchsorted(given.orders, given.orders + step), 0, len(given.orders) - 1)
+    held = (given.orders == 0) | ((given.orders[place] == given.orders + step) & (given.orders[place] > 0))
+    place[given.orders == 0] = np.flatnonzero(given.orders == 0)
+    spectral = None if given.spectral_deg is None else given.spectral_deg[:, place]
+    seen = None if given.seen is None else given.seen[:, place]
+    moved = replace(given, values=given.values[:, place], spectral_deg=spectral, seen=seen)
+    lost = ", ".join(map(str, given.orders[~held]))
+    return moved.of_orders(held, f"orders {lost}: the columns beside them are not in the table")
 
 
 def copied_columns(data: Observations, _rig: RigModel) -> list[Mistake]:

@@ -20,7 +20,13 @@ from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.data.noise import MEDIAN_1
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.data.reading import begin_text, check_units, ramp_deg, start_of_ramp, unit_choices
-from st_codegen.reconcile.judge.columns import copied_columns, other_conditions, other_waves, taken_off
+from st_codegen.reconcile.judge.columns import (
+    copied_columns,
+    other_conditions,
+    other_waves,
+    shifted_columns,
+    taken_off,
+)
 from st_codegen.reconcile.judge.each_run import ramp, ramps, zeros
 from st_codegen.reconcile.judge.mistakes import Mistake, mistaken_runs
 from st_codegen.reconcile.judge.sensors import (
@@ -95,6 +101,7 @@ def examine(
     of_sizes = (other_conditions, wrong_torques, low_pass, mean_of_angles, any_filter)
     of_forms = (
         copied_columns,
+        shifted_columns,
         taken_off,
         other_waves,
         _drift,

@@ -75,7 +75,8 @@ def _exchanged(data: Observations, rig: RigModel, seen: BoolArray) -> list[Mista
     """
     runs = [rows for rows in data.runs if sorted(data.at.sign[rows]) == [-1.0, 1.0]]
     orders = data.orders.tolist()
-    gap = np.abs(data.values - rig.coefficients(data.at, orders))
+    model = rig.coefficients(data.at, orders)
+    gap = np.abs(data.values - model)
     closer = np.abs(data.values - rig.coefficients(_with_exchanged(data, np.arange(len(data))).at, orders)) < gap
     nearer = [rows for rows in runs if closer[rows][seen[rows]].sum() * 2 > seen[rows].sum()]
     if not nearer:
@@ -85,11 +86,14 @@ def _exchanged(data: Observations, rig: RigModel, seen: BoolArray) -> list[Mista
     weight = seen / estimate(turned, left).sigma ** 2
     wrong, texts = [], []
     for rows in nearer:
-        own, other = ((weight[rows] * part[rows] ** 2).sum(axis=0) for part in (gap, np.abs(left)))
+        own, other, turned_over = (
+            (weight[rows] * part[rows] ** 2).sum(axis=0) for part in (gap, np.abs(left), np.abs(data.values + model))
+        )
         tells = np.abs(own - other) > SETTINGS.order_gain
         agree = (own > other) & tells
         most = agree.sum() > max(SETTINGS.least_votes - 1, SETTINGS.most_orders * tells.sum())
-        if most and other.sum() < SETTINGS.label_gain * own.sum():
+        # what turns with the direction has the other sign then
+        if most and other.sum() < SETTINGS.label_gain * min(own.sum(), turned_over.sum()):
             wrong.append(rows)
             # a label ends with its direction, within the brackets where it names a file
             texts.append(re.sub(r", \w+(?=\)?$)", "", data.labels[rows[0]]))
