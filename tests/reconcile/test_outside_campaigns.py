@@ -213,6 +213,9 @@ def test_what_differs_without_a_pattern_may_be_noise_and_is_to_be_repeated(scatt
     at = scattered.data.at
     made = set(zip(at.speed_rpm.tolist(), at.torque_Nm.tolist(), at.temperature_C.tolist(), strict=True))
     assert again and all((r.point.speed_rpm, r.point.torque_Nm, r.point.temperature_C) in made for r in again)
+    # beside the run that it repeats, not in its place
+    files = [line.split(",")[0] for line in ahead.csv_text().splitlines()[1:]]
+    assert {f"repeat_{run.point.file_name()}" for run in again} == {f for f in files if f.startswith("repeat_")}
 
 
 def test_a_wave_that_was_taken_out_is_no_noise_and_stands_for_its_part_of_the_gap(scattered):

@@ -34,11 +34,17 @@ from st_codegen.rig.effects import Form
 
 @dataclass(frozen=True)
 class NextRun:
-    """A proposed run (both directions): where, what for, and what it is expected to add (nats)."""
+    """A proposed run (both directions): where, what for, and what it is expected to add (nats); whether it was made."""
 
     point: OperatingPoint
     purpose: str
     gain: float
+    repeats: bool = False
+
+    @property
+    def file(self) -> str:
+        """The name of its file: a repeat must not stand in the place of the run that it repeats."""
+        return f"{'repeat_' * self.repeats}{self.point.file_name()}"
 
 
 @dataclass(frozen=True)
@@ -77,7 +83,7 @@ class NextRuns:
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(["file", *CONDITION_COLUMNS, "purpose"])
         for run in self.runs:
-            writer.writerow([run.point.file_name(), *(f"{x:g}" for x in astuple(run.point)), run.purpose])
+            writer.writerow([run.file, *(f"{x:g}" for x in astuple(run.point)), run.purpose])
         return text.getvalue()
 
 
@@ -121,7 +127,7 @@ def _repeats(result: Reconciliation) -> list[NextRun]:
     points = [
         OperatingPoint(*(float(x[row]) for x in (at.speed_rpm, at.torque_Nm, at.temperature_C))) for row in loudest
     ]
-    return [NextRun(point, why, 0.0) for point in points[: SETTINGS.repeats]]
+    return [NextRun(point, why, 0.0, repeats=True) for point in points[: SETTINGS.repeats]]
 
 
 def is_known(result: Reconciliation) -> bool:
