@@ -246,3 +246,22 @@ def test_friction_of_the_rig_that_falls_as_a_bell_is_one_or_its_size_holds_both_
     assert ("stribeck_exponent" in one.after.values) == is_told
     off, error = abs(one.after.scalar("stribeck_arcmin") - size), one.stderr["stribeck_arcmin"]
     assert off < 2 * error and (error < 0.1 * size) == is_told
+
+
+def test_parts_of_the_highest_orders_alone_that_got_smaller_may_have_been_smoothed():
+    """A resampling that only orders above 200 feel made pins and a mesh change, without another name."""
+    rig, at, sigma, random = test_misread.RIG, test_misread.AT, 3e-5, np.random.default_rng(1)
+    orders = np.array(rig.orders())
+    values = rig.coefficients(at, orders.tolist())
+
+    def changed(factor, chosen):
+        noise = sigma * (random.standard_normal(values.shape) + 1j * random.standard_normal(values.shape))
+        smaller = values * np.where(chosen, factor, 1.0) + np.where(orders == 0, noise.real, noise)
+        spectral = np.full(values.shape, sigma)
+        data = Observations(at, labels(at), orders, smaller, run=order_of_runs(at), spectral_deg=spectral)
+        return retuned(reconcile_observations(rig, data, KNOWN))
+
+    cut = changed(0.5, orders > 200)
+    assert cut and all("smoothing" in one.alternatives for one in cut.values())
+    for others in (changed(2.0, orders > 200), changed(0.5, orders == 40)):
+        assert others and not any("smoothing" in one.alternatives for one in others.values())

@@ -274,6 +274,24 @@ def _left_of_a_delay(final: Fit, number: int) -> frozenset[str]:
     return frozenset(["filter"]) if waves.any() and own[waves].sum() < SETTINGS.form**2 * delayed else frozenset()
 
 
+def _left_of_a_smoothing(final: Fit, number: int) -> frozenset[str]:
+    """The name of a smoothing over the angle, where waves of an effect lie above a place from which all are smaller.
+
+    One that only a few of the highest orders feel is not told from parts that changed.
+    """
+    data, good = final.target.data, final.target.good
+    old, new = (
+        model.coefficients(data.at, data.orders.tolist())[good] for model in (final.state.rig, final.state.model())
+    )
+    power = (np.abs(old) ** 2).mean(axis=0)
+    loud = (data.orders > 0) & (power > SETTINGS.loud_order * (final.target.sigma[good] ** 2).mean(axis=0))
+    kept = np.abs((new * old.conj()).mean(axis=0)) / np.maximum(power, 1e-300)
+    # from here on all are smaller
+    above = loud & (data.orders > max(data.orders[loud & (kept > 1.0 / SETTINGS.column_factor)], default=0))
+    own = (np.abs(shown_change(final, final.state.pieces[number])[good]) ** 2).sum(axis=0)
+    return frozenset(["smoothing"]) if own[~above].sum() < SETTINGS.form**2 * own[above].sum() else frozenset()
+
+
 def _own_rivals(final: Fit, one: Needed) -> tuple[Other, ...]:
     """Effects of the rig of which a change would do in place of another one's."""
     return tuple(Other(final.state.pieces[i].effect.name, fitted.state.model()) for i, fitted in one.as_good.items())
@@ -299,7 +317,7 @@ def _retuned(
     others = (*_as_good(smaller, larger, number, known), *rivals)
     before, after = _origin(joint.state.pieces[number]), final.state.pieces[number].effect
     names = {one.reading.name for one in wrong if number in one.instead_of}
-    names |= _left_of_filters(final, number) | _left_of_a_delay(final, number)
+    names |= _left_of_filters(final, number) | _left_of_a_delay(final, number) | _left_of_a_smoothing(final, number)
     errors = standard_errors(joint, number, final, wrong)
     is_open = _gains_one_sideband(before, after) or _is_a_knee(final, after)
     return Retuned(before, after, errors, p, others, is_open, tuple(sorted(names)))
