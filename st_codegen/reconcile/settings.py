@@ -293,6 +293,10 @@ class Settings:
     #: campaigns of ten orders and no step three at most had one, in walks of 0.25 to 5 noises, 1/f and other noise
     p_wander: float = 0.01
     most_wandering: float = 0.25
+    #: other orders of the runs in none of which a step or a trend may gain as much: 1 in 100 by chance; so few are
+    #: enough where none of them gains half as much
+    other_orders_of_runs: int = 99
+    few_orders_of_runs: int = 9
     #: share of an unexplained part from which on a condition is called what it depends on
     cause: float = 0.1
     #: a term of a formula must save this many times the logarithm of the runs, and this share of what is left to save

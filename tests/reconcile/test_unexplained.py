@@ -449,6 +449,15 @@ def test_what_moves_twice_is_said_to_change_with_time():
         assert ("it changes with time" in one.text) is is_said
 
 
+def test_a_few_loud_runs_make_no_step():
+    """Three slow runs of 96 stick and slip: a step stood "between run 4 and run 5", though others there are quiet."""
+    random = np.random.default_rng(2)
+    loud = np.isin(np.arange(96), [1, 2, 4]) * np.exp(2j * np.pi * random.random(96))
+    target, residual = curves_over_runs({12: 2e-3 * loud})
+    (one,) = (s for s in signatures(target, residual, 1.0, np.full(21, 1e-5)) if s.order == 12)
+    assert "run 5" not in one.text and "step" not in one.text, one.text
+
+
 def test_a_course_beside_a_floor_of_neighbours_has_a_least_size():
     """Half of a run-in that decays was called noise, and its size stated without "at least"."""
     target, residual = curves_over_runs({12: 8e-4 * np.minimum(np.arange(96) - 48, 0) / 48 * TURN})

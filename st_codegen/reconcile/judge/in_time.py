@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from statistics import NormalDist
 
 import numpy as np
@@ -55,7 +56,7 @@ def course_of(target: FitData, z: ComplexArray, whole: ComplexArray, parts: IntA
     lags = _lags(target, sizes, numbers, place)
     usual = np.maximum(1.0, np.sqrt((np.abs(whole[good]) ** 2).mean(axis=0)))
     few_wild = whole * np.minimum(1.0, SETTINGS.cut * usual / np.maximum(np.abs(whole), 1e-300))
-    near = _by_run(target, few_wild, place, count)
+    near, sure = _by_run(target, few_wild, place, count), list[int]()
     for k in range(z.shape[1]):
         lag = lags[k]
         least = lefts[k] / max(varying[k], 1e-300) * varying_whole[k]
@@ -68,10 +69,32 @@ def course_of(target: FitData, z: ComplexArray, whole: ComplexArray, parts: IntA
         lasting = _lasting([series[:, k] for series, _ in sums], int(cuts[k]))
         if chi_square_tail(gains[k] / (lasting * scales[k]), int(degrees[k])) * tried > SETTINGS.p_changed:
             continue
+        sure.append(k)
+    own = tuple((series[:, sure], weight) for series, weight in sums)
+    for k in np.array(sure, np.int64)[_are_of_their_order(own, gains[sure], all_numbers[sure])]:
         course = _described(near, in_deg, k, int(parts[k]))
         text = course.text if alone[k] else f"{course.text}, which noise that lasts over runs may look like"
         found[k] = replace(course, text=text)
     return found
+
+
+def _are_of_their_order(sums: _ByRun, gains: FloatArray, numbers: FloatArray) -> BoolArray:
+    """Whether the runs in any other order have no step and no ramp that gains as much, of each order (K,).
+
+    A few loud runs, as slow ones that stick and slip, make a step wherever they stand. numbers: how many an order has.
+    """
+    random, count, most = np.random.default_rng(0), len(sums[0][0]), np.zeros(len(gains))
+    for number in range(SETTINGS.other_orders_of_runs):
+        # most steps are far larger than what any other order of the runs has
+        near = 2.0 * most >= gains if number >= SETTINGS.few_orders_of_runs else np.ones(len(gains), bool)
+        asked = near & (most < gains)
+        if not asked.any():
+            break
+        mixed = random.permutation(count)
+        other = tuple((series[np.ix_(mixed, asked)], weight[mixed]) for series, weight in sums)
+        gained = np.maximum(_steps(other, count)[0], _ramps(other, count, numbers[asked])[0])
+        most[asked] = np.maximum(most[asked], gained)
+    return np.asarray(most < gains)
 
 
 def _described(near: _ByRun, in_deg: _ByRun, k: int, parts: int) -> Course:
@@ -197,6 +220,7 @@ def _steps(sums: _ByRun, count: int) -> tuple[FloatArray, IntArray]:
     return inner.max(axis=0), best + edge
 
 
+@lru_cache(maxsize=2)
 def _shapes(count: int) -> FloatArray:
     """What a ramp may look like over the runs, (m, runs): the whole way first, then from a run on, or until one."""
     at, edge = np.arange(count, dtype=np.float64), max(2, count // 20)
@@ -215,7 +239,8 @@ def _ramp_text(shape: FloatArray, size: float) -> str:
 
 def _about(shapes: FloatArray, weight: FloatArray) -> FloatArray:
     """Shapes (.., runs) about their means."""
-    return np.asarray(shapes - np.average(shapes, axis=-1, weights=np.maximum(weight, 1e-9))[..., None])
+    share = np.maximum(weight, 1e-9)
+    return np.asarray(shapes - (shapes @ share / share.sum())[..., None])
 
 
 def _slopes(series: ComplexArray, weight: FloatArray, shapes: FloatArray) -> tuple[ComplexArray, FloatArray]:
@@ -223,7 +248,9 @@ def _slopes(series: ComplexArray, weight: FloatArray, shapes: FloatArray) -> tup
     x = _about(shapes, weight)
     square = np.maximum((weight * x * x).sum(axis=1), 1e-300)
     mean = series.sum(axis=0) / max(float(weight.sum()), 1.0)
-    return np.asarray(x @ (series - weight[:, None] * mean) / square[:, None]), square
+    # of real and imaginary parts as columns: shapes as complex numbers would take ten times as long
+    parts = np.ascontiguousarray(series - weight[:, None] * mean).view(np.float64)
+    return np.asarray((x @ parts).view(np.complex128) / square[:, None]), square
 
 
 def _ramps(sums: _ByRun, count: int, numbers: FloatArray) -> tuple[FloatArray, IntArray]:

@@ -231,7 +231,7 @@ def _where_loud(target: FitData, r: ComplexArray) -> str:
     larger than at all others says so by itself; else the sizes of the runs of all levels are compared by their ranks.
     """
     # only here: it takes a fifth of a second, and few campaigns come here
-    from scipy.stats import kruskal
+    from scipy.stats import kruskal, spearmanr
 
     at, good = target.data.at, target.good
     power = np.abs(r[good]) ** 2
@@ -257,7 +257,9 @@ def _where_loud(target: FitData, r: ComplexArray) -> str:
         groups = [runs[own == n] for n in np.unique(own)]
         if min(map(len, groups)) >= SETTINGS.least_block and np.ptp(runs) > 0.0:
             here = [f"{sizes[n]:.2g} deg {_at_level(name, values[good][level == n])}" for n in (top, low)]
-            told.append((float(kruskal(*groups).pvalue), f"{here[0]} and {here[1]}, another in each run"))
+            # what rises, or falls, from level to level is seen sooner
+            chance = min(kruskal(*groups).pvalue, spearmanr(own, runs).pvalue)
+            told.append((float(chance), f"{here[0]} and {here[1]}, another in each run"))
     chance, text = min(told, default=(1.0, ""))
     return text if chance < SETTINGS.p_chance else ""
 
