@@ -449,13 +449,16 @@ def test_what_moves_twice_is_said_to_change_with_time():
         assert ("it changes with time" in one.text) is is_said
 
 
-def test_a_few_loud_runs_make_no_step():
-    """Three slow runs of 96 stick and slip: a step stood "between run 4 and run 5", though others there are quiet."""
-    random = np.random.default_rng(2)
-    loud = np.isin(np.arange(96), [1, 2, 4]) * np.exp(2j * np.pi * random.random(96))
-    target, residual = curves_over_runs({12: 2e-3 * loud})
-    (one,) = (s for s in signatures(target, residual, 1.0, np.full(21, 1e-5)) if s.order == 12)
-    assert "run 5" not in one.text and "step" not in one.text, one.text
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_few_loud_runs_make_no_step(seed):
+    """Two of the eight runs that stick and slip came first: "a step between run 4 and run 5 of 55"."""
+    random = np.random.default_rng(seed)
+    slow = np.isin(np.arange(55), [0, 1, *random.choice(np.arange(2, 55), 6, replace=False)])
+    loud = np.where(slow, random.uniform(0.3, 1.3, 55), 0.005)
+    turns = {k: random.random() + 0.15 * random.standard_normal(55) for k in range(9, 18)}
+    target, residual = curves_over_runs({k: 2e-3 * loud * np.exp(2j * np.pi * at) for k, at in turns.items()}, runs=55)
+    said = [s.text for s in signatures(target, residual, 1.0, np.full(21, 1e-5))]
+    assert len(said) == len(turns) and not [text for text in said if "in their order" in text]
 
 
 def test_a_course_beside_a_floor_of_neighbours_has_a_least_size():
