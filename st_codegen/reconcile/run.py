@@ -26,7 +26,7 @@ from st_codegen.reconcile.fit.parameters import Piece, piece_of
 from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.candidates import Candidate
-from st_codegen.reconcile.judge.conclusions import Conclusions, conclude, doubted, unchanged
+from st_codegen.reconcile.judge.conclusions import Conclusions, Retuned, conclude, doubted, gone, unchanged
 from st_codegen.reconcile.judge.evidence import Evidence
 from st_codegen.reconcile.judge.faint import faint
 from st_codegen.reconcile.judge.held_out import between_states, held_out_rms
@@ -304,7 +304,16 @@ def reconcile_observations(
         return _reconcile(rig, known, progress, examined or Examined(data))
 
 
-def _reconcile(rig: RigModel, known: Catalogue, progress: Progress | None, examined: Examined) -> Reconciliation:
+def _reconcile(
+    rig: RigModel,
+    known: Catalogue,
+    progress: Progress | None,
+    examined: Examined,
+    without: tuple[Retuned, ...] = (),
+) -> Reconciliation:
+    """The core; without: effects of the rig of which the data show nothing, as a first pass over all of it found."""
+    whole = rig
+    rig = rig.with_effects(effect for effect in rig.effects if all(one.before is not effect for one in without))
     data = examined.data
     model = data.observed(rig.coefficients(data.at, data.model_orders()))
     bad = np.zeros(len(data), bool)
@@ -323,14 +332,18 @@ def _reconcile(rig: RigModel, known: Catalogue, progress: Progress | None, exami
     if (noise.good != last.target.good).any():
         last = fit(replace(last.target, sigma=noise.sigma, good=noise.good).about(last.residual), last.state)
     conclusions = conclude(rig, last, known)
-    result = _result(rig, data, conclusions, tuple(judged), examined, apart)
+    if not without and (more := gone(last, conclusions)):
+        # what the rig has too much bends what is beside it
+        return _reconcile(whole, known, progress, examined, more)
+    conclusions = replace(conclusions, retuned=(*without, *conclusions.retuned))
+    result = _result(whole, data, conclusions, tuple(judged), examined, apart)
     worse = result.held_out.after > SETTINGS.worse * result.held_out.before
     result = _with_between_states(result)
-    if worse and result.new_rig is not rig:
-        nothing = replace(conclusions, final=unchanged(last), claims=(), retuned=(), offset_changed=False)
+    if worse and result.new_rig is not whole:
+        nothing = replace(conclusions, final=unchanged(last), claims=(), retuned=without, offset_changed=False)
         names = tuple(dict.fromkeys(claim.piece.effect.name for claim in conclusions.claims))
         gap = (result.held_out.before, result.held_out.after)
-        result = _result(rig, data, nothing, tuple(judged), examined, apart)
+        result = _result(whole, data, nothing, tuple(judged), examined, apart)
         result = replace(result, taken_back=TakenBack(names, *gap))
     return result
 
@@ -525,8 +538,13 @@ def _new_rig(rig: RigModel, final: Fit, conclusions: Conclusions) -> RigModel:
     """The rig with what was found: changed parameters in place, new effects at the end."""
     if not (conclusions.claims or conclusions.retuned or conclusions.offset_changed):
         return rig
+    without = [one.before for one in conclusions.retuned if one.is_gone]
     fitted = iter(piece for piece in final.state.pieces if not piece.added)
-    kept = [effect if effect.stage is Stage.AXIS else next(fitted).effect for effect in rig.effects]
+    kept = [
+        effect if effect.stage is Stage.AXIS else next(fitted).effect
+        for effect in rig.effects
+        if all(one is not effect for one in without)
+    ]
     new = [claim.piece.effect for claim in conclusions.claims]
     offset = final.state.offset if conclusions.offset_changed else rig.zero_offset_deg
     return replace(rig, zero_offset_deg=offset, effects=(*kept, *new))

@@ -252,6 +252,8 @@ class Settings:
     names_by_more: tuple[int, int] = (153, 155)
     #: damping ratio whose peak fits between two speeds of a campaign
     narrow: float = 0.006
+    #: part of its size in the rig below which an effect may be one that the machine does not have
+    nothing_left: float = 0.3
     #: chance that a parameter of the rig is called changed although it is not
     p_changed: float = 1e-7
     #: a change that is the same in all runs counts from this size on (noises): noise that lasts looks like less.

@@ -265,3 +265,38 @@ def test_parts_of_the_highest_orders_alone_that_got_smaller_may_have_been_smooth
     assert cut and all("smoothing" in one.alternatives for one in cut.values())
     for others in (changed(2.0, orders > 200), changed(0.5, orders == 40)):
         assert others and not any("smoothing" in one.alternatives for one in others.values())
+
+
+TOO_MUCH = {
+    "wear": {"depth_arcmin": 0.2, "centre_deg": 100.0, "width_deg": 15.0},
+    "hanging_load_compliance": {"stiffness_Nm_per_arcmin": 3000.0},
+    "structural_resonance": {
+        "frequency_Hz": 20.0, "damping_ratio": 0.02, "orders": [40, 78],
+        "amplitude_deg": [0.002, 0.003], "phase_rad": [0.3, 1.0],
+        "backward_amplitude_deg": [0.002, 0.002], "backward_phase_rad": [0.1, 2.0],
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", TOO_MUCH)
+def test_what_the_rig_has_and_the_machine_has_not_is_said_to_be_nothing(name):
+    """A wear that was not there left ten orders unexplained, a resonance got another frequency of no size."""
+    rig = RigModel(effects=(*RIG.effects, effect(name, **TOO_MUCH[name])))
+    orders = (*range(9), 39, 40, 78)
+    result = reconcile_observations(rig, observed(RIG, grid(), orders, sigma=2e-4), KNOWN)
+    (one,) = result.conclusions.retuned
+    assert one.before is rig.effects[-1] and one.is_gone and result.verdict == "explained"
+    assert not result.unexplained and [e.name for e in result.new_rig.effects] == [e.name for e in RIG.effects]
+    assert result.fitted.before > 1.02 * result.fitted.after
+    assert "the rig has it, and the data show nothing of it; it explains" in summary(result).replace("\n", " ")
+    (said,) = report(result)["retuned"]
+    assert said["is_gone"] and said["name"] == name
+
+
+def test_what_is_half_as_large_as_in_the_rig_is_there():
+    rig, truth = (
+        RigModel(effects=(*RIG.effects, effect("wear", **TOO_MUCH["wear"] | {"depth_arcmin": size})))
+        for size in (0.2, 0.1)
+    )
+    result = reconcile_observations(rig, observed(truth, grid(), (*range(9), 39, 40, 78), sigma=2e-4), KNOWN)
+    assert [one.is_gone for one in result.conclusions.retuned] == [False]

@@ -31,6 +31,7 @@ from st_codegen.reconcile.judge.retuned import (
     Needed,
     changed_as_well,
     changes,
+    not_there,
     offset_is_large,
     shown_change,
     with_piece_held,
@@ -80,7 +81,10 @@ class Claim:
 
 @dataclass(frozen=True)
 class Retuned:
-    """An effect of the rig whose parameters the data contradict; other effects that would do in place of the change."""
+    """An effect of the rig whose parameters the data contradict; other effects that would do in place of the change.
+
+    is_gone: the data show nothing of it; its sizes are at nothing then, and its shapes are the rig's.
+    """
 
     before: Effect
     after: Effect
@@ -89,6 +93,7 @@ class Retuned:
     others: tuple[Other, ...] = ()
     is_open: bool = False
     misread: tuple[str, ...] = ()
+    is_gone: bool = False
 
     @property
     def alternatives(self) -> tuple[str, ...]:
@@ -321,6 +326,23 @@ def _retuned(
     errors = standard_errors(joint, number, final, wrong)
     is_open = _gains_one_sideband(before, after) or _is_a_knee(final, after)
     return Retuned(before, after, errors, p, others, is_open, tuple(sorted(names)))
+
+
+def gone(joint: Fit, found: Conclusions) -> tuple[Retuned, ...]:
+    """The effects of the rig of which the data show nothing; what was found beside them names what else would do."""
+    return tuple(
+        Retuned(
+            before := _origin(joint.state.pieces[number]),
+            Piece(before, frozenset()).unit(None),
+            {},
+            p,
+            misread=tuple(sorted(_left_of_a_smoothing(joint, number).union(
+                *(one.alternatives for one in found.retuned if one.before is before)
+            ))),
+            is_gone=True,
+        )
+        for number, p in not_there(joint).items()
+    )  # fmt: skip
 
 
 def _is_a_knee(final: Fit, effect: Effect) -> bool:

@@ -11,14 +11,15 @@ from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.normal import inverse
-from st_codegen.reconcile.fit.parameters import Piece
+from st_codegen.reconcile.fit.parameters import Coordinate, Piece
 from st_codegen.reconcile.judge import discrepancy
 from st_codegen.reconcile.judge.evidence import chi_square_tail, p_of_clusters
 from st_codegen.reconcile.judge.in_time import lasting_mean, without_lasting
-from st_codegen.reconcile.judge.plausible import bounds_met, is_its_own, misfit_of_changes
+from st_codegen.reconcile.judge.plausible import bounds_met, explained, is_its_own, misfit_of_changes
 from st_codegen.reconcile.judge.structure import floors, is_lacking
 from st_codegen.reconcile.judge.surroundings import stands_out
 from st_codegen.reconcile.settings import SETTINGS
+from st_codegen.rig.effects import Form, Stage
 
 
 def changes(joint: Fit) -> tuple[dict[int, float], bool]:
@@ -55,6 +56,44 @@ class Needed:
 
     p: float
     as_good: dict[int, Fit]
+
+
+def not_there(joint: Fit) -> dict[int, float]:
+    """Pieces of the rig that the data refuse and of which they show nothing, with the chance of the rig's own values.
+
+    What the fit leaves of such a piece, at whatever frequency, angle or width suits the noise, is no change of it:
+    without the piece nothing more is left than noise leaves of so many parameters. Together with those found before.
+    """
+    found: dict[int, float] = {}
+    for i in _own_pieces(joint):
+        piece = joint.state.pieces[i]
+        left = _left_of(joint, piece)
+        if piece.effect.stage is Stage.MEASURING or left >= SETTINGS.nothing_left:
+            continue
+        gone = [*found, i]
+        state = replace(joint.state, pieces=tuple(one for n, one in enumerate(joint.state.pieces) if n not in gone))
+        without = fit(joint.target, state, steps=SETTINGS.quick_steps)
+        numbers = sum(len(joint.state.pieces[n].coordinates()) for n in gone)
+        p = chi_square_tail(with_piece_held(joint, i).loss - without.loss, len(piece.coordinates()))
+        # of a piece that is hardly there noise may take more, by choosing its shape
+        chance = SETTINGS.p_chance if left < SETTINGS.form else SETTINGS.p_wander
+        if p < SETTINGS.p_changed and chi_square_tail(without.loss - joint.loss, numbers) > chance:
+            found[i] = p
+    return found
+
+
+def _left_of(joint: Fit, piece: Piece) -> float:
+    """The size of a piece of the rig as a part of its own; 0 where a compliance is at the least that there is."""
+    least = [c for c in bounds_met(piece) if c.form is Form.INVERSE]
+    if any(_value(piece, c) < (c.lower + c.upper) / 2 for c in least):
+        return 0.0
+    good = joint.target.good
+    now, own = (np.abs(explained(joint, one)[good] / joint.target.sigma[good]) ** 2 for one in (piece, piece.held()))
+    return float(np.sqrt(now.sum() / max(float(own.sum()), 1e-300)))
+
+
+def _value(piece: Piece, wanted: Coordinate) -> float:
+    return float(piece.vector()[piece.coordinates().index(wanted)])
 
 
 def changed_as_well(joint: Fit, final: Fit, changed: dict[int, float]) -> tuple[Fit, dict[int, Needed]]:

@@ -21,6 +21,8 @@ from st_codegen.rig.model import RigModel
 if TYPE_CHECKING:
     from st_codegen.reconcile.plan.next_runs import NextRuns
 
+#: what is said of an effect of the rig of which the data show nothing
+_GONE = ": the rig has it, and the data show nothing of it"
 _Change = Callable[[RigModel], RigModel]
 #: parameters that are shown of one finding
 _MOST_NUMBERS = 4
@@ -66,12 +68,17 @@ def findings(result: Reconciliation, ahead: NextRuns | None = None) -> list[Find
         )
         entries.append((finding, _added(effect)))
     for entry in found.retuned:
-        numbers = _numbers(entry.after, entry.stderr, entry.before)
-        text = f"{plain(entry.after, result)}: the data refuse what the rig says of it"
         finding = Finding(
-            text, entry.after, entry.before, numbers, entry.alternatives, _how_sure_of_change(entry),
-            _todo(entry.after, ahead), None, _own_gap(result, entry.after),
-        )  # fmt: skip
+            plain(entry.after, result) + (_GONE if entry.is_gone else ": the data refuse what the rig says of it"),
+            entry.after,
+            entry.before,
+            () if entry.is_gone else _numbers(entry.after, entry.stderr, entry.before),
+            entry.alternatives,
+            _how_sure_of_change(entry),
+            "see whether the rig model is that of this machine" if entry.is_gone else _todo(entry.after, ahead),
+            None,
+            _own_gap(result, entry.after),
+        )
         entries.append((finding, _replaced(entry.before, entry.after)))
     if found.offset_changed:
         old, new = result.rig.zero_offset_deg, result.new_rig.zero_offset_deg

@@ -148,6 +148,7 @@ def _retuned(entry: Retuned) -> dict[str, Any]:
     return {
         "name": entry.after.name,
         "orders": list(entry.after.orders),
+        "is_gone": entry.is_gone,
         "parameters": {key: {"before": _beside(key, before, value), **value} for key, value in after.items()},
         "alternatives": list(entry.alternatives),
         "digits_of_chance": round(digits(entry.p), 1),

@@ -25,10 +25,10 @@ from st_codegen.rig.effects.resonance import StructuralResonance
 #: standard errors by which a parameter must differ to be shown as changed, or as not zero
 CLEARLY = 2.0
 VERDICT_TEXT = {
-    "explained": "What was missing is named; no pattern over the conditions was found in what is left.",
-    "partly_explained": "Part of what was missing is named; for the rest no effect of the catalogue was found.",
+    "explained": "What differs is named; no pattern over the conditions was found in what is left.",
+    "partly_explained": "Part of what differs is named; for the rest no effect of the catalogue was found.",
     "nothing_missing": "Nothing was found missing: no pattern over the conditions was found in the differences.",
-    "unexplained": "Something is missing for which no effect of the catalogue was found.",
+    "unexplained": "Something differs for which no effect of the catalogue was found.",
 }
 
 
@@ -37,10 +37,10 @@ def verdict_text(result: Reconciliation) -> str:
     if result.verdict == "partly_explained" and result.data.few_points and not result.unexplained:
         return "What is named was missing; the runs are too few to tell whether what is left of them is noise."
     if result.unexplained and all(one.would_be for one in result.unexplained):
-        named = "What was missing is named; what is left" if result.verdict == "partly_explained" else "What differs"
+        named = "What differs is named; what is left" if result.verdict == "partly_explained" else "What differs"
         return f"{named} has a faint pattern, which may be noise that lasts over runs."
     if result.unexplained and all("scatter" in one.dependence for one in result.unexplained):
-        named = "What was missing is named; runs" if result.verdict == "partly_explained" else "Runs"
+        named = "What differs is named; runs" if result.verdict == "partly_explained" else "Runs"
         known = "that is known" if result.data.spectral_deg is None else "within their curves"
         return f"{named} differ by more than the noise {known}, without a pattern: more noise, or something missing."
     return VERDICT_TEXT[result.verdict]

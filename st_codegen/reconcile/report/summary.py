@@ -58,7 +58,8 @@ def summary(result: Reconciliation) -> str:
 
 def finding_text(finding: Finding, *, first: bool) -> str:
     """One finding in a line: words, numbers of a changed one, other names, share."""
-    changed = f": {', '.join(finding.numbers)}" if finding.before is not None or finding.effect is None else ""
+    is_change = finding.before is not None or finding.effect is None
+    changed = f": {', '.join(finding.numbers)}" if is_change and finding.numbers else ""
     others = f" (the data would allow {', '.join(finding.others)} as well)" if finding.others else ""
     share = share_text(finding, first=first)
     return f"{finding.text}{changed}{others}" + (f"; {share}" if share else "")
