@@ -113,6 +113,10 @@ class Settings:
     #: 1/sqrt(n)) it must lie below another estimate to replace it
     least_contrasts: int = 24
     clearly_smaller: float = 2.0
+    #: numbers beyond the means of the directions from which those of a few runs tell their noise, to a quarter
+    least_in_directions: int = 8
+    #: chance of a mean of the directions below which it is no noise
+    p_direction: float = 1e-4
     #: a run is suspected when its distance from its neighbours is this many times what is usual
     suspect_distance: float = 6.0
     #: a noise of zero would make every difference infinite; deg

@@ -300,3 +300,18 @@ def test_what_is_half_as_large_as_in_the_rig_is_there():
     )
     result = reconcile_observations(rig, observed(truth, grid(), (*range(9), 39, 40, 78), sigma=2e-4), KNOWN)
     assert [one.is_gone for one in result.conclusions.retuned] == [False]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_all_of_a_few_runs_have_is_no_scatter_of_runs(seed):
+    """The zero was 0.005 deg off in all twelve curves: "runs differ, with no pattern over the conditions"."""
+    random, (speeds, torques) = np.random.default_rng(seed), np.meshgrid([300.0, 900.0, 1500.0], [0.0, 900.0])
+    at = Conditions.of(*(np.tile(x.ravel(), 2) for x in (speeds * 0 + 1, speeds, torques, torques * 0 + 30)))
+    at = replace(at, sign=np.repeat([1.0, -1.0], 6))
+    data = observed(RIG, at, sigma=2e-5)
+    values = data.values + np.where(data.orders == 0, 5e-3 + 1e-3 * random.standard_normal((12, 1)), 0.0)
+    data = replace(data, values=values, spectral_deg=np.full(values.shape, 2e-5))
+    result = reconcile_observations(RIG, data, KNOWN)
+    (one,) = result.unexplained
+    assert one.order == 0 and "is constant" in one.text
+    assert result.fitted.noise_floor > 8e-4 and "differ from their mean (orders 0)" in floor_text(result)
