@@ -315,3 +315,16 @@ def test_what_all_of_a_few_runs_have_is_no_scatter_of_runs(seed):
     (one,) = result.unexplained
     assert one.order == 0 and "is constant" in one.text
     assert result.fitted.noise_floor > 8e-4 and "differ from their mean (orders 0)" in floor_text(result)
+
+
+def test_a_size_of_zero_in_the_rig_is_one_that_nobody_knew():
+    """Dry friction of 0 was believed to be 0: a film of oil, another fading and the mean were bent in its place."""
+    viscous = {"viscous_arcmin_per_krpm": 0.02, "viscosity_decay_per_K": 0.04}
+    rest = [one for one in RIG.effects if one.name != "friction_windup"]
+    rig, truth = (
+        RigModel(effects=(*rest, effect("friction_windup", coulomb_arcmin=size, **viscous))) for size in (0.0, 0.25)
+    )
+    result = reconcile_observations(rig, observed(truth, grid(), sigma=5e-4), KNOWN)
+    (one,) = result.conclusions.retuned
+    assert one.after.scalar("coulomb_arcmin") == pytest.approx(0.25, abs=3 * one.stderr["coulomb_arcmin"])
+    assert result.verdict == "explained" and "-> 0.04 1/K" not in summary(result)

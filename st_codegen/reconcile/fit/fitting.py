@@ -163,10 +163,12 @@ def _prior(state: State) -> tuple[FloatArray, FloatArray]:
         for c, x in zip(piece.coordinates(), piece.vector(), strict=True):
             believed = values.get(c)
             if piece.origin is not None and believed is not None:
-                size = SETTINGS.prior * max(abs(believed), 1e-3 * c.scale)
+                known = abs(believed)
                 if c.part:
-                    size = max(size, SETTINGS.prior * abs(piece.origin.complex_value(c.key.removeprefix("backward_"),
-                               c.key.startswith("backward_"), c.place)))  # fmt: skip
+                    of_back = c.key.startswith("backward_")
+                    known = abs(piece.origin.complex_value(c.key.removeprefix("backward_"), of_back, c.place))
+                # a size of zero is one that nobody knew, or of what is not there
+                size = c.scale if c.linear and not known else SETTINGS.prior * max(known, 1e-3 * c.scale)
                 centre.append(believed)
             else:
                 size = c.scale

@@ -35,6 +35,7 @@ from st_codegen.reconcile.judge.retuned import (
     offset_is_large,
     shown_change,
     with_piece_held,
+    with_shapes_inside,
     without_misfits,
 )
 from st_codegen.reconcile.judge.selection import founded
@@ -218,7 +219,7 @@ def _over_its_limit(current: Fit, piece: Piece) -> float:
 
 def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
     """Claims with evidence, changed parameters, alternatives."""
-    joint, standing = settled(joint)
+    joint, standing = settled(with_shapes_inside(joint))
     free, changed, offset_changed = _told_apart(joint)
     if free is not joint:
         again, kept = settled(free)

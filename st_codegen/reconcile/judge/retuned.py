@@ -22,6 +22,24 @@ from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Form, Stage
 
 
+def with_shapes_inside(joint: Fit) -> Fit:
+    """The fit with shapes of the rig's effects that went to a bound at the rig's own values, where that does as well.
+
+    A shape of a part that is small is told by nothing: it says nothing against a change of the other parts.
+    """
+    for i in _own_pieces(joint):
+        piece = joint.state.pieces[i]
+        assert piece.origin is not None
+        met = {c.key for c in bounds_met(piece) if c.form is Form.SHAPE and c.key in piece.origin.values}
+        if not met:
+            continue
+        values = dict(piece.effect.values) | {key: piece.origin.values[key] for key in met}
+        held = replace(piece, effect=piece.effect.with_values(values), free=piece.free - met)
+        trial = fit(joint.target, joint.state.replaced(i, held), steps=SETTINGS.quick_steps)
+        joint = trial if trial.loss - joint.loss < SETTINGS.as_good else joint
+    return joint
+
+
 def changes(joint: Fit) -> tuple[dict[int, float], bool]:
     """Pieces of the rig whose own values the data refuse, with the chance of that; whether the offset is refused."""
     found = {}

@@ -171,7 +171,7 @@ def _numbers(effect: Effect, stderr: Mapping[str, float], before: Effect | None 
         text = f"{value:.4g}" + ("" if error is None else f" +- {error:.1g}") + (f" {unit}" if unit else "")
         was = old.get(key, {}).get("value")
         if before is not None and was is not None:
-            if error is not None and abs(value - was) < CLEARLY * error:
+            if value == was or (error is not None and abs(value - was) < CLEARLY * error):
                 continue
             text = f"{was:.4g} -> {text}"
         listed.append(f"{key} {text}")
