@@ -26,7 +26,15 @@ from st_codegen.reconcile.fit.parameters import Piece, piece_of
 from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.candidates import Candidate
-from st_codegen.reconcile.judge.conclusions import Conclusions, Retuned, conclude, doubted, gone, unchanged
+from st_codegen.reconcile.judge.conclusions import (
+    Conclusions,
+    Retuned,
+    conclude,
+    doubted,
+    gone,
+    may_be_friction,
+    unchanged,
+)
 from st_codegen.reconcile.judge.evidence import Evidence
 from st_codegen.reconcile.judge.faint import faint
 from st_codegen.reconcile.judge.held_out import between_states, held_out_rms
@@ -437,6 +445,7 @@ def _result(
         mistakes=examined.mistakes,
         cannot_show=(
             *cannot_show(data),
+            *_of_friction(conclusions),
             *below_noise(target),
             *examined.untold,
             *scatter_of_encoder(target, after),
@@ -445,6 +454,17 @@ def _result(
         unseen_curves=unseen.curves,
         carriers=math.inf if data.angle_rad is not None else _alike((weight * np.abs(unseen.left) ** 2).sum(axis=1)),
     )
+
+
+def _of_friction(found: Conclusions) -> tuple[str, ...]:
+    """What is said beside a compliance that was found where no run is driven by its load."""
+    effects = (
+        *(claim.piece.effect for claim in found.claims),
+        *(one.after for one in found.retuned if not one.is_gone),
+    )
+    is_said = any(may_be_friction(found.final, effect) for effect in effects)
+    text = "no run is driven by its load: friction that grows with the load cannot be told from compliance"
+    return (text,) if is_said else ()
 
 
 @dataclass(frozen=True)

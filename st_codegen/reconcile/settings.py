@@ -113,10 +113,10 @@ class Settings:
     #: 1/sqrt(n)) it must lie below another estimate to replace it
     least_contrasts: int = 24
     clearly_smaller: float = 2.0
-    #: numbers beyond the means of the directions from which those of a few runs tell their noise, to a quarter
-    least_in_directions: int = 8
-    #: chance of a mean of the directions below which it is no noise
-    p_direction: float = 1e-4
+    #: runs beyond the numbers of a law of the directions from which they tell their noise, to a quarter, and the chance
+    #: of the law below which it is no noise
+    least_beside_a_law: int = 8
+    p_law: float = 1e-4
     #: a run is suspected when its distance from its neighbours is this many times what is usual
     suspect_distance: float = 6.0
     #: a noise of zero would make every difference infinite; deg
@@ -303,6 +303,12 @@ class Settings:
     #: enough where none of them gains half as much
     other_orders_of_runs: int = 99
     few_orders_of_runs: int = 9
+    #: share by which the size of a formula may change over the runs of which is said that it keeps its size, and by
+    #: what its phase turns at least then
+    keeps_its_size: float = 0.2
+    least_turn_rad: float = 0.3
+    #: share of the power of runs that they have in common from which on they are not called different
+    same_in_runs: float = 0.5
     #: share of an unexplained part from which on a condition is called what it depends on
     cause: float = 0.1
     #: a term of a formula must save this many times the logarithm of the runs, and this share of what is left to save

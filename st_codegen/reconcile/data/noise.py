@@ -35,7 +35,7 @@ class Noise:
     sigma: float64 (n, K), standard deviation of one component, by row (direction) and order; floor_rms: float64 (K,),
     RMS of one component, tails included; good: bool (n,); suspects: rows and their distance (1 is usual); kinds: by
     order what the floor is made of (`plane`, `smooth`, `speed`, `torque`, `temperature`, `repeats`,
-    `direction`, `rig`).
+    `law`, `rig`).
     """
 
     sigma: FloatArray
@@ -90,7 +90,7 @@ def estimate(data: Observations, residual: ComplexArray, known_bad: BoolArray | 
     else:
         sigma = np.broadcast_to(sigma_of(residual, data.orders), residual.shape).copy()
         floor, kinds = sigma_of(residual, data.orders), ["rig"] * len(data.orders)
-        _take_of_directions(data, residual, good, sigma, floor, kinds)
+        _take_of_laws(data, residual, good, sigma, floor, kinds)
     ranked = tuple(sorted(suspects.items(), key=lambda item: -item[1]))
     least = np.maximum(_between_orders(data), SETTINGS.least_noise_deg)
     return Noise(np.maximum(sigma, least), np.maximum(floor, least), good, ranked, tuple(kinds))
@@ -145,32 +145,38 @@ def _smallest(
     return sigma, floor
 
 
-def _take_of_directions(
+def _take_of_laws(
     data: Observations, residual: ComplexArray, good: BoolArray, sigma: FloatArray, floor: FloatArray, kinds: list[str]
 ) -> None:
-    """Write in place how far the runs of a direction differ, where that is clearly less than what the rig leaves.
+    """Write in place how far runs lie from a simple law of each direction, where that is no chance.
 
-    What all of them have is no noise: of runs that are too few for neighbours that is all that can be compared.
+    The laws are a constant, and straight lines over the torque, or over all conditions. What runs have in common is no
+    noise: of runs that are too few for neighbours that is all that can be compared.
     """
     # only here: it takes a tenth of a second, and few campaigns are so small
     from scipy.special import chdtri, fdtrc
 
-    own = [residual[good & (data.at.sign == sign)] for sign in np.unique(data.at.sign)]
-    own = [rows for rows in own if len(rows) > 1]
-    freedom = sum(map(len, own)) - len(own)
-    if freedom < SETTINGS.least_in_directions:
-        return
-    parts, common, differ = np.where(data.orders == 0, 1, 2), np.zeros(len(data.orders)), np.zeros(len(data.orders))
-    for rows in own:
-        y = np.where(data.orders == 0, rows.real, rows)
-        common = common + len(y) * np.abs(y.mean(axis=0)) ** 2 / len(own)
-        differ = differ + (np.abs(y - y.mean(axis=0)) ** 2).sum(axis=0) / freedom
-    chance = fdtrc(len(own) * parts, freedom * parts, common / np.maximum(differ, 1e-300))
-    # so few runs may be nearer to each other than runs are, and both directions of a run may share what they differ by
-    fewest = max(map(len, own)) - 1
-    for k in np.flatnonzero(chance < SETTINGS.p_direction):
-        kinds[k], sigma[:, k] = "direction", np.sqrt(differ[k] / parts[k])
-        floor[k] = sigma[0, k] * np.sqrt(fewest * parts[k] / chdtri(fewest * parts[k], 0.95))
+    at, parts = data.at, np.where(data.orders == 0, 1, 2)
+    y = np.where(data.orders == 0, residual.real, residual)
+    least = np.full(len(data.orders), np.inf)
+    for columns in ((), (at.torque_Nm,), (at.speed_rpm, at.torque_Nm, at.temperature_C)):
+        varied = [(x - x.mean()) / np.ptp(x) for x in columns if np.ptp(x) > 0.0]
+        design, told, left, numbers, freedom = np.stack([np.ones(len(data)), *varied], axis=1), 0.0, 0.0, 0, 0
+        for sign in np.unique(at.sign):
+            rows = good & (at.sign == sign)
+            q = np.linalg.qr(design[rows])[0]
+            law = q @ (q.T @ y[rows])
+            told, left = told + (np.abs(law) ** 2).sum(axis=0), left + (np.abs(y[rows] - law) ** 2).sum(axis=0)
+            numbers, freedom = numbers + q.shape[1], freedom + int(rows.sum()) - q.shape[1]
+        if freedom < SETTINGS.least_beside_a_law:
+            continue
+        noise = np.asarray(left) / freedom
+        chance = fdtrc(numbers * parts, freedom * parts, np.asarray(told) / numbers / np.maximum(noise, 1e-300))
+        # so few may be nearer to a law than runs are, and both directions of a run may share what they differ by
+        fewest = freedom // 2 * parts
+        for k in np.flatnonzero((chance < SETTINGS.p_law) & (noise < least)):
+            least[k], kinds[k], sigma[:, k] = noise[k], "law", np.sqrt(noise[k] / parts[k])
+            floor[k] = sigma[0, k] * np.sqrt(fewest[k] / chdtri(fewest[k], 0.95))
 
 
 def _sigma_by_direction(data: Observations, e: ComplexArray, rows: BoolArray) -> FloatArray:

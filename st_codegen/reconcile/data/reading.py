@@ -476,7 +476,7 @@ def unit_choices(factor: float, ratio: float) -> str:
     choices = "; or ".join(f"{known[f]}: then give --scale {1 / f:.8g}" for f in near)
     return (
         f"the measured TE is {factor:.3g} times the rig's: another unit? Is it {choices}? "
-        "If the machine really is that different, give --scale 1"
+        "If the machine really is that different, or the rig file is that of another one, give --scale 1"
     )
 
 

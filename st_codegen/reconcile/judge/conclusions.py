@@ -106,6 +106,11 @@ class Retuned:
         return (*named, *((SOMETHING_ELSE,) if self.is_open else ()))
 
 
+#: effects of the mean that turn with the direction, and those of the same law that do not
+TURNING = frozenset({"torsional_compliance", "friction_windup", "backlash"})
+_ONE_SIDED = frozenset({"torsional_compliance", "hanging_load_compliance"})
+
+
 @dataclass(frozen=True)
 class Conclusions:
     """What is claimed, and the fit behind it (all parameters free: `joint`; unchanged ones held: `final`).
@@ -129,8 +134,18 @@ class Conclusions:
 
     @property
     def of_offset(self) -> tuple[str, ...]:
-        """Names of mistakes of measuring that would do in place of another zero offset."""
-        return tuple(sorted({one.reading.name for one in self.misread if OFFSET in one.instead_of}))
+        """Names of what would do in place of another zero offset, mistakes of measuring first.
+
+        Beside a change that turns with the direction it may be the other half of what changed in one direction alone.
+        """
+        read = sorted({one.reading.name for one in self.misread if OFFSET in one.instead_of})
+        return (*read, *((SOMETHING_ELSE,) if self.names & TURNING else ()))
+
+    @property
+    def names(self) -> set[str]:
+        """Names of the effects that are missing or changed."""
+        claimed = {claim.piece.effect.name for claim in self.claims}
+        return claimed | {one.after.name for one in self.retuned if not one.is_gone}
 
 
 @dataclass(frozen=True)
@@ -325,7 +340,7 @@ def _retuned(
     names = {one.reading.name for one in wrong if number in one.instead_of}
     names |= _left_of_filters(final, number) | _left_of_a_delay(final, number) | _left_of_a_smoothing(final, number)
     errors = standard_errors(joint, number, final, wrong)
-    is_open = _gains_one_sideband(before, after) or _is_a_knee(final, after)
+    is_open = _gains_one_sideband(before, after) or _is_a_knee(final, after) or may_be_friction(final, after)
     return Retuned(before, after, errors, p, others, is_open, tuple(sorted(names)))
 
 
@@ -351,6 +366,17 @@ def _is_a_knee(final: Fit, effect: Effect) -> bool:
     seating = effect.values.get("seating_torque_Nm")
     torques = np.unique(np.abs(final.target.data.at.torque_Nm))
     return isinstance(seating, float) and int((torques < 2 * seating).sum()) < SETTINGS.torques_of_a_knee
+
+
+def may_be_friction(final: Fit, effect: Effect) -> bool:
+    """Whether friction that grows with the load would look like a compliance: where no run is driven by its load.
+
+    What a load winds up changes its sign with the load, what friction does with the direction alone.
+    """
+    torques = final.target.data.at.torque_Nm
+    is_compliance = effect.name == "torsional_compliance"
+    driven = min(float(np.abs(torques[torques * side > 0.0]).max(initial=0.0)) for side in (1.0, -1.0))
+    return is_compliance and driven < SETTINGS.form * float(np.abs(torques).max(initial=0.0))
 
 
 def _gains_one_sideband(before: Effect, after: Effect) -> bool:
@@ -388,7 +414,8 @@ def _claim(
         stderr |= {key: float(np.hypot(stderr[key], share * piece.effect.values[key])) for key in sizes & stderr.keys()}
     names = sorted({other.name for other in others} - {piece.effect.name})
     few = final.target.data.few_points
-    alone = few or _by_order_alone(final, number)
+    alone = few or _by_order_alone(final, number) or _is_a_knee(final, piece.effect)
+    is_open = alone or may_be_friction(final, piece.effect)
     counted = SETTINGS.names_by_order if alone else SETTINGS.names_by_more
     # nobody has counted how often a sideband without its twin is one
     one_side = piece.effect.stage is Stage.MODULATION and len(followers(piece)) == 1
@@ -396,7 +423,7 @@ def _claim(
         piece=piece,
         stderr=stderr,
         evidence=standing.evidence,
-        alternatives=(*names, *((SOMETHING_ELSE,) if alone else ())),
+        alternatives=(*names, *((SOMETHING_ELSE,) if is_open else ())),
         others=others,
         share=_share(rig, final, piece),
         own_gap=_own_gap(rig, final, piece),
@@ -603,8 +630,11 @@ def doubted(found: Conclusions, left: Collection[int], beside: Collection[int]) 
     rows = [k for k in left if {k + 1, k + 2} <= set(left)]
     reached |= {beyond for k in rows for beyond in (k - 2, k - 1, k + 3, k + 4) if beyond > 0}
 
+    # what changed in one direction alone is half of what turns with it, and half of what does not
+    halves = _ONE_SIDED if found.names >= _ONE_SIDED else frozenset()
+
     def is_open(effect: Effect, orders: Collection[int]) -> bool:
-        return bool(set(effect.touched_orders()) & set(orders))
+        return effect.name in halves or bool(set(effect.touched_orders()) & set(orders))
 
     claims = tuple(
         replace(claim, alternatives=(*claim.alternatives, SOMETHING_ELSE), counted=SETTINGS.names_by_order)

@@ -282,7 +282,8 @@ def _formula(problem: _Problem, chosen: list[int], as_well: dict[int, list[int]]
     at, names = problem.at, problem.names
     solved = problem.all.solved(chosen)
     place = np.searchsorted(np.unique(at.sign), at.sign)
-    size = np.abs((problem.columns[:, chosen] * solved[place]).sum(axis=1))
+    values = (problem.columns[:, chosen] * solved[place]).sum(axis=1)
+    size = np.abs(values)
     row = int(np.argmax(size))
     terms = {names[term]: (complex(solved[-1, i]), complex(solved[0, i])) for i, term in enumerate(chosen)}
     parts = [
@@ -294,6 +295,13 @@ def _formula(problem: _Problem, chosen: list[int], as_well: dict[int, list[int]]
     words = (f"{at.speed_rpm[row]:g} rpm", f"{at.torque_Nm[row]:g} N m", f"{at.temperature_C[row]:g} degC")
     where = "at " + ", ".join(words[i] for i in varying) if varying else "at every operating point"
     text = f"{' and '.join(parts)}: {size[row]:.3g} deg {where}"
+    turns = max(float(np.ptp(_turned(values[at.sign == sign]))) for sign in np.unique(at.sign))
+    if varying and size.min() > (1.0 - SETTINGS.keeps_its_size) * size[row] and turns > SETTINGS.least_turn_rad:
+        # several terms may make up a wave that hardly grows
+        text = (
+            f"keeps its size, {size.min():.3g} to {size[row]:.3g} deg, and turns its phase by {turns:.2g} rad over the "
+            f"{' and the '.join(_CONDITIONS[i] for i in varying)} (in the terms of a formula it {' and '.join(parts)})"
+        )
     levels = [len(np.unique(axis)) for axis in (at.speed_rpm, at.torque_Nm, at.temperature_C)]
     if few := [_CONDITIONS[i] for i in varying if levels[i] == 2]:
         text += f" (two {' and two '.join(few)} tell no law between them)"
@@ -303,6 +311,12 @@ def _formula(problem: _Problem, chosen: list[int], as_well: dict[int, list[int]]
     if explains < SETTINGS.formula_whole:
         text += f" (that is {100 * explains:.0f} % of it: its law may be another)"
     return Formula(terms, explains, text, float(size[row]))
+
+
+def _turned(values: ComplexArray) -> FloatArray:
+    """The phase of values (n,) against their mean direction, rad."""
+    middle = complex((values / np.abs(values)).sum())
+    return np.angle(values / middle) if abs(middle) > 0.0 else np.angle(values)
 
 
 def _words(name: str, others: list[str]) -> str:

@@ -252,16 +252,25 @@ def _where_loud(target: FitData, r: ComplexArray) -> str:
         # a single run is no level
         usual, rest = float(np.median(power[there])), float(power[~there].mean())
         if usual > SETTINGS.stands_out * rest:
-            return f"{sizes[top]:.2g} deg {_at_level(name, values[good][there])}, another in each run"
+            alike = _alike(r[good][there], at.sign[good][there])
+            return f"{sizes[top]:.2g} deg {_at_level(name, values[good][there])}, {alike}"
         own = level[first]
         groups = [runs[own == n] for n in np.unique(own)]
         if min(map(len, groups)) >= SETTINGS.least_block and np.ptp(runs) > 0.0:
             here = [f"{sizes[n]:.2g} deg {_at_level(name, values[good][level == n])}" for n in (top, low)]
             # what rises, or falls, from level to level is seen sooner
             chance = min(kruskal(*groups).pvalue, spearmanr(own, runs).pvalue)
-            told.append((float(chance), f"{here[0]} and {here[1]}, another in each run"))
+            alike = _alike(r[good][there], at.sign[good][there])
+            told.append((float(chance), f"{here[0]} and {here[1]}, {alike}"))
     chance, text = min(told, default=(1.0, ""))
     return text if chance < SETTINGS.p_chance else ""
+
+
+def _alike(r: ComplexArray, sign: FloatArray) -> str:
+    """Whether runs (n,) of a level have the same in each direction."""
+    mean = np.array([r[sign == side].mean() for side in sign])
+    share = float((np.abs(mean) ** 2).sum() / max(float((np.abs(r) ** 2).sum()), 1e-300))
+    return "much the same in the runs of a direction" if share > SETTINGS.same_in_runs else "another in each run"
 
 
 def _rows_of_runs(target: FitData) -> list[IntArray]:

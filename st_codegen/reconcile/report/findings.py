@@ -188,13 +188,19 @@ def _how_sure(claim: Claim) -> str:
     others = [name for name in claim.alternatives if name != SOMETHING_ELSE]
     parts = [f"{', '.join(others)} would do as well"] if others else []
     if SOMETHING_ELSE in claim.alternatives:
-        alone = "something else may look the same"
-        parts.append(f"named by {'its order alone' if claim.piece.effect.orders else 'few runs'}: {alone}")
+        parts.append(f"named by {_told_by(claim)}: something else may look the same")
     parts = parts or ["no other effect that was tried does as well"]
     if claim.counted is not None:
         true, of = claim.counted
         parts.append(f"{true} of {of} such names were true on simulated machines of other physics than the catalogue's")
     return "; ".join(parts)
+
+
+def _told_by(claim: Claim) -> str:
+    """What little tells the name of a claim that something else may have."""
+    if claim.piece.effect.orders:
+        return "its order alone"
+    return "few runs" if claim.counted == SETTINGS.names_by_order else "runs that resist the motion alone"
 
 
 def _in_place(others: Sequence[str]) -> str:
@@ -208,7 +214,7 @@ def _how_sure_of_change(entry: Retuned) -> str:
     if others := _in_place([name for name in entry.alternatives if name != SOMETHING_ELSE]):
         parts.append(others)
     if entry.is_open:
-        parts.append("its orders stay unexplained: what is there may have moved its numbers")
+        parts.append("something else may have moved its numbers")
     return "; ".join(parts)
 
 

@@ -54,7 +54,7 @@ _FLOOR = {
     "temperature": "how far runs lie from those at other temperatures",
     "repeats": "how far repeated runs differ",
     "smooth": "what a smooth function of the conditions leaves of the runs",
-    "direction": "how far the runs of a direction, too few for neighbours, differ from their mean",
+    "law": "how far runs that are too few for neighbours lie from a line of each direction over the conditions",
     "rig": "what the rig leaves of the runs, which are too few to tell more",
 }
 
