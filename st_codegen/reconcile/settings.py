@@ -136,6 +136,8 @@ class Settings:
     #: speeds and torques at which a run is tried before its label is called wrong: a quarter of a percent of the range
     #: apart
     places_tried: int = 401
+    #: part of the least and of the largest value of a condition by which a run may lie beyond it
+    beyond_labels: float = 0.2
 
     # --- search ---
     #: effects that may be added, candidates fitted in full in a round, and rounds, before the search ends

@@ -383,3 +383,18 @@ def test_play_that_one_torque_tells_has_another_name_beside_it():
         assert claim.piece.effect.name == "backlash" and "something_else" in claim.alternatives
         assert claim.counted == SETTINGS.names_by_order
     assert result.conclusions.claims
+
+
+def test_a_drift_of_runs_that_are_listed_by_temperature_may_be_one_of_time():
+    """Between the two sessions of a campaign the zero had moved: the thermal drift was three times the rig's."""
+    at = grid()
+    listed = np.lexsort((at.sign, at.torque_Nm, at.speed_rpm, at.temperature_C))
+    at = at.rows(listed)
+    rig = RigModel(effects=(*RIG.effects, effect("thermal_drift", drift_arcmin_per_K=0.008)))
+    data = observed(rig, at, sigma=1e-4)
+    later = 4e-4 * (at.temperature_C - at.temperature_C.min())
+    values = data.values + np.where(data.orders == 0, later[:, None], 0.0)
+    for named, is_open in (("temperature", True), ("", False)):
+        one = replace(data, values=values, sorted_by=named, run=None)
+        changed = retuned(reconcile_observations(rig, one, KNOWN))
+        assert ("something_else" in changed["thermal_drift"].alternatives) == is_open

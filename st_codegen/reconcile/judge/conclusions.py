@@ -341,6 +341,7 @@ def _retuned(
     names |= _left_of_filters(final, number) | _left_of_a_delay(final, number) | _left_of_a_smoothing(final, number)
     errors = standard_errors(joint, number, final, wrong)
     is_open = _gains_one_sideband(before, after) or _is_a_knee(final, after) or may_be_friction(final, after)
+    is_open |= _may_be_time(final, after)
     return Retuned(before, after, errors, p, others, is_open, tuple(sorted(names)))
 
 
@@ -366,6 +367,11 @@ def _is_a_knee(final: Fit, effect: Effect) -> bool:
     seating = effect.values.get("seating_torque_Nm")
     torques = np.unique(np.abs(final.target.data.at.torque_Nm))
     return isinstance(seating, float) and int((torques < 2 * seating).sum()) < SETTINGS.torques_of_a_knee
+
+
+def _may_be_time(final: Fit, effect: Effect) -> bool:
+    """Whether what follows the oil may follow the time: the runs are listed by their temperature."""
+    return effect.name == "thermal_drift" and final.target.data.sorted_by == "temperature"
 
 
 def may_be_friction(final: Fit, effect: Effect) -> bool:
@@ -415,7 +421,7 @@ def _claim(
     names = sorted({other.name for other in others} - {piece.effect.name})
     few = final.target.data.few_points
     alone = few or _by_order_alone(final, number) or _is_a_knee(final, piece.effect)
-    is_open = alone or may_be_friction(final, piece.effect)
+    is_open = alone or may_be_friction(final, piece.effect) or _may_be_time(final, piece.effect)
     counted = SETTINGS.names_by_order if alone else SETTINGS.names_by_more
     # nobody has counted how often a sideband without its twin is one
     one_side = piece.effect.stage is Stage.MODULATION and len(followers(piece)) == 1

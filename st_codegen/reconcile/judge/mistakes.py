@@ -257,9 +257,10 @@ def _is_elsewhere(
 def _by_one_condition(
     data: Observations, rig: RigModel, sure: BoolArray, weight: FloatArray, rows: IntArray, key: str
 ) -> float:
-    """The least loss of a run at another value of one condition than its label's."""
+    """The least loss of a run at another value of one condition than its label's, a part beyond the labels' as well."""
     values = getattr(data.at, key)
-    tried = np.linspace(values.min(), values.max(), SETTINGS.places_tried)
+    beyond = SETTINGS.beyond_labels * np.abs([values.min(), values.max()])
+    tried = np.linspace(values.min() - beyond[0], values.max() + beyond[1], SETTINGS.places_tried)
     found = np.zeros(len(tried))
     for row in rows:
         as_if = replace(data.at.rows(np.full(len(tried), row)), **{key: tried})

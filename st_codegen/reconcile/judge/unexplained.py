@@ -14,8 +14,9 @@ from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.contrasts import levels_of, speed_levels
 from st_codegen.reconcile.data.hum import Hum
 from st_codegen.reconcile.fit.target import FitData
+from st_codegen.reconcile.judge.evidence import f_tail
 from st_codegen.reconcile.judge.formulas import Formula, formula_of
-from st_codegen.reconcile.judge.in_time import Course, changes_with_time
+from st_codegen.reconcile.judge.in_time import Course, changes_with_time, lasting_mean
 from st_codegen.reconcile.judge.structure import (
     ResidualStructure,
     by_directions,
@@ -194,7 +195,10 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float
         own, what = floor**2, "what runs differ by from others like them"
     where = _where_loud(target, residual[:, k]) or "with no pattern over the conditions that was found"
     why = "runs differ, or the structure is sharp"
-    if changes_with_time(target, residual)[k]:
+    is_common = _is_common(target, residual[:, k], order)
+    if is_common:
+        where, why = "about the same in all runs of a direction", "runs do not differ by it"
+    elif changes_with_time(target, residual)[k]:
         why = _WITH_TIME
     size = float(np.sqrt(max(power - own, 0.0)))
     name = f"order {order}" if order else "the mean"
@@ -204,19 +208,35 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float
         if size
         else f"{name}: no louder than {what} over all runs, but single runs that are not called bad are far off in it"
     )
-    text += "" if target.data.repeated else "; repeat some runs"
+    text += "" if target.data.repeated or is_common else "; repeat some runs"
     share = min(1.0, size**2 / max(gap_power, 1e-300))
     return Signature(
         order,
         size,
         share,
-        {"scatter": 1.0},
+        {"constant" if is_common else "scatter": 1.0},
         _direction(target, residual[:, k]),
         text,
         size * (np.sqrt(2) if order else 1.0),
         # what runs differ by may be more of it
         at_least=of_runs,
     )
+
+
+def _is_common(target: FitData, r: ComplexArray, order: int) -> bool:
+    """Whether a residual (n,) has a mean in the runs of a direction that is no chance."""
+    at, parts, own = target.data.at, 2 if order else 1, r if order else r.real + 0j
+    rows = [own[target.good & (at.sign == sign)] for sign in np.unique(at.sign[target.good])]
+    rows = [one for one in rows if len(one) > 1]
+    # where noise lasts over runs their mean is told by fewer of them
+    lasting = float(lasting_mean(target, r[:, None])[0]) if order == 0 else 0.0
+    common = sum(len(one) * max(abs(one.mean()) - lasting, 0.0) ** 2 for one in rows)
+    differ = sum(float((np.abs(one - one.mean()) ** 2).sum()) for one in rows)
+    freedom = sum(map(len, rows)) - len(rows)
+    if freedom < SETTINGS.least_beside_a_law or not differ:
+        return False
+    f = common / len(rows) / (differ / freedom)
+    return f_tail(f, len(rows) * parts, freedom * parts) < SETTINGS.p_law
 
 
 def _digits(times: float) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from st_codegen.reconcile.data.observations import rms_deg
-from st_codegen.reconcile.judge.conclusions import SOMETHING_ELSE, Claim, Retuned
+from st_codegen.reconcile.judge.conclusions import SOMETHING_ELSE, TURNING, Claim, Retuned
 from st_codegen.reconcile.report.output import parameters_of
 from st_codegen.reconcile.report.sentences import CLEARLY, form_text, plain, words
 from st_codegen.reconcile.run import Reconciliation
@@ -200,7 +200,9 @@ def _told_by(claim: Claim) -> str:
     """What little tells the name of a claim that something else may have."""
     if claim.piece.effect.orders:
         return "its order alone"
-    return "few runs" if claim.counted == SETTINGS.names_by_order else "runs that resist the motion alone"
+    if claim.counted == SETTINGS.names_by_order:
+        return "few runs"
+    return "runs that resist the motion alone" if claim.piece.effect.name in TURNING else "runs listed by temperature"
 
 
 def _in_place(others: Sequence[str]) -> str:
