@@ -55,6 +55,10 @@ class Settings:
     ramp: float = 4.0
     #: orders of curves at which it is looked for: above those of shafts, where there are samples enough
     ramp_orders: tuple[int, int] = (5, 60)
+    #: of so many of them the lowest ones tell the slope of the others, to this part of it
+    least_orders_of_slope: int = 12
+    lowest_of_slope: int = 4
+    one_slope: float = 0.2
     #: share of the torques by which a sensor of them may be off anyway; derivatives are taken by as much
     torque_step: float = 1e-3
     #: knots over the frequency between which the response of a filter is a straight line: ten orders and more tell each

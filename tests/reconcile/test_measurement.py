@@ -14,6 +14,7 @@ from st_codegen.campaign.orders import curve_sums
 from st_codegen.errors import InputError
 from st_codegen.reconcile.data.hum import without_hums, without_waves_between
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
+from st_codegen.reconcile.data.reading import ramp_deg
 from st_codegen.reconcile.judge import sensors
 from st_codegen.reconcile.judge.each_run import _most_gain, ramps
 from st_codegen.reconcile.judge.measurement import examine
@@ -812,3 +813,14 @@ def test_a_run_beyond_the_highest_speed_has_the_label_of_no_other_run():
     )
     moved = data.values + rig.coefficients(true, ORDERS.tolist()) - RIG.coefficients(at, ORDERS.tolist())
     assert not [one for one in examine(replace(data, values=moved), rig, PATH).mistakes if one.name == "labels"]
+
+
+@pytest.mark.parametrize("orders", [np.arange(5, 61), np.arange(0, 241)])
+def test_what_settles_after_the_turn_begins_is_no_ramp(orders):
+    """A wind-up that came back within 12 deg was "a reduction ratio of 80.9985", and so was to be corrected."""
+    random, k = np.random.default_rng(1), np.maximum(orders, 1)
+    noise = 1e-6 * (random.standard_normal((96, len(k))) + 1j * random.standard_normal((96, len(k))))
+    height, reach = -6.5e-3, 0.2
+    size, _, _ = ramp_deg(orders, 1j * height / (np.pi * k) + noise)
+    assert size == pytest.approx(height, rel=1e-3)
+    assert ramp_deg(orders, height / np.pi * reach / (1 + 1j * k * reach) * -1 + noise)[0] == 0.0

@@ -291,9 +291,23 @@ def ramp_deg(orders: IntArray, coefficients: ComplexArray) -> tuple[float, float
     if not k.size:
         return 0.0, np.inf, 0.0
     start = start_of_ramp(own, np.zeros(own.shape), k)
-    slopes = ((own * np.exp(1j * start * k)).imag * np.pi * k).ravel()
+    slopes = (own * np.exp(1j * start * k)).imag * np.pi * k
     size = float(np.median(slopes))
-    return size, float(np.median(np.abs(slopes - size))) / 0.6745, start
+    scatter = float(np.median(np.abs(slopes - size))) / 0.6745
+    return (size, scatter, start) if is_one_slope(slopes, k, size) else (0.0, np.inf, 0.0)
+
+
+def is_one_slope(slopes: FloatArray, orders: IntArray, size: float) -> bool:
+    """Whether the lowest of the orders tell about the same slope (n, K) as the others, where there are enough of them.
+
+    What settles after the turn begins jumps there as a ramp does, and comes back: low orders see less of it.
+    """
+    above = np.flatnonzero(orders >= SETTINGS.ramp_orders[0])
+    if len(above) < SETTINGS.least_orders_of_slope:
+        return True
+    parts = np.split(above, [SETTINGS.lowest_of_slope])
+    low, high = (float(np.median(slopes[:, part])) for part in parts)
+    return abs(high - low) < SETTINGS.one_slope * abs(size)
 
 
 def start_of_ramp(gap: ComplexArray, noise: FloatArray, orders: IntArray) -> float:

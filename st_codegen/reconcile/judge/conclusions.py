@@ -421,10 +421,10 @@ def _claim(
     names = sorted({other.name for other in others} - {piece.effect.name})
     few = final.target.data.few_points
     alone = few or _by_order_alone(final, number) or _is_a_knee(final, piece.effect)
-    is_open = alone or may_be_friction(final, piece.effect) or _may_be_time(final, piece.effect)
-    counted = SETTINGS.names_by_order if alone else SETTINGS.names_by_more
     # nobody has counted how often a sideband without its twin is one
-    one_side = piece.effect.stage is Stage.MODULATION and len(followers(piece)) == 1
+    one_side = piece.effect.stage is Stage.MODULATION and len(_told_sides(piece, stderr)) < 2
+    is_open = alone or one_side or may_be_friction(final, piece.effect) or _may_be_time(final, piece.effect)
+    counted = SETTINGS.names_by_order if alone else SETTINGS.names_by_more
     return Claim(
         piece=piece,
         stderr=stderr,
@@ -442,6 +442,15 @@ def _claim(
         peaks=peaks,
         counted=None if one_side or joint.target.data.angle_rad is not None else counted,
     )
+
+
+def _told_sides(piece: Piece, stderr: dict[str, float]) -> set[str]:
+    """The sidebands of a modulation of which a number is larger than its error leaves open, `lower` and `upper`.
+
+    A side that nothing tells follows whatever else lies on its order.
+    """
+    sizes = {key for key in stderr if key.endswith(("_ratio", "_deg"))}
+    return {key.partition("_")[0] for key in sizes if piece.effect.scalar(key) > SETTINGS.told * stderr[key]}
 
 
 def _told_apart(joint: Fit) -> tuple[Fit, dict[int, float], bool]:

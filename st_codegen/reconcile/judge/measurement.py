@@ -19,7 +19,14 @@ from st_codegen.errors import Problems
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.data.noise import MEDIAN_1
 from st_codegen.reconcile.data.observations import Observations
-from st_codegen.reconcile.data.reading import begin_text, check_units, ramp_deg, start_of_ramp, unit_choices
+from st_codegen.reconcile.data.reading import (
+    begin_text,
+    check_units,
+    is_one_slope,
+    ramp_deg,
+    start_of_ramp,
+    unit_choices,
+)
 from st_codegen.reconcile.judge.columns import (
     copied_columns,
     other_conditions,
@@ -209,6 +216,8 @@ def _ramp_of_gap(data: Observations, rig: RigModel) -> tuple[float, float]:
     sure = 1.0 / (orders**2 * np.maximum(least, 1e-300))
     each = np.pi * (gaps.imag * orders) @ sure / sure.sum()
     if abs(size) < SETTINGS.ramp * float(each.std()) / np.sqrt(rows):
+        return 0.0, 0.0
+    if not is_one_slope((np.pi * gap.imag * orders)[None], orders, size):
         return 0.0, 0.0
     if not start:
         return (size, start) if gaps_fall(left[None], right[None], least[None]) else (0.0, 0.0)
