@@ -252,7 +252,9 @@ def test_a_missing_effect_is_named_added_and_the_page_says_so(tmp_path):
     less = RIG.with_effects(RIG.effects[1:])
     report = run(tmp_path, less, grid(), RIG)
     (found,) = report["effects"]
-    assert (found["name"], report["verdict"], found["alternatives"]) == ("torsional_compliance", "explained", [])
+    # no run is driven by its load: friction that grows with the load would look the same
+    assert found["alternatives"] == ["something_else"]
+    assert (found["name"], report["verdict"]) == ("torsional_compliance", "explained")
     stiffness = found["parameters"]["stiffness_Nm_per_arcmin"]
     assert abs(stiffness["value"] - 454) < 4 * stiffness["stderr"]
     assert stiffness["unit"] == "Nm/arcmin"

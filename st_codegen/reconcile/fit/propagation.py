@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from st_codegen.ir.arrays import ComplexArray, FloatArray
@@ -41,10 +43,17 @@ class Propagation:
                 if change[:, self.orders == effect.orders[0]].any()
             ]
             change = change + sum(sidebands) if sidebands else change
-        if stage is not Stage.MEASURING:
-            for effect in self.model.of_stage(Stage.MEASURING):
-                change = effect.passed_on_change(at, self.orders, change)
+        if stage is not Stage.MEASURING and self.model.of_stage(Stage.MEASURING):
+            change = change * self._chain
         return self.data.observed(change[:, self.places])
+
+    @cached_property
+    def _chain(self) -> ComplexArray:
+        """What the measuring chain makes of each coefficient, (n, all orders): it mixes none of them."""
+        factor = np.ones_like(self.base)
+        for effect in self.model.of_stage(Stage.MEASURING):
+            factor = effect.passed_on_change(self.data.at, self.orders, factor)
+        return factor
 
     def change(self, effect: Effect) -> ComplexArray:
         """The part of the coefficients that an effect makes, at its own stage (n, all orders)."""

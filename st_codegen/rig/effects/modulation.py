@@ -54,7 +54,9 @@ class CarrierModulation(Effect):
         return sum((self.complex_value(f"{side}_{unit}") for side, k in self.sidebands() if k == order), 0j)
 
     def passed_on(self, at: Conditions, orders: IntArray, coefficients: ComplexArray) -> ComplexArray:
-        constant = np.array([self.constant(order) for order in orders.tolist()])
+        constant = np.zeros(len(orders), np.complex128)
+        for order in self.touched_orders():
+            constant[orders == order] = self.constant(order)
         found: ComplexArray = self.passed_on_change(at, orders, coefficients) + constant
         return found
 
