@@ -44,6 +44,11 @@ def _refused(result: Reconciliation) -> Iterator[Rival]:
         if candidate.number is None and kind not in taken and open_orders & set(effect.touched_orders()):
             taken.add(kind)
             other = fit(final.target, candidate.put_into(final.state), steps=SETTINGS.quick_steps)
-            yield Rival("nothing", f"{effect.name} (refused so far)", other.state.model(), SETTINGS.told_apart)
+            yield Rival(
+                "what was found",
+                f"{effect.name} as well, which the data refused so far",
+                other.state.model(),
+                SETTINGS.told_apart,
+            )
         if len(taken) == len(final.state.pieces) + SETTINGS.most_rivals:
             return
