@@ -402,9 +402,10 @@ def _result(
     gap_power = float((weight * (np.abs(before[good]) ** 2).mean(axis=0)).sum() + hum.sum()) + elsewhere
     floor_rms, left = _unexplained(target, final, before, noise, gap_power)
     left = left or faint(replace(final, target=target), judged, gap_power)
-    if any(one.order == 0 for one in left):
-        # the noise within the curves says nothing of the mean; what runs differ by holds what it keeps as well
-        floor_rms = np.where(data.orders == 0, np.maximum(floor_rms, noise.floor_rms), floor_rms)
+    # the noise within the curves says nothing of the mean, and little of the lowest orders, in which noise wanders:
+    # what runs differ by holds what these keep as well, and is the most that it can be
+    kept = [one.order for one in left if one.order <= SETTINGS.wander_orders]
+    floor_rms = np.where(np.isin(data.orders, kept), np.maximum(floor_rms, noise.floor_rms), floor_rms)
     floor_power = weight * np.where(data.orders == 0, 1, 2) * floor_rms**2
     floor = float(np.sqrt(floor_power.sum()))
     if not left and data.angle_rad is None and rms_deg(after[good], data.orders) > SETTINGS.clearly_larger * floor:

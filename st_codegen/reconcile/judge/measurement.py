@@ -60,7 +60,7 @@ from st_codegen.threads import one_thread
 #: what `--accept` takes
 NAMES = (
     "sign", "direction", "home_offset", "column_scale", "ratio", "drift", "axis", "torque", "low_pass", "smoothing",
-    "filter", "block", "labels", "conditions", "taken_off", "copied", "waves",
+    "filter", "block", "labels", "conditions", "taken_off", "copied", "shifted", "waves",
 )  # fmt: skip
 #: what `--accept` takes so that none but those named is corrected, and nothing is asked
 AS_IS = "as_is"

@@ -195,7 +195,7 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float
         own, what = floor**2, "what runs differ by from others like them"
     where = _where_loud(target, residual[:, k]) or "with no pattern over the conditions that was found"
     why = "runs differ, or the structure is sharp"
-    is_common = _is_common(target, residual[:, k], order)
+    is_common = _is_common(target, residual[:, k], order, max(power - own, 0.0))
     if is_common:
         where, why = "about the same in all runs of a direction", "runs do not differ by it"
     elif changes_with_time(target, residual)[k]:
@@ -223,20 +223,32 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float
     )
 
 
-def _is_common(target: FitData, r: ComplexArray, order: int) -> bool:
-    """Whether a residual (n,) has a mean in the runs of a direction that is no chance."""
-    at, parts, own = target.data.at, 2 if order else 1, r if order else r.real + 0j
-    rows = [own[target.good & (at.sign == sign)] for sign in np.unique(at.sign[target.good])]
-    rows = [one for one in rows if len(one) > 1]
+def _is_common(target: FitData, r: ComplexArray, order: int, beyond: float) -> bool:
+    """Whether a residual (n,) has a mean in the runs of a direction that is no chance, and most of what is beyond noise
+    (power over the angle) is that.
+    """
+    at, good, parts = target.data.at, target.good, 2 if order else 1
+    own: ComplexArray = r if order else r.real.astype(np.complex128)
+    means = np.array([own[good & (at.sign == sign)].mean() for sign in np.unique(at.sign[good])])
+    if (np.abs(means) ** 2).mean() / parts < SETTINGS.same_in_runs * beyond:
+        return False
+    # both directions of a run may share what they differ by: what they have alike, and what turns with them
+    pairs = np.array([rows for rows in target.data.runs if len(rows) == 2 and good[rows].all()]).reshape(-1, 2)
+    first, second = own[pairs].T
+    tested: list[ComplexArray] = [(first + second) / 2.0, (first - second) / 2.0] if len(pairs) else [own[good]]
     # where noise lasts over runs their mean is told by fewer of them
     lasting = float(lasting_mean(target, r[:, None])[0]) if order == 0 else 0.0
-    common = sum(len(one) * max(abs(one.mean()) - lasting, 0.0) ** 2 for one in rows)
-    differ = sum(float((np.abs(one - one.mean()) ** 2).sum()) for one in rows)
-    freedom = sum(map(len, rows)) - len(rows)
-    if freedom < SETTINGS.least_beside_a_law or not differ:
+    return any(_is_no_chance(one, parts, lasting) for one in tested)
+
+
+def _is_no_chance(values: ComplexArray, parts: int, lasting: float) -> bool:
+    """Whether values (n,) have a mean beyond what noise that lasts may have, and their scatter."""
+    freedom = len(values) - 1
+    mean = max(abs(values.mean()) - lasting, 0.0) if len(values) else 0.0
+    if freedom < SETTINGS.least_beside_a_law // 2 or not mean:
         return False
-    f = common / len(rows) / (differ / freedom)
-    return f_tail(f, len(rows) * parts, freedom * parts) < SETTINGS.p_law
+    differ = float((np.abs(values - values.mean()) ** 2).sum()) / freedom
+    return f_tail(len(values) * mean**2 / max(differ, 1e-300), parts, freedom * parts) < SETTINGS.p_law
 
 
 def _digits(times: float) -> str:
