@@ -21,6 +21,8 @@ from xml.etree import ElementTree
 import numpy as np
 from model_files import HIGH, LOW, Reject, bits, keys, need, numbers, read_model, single
 
+#: How the names of model files end.
+KINDS = {".txt", ".json", ".ubj", ".skops", ".onnx", ".joblib", ".pkl"}
 #: What a file that is not as it should be may raise.
 REJECTIONS = (Reject, OSError, ValueError, LookupError, TypeError, AttributeError, OverflowError, SyntaxError)
 
@@ -524,7 +526,9 @@ class Check:
         self.model, self.block, self.has_isnan = model, read_block(folder, entry["block"]), has_isnan(folder)
         self.ends, ports = [], [name.lower() for name in self.block[0]]
         numbers_ = [name for name in self.block[1] if not isinstance(self.block[3][name], bool)]
-        need([name for name in numbers_ if name not in others] == entry["outputs"], "other outputs than the block's")
+        counts = {"nAge"} - set(entry["outputs"])  # the calls since the outputs were valid, of which nothing is claimed
+        mine = [name for name in numbers_ if name not in counts | set(others)]
+        need(mine == entry["outputs"] and "bValid" in self.block[1], "other outputs than the block's")
         for f, name in enumerate(entry["inputs"]):
             port = f"f{name}".lower()
             need(port not in ports or ports.index(port) == f, "inputs in another order")
@@ -897,8 +901,8 @@ def named(entry, together):
     model, file, block = entry["model"], entry["file"], entry["block"].lower()
     need(re.fullmatch(r"[a-z_]\w*", block, re.A), f"the name of the block {block}")
     stem = Path(file).stem
-    need(model == stem or block == f"fb_{model}".lower(), "another file")  # a name that the settings or the user gave
     own = re.sub("_+", "_", re.sub(r"\W", "_", model, flags=re.A)).strip("_").lower()
+    need(model == stem or block == f"fb_{own}", "another file")  # a name that the settings or the user gave
     need(together or (block.startswith("fb_") and block.endswith(own)), "another model's block")  # behind a prefix
     return "" if model == stem else f" ({file})"
 
@@ -919,6 +923,7 @@ def main(certificate, models, out):
     need(content.keys() == PARTS and content["format"] == "st-codegen certificate 1", "another format")
     need(content["statement"] == STATEMENT and content["assumptions"] == ASSUMPTIONS, "another statement")
     proofs, bundle, settings = content["proofs"], folder / "bundle.toml", folder / "st-codegen.toml"
+    need(models.is_dir() or {e["file"] for e in proofs} == {models.name}, "entries of another file than the given one")
     files = {e["file"] for e in proofs} | {path.name for path in (bundle, settings) if path.is_file()}
     # beside them the files in which the numbers of a model stand
     need(content["models"].keys() >= files, "other model files")
@@ -959,6 +964,9 @@ def main(certificate, models, out):
             raise Reject(f"{where}: {reason}") from None
         confirmed += 1
         print(f"{where}: confirmed")
+    for path in sorted(folder.iterdir()) if models.is_dir() else ():
+        if path.suffix in KINDS and path.name not in content["models"]:
+            print(f"{path.name}: nothing is said of this file")
     unsaid(out, {(targets[e["target"]], e["block"].lower()) for e in proofs + content["blocks"]})
     for entry in content["blocks"]:
         claim = "not proved, by its own words" if "reason" in entry else "not checked: invariants of calls"

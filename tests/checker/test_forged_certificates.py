@@ -176,3 +176,27 @@ def test_blocks_of_which_nothing_is_said_are_named(proved):
     assert "twincat/FB_Wrong.TcPOU: nothing is said of fb_wrong" in result.stdout
     assert "iec/FB_SelfTest.st: nothing is said of fb_selftest" in result.stdout
     assert BLOCK.lower() not in result.stdout
+
+
+def test_a_certificate_of_another_file_than_the_given_one(proved):
+    path, models, out = proved
+    assert check(path, models / MODEL, out).returncode == 0
+    shutil.copy(GOLDEN / "models" / "lightgbm_missing.txt", models)
+    assert "entries of another file" in check(path, models / "lightgbm_missing.txt", out).stdout
+    assert "lightgbm_missing.txt: nothing is said of this file" in check(path, models, out).stdout
+
+
+def test_the_count_of_calls_beside_the_outputs_is_no_output_of_a_model(tmp_path):
+    models = folder_of(tmp_path, [MODEL])
+    generate(load(models), "iec", tmp_path / "out", with_age=True)
+    result = check(written(tmp_path, models, tmp_path / "out"), models, tmp_path / "out")
+    assert result.returncode == 0, result.stdout
+
+
+def test_a_prefix_and_a_name_with_punctuation(tmp_path):
+    (tmp_path / "models").mkdir()
+    shutil.copy(GOLDEN / "models" / MODEL, tmp_path / "models" / "my-pump.v2.txt")
+    (tmp_path / "models" / "st-codegen.toml").write_text('[project]\nprefix = "P1_"\n')
+    generate(load(tmp_path / "models"), "iec", tmp_path / "out")
+    result = check(written(tmp_path, tmp_path / "models", tmp_path / "out"), tmp_path / "models", tmp_path / "out")
+    assert "P1_my-pump.v2, iec (my-pump.v2.txt): confirmed" in result.stdout
