@@ -11,7 +11,7 @@ import numpy as np
 from st_codegen.errors import InputError
 from st_codegen.ir.base import ColumnFunction, Function, Operation, Operator
 from st_codegen.ir.cells import Rank
-from st_codegen.ir.decisions import Classes, OutputKind
+from st_codegen.ir.decisions import ArgMax, Classes, Exceeds, OutputKind
 from st_codegen.ir.operations import Activation, Clip, Combine, Scale, Select
 from st_codegen.ir.scan import Scan
 from st_codegen.ir.trees import TreeEnsemble
@@ -208,8 +208,20 @@ class ModelIR:
 
     @property
     def signs_zeros(self) -> bool:
-        """Whether the sign of a zero is the library's too: which of 0 and -0 MAX and MIN give, compilers leave open."""
-        return not self.open_zeros and not any(map(_opens_zeros, self.ops))
+        """Whether the sign of a zero is the library's too: which of 0 and -0 MAX and MIN give, compilers leave open.
+
+        What only compares takes both for the same.
+        """
+        reached: set[int] = set()
+        todo = [len(self.ops)]
+        while todo:
+            value = todo.pop()
+            if value and value not in reached:
+                reached.add(value)
+                op = self.ops[value - 1]
+                compares = isinstance(op, Rank | ArgMax | Exceeds) or (isinstance(op, TreeEnsemble) and not op.linear)
+                todo += () if compares else op.inputs
+        return not self.open_zeros and not any(_opens_zeros(self.ops[value - 1]) for value in reached)
 
 
 def _opens_zeros(op: Operation) -> bool:

@@ -306,10 +306,10 @@ def _(op: ir.Activation, operands: list[FloatArray], given: list[FloatArray], re
         lost = np.expm1(8 * UNIT[ir.Precision.FLOAT64] * argument)
         power: FloatArray = moved + (roundings + lost) * size + _SMALLEST[op.precision]
         return power
-    lost = _SMALLEST[op.precision]
+    below = _SMALLEST[op.precision]
     if op.function is ir.Function.TANH and op.precision is ir.Precision.FLOAT32:
-        lost += TANH_FORMULA
-    return moved + (roundings + formula) * size + lost
+        below += TANH_FORMULA
+    return moved + (roundings + formula) * size + below
 
 
 #: The largest slopes of functions that are not as steep as the identity, or steeper.
