@@ -21,6 +21,8 @@ from xml.etree import ElementTree
 import numpy as np
 from model_files import HIGH, LOW, Reject, bits, keys, need, numbers, read_model, single
 
+#: How the names of model files end.
+KINDS = {".txt", ".json", ".ubj", ".skops", ".onnx", ".joblib", ".pkl"}
 #: What a file that is not as it should be may raise.
 REJECTIONS = (Reject, OSError, ValueError, LookupError, TypeError, AttributeError, OverflowError, SyntaxError)
 
@@ -516,13 +518,17 @@ def is_label(key):
 
 # --- the check --------------------------------------------------------------------------------------------------------
 class Check:
-    """One model against the outputs of a block that the certificate names."""
+    """One model against the outputs of a block that the certificate names; `others` are those of other models."""
 
-    def __init__(self, model, folder, entry):
+    def __init__(self, model, folder, entry, others=()):
         model.prepare()
         self.made, self.forms, self.entry = {}, {}, entry
         self.model, self.block, self.has_isnan = model, read_block(folder, entry["block"]), has_isnan(folder)
         self.ends, ports = [], [name.lower() for name in self.block[0]]
+        numbers_ = [name for name in self.block[1] if not isinstance(self.block[3][name], bool)]
+        counts = {"nAge"} - set(entry["outputs"])  # the calls since the outputs were valid, of which nothing is claimed
+        mine = [name for name in numbers_ if name not in counts | set(others)]
+        need(mine == entry["outputs"] and "bValid" in self.block[1], "other outputs than the block's")
         for f, name in enumerate(entry["inputs"]):
             port = f"f{name}".lower()
             need(port not in ports or ports.index(port) == f, "inputs in another order")
@@ -813,7 +819,7 @@ UNPROVED = ENTRY - {"method", "trees"} | {"reason"}
 BY_CLASS = "the model's expression of its trees"
 EXPRESSIONS = {"the model's expression", BY_CLASS}
 BLOCK = {"block", "target", "verdict"}
-TEXTS = {".st", ".scl", ".TcPOU", ".TcDUT", ".TcGVL", ".xml"}
+TEXTS = {".st", ".scl", ".tcpou", ".tcdut", ".tcgvl", ".xml"}
 
 
 def sha256(path):
@@ -825,6 +831,40 @@ def names_class(entry):
     return [name[:1] for name in entry["outputs"]] == ["n"]
 
 
+def read_certificate(path):
+    """A certificate in which nothing stands twice, since readers differ in which one counts, and all is a number."""
+
+    def named(pairs):
+        need(len(dict(pairs)) == len(pairs), "a name twice in the certificate")
+        return dict(pairs)
+
+    def refused(word):
+        raise Reject(f"{word} in the certificate")
+
+    return json.loads(Path(path).read_text("utf-8"), object_pairs_hook=named, parse_constant=refused)
+
+
+def inside(folder, name):
+    """What a name of the certificate leads to in a folder: no way up, no root, no drive, no link that leaves it."""
+    need(not re.search(r"[\\:]", name) and not {"", ".", ".."} & set(name.split("/")), f"{name!r} is no plain path")
+    path = folder / name
+    need(path.resolve().is_relative_to(folder.resolve()), f"{name!r} leads out of the folder")
+    return path
+
+
+def texts_in(folder):
+    """The files with Structured Text below a folder, of which none may be hidden behind a link."""
+    every = list(folder.rglob("*"))
+    need(not any(path.is_symlink() for path in every), f"a link in {folder.name}")
+    return [path for path in every if path.suffix.lower() in TEXTS]
+
+
+def blocks_in(path):
+    """The names of the function blocks of a file, in small letters."""
+    text = re.sub(r"\(\*.*?\*\)", " ", path.read_bytes().decode("utf-8", "replace"), flags=re.S)
+    return {name.lower() for name in re.findall(r"\bFUNCTION_BLOCK\s+(\w+)", text, re.I)}
+
+
 def unchecked(entry):
     """Why an entry is not checked here; None for one that is."""
     if entry["verdict"] in ("not proved", "refuted") and entry.keys() == UNPROVED:
@@ -834,6 +874,7 @@ def unchecked(entry):
     need(expression or (entry["verdict"] == "proved" and entry.keys() == ENTRY), "another form of entry")
     if expression and (method != BY_CLASS or not names_class(entry)):
         return "not checked: expressions are outside of this checker"
+    need(entry.get("bound", [0.0]) == [0.0], "a bound of a class")
     if entry["outputs"][0].startswith("n") and len(entry["outputs"]) > 1:
         return "not checked: chances and scores of classes are outside of this checker"
     return None
@@ -855,22 +896,43 @@ def limit(model, entry, ranges, given):
         bound[:] = [float(r.get(side, far)) for r in ranges]
 
 
+def named(entry, together):
+    """The file of an entry where it is called otherwise; the block has the name of its model, but may hold several."""
+    model, file, block = entry["model"], entry["file"], entry["block"].lower()
+    need(re.fullmatch(r"[a-z_]\w*", block, re.A), f"the name of the block {block}")
+    stem = Path(file).stem
+    own = re.sub("_+", "_", re.sub(r"\W", "_", model, flags=re.A)).strip("_").lower()
+    need(model == stem or block == f"fb_{own}", "another file")  # a name that the settings or the user gave
+    need(together or (block.startswith("fb_") and block.endswith(own)), "another model's block")  # behind a prefix
+    return "" if model == stem else f" ({file})"
+
+
+def unsaid(out, said):
+    """Print the blocks of the texts below a folder that are not among those (folder, block) of which entries speak."""
+    for path in sorted(texts_in(out)):
+        for name in sorted(blocks_in(path)):
+            if not any(name == block and path.is_relative_to(folder) for folder, block in said):
+                print(f"{path.relative_to(out).as_posix()}: nothing is said of {name}")
+
+
 def main(certificate, models, out):
     """Say of each entry if it is confirmed; how many are, of how many. Raises Reject for one that does not hold."""
-    content = json.loads(Path(certificate).read_text("utf-8"))
-    models, out = Path(models), Path(out)
+    content = read_certificate(certificate)
+    models, out = Path(models), Path(out).resolve()
     folder = models if models.is_dir() else models.parent
     need(content.keys() == PARTS and content["format"] == "st-codegen certificate 1", "another format")
     need(content["statement"] == STATEMENT and content["assumptions"] == ASSUMPTIONS, "another statement")
     proofs, bundle, settings = content["proofs"], folder / "bundle.toml", folder / "st-codegen.toml"
+    need(models.is_dir() or {e["file"] for e in proofs} == {models.name}, "entries of another file than the given one")
     files = {e["file"] for e in proofs} | {path.name for path in (bundle, settings) if path.is_file()}
     # beside them the files in which the numbers of a model stand
     need(content["models"].keys() >= files, "other model files")
-    held = {name: folder / name for name in content["models"]}
+    held = {name: inside(folder, name) for name in content["models"]}
     need(all(path.is_file() and content["models"][n] == sha256(path) for n, path in held.items()), "other model files")
-    targets = {name: out / name if (out / name).is_dir() else out for name in content["texts"]}
+    targets = {name: out if out.name == name else inside(out, name) for name in content["texts"]}
     for target, path in targets.items():
-        texts = {p.relative_to(path).as_posix(): sha256(p) for p in path.rglob("*") if p.suffix in TEXTS}
+        need("/" not in target and path.is_dir(), f"{target}: no such folder")
+        texts = {p.relative_to(path).as_posix(): sha256(p) for p in texts_in(path)}
         need(content["texts"][target] == texts, f"{target}: other texts")
     every = {(name, target) for name in {e["model"] for e in proofs} for target in targets}
     need(proofs and {(e["model"], e["target"]) for e in proofs} == every and len(proofs) == len(every), "entries")
@@ -882,8 +944,10 @@ def main(certificate, models, out):
     for entry in proofs:
         where = f"{entry['model']}, {entry['target']}"
         try:
-            called = Path(entry["file"]).stem, entry["block"].lower()  # a prefix or a given name is in the block's, too
-            need(entry["model"] == called[0] or f"fb_{entry['model']}".lower() == called[1], "another file")
+            where += named(entry, bundle.is_file())
+            block = entry["block"].lower()
+            shared = [e for e in proofs if e is not entry and e["target"] == entry["target"]]
+            others = [name for e in shared if e["block"].lower() == block for name in e["outputs"]]
             other = unchecked(entry)
             try:
                 model = other or read_model(folder / entry["file"])
@@ -894,12 +958,16 @@ def main(certificate, models, out):
                 print(f"{where}: {other}")
                 continue
             limit(model, entry, ranges, given)
-            found = Check(model, targets[entry["target"]], entry)
+            found = Check(model, targets[entry["target"]], entry, others)
             need((found.method, found.trees) == (entry["method"], entry["trees"]), "proved in another way")
         except Reject as reason:
             raise Reject(f"{where}: {reason}") from None
         confirmed += 1
         print(f"{where}: confirmed")
+    for path in sorted(folder.iterdir()) if models.is_dir() else ():
+        if path.suffix in KINDS and path.name not in content["models"]:
+            print(f"{path.name}: nothing is said of this file")
+    unsaid(out, {(targets[e["target"]], e["block"].lower()) for e in proofs + content["blocks"]})
     for entry in content["blocks"]:
         claim = "not proved, by its own words" if "reason" in entry else "not checked: invariants of calls"
         print(f"{entry['block']}, {entry['target']}: {claim}")

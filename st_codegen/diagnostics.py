@@ -522,6 +522,13 @@ DIAGNOSTICS = (
         "The table says who spends what. Use a smaller model, --layout table, --outputs-per-cycle, or a longer cycle.",
     ),
     Diagnostic(
+        "STC2004",
+        "Nothing was compared",
+        "To none of the rows that were tried the model has an answer: a number leaves the domain of a function, as the "
+        "root of a number below 0 does. Where nobody declares ranges, rows lie where the numbers of the model suggest.",
+        "Declare the ranges of the inputs in st-codegen.toml (st-codegen init writes a first one), and verify again.",
+    ),
+    Diagnostic(
         "STC2101",
         "A model is refuted",
         "There is an input for which the executed text gives another result than the model demands. The message "

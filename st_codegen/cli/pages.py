@@ -113,7 +113,7 @@ def verify_sections(report: VerifyReport, proof: ProveReport, bundle: Bundle) ->
     rows = [(m.name, m.n, m.max_abs_err, m.bound, m.max_ulp, m.verdict, ", ".join(m.targets)) for m in report.models]
     columns = ("model", "rows", "largest error", "allowed", "ulp", "result", "targets")
     strong = {(row, 5) for row, model in enumerate(report.models) if not model.passed}
-    remarks = [*report.notes.items(), *((model.name, model.not_judged) for model in report.models if model.unbounded)]
+    remarks = [*report.notes.items(), *((model.name, model.not_judged) for model in report.models if model.not_judged)]
     notes = "\n\n".join(f"{name}: {remark}" for name, remark in remarks)
     sections = [PageSection("Agreement", notes, PageTable(columns, rows, strong)), _proof_section(proof)]
     sources = [

@@ -106,7 +106,7 @@ def command(
                 f"range that were tried, near is within {model.jump_width:.2g}"
             )
     for model in report.models:
-        if model.unbounded and not quiet:
+        if model.not_judged and not (quiet and model.passed):
             say(f"{model.name}: {model.not_judged}")
         if not quiet:
             console.print(_open_rows(model), end="", soft_wrap=True)
@@ -123,6 +123,8 @@ def _codes(report: VerifyReport) -> Iterator[str]:
         yield "STC2001"
     if any(model.refusal is not None for model in report.models):
         yield "STC1206"
+    if any(model.nothing_compared for model in report.models):
+        yield "STC2004"
     if report.over_budget:
         yield "STC2002"
 

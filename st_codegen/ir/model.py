@@ -6,11 +6,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from st_codegen.errors import InputError
-from st_codegen.ir.base import ColumnFunction, Operation, Operator
+from st_codegen.ir.base import ColumnFunction, Function, Operation, Operator
 from st_codegen.ir.cells import Rank
-from st_codegen.ir.decisions import Classes, OutputKind
-from st_codegen.ir.operations import Combine, Scale, Select
+from st_codegen.ir.decisions import ArgMax, Classes, Exceeds, OutputKind
+from st_codegen.ir.operations import Activation, Clip, Combine, Scale, Select
+from st_codegen.ir.scan import Scan
 from st_codegen.ir.trees import TreeEnsemble
 
 
@@ -95,6 +98,7 @@ class ModelIR:
     block's outputs that the user named, the first ones. `classes`: the labels of a classifier, whose first output is
     the number of one of them. `is_real`: its block computes in REAL, with REAL inputs
     (`passes.real`). `estimates`: what each output of a Gaussian process or a PCA is; `kinds` says it for all models.
+    `open_zeros`: operations stand for one of the library's that give 0 where it may give -0.
     """
 
     name: str
@@ -110,6 +114,7 @@ class ModelIR:
     ports: tuple[Output, ...] = ()
     is_real: bool = False
     estimates: tuple[OutputKind, ...] = ()
+    open_zeros: bool = False
 
     def __post_init__(self) -> None:
         self._check_ports()
@@ -203,9 +208,31 @@ class ModelIR:
 
     @property
     def signs_zeros(self) -> bool:
-        """Whether the sign of a zero is the library's too: which of 0 and -0 Max and Min give, ONNX leaves open."""
-        extremes = (Operator.MAXIMUM, Operator.MINIMUM)
-        return not any(isinstance(op, Scale | Combine) and op.operator in extremes for op in self.ops)
+        """Whether the sign of a zero is the library's too: which of 0 and -0 MAX and MIN give, compilers leave open.
+
+        What only compares takes both for the same.
+        """
+        reached: set[int] = set()
+        todo = [len(self.ops)]
+        while todo:
+            value = todo.pop()
+            if value and value not in reached:
+                reached.add(value)
+                op = self.ops[value - 1]
+                compares = isinstance(op, Rank | ArgMax | Exceeds) or (isinstance(op, TreeEnsemble) and not op.linear)
+                todo += () if compares else op.inputs
+        return not self.open_zeros and not any(_opens_zeros(self.ops[value - 1]) for value in reached)
+
+
+def _opens_zeros(op: Operation) -> bool:
+    """Whether an operation takes the larger or the smaller of what may be 0 and -0."""
+    if isinstance(op, Scale | Combine):
+        return op.operator in (Operator.MAXIMUM, Operator.MINIMUM)
+    if isinstance(op, Scan):
+        return any(map(_opens_zeros, op.body))
+    if isinstance(op, Clip):
+        return not (np.all(op.lower) and np.all(op.upper))
+    return isinstance(op, Activation) and op.function is Function.RELU
 
 
 #: For each column of a value the input that is missing where the column is; None where the column never is.

@@ -281,6 +281,7 @@ def _merged(
             must_be_present=first.must_be_present,
             magnitude_limits=_limits(first),
             accepted=first.accepted,
+            open_zeros=not all(member.signs_zeros for member in members),
         )
     return [printed[name] for name in sorted(printed)], locations
 

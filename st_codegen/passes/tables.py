@@ -177,7 +177,7 @@ def without_equal_slices(cells: Cells) -> Cells:
 
 def as_model(model: ModelIR, cells: Cells) -> ModelIR:
     """A model of the same name, inputs and outputs that looks its answer up."""
-    return dataclasses.replace(model, ops=table_operations([cells]))
+    return dataclasses.replace(model, ops=table_operations([cells]), open_zeros=not model.signs_zeros)
 
 
 def table_operations(parts: Sequence[Cells]) -> tuple[Operation, ...]:

@@ -32,6 +32,10 @@ FUNCTION_ROUNDINGS = 12
 #: How far the generated formula for erf lies from it, beside its roundings.
 ERF_FORMULA = 2e-10
 
+#: onnxruntime's Tanh is x * p(x * x) / q(x * x) with p and q of 0.0049 at 0 (core/mlas/lib/tanh.cpp): where x * p lies
+#: below the normal numbers, half a unit that is lost there grows by 1 / q.
+TANH_FORMULA = 2.0**-150 / 0.00489
+
 #: What is lost by taking 0 for exponentials below exp(-708).
 _TINY = 1e-307
 
@@ -273,7 +277,9 @@ def sum_rounding(terms: int, size: FloatArray, result: FloatArray, precision: ir
     library = gamma(terms, precision) * size
     generated = gamma(terms, ir.Precision.FLOAT64) * size
     last = UNIT[precision] * np.abs(result) if precision is ir.Precision.FLOAT32 else 0.0
-    return np.asarray(library + generated + last + 2 * terms * _UNDERFLOW[precision])
+    # of numbers that are all 0 nothing is lost
+    lost = np.where(size > 0, terms * max(_LOST_PRODUCT[precision], 2 * _UNDERFLOW[precision]), 0.0)
+    return np.asarray(library + generated + last + lost)
 
 
 @step.register
@@ -300,9 +306,10 @@ def _(op: ir.Activation, operands: list[FloatArray], given: list[FloatArray], re
         lost = np.expm1(8 * UNIT[ir.Precision.FLOAT64] * argument)
         power: FloatArray = moved + (roundings + lost) * size + _SMALLEST[op.precision]
         return power
-    return (
-        moved + (roundings + formula) * size + max(_TINY, _SMALLEST[op.precision] * (op.precision is ir.Precision.REAL))
-    )
+    below = _SMALLEST[op.precision]
+    if op.function is ir.Function.TANH and op.precision is ir.Precision.FLOAT32:
+        below += TANH_FORMULA
+    return moved + (roundings + formula) * size + below
 
 
 #: The largest slopes of functions that are not as steep as the identity, or steeper.

@@ -92,6 +92,9 @@ class ModelReport:
     Of a classifier every row must have the library's label, but for the `open_rows`: rows on which the bound leaves
     more than one label possible. The first of them are in `open_examples`.
 
+    To `unanswered` rows in the operating range the model has no answer, as the text must say too; the library is not
+    asked. `nothing_compared`: there was no other row.
+
     `refusal`: why the library has no answer for the model, or for an input that it should take; nothing was compared.
     """
 
@@ -107,6 +110,8 @@ class ModelReport:
     proved: bool = False
     jump: float = 0.0
     jump_width: float = 0.0
+    unanswered: int = 0
+    nothing_compared: bool = False
     open_rows: int = 0
     open_examples: list[OpenRow] = field(default_factory=list)
     must_be_exact: bool = True
@@ -116,7 +121,8 @@ class ModelReport:
 
     @property
     def passed(self) -> bool:
-        return self.refusal is None and not self.failures and (self.exact or not self.must_be_exact)
+        compared = self.refusal is None and not self.nothing_compared
+        return compared and not self.failures and (self.exact or not self.must_be_exact)
 
     @property
     def cells(self) -> tuple[str, ...]:
@@ -126,12 +132,20 @@ class ModelReport:
     @property
     def not_judged(self) -> str:
         """What was not compared with the library; empty where all was."""
-        if not self.unbounded:
-            return ""
-        return (
-            f"on {self.unbounded:,} of {self.n:,} rows no bound is known, since rounding may grow there without limit: "
-            "the library's answers to them were not judged"
-        )
+        said = []
+        if self.unbounded:
+            said.append(
+                f"on {self.unbounded:,} of {self.n:,} rows no bound is known, since rounding may grow there without "
+                "limit: the library's answers to them were not judged"
+            )
+        if self.unanswered:
+            said.append(
+                f"to {self.unanswered:,} of {self.n:,} rows, all in the range of the inputs, the model has no answer "
+                "(the root of a number below 0, a quotient by 0, ..): the library was not asked for one"
+            )
+        if self.nothing_compared:
+            said.append("to no row that was tried it has an answer, so that nothing was compared: declare its ranges")
+        return "; ".join(said)
 
     @property
     def verdict(self) -> str:
@@ -376,7 +390,9 @@ def model_report(
     _note_open_rows(report, ir, x, library, expected, bound)
     report.unbounded = int(np.sum(~np.all(np.isfinite(bound), axis=1)))
     lower, upper = operating_range(ir)
-    inside = usable & np.all((x >= lower) & (x <= upper), axis=1)
+    inside = np.all((x >= lower) & (x <= upper), axis=1)
+    report.unanswered, report.nothing_compared = int(np.sum(inside & ~usable)), not np.any(usable)
+    inside &= usable
     numbers = 0 if ir.classes is None else 1  # the first output that has a size
     near = bound[inside, numbers:]
     report.bound = float(np.max(near[np.isfinite(near)], initial=0.0))
@@ -517,6 +533,7 @@ def _merged(reports: list[ModelReport]) -> list[ModelReport]:
         known.exact &= report.exact
         known.zero_signs = max(known.zero_signs, report.zero_signs)
         known.bound = max(known.bound, report.bound)
+        known.nothing_compared |= report.nothing_compared
         known.max_ulp = max(known.max_ulp, report.max_ulp)
         if report.max_abs_err > known.max_abs_err:
             known.max_abs_err, known.worst_input = report.max_abs_err, report.worst_input

@@ -93,11 +93,12 @@ class GraphBuilder:
     `present` (inputs in which NaN is refused) and `magnitude_limits` start at "takes everything"; each part of the
     model narrows them. `widened`: values that the library computes in float32 and hands on in float64.
     `sparse`: whether the library holds a value as a sparse matrix, which stores no zeros, where an operation alone does
-    not tell.
+    not tell. `open_zeros`: whether operations give 0 where the library may give -0.
     """
 
     def __init__(self, n_features: int) -> None:
         self.n_features = n_features
+        self.open_zeros = False
         self.ops: list[Operation] = []
         self.on_demand: dict[int, Callable[[], int]] = {}
         self.present: set[int] = set()
@@ -235,6 +236,7 @@ class GraphBuilder:
             magnitude_limits=tuple(self.magnitude_limits),
             classes=classes,
             estimates=estimates,
+            open_zeros=self.open_zeros,
         )
 
     def _read(self) -> set[int]:

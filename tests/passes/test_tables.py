@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from st_codegen.emit.blocks.model import Limits
 from st_codegen.ir import (
     CellTable,
+    Clip,
     Comparison,
     Feature,
     Operator,
@@ -269,3 +270,18 @@ def test_the_infinity_of_lightgbm_is_a_threshold_like_others():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert cells_of(model(trees, features=1), MOST) is not None
+
+
+def test_zeros_that_are_compared_only_have_no_sign_that_counts():
+    """A limit at 0 in front of trees does not; behind them it does, in the table, too."""
+    trees, limit = (
+        random_trees(np.random.default_rng(0), comparison=Comparison.LESS),
+        Clip((0,), np.zeros(3), np.ones(3)),
+    )
+    before = model(limit, dataclasses.replace(trees, inputs=(1,)))
+    behind = model(trees, Clip((1,), np.zeros(trees.width), np.ones(trees.width)))
+    assert (before.signs_zeros, behind.signs_zeros) == (True, False)
+    for one in (before, behind):
+        cells = cells_of(one, 10**6)
+        assert cells is not None
+        assert as_model(one, cells).signs_zeros == one.signs_zeros

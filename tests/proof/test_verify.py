@@ -1,3 +1,4 @@
+import dataclasses
 import json
 import re
 import shutil
@@ -8,7 +9,7 @@ import pytest
 from st_codegen.driver import generate
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError
-from st_codegen.ir import Comparison, Exceeds, Operator, Scale, reference
+from st_codegen.ir import Activation, Comparison, Exceeds, Function, Operator, Scale, reference
 from st_codegen.passes.choose import Layout
 from st_codegen.passes.domain import limit_inputs
 from st_codegen.project.bundle import Bundle, load
@@ -142,6 +143,32 @@ def test_the_other_sign_of_a_zero_is_not_called_exact(tmp_path):
     (found,) = verify(bundle, tmp_path, rows=300).models
     assert (found.passed, found.exact, found.verdict) == (True, True, "equal but for -0")
     assert 0 < found.zero_signs < found.n
+
+
+#: What is done to the magnitudes of three numbers before their roots are taken, and how many rows have none.
+ROOTS = {"none": (Operator.ADD, 1.0), "some": (Operator.SUBTRACT, 0.5), "all": (Operator.MULTIPLY, -1.0)}
+
+
+@pytest.mark.parametrize("missing", ROOTS)
+def test_rows_without_an_answer_are_counted_and_not_called_exact_alone(missing, tmp_path):
+    """Of roots of numbers below 0 nobody can say that they are equal."""
+    operator, number = ROOTS[missing]
+    ops = (
+        Activation((0,), Function.ABS, 3),
+        Scale((1,), operator, np.full(3, number)),
+        Scale((2,), Operator.SUBTRACT, np.full(3, 1e-3)),
+        Activation((3,), Function.SQRT, 3),
+    )
+    roots = limit_inputs(dataclasses.replace(model(ops[0]), ops=ops))
+    bundle = Bundle((LoadedModel(roots, lambda x: reference.evaluate(roots, x)),), None)
+    generate(bundle, "iec", tmp_path)
+    report = verify(bundle, tmp_path, rows=300)
+    (found,) = report.models
+    assert report.passed == found.passed == (missing != "all")
+    assert found.verdict == ("FAILED" if missing == "all" else "exact")
+    assert found.nothing_compared == ("no row that was tried" in found.not_judged) == (missing == "all")
+    assert bool(found.unanswered) == ("the library was not asked" in found.not_judged) == (missing != "none")
+    assert report.as_json()["models"][found.name]["unanswered"] == found.unanswered
 
 
 def test_missing_blocks_and_missing_folders_are_named(lone_folder, generated, lightgbm_text, tmp_path):

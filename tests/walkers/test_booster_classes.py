@@ -169,6 +169,21 @@ def test_lgbm_classifier_of_one_class_is_refused_by_that():
         loaded(lightgbm.LGBMClassifier(n_estimators=2, verbose=-1).fit(X, np.full(len(X), "good")))
 
 
+RANKS = {"group": [len(X) // 2, len(X) - len(X) // 2]}
+
+
+@pytest.mark.parametrize(("kind", "groups"), [(lightgbm.LGBMClassifier, {}), (lightgbm.LGBMRanker, RANKS)])
+def test_lightgbm_that_leaves_trees_out_of_its_answers_is_refused(kind, groups):
+    """A booster takes all trees, the class of the estimator does not: which, depends on the row."""
+    early = {"pred_early_stop": True, "pred_early_stop_freq": 1, "pred_early_stop_margin": 0.01}
+    model = kind(n_estimators=9, num_leaves=4, verbose=-1, **early).fit(X, TWO.astype(int), **groups)
+    raw = {} if groups else {"raw_score": True}
+    assert not np.array_equal(model.predict(X, **raw), model.booster_.predict(X, **raw))
+    with pytest.raises(UnsupportedModelError, match="pred_early_stop"):
+        loaded(model)
+    loaded(model.set_params(pred_early_stop=False))
+
+
 def test_xgboost_with_a_probability_for_each_of_several_labels_is_refused(tmp_path):
     several = np.column_stack([TWO, ~TWO]).astype(int)
     with pytest.raises(UnsupportedModelError, match="with 2 outputs"):

@@ -101,6 +101,7 @@ REFUSED = {
     "a NaN": (lambda d: d["oblivious_trees"][0]["leaf_values"].__setitem__(0, float("nan")), "not finite"),
     "a kind of split": (lambda d: d["oblivious_trees"][0]["splits"][0].update(split_type="OneHot"), "splits of OneHot"),
     "a treatment": (lambda d: d["features_info"]["float_features"][0].update(nan_value_treatment=3), "not as CatBoost"),
+    "a sum of models": (lambda d: d["model_info"].pop("params"), "its loss is not known"),
     "no trees": (lambda d: d.update(oblivious_trees=[]), "no trees"),
     "the order": (lambda d: d["features_info"]["float_features"].reverse(), "not numbered"),
 }

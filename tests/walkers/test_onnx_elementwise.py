@@ -9,6 +9,7 @@ from onnx import TensorProto, helper
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import reference
 from st_codegen.ir.base import COS_REACH
+from st_codegen.passes.real import in_real
 from st_codegen.proof.bounds import difference_bound
 from tests.classifiers import loaded as compiled
 from tests.classifiers import verified
@@ -347,3 +348,77 @@ def test_a_network_of_these_is_verified(tmp_path):
     loaded = build.load(graph_model(nodes, [info("X", (None, 3))], [info("Y", None)], constants, opset=17), tmp_path)
     for target in ("twincat", "iec"):
         assert verified(compiled(loaded), tmp_path / target, target, rows=300).passed
+
+
+#: Operators whose 0 may have another sign than the library's, as nodes; and others that keep it.
+ZEROS = {
+    "Relu": (("Relu", ["x"]), {}, True),
+    "a limit at 0": (("Clip", ["x", "low", "high"]), {"low": 0.0, "high": 1.0}, True),
+    "limits beside 0": (("Clip", ["x", "low", "high"]), {"low": -1.0, "high": 1.0}, False),
+    "a choice": (("Where", ["truth", "x", "low"]), {"low": 2.0, "truth": None}, True),
+    "above a negative number": (("ThresholdedRelu", ["x"]), {"alpha": -1.0}, True),
+    "above a positive number": (("ThresholdedRelu", ["x"]), {"alpha": 0.5}, False),
+    "LeakyRelu": (("LeakyRelu", ["x"]), {}, False),
+    "Neg": (("Neg", ["x"]), {}, False),
+}
+
+
+@pytest.mark.parametrize("name", ZEROS)
+def test_zeros_of_the_other_sign_are_not_called_equal_bits(tmp_path, name):
+    (op_type, inputs), given, opens = ZEROS[name]
+    attributes = {key: value for key, value in given.items() if key == "alpha"}
+    constants = [constant(key, value) for key, value in given.items() if key in ("low", "high")]
+    nodes = [helper.make_node(op_type, inputs, ["y"], **attributes)]
+    if "truth" in given:
+        constants.append(constant("half", 0.5))
+        nodes.insert(0, helper.make_node("Less", ["x", "half"], ["truth"]))
+    model = graph_model(nodes, [info("x", (None, 3))], [info("y", None)], constants)
+    loaded = build.load(model, tmp_path)
+    x = np.array([[-0.0, 0.0, -0.0], [0.0, -0.0, 2.0], [-1.0, -0.0, 0.25]])
+    library, ours = loaded.predict(x), reference.evaluate(loaded.ir, x)
+    np.testing.assert_array_equal(library, ours)
+    assert (loaded.ir.exact, loaded.ir.signs_zeros) == (True, not opens)
+    if not opens:
+        np.testing.assert_array_equal(np.signbit(library), np.signbit(ours))
+
+
+def _with_fractions(rng):
+    """Ties, their neighbours, and numbers around those from which on there are no fractions."""
+    ends = np.array([2.0**22, 2.0**23, 2.0**24, 2.0**51, 2.0**52, 2.0**53, 2.0**104, 1e38])
+    ties = np.concatenate([np.arange(-5, 5) / 2, ends, ends + 0.5, ends - 0.5, ends + 1.5, [5e-324, 1e-45, 0.3]])
+    near = np.concatenate([ties, np.nextafter(ties, 0), np.nextafter(ties, np.inf)])
+    return np.vstack([rng.choice(np.concatenate([near, -near]), (300, 3)), rng.normal(size=(200, 3)) * 9])
+
+
+@DTYPES
+@pytest.mark.parametrize("name", ["Floor", "Ceil", "Round"])
+def test_whole_numbers_beside_others(tmp_path, name, elem_type):
+    loaded = build.load(single(name, elem_type=elem_type), tmp_path)
+    bound = agree(loaded, _with_fractions(np.random.default_rng(0)))
+    assert (bound.max(), loaded.ir.exact, loaded.ir.signs_zeros) == (0.0, True, False)
+    assert loaded.ir.magnitude_limits[0] is not None  # an infinity is refused
+    assert not loaded.ir.accepts_nan
+    verified(loaded, tmp_path / "out", rows=300)
+
+
+def test_whole_numbers_of_what_is_rounded_may_be_the_next_ones(tmp_path):
+    """Beside a tie the library may take the other one; the bound says so."""
+    nodes = [helper.make_node("MatMul", ["x", "w"], ["s"]), helper.make_node("Floor", ["s"], ["y"])]
+    weights = constant("w", np.full((3, 1), 1 / 3))
+    loaded = build.load(graph_model(nodes, [info("x", (None, 3))], [info("y", None)], [weights]), tmp_path)
+    bound = agree(loaded, np.random.default_rng(0).integers(-9, 9, (400, 3)))
+    assert not loaded.ir.exact
+    assert np.all((bound >= 1.0) & np.isfinite(bound))
+
+
+def test_whole_numbers_stay_so_in_real(tmp_path):
+    """What rounds in float32 rounds in REAL."""
+    model = build.load(single("Round"), tmp_path)
+    x = np.array([[0.5, 1.5, -2.5], [8388607.5, 8388609.0, -0.25], [3.0, 1e9, -7.75]])
+    narrow = in_real(model.ir)
+    np.testing.assert_array_equal(reference.evaluate(narrow, x), model.predict(x))
+
+
+def test_whole_numbers_of_integers_are_refused(tmp_path):
+    with pytest.raises(UnsupportedModelError, match="reads integers"):
+        build.load(single("Floor", elem_type=INT64), tmp_path)

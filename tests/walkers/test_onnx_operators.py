@@ -371,7 +371,9 @@ def test_opsets_are_those_of_the_schemas(tmp_path):
     legacy = {"Gemm": 6, "Add": 6, "Sub": 6, "Mul": 6, "Div": 6, "Dropout": 6, "Sum": 6, "Reshape": 1, "MatMul": 1}
     legacy |= {"Clip": 1, "Tanh": 1, "Relu": 1, "Sigmoid": 1, "LeakyRelu": 1, "Elu": 1, "Exp": 1, "Neg": 1}
     legacy |= {"Cast": 1, "Concat": 1, "Max": 6, "Mean": 6, "Min": 6, "PRelu": 6}
-    names = "Abs And Equal Greater HardSigmoid Less Log Or Pow Reciprocal Selu Split Sqrt Tile Xor LabelEncoder"
+    names = (
+        "Abs And Ceil Equal Floor Greater HardSigmoid Less Log Or Pow Reciprocal Selu Split Sqrt Tile Xor LabelEncoder"
+    )
     legacy |= dict.fromkeys(names.split(), 1)
     legacy |= {"Pad": 1, "TopK": 1, "InstanceNormalization": 1, "BatchNormalization": 6, "RNN": 1, "LSTM": 1, "GRU": 3}
     known: dict[tuple[str, str], set[int]] = {}
@@ -387,3 +389,28 @@ def test_an_output_without_a_type_has_the_one_that_is_computed(tmp_path):
     model = single("Relu")
     model.graph.output[0].ClearField("type")
     assert build.load(model, tmp_path).predict(np.array([[1.0, -2.0, 3.0]])).tolist() == [[1.0, 0.0, 3.0]]
+
+
+#: Operators on numbers, the rest of a node, and the size of numbers whose results lie below the normal ones.
+SMALL = {
+    "Tanh": ("Tanh", 1e-38, []),
+    "Exp": ("Exp", 90.0, []),
+    "MatMul": ("MatMul", 1e-22, [constant("W", np.arange(9.0).reshape(3, 3) * 1e-22 / 7)]),
+    "Gemm": ("Gemm", 1e-23, [constant("W", np.arange(9.0).reshape(3, 3) * 1e-22 / 7)]),
+}
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_bounds_hold_below_the_normal_numbers(tmp_path, name):
+    """A product that lies there keeps few digits in float32, or none, and ours has all of a double."""
+    op_type, size, constants = SMALL[name]
+    loaded = build.load(single(op_type, 3, constants), tmp_path)
+    rng = np.random.default_rng(0)
+    x = size * rng.normal(size=(400, 3)) * 10.0 ** rng.uniform(-6, 1, (400, 1))
+    x = -size - 14 * rng.random((400, 3)) if op_type == "Exp" else x
+    assert_within_bound(loaded, x)
+
+
+def test_no_rows_have_no_answers(tmp_path):
+    loaded = build.load(single("Tanh", 3), tmp_path)
+    assert loaded.predict(np.zeros((0, 3))).shape == (0, 3)

@@ -80,7 +80,7 @@ def test_unknown_operators_domains_and_types_are_listed_together(tmp_path):
     assert "operator Hardmax (opset 18) is not supported: node 'hard', the node of 'b'" in message
     assert "operator com.microsoft.FusedGelu (opset unknown) is not supported: node 'fused'" in message
     assert "node 'narrowing' (Cast, opset 18): casts to FLOAT16; FLOAT and DOUBLE are supported" in message
-    assert "node 'post' (LinearRegressor, opset 3): post_transform SOFTMAX: only NONE is supported" in message
+    assert "node 'post' (LinearRegressor, opset 3): post_transform SOFTMAX of one target: onnxruntime" in message
     assert "supported operators: " in message
     assert "reader" not in message
 
@@ -270,7 +270,7 @@ LISTS = {
         "LinearRegressor",
         {"coefficients": [1.0] * 3, "intercepts": [0.0, 1.0]},
     ),
-    "post_transform LOGISTIC: only NONE": ("LinearRegressor", {"post_transform": "LOGISTIC"}),
+    "post_transform LOGISTIC of one target": ("LinearRegressor", {"post_transform": "LOGISTIC"}),
     "one_class: a detector of outliers": ("SVMRegressor", {"one_class": 1}),
     "rho has 2 entries": ("SVMRegressor", {"rho": [0.0, 1.0]}),
     "coefficients has 2 entries, expected 3": ("SVMRegressor", {"rho": [0.0], "coefficients": [1.0, 2.0]}),
@@ -327,6 +327,13 @@ def test_operands_of_the_wrong_kind(tmp_path):
     assert "Clip.lower: 3 coefficients are not finite" in message("Clip", [constant("C", np.nan)])
     training = [constant("ratio", 0.5), constant("on", True, bool)]
     assert "Dropout in training mode; export the model for inference" in message("Dropout", training)
+
+
+def test_a_ratio_of_dropout_that_is_computed_is_refused(tmp_path):
+    """onnxruntime fails on rows where it is none, though nothing is dropped."""
+    nodes = [helper.make_node("Dropout", ["X", "ratio"], ["Y"])]
+    model = graph_model(nodes, [info("X", (1, 3)), info("ratio", ())], [info("Y", None)])
+    assert "the ratio is computed from the inputs" in refused(model, tmp_path, UnsupportedModelError)
 
 
 def test_tensors_that_cannot_be_joined(tmp_path):

@@ -11,7 +11,7 @@ from tests.walkers import onnx_builders as build
 from tests.walkers.onnx_builders import DOUBLE, Branch, assert_equal_bits, leaf
 
 REFUSALS = {
-    "post_transform LOGISTIC: only NONE": {"post_transform": "LOGISTIC"},
+    "post_transform LOGISTIC of one target": {"post_transform": "LOGISTIC"},
     "aggregate_function MEDIAN: known are": {"aggregate_function": "MEDIAN"},
     "n_targets is 0": {"n_targets": 0},
     r"nodes_values has 2 entries, expected 3": {"nodes_values": [0.0, 0.0]},
@@ -86,7 +86,7 @@ def test_equality_tests_of_two_features_cannot_share_a_child(tmp_path):
 
 
 ENSEMBLE_REFUSALS = {
-    "post_transform PROBIT: only NONE": {"post_transform": 4},
+    "post_transform 2: 1 is LOGISTIC and 2 SOFTMAX to onnxruntime": {"post_transform": 2},
     "aggregate_function 9: known are": {"aggregate_function": 9},
     "nodes_modes: 9 is not a known mode": {"nodes_modes": build.constant("modes", [9], np.uint8)},
     "nodes_modes is int64, expected uint8": {"nodes_modes": build.constant("modes", [0], np.int64)},

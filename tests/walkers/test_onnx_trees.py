@@ -357,3 +357,20 @@ def test_the_comparison_of_this_file_is_not_blind(tmp_path):
     wrong = replace(loaded, ir=replace(loaded.ir, ops=(moved,)))
     with pytest.raises(AssertionError):
         assert_equal_bits(wrong, build.special_rows(1, [0.5], np.random.default_rng(6)))
+
+
+@pytest.mark.parametrize("transform", ["LOGISTIC", "SOFTMAX"])
+@TYPES
+def test_sums_of_several_targets_that_are_transformed(tmp_path, elem_type, transform):
+    """As onnxruntime does; of one target it does nothing, against the standard, and the model is refused."""
+    trees = [Branch("LEQ", n % 2, 0.3 * n, Leaf({n % 3: 2.5 - n}), Leaf({n % 3: n - 4.0})) for n in range(9)]
+    loaded = build.load(build.regressor(trees, 2, 3, elem_type, post_transform=transform), tmp_path)
+    build.assert_within_bound(loaded, build.rows(2, spread=1.0))
+    assert np.all((loaded.predict(build.rows(2))[:, -3:] > 0) & (loaded.predict(build.rows(2))[:, -3:] < 1))
+
+
+@pytest.mark.parametrize("transform", ["LOGISTIC", "SOFTMAX"])
+def test_linear_sums_that_are_transformed(tmp_path, transform):
+    weights = {"coefficients": [1.0, -0.5, 0.25, 2.0], "intercepts": [0.5, -1.0], "targets": 2}
+    loaded = build.load(build.ml("LinearRegressor", 2, post_transform=transform, **weights), tmp_path)
+    build.assert_within_bound(loaded, build.rows(2, spread=1.0))

@@ -21,7 +21,7 @@ from sklearn.svm import SVC, LinearSVC
 from sklearn.tree import DecisionTreeClassifier, DecisionTreeRegressor
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import reference
+from st_codegen.ir import Operator, Scale, reference
 from st_codegen.proof import bounds
 from tests.classifiers import SCORE, THREE, TWO, WORDS, X, loaded, verified
 
@@ -255,3 +255,12 @@ def test_a_bag_that_divides_by_another_number_than_it_has_is_refused(kind):
     bag.n_estimators = 4
     with pytest.raises(InputError, match=rf"^{kind.__name__}\.n_estimators: number 0 is 4, expected 5 .. 5"):
         loaded(bag)
+
+
+def test_boosting_that_ended_early_divides_by_the_sum_of_all_weights():
+    """NumPy adds the zeros of the estimators that are not there in an order of its own."""
+    model = ensemble.AdaBoostClassifier(tree(1), n_estimators=13, random_state=0).fit(X, TWO)
+    model.estimator_weights_ = np.pad(model.estimator_weights_, (0, 20))
+    divisors = [op.constant for op in loaded(model).ir.ops if isinstance(op, Scale) and op.operator is Operator.DIVIDE]
+    assert model.estimator_weights_.sum() != model.estimator_weights_[:13].sum()
+    assert any(np.all(divisor == model.estimator_weights_.sum()) for divisor in divisors)

@@ -120,7 +120,8 @@ def real_lines(model: ModelIR, lost: Sequence[float]) -> tuple[str, ...]:
     only_trees = all(isinstance(op, TreeEnsemble) for op in model.ops)
     lines = ["Inputs, outputs and all numbers between are REAL (--real), with about 7 digits."]
     if not largest and model.classes is None:
-        lines.append("For inputs that are REAL numbers it equals the library bit for bit.")
+        equal = "bit for bit" if model.signs_zeros else "but perhaps for -0"
+        lines.append(f"For inputs that are REAL numbers it equals the library {equal}.")
     elif only_trees:
         lines.append(
             "For inputs that are REAL numbers every split decides as in the library, and the outputs lie within "

@@ -32,8 +32,8 @@ ASSUMPTIONS = (
     "variables start with the initial values of the text, and nothing but the block writes to its instance",
     "the rules of the library are those that docs/proof.md lists",
 )
-#: Files that hold Structured Text.
-TEXTS = (".st", ".scl", ".TcPOU", ".TcDUT", ".TcGVL", ".xml")
+#: Files that hold Structured Text, whether small or capital letters end their names.
+TEXTS = (".st", ".scl", ".tcpou", ".tcdut", ".tcgvl", ".xml")
 
 
 def certificate(bundle: Bundle, models: Path, generated: Path, report: ProveReport) -> dict[str, Any]:
@@ -52,7 +52,7 @@ def certificate(bundle: Bundle, models: Path, generated: Path, report: ProveRepo
             target.name: {
                 path.relative_to(target).as_posix(): _sha256(path)
                 for path in sorted(target.rglob("*"))
-                if path.suffix in TEXTS
+                if path.suffix.lower() in TEXTS
             }
             for target in target_folders(generated)
         },

@@ -281,6 +281,8 @@ class TreeProof:
             kept = Kept(name) if isinstance(last, Term) and last.arguments == (("before", name),) else None
             value = value.arguments[1]
         elif valid is True:
+            if isinstance(value, Kept):
+                raise NotProvedError(f"{name} is not assigned")
             return value
         if not isinstance(kept, Kept) or kept.name != name:
             raise NotProvedError(f"{name} does not keep its value exactly where bValid is FALSE")

@@ -84,6 +84,8 @@ def _loaded(document: dict[str, Any], name: str, path: Path) -> LoadedModel:
         value = builder.scale(builder.add(ensemble), "*", scale)
         value = builder.scale(value, "+", bias)
     info = document["model_info"]
+    if "params" not in info:
+        raise UnsupportedModelError("no training parameters, as sum_models leaves them out: its loss is not known")
     loss = str(info["params"]["loss_function"]["type"])
     result = _result(loss, info, builder, value, len(bias))
     version = str(info.get("catboost_version_info", "")).partition("CatBoost release ")[2].split(" ")[0]

@@ -133,6 +133,13 @@ class LightgbmBooster:
 
 
 def _booster(estimator: Any) -> Any:
+    """The booster of an estimator, or a booster itself. Raises UnsupportedModelError where trees may be left out."""
+    given = estimator.get_params().get("pred_early_stop") if hasattr(estimator, "get_params") else None
+    if given not in (None, False, 0, "false", "False", "-"):
+        raise UnsupportedModelError(
+            "pred_early_stop=True: predict leaves trees out once a row seems decided, and all trees answer otherwise; "
+            "set_params(pred_early_stop=False), and save it again"
+        )
     return booster_of(estimator, attrgetter("booster_"))
 
 

@@ -20,9 +20,9 @@ from st_codegen.walkers.classes import above, largest, pair_coefficients, pair_v
 from st_codegen.walkers.onnx.file import GraphNode
 from st_codegen.walkers.onnx.forest import Forest, NumberType
 from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, Result, operator
-from st_codegen.walkers.onnx.ml import kernel_sum, trees
+from st_codegen.walkers.onnx.ml import kernel_sum, transformed, trees
 from st_codegen.walkers.onnx.operands import FLOAT32, LabelOperand, Operand, Tensor, axis_of, one_row
-from st_codegen.walkers.onnx.operators import apply_activation, apply_linear, apply_softmax, with_constant
+from st_codegen.walkers.onnx.operators import apply_linear, apply_softmax, with_constant
 from st_codegen.walkers.onnx.shapes import joined
 from st_codegen.walkers.onnx.tree_lists import numbers, read_lists
 
@@ -49,16 +49,6 @@ def _post_transform(node: GraphNode) -> str:
             "scores are 0, and PROBIT gives no number beyond 0 and 1 and loses all digits near 0.5"
         )
     return name
-
-
-def _transformed(walk: GraphWalk, scores: Tensor, transform: str) -> Tensor:
-    """What becomes of two and more scores, in float32 whatever they were computed in."""
-    scores = walk.as_type(scores, FLOAT32)
-    if transform == "NONE":
-        return scores
-    if transform == "LOGISTIC":
-        return apply_activation(walk, scores, ir.Function.LOGISTIC)
-    return apply_softmax(walk, scores)
 
 
 def _beside(walk: GraphWalk, one: Tensor, other: Tensor) -> Tensor:
@@ -100,7 +90,7 @@ def _tree_classifier(call: NodeCall) -> Result:
         )
     if len(base):
         scores = with_constant(walk, scores, ir.Operator.ADD, base)
-    return LabelOperand(largest(walk.builder, walk.settle(scores)), labels), _transformed(walk, scores, transform)
+    return LabelOperand(largest(walk.builder, walk.settle(scores)), labels), transformed(walk, scores, transform)
 
 
 def _given(forest: Forest) -> tuple[BoolArray, BoolArray]:
@@ -145,7 +135,7 @@ def _two_classes(
     choice = LabelOperand(index, labels if one_given or isinstance(labels[0], str) else (0, 1))
     if alone and len(base) < 2:
         return choice, _pair(walk, first, positive, transform)
-    return choice, _transformed(walk, _beside(walk, first, second), transform)
+    return choice, transformed(walk, _beside(walk, first, second), transform)
 
 
 def _pair(walk: GraphWalk, score: Tensor, positive: bool, transform: str) -> Tensor:
@@ -159,7 +149,7 @@ def _pair(walk: GraphWalk, score: Tensor, positive: bool, transform: str) -> Ten
         return _beside(walk, *(walk.as_type(one, FLOAT32) for one in (rest, score)))
     score = walk.as_type(score, FLOAT32)
     both = _beside(walk, with_constant(walk, score, ir.Operator.MULTIPLY, -1.0), score)
-    return _transformed(walk, both, transform if transform == "LOGISTIC" else "NONE")
+    return transformed(walk, both, transform if transform == "LOGISTIC" else "NONE")
 
 
 # --- sums and kernels ----------------------------------------------------------------------------------------------
@@ -177,7 +167,7 @@ def _linear_classifier(call: NodeCall) -> Result:
     weights = call.node.floats("coefficients", len(bias) * tensor.size)
     scores = apply_linear(walk, tensor, weights.reshape(len(bias), -1), bias, (1, len(bias)))
     if len(bias) > 1:
-        return LabelOperand(largest(walk.builder, walk.settle(scores)), labels), _transformed(walk, scores, transform)
+        return LabelOperand(largest(walk.builder, walk.settle(scores)), labels), transformed(walk, scores, transform)
     index = above(walk.builder, walk.settle(scores))
     if len(labels) > 2:
         return LabelOperand(index, ("0", "1") if isinstance(labels[0], str) else (0, 1)), scores
@@ -206,7 +196,7 @@ def _svm_classifier(call: NodeCall) -> Result:
         walk.notes.append(_LEFT_OUT)
         return choice, None
     if count > 2:
-        return choice, _transformed(walk, scores, transform)
+        return choice, transformed(walk, scores, transform)
     return choice, _pair(walk, scores, transform != "NONE", transform)
 
 
@@ -226,7 +216,7 @@ def _linear_machine(
         reached = above(walk.builder, value, 0.5 if positive else 0.0, inclusive=positive)
         picked = walk.builder.beside(reached, index)
         index = above(walk.builder, whole_sums(walk.builder, picked, np.ones((1, 3)), np.zeros(1)), 0.5)
-    return LabelOperand(index, labels), _transformed(walk, scores, transform)
+    return LabelOperand(index, labels), transformed(walk, scores, transform)
 
 
 # --- the ends of graphs --------------------------------------------------------------------------------------------

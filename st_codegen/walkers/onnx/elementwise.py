@@ -54,7 +54,8 @@ def _thresholded(call: NodeCall) -> Operand:
     walk.refuse_special(tensor)
     value = walk.settle(tensor)
     above = walk.builder.add(Exceeds((value,), np.full(tensor.size, call.node.number("alpha", 1.0))))
-    # 0 is added since a negative number times 0 has a sign
+    # 0 is added since a negative number times 0 has a sign; -0 above a negative number loses its own
+    walk.builder.open_zeros |= call.node.number("alpha", 1.0) < 0
     kept = walk.builder.scale(walk.builder.combine(value, "*", above), "+", 0.0)
     return walk.computed(kept, tensor.shape, tensor.dtype)
 
@@ -149,6 +150,40 @@ def _power(call: NodeCall) -> Operand:
     for _ in range(int(number) - 1):
         result = product_of(call.walk, result, tensor)
     return result
+
+
+#: From here on a number of a type has no fraction, and a sum with what is smaller is rounded to a whole one, ties to
+#: even.
+_NO_FRACTION = {FLOAT32: 2.0**23, FLOAT64: 2.0**52}
+
+
+def _whole(call: NodeCall) -> Operand:
+    """The nearest whole number, of a tie the even one, or from there the next one below or above.
+
+    Floor and Ceil are its corrections by 1 where it lies on the other side. -0 becomes 0.
+    """
+    tensor, builder = call.computed(), call.walk.builder
+    call.walk.refuse_special(tensor)
+    builder.open_zeros = True
+    x, end = call.walk.settle(tensor), _NO_FRACTION[tensor.dtype]
+    size = builder.function(x, "abs")
+    large = builder.add(Exceeds((size,), np.full(tensor.size, end), inclusive=True))
+    small = builder.combine(size, "*", _opposite(call.walk, large))
+    moved = builder.scale(small, "+", end, precision=tensor.precision)
+    rounded = builder.scale(moved, "-", end, precision=tensor.precision)
+    whole = builder.combine(rounded, "+", builder.combine(size, "*", large))
+    positive = builder.add(Exceeds((x,), np.zeros(tensor.size), inclusive=True))
+    found = builder.combine(whole, "*", builder.chain(positive, ("*", 2.0), ("-", 1.0)))
+    if call.node.op_type != "Round":
+        pair, code = ((found, x), "-") if call.node.op_type == "Floor" else ((x, found), "+")
+        beyond = builder.add(Exceeds((builder.combine(pair[0], "-", pair[1]),), np.zeros(tensor.size)))
+        found = builder.combine(found, code, beyond)
+    return call.walk.computed(found, tensor.shape, tensor.dtype)
+
+
+operator("Floor", 6, 13)(_whole)
+operator("Ceil", 6, 13)(_whole)
+operator("Round", 11, 22)(_whole)
 
 
 # --- choices -------------------------------------------------------------------------------------------------------
@@ -292,7 +327,7 @@ for _name in _JOINED:
 
 @operator("Where", 9, 16)
 def _where(call: NodeCall) -> Operand:
-    """condition * a + (1 - condition) * b: one of the products is zero."""
+    """condition * a + (1 - condition) * b: one of the products is zero, and -0 is no longer itself beside it."""
     condition, walk = _logical(call.required()), call.walk
     sides = [_as_number(call.required(number)) for number in (1, 2)]
     shape = np.broadcast_shapes(condition.shape, *(side.shape for side in sides))
@@ -309,6 +344,7 @@ def _where(call: NodeCall) -> Operand:
         else:
             parts.append(walk.builder.combine(_spread(walk, side, shape), "*", factor))
     chosen = walk.builder.combine(parts[0], "+", parts[1])
+    walk.builder.open_zeros = True
     return walk.computed(chosen, shape, dtype if dtype in (FLOAT32, FLOAT64) else FLOAT64)
 
 

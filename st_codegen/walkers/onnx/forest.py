@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -35,15 +34,13 @@ class Mode(IntEnum):
     MEMBER_INTEGER = 8  # the integer part of x is a member
 
 
-#: (aggregate, whether the sum is divided by the number of trees); TreeEnsemble numbers the names, as it does those of
-#: what follows the sum.
+#: (aggregate, whether the sum is divided by the number of trees); TreeEnsemble numbers the names.
 _AGGREGATES = {
     "AVERAGE": (Aggregate.SUM, True),
     "SUM": (Aggregate.SUM, False),
     "MIN": (Aggregate.MINIMUM, False),
     "MAX": (Aggregate.MAXIMUM, False),
 }
-_POST_TRANSFORMS = ("NONE", "SOFTMAX", "LOGISTIC", "SOFTMAX_ZERO", "PROBIT")
 
 
 @dataclass(frozen=True)
@@ -90,22 +87,25 @@ class Forest:
         return self.member[self.member_start[node] : self.member_start[node + 1]]
 
 
-def refuse_post_transform(given: str | int) -> None:
-    """Raise UnsupportedModelError unless nothing follows the sum of the trees."""
-    name = _named(given, _POST_TRANSFORMS)
-    if name != "NONE":
+def read_post_transform(name: str, count: int) -> str:
+    """What follows `count` sums: NONE, LOGISTIC or SOFTMAX. Raises UnsupportedModelError for others.
+
+    Of one sum onnxruntime gives the sum itself whatever it says here, but for PROBIT (`FinalizeScores1` in
+    tree_ensemble_aggregator.h, `write_scores` in ml_common.h); the ONNX standard does not.
+    """
+    if name not in ("NONE", "LOGISTIC", "SOFTMAX"):
+        raise UnsupportedModelError(f"post_transform {name}: known are NONE, LOGISTIC and SOFTMAX")
+    if name != "NONE" and count == 1:
         raise UnsupportedModelError(
-            f"post_transform {name}: only NONE is supported; export the model as a plain regressor"
+            f"post_transform {name} of one target: onnxruntime leaves it out, against the ONNX standard; export the "
+            "model without it, and put Sigmoid or Softmax behind"
         )
-
-
-def _named(given: str | int, names: Iterable[str]) -> str:
-    return dict(enumerate(names)).get(given, str(given)) if isinstance(given, int) else given
+    return name
 
 
 def read_aggregate(given: str | int) -> tuple[Aggregate, bool]:
     """How leaf values become one number, and whether the sum is divided by the number of trees."""
-    name = _named(given, _AGGREGATES)
+    name = dict(enumerate(_AGGREGATES)).get(given, str(given)) if isinstance(given, int) else given
     if name not in _AGGREGATES:
         raise UnsupportedModelError(f"aggregate_function {name}: known are {', '.join(_AGGREGATES)}")
     return _AGGREGATES[name]

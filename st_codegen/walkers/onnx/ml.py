@@ -16,8 +16,8 @@ from st_codegen import ir
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.walkers.onnx.file import GraphNode
-from st_codegen.walkers.onnx.forest import MAX_ID, Forest, NumberType, refuse_post_transform
-from st_codegen.walkers.onnx.graph import NodeCall, operator
+from st_codegen.walkers.onnx.forest import MAX_ID, Forest, NumberType, read_post_transform
+from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, operator
 from st_codegen.walkers.onnx.operands import (
     FLOAT32,
     FLOAT64,
@@ -29,7 +29,7 @@ from st_codegen.walkers.onnx.operands import (
     one_row,
     require_tensor,
 )
-from st_codegen.walkers.onnx.operators import apply_linear, combined
+from st_codegen.walkers.onnx.operators import apply_activation, apply_linear, apply_softmax, combined
 from st_codegen.walkers.onnx.shapes import joined, labelled, of_nearest, picked
 from st_codegen.walkers.onnx.tree_ensemble import read_ensemble
 from st_codegen.walkers.onnx.tree_layout import build_ensemble
@@ -81,20 +81,30 @@ def _float32_row(call: NodeCall) -> Tensor:
 
 @operator("LinearRegressor", 1, domain=_DOMAIN)
 def _linear_regressor(call: NodeCall) -> Operand:
-    tensor = _float32_row(call)
-    refuse_post_transform(call.node.text("post_transform", "NONE"))
-    targets = call.node.integer("targets", 1)
+    tensor, targets = _float32_row(call), call.node.integer("targets", 1)
     if targets < 1:
         raise InputError(f"{targets} targets, expected 1 or more; the model file is damaged")
+    transform = read_post_transform(call.node.text("post_transform", "NONE"), targets)
     weights = call.node.floats("coefficients", targets * tensor.size).reshape(targets, tensor.size)
     bias = call.node.floats("intercepts", 0, targets)
-    return apply_linear(call.walk, tensor, weights, bias if len(bias) else np.zeros(targets), (1, targets))
+    sums = apply_linear(call.walk, tensor, weights, bias if len(bias) else np.zeros(targets), (1, targets))
+    return transformed(call.walk, sums, transform)
+
+
+def transformed(walk: GraphWalk, scores: Tensor, transform: str) -> Tensor:
+    """What becomes of two and more scores, in float32 whatever they were computed in."""
+    scores = walk.as_type(scores, FLOAT32)
+    if transform == "NONE":
+        return scores
+    if transform == "LOGISTIC":
+        return apply_activation(walk, scores, ir.Function.LOGISTIC)
+    return apply_softmax(walk, scores)
 
 
 @operator("SVMRegressor", 1, domain=_DOMAIN)
 def _svm_regressor(call: NodeCall) -> Operand:
     tensor = _float32_row(call)
-    refuse_post_transform(call.node.text("post_transform", "NONE"))
+    read_post_transform(call.node.text("post_transform", "NONE"), 1)
     if call.node.integer("one_class"):
         raise UnsupportedModelError("one_class: a detector of outliers, not a regression")
     n_vectors, rho = call.node.integer("n_supports"), call.node.floats("rho", 1)
@@ -171,11 +181,17 @@ def trees(call: NodeCall, read: Callable[[GraphNode, NumberType], Forest]) -> Te
 
 @operator("TreeEnsembleRegressor", 1, 3, domain=_DOMAIN)
 def _tree_ensemble_regressor(call: NodeCall) -> Operand:
-    return call.walk.as_type(trees(call, read_regressor), FLOAT32)
+    sums = trees(call, read_regressor)
+    return transformed(call.walk, sums, read_post_transform(call.node.text("post_transform", "NONE"), sums.size))
 
 
 @operator("TreeEnsemble", 5, domain=_DOMAIN)
 def _tree_ensemble(call: NodeCall) -> Operand:
+    if transform := call.node.integer("post_transform", 0):
+        raise UnsupportedModelError(
+            f"post_transform {transform}: 1 is LOGISTIC and 2 SOFTMAX to onnxruntime, the other way round to the ONNX "
+            "standard; export the model without it, and put Sigmoid or Softmax behind"
+        )
     return trees(call, read_ensemble)
 
 

@@ -159,6 +159,8 @@ class _SessionPredictor:
         return list(dict.fromkeys(name for name, _ in self.outputs))
 
     def __call__(self, x: FloatArray) -> FloatArray:
+        if not len(x):  # of no rows onnxruntime does not say how many outputs there are
+            return self(np.zeros((1, x.shape[1])))[:0]
         with np.errstate(over="ignore"):
             columns = {given.name: x[:, given.columns].astype(_given_type(given)) for given in self.inputs}
         result = []

@@ -52,6 +52,7 @@ def _identity(call: NodeCall) -> Operand:
 
 @operator("Dropout", 7, 10, 12, 13, 22)
 def _dropout(call: NodeCall) -> Operand:
+    call.constant(1, "the ratio")  # of which onnxruntime refuses some, though it does not use it
     training = call.constant(2, "training_mode")
     if call.node.has_more_outputs or (training is not None and np.any(training)):
         raise UnsupportedModelError("Dropout in training mode; export the model for inference (model.eval())")

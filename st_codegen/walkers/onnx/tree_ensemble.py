@@ -20,7 +20,6 @@ from st_codegen.walkers.onnx.forest import (
     NumberType,
     check_range,
     read_aggregate,
-    refuse_post_transform,
     target_count,
 )
 
@@ -30,7 +29,6 @@ def read_ensemble(attributes: GraphNode, number_type: NumberType) -> Forest:
 
     Raises InputError for damaged attributes, UnsupportedModelError for what has no exact counterpart.
     """
-    refuse_post_transform(attributes.integer("post_transform", 0))
     aggregate, average = read_aggregate(attributes.integer("aggregate_function", 1))
     n_targets = target_count(attributes)
     feature = attributes.integers("nodes_featureids")

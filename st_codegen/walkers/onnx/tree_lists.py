@@ -22,7 +22,6 @@ from st_codegen.walkers.onnx.forest import (
     NumberType,
     check_range,
     read_aggregate,
-    refuse_post_transform,
     target_count,
 )
 
@@ -34,7 +33,6 @@ def read_regressor(attributes: GraphNode, number_type: NumberType) -> Forest:
 
     Raises InputError for damaged attributes, UnsupportedModelError for what has no exact counterpart.
     """
-    refuse_post_transform(attributes.text("post_transform", "NONE"))
     aggregate, average = read_aggregate(attributes.text("aggregate_function", "SUM"))
     n_targets = target_count(attributes)
     base = numbers(attributes, "base_values", number_type, 0, n_targets)

@@ -162,7 +162,8 @@ def walk_ada_boost(fitted: Fitted, builder: GraphBuilder, value: int) -> Classif
     count = len(labels)
     if count < 2:
         raise UnsupportedModelError("AdaBoostClassifier with one class")
-    weights = fitted.floats("estimator_weights_", (None,))[: len(parts)]
+    given = fitted.floats("estimator_weights_", (None,))
+    weights = given[: len(parts)]
     columns, table = [], []
     for part, weight in zip(parts, weights, strict=True):
         one = walk_classifier(part, builder, value)
@@ -172,7 +173,7 @@ def walk_ada_boost(fitted: Fitted, builder: GraphBuilder, value: int) -> Classif
         table += [weight * np.eye(count), -1 / (count - 1) * weight * np.eye(count)]
     # each sum has one product that is not zero for an estimator, so that nothing is rounded but the sum itself
     total = whole_sums(builder, builder.beside(*columns), np.hstack(table), np.zeros(count))
-    scores = builder.scale(total, "/", weights.sum())
+    scores = builder.scale(total, "/", given.sum())  # with the zeros behind them NumPy adds in another order
     if count > 2:
         shares = builder.scale(scores, "/", count - 1.0)
         return Classified(labels, largest(builder, scores), softmax(builder, shares), scores)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from st_codegen.driver import generate
 from st_codegen.emit.output import block_of
 from st_codegen.errors import StCodegenError
 from st_codegen.project.bundle import load
@@ -419,3 +420,17 @@ def test_a_test_for_nan_that_was_changed_is_accepted_by_nobody(change, name, mad
         assert verdicts(*made[name], made[name][-1].read_text("utf-8")) == (False, False)
     finally:
         path.write_text(original, "utf-8")
+
+
+def test_an_output_that_is_never_assigned_is_named(tmp_path):
+    """Of a model that takes every input, where `bValid` is TRUE at all times."""
+    (tmp_path / "models").mkdir()
+    shutil.copy(GOLDEN / "models" / "lightgbm_gbdt.txt", tmp_path / "models")
+    bundle = load(tmp_path / "models")
+    generate(bundle, "iec", tmp_path / "out")
+    text = tmp_path / "out" / "iec" / "FB_Lightgbm_gbdt.st"
+    changed, count = re.subn(r"(?m)^ *fOut1 := .*\n", "", text.read_text())
+    assert count == 1
+    text.write_text(changed)
+    (found,) = prove(bundle, tmp_path / "out").results
+    assert (found.verdict, found.reason) == (Verdict.REFUTED, "fOut1 is not assigned")

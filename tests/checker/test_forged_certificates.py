@@ -1,0 +1,202 @@
+"""Certificates that are made to pass for other files than those that the checker is given."""
+
+import hashlib
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from st_codegen.driver import generate
+from st_codegen.passes.choose import Layout, Options
+from st_codegen.project.bundle import load
+from tests.checker.test_check_certificate import GOLDEN, check, folder_of, written
+
+MODEL = "lightgbm_gbdt.txt"
+BLOCK = "FB_Lightgbm_gbdt"
+
+
+@pytest.fixture
+def proved(tmp_path):
+    """A folder with a model, one with its text, and a certificate: (path of the certificate, models, out)."""
+    models = folder_of(tmp_path, [MODEL])
+    generate(load(models), "iec", tmp_path / "out", options=Options(layout=Layout.TREES))
+    return written(tmp_path, models, tmp_path / "out"), models, tmp_path / "out"
+
+
+def changed(path, change):
+    content = json.loads(path.read_text())
+    change(content)
+    path.write_text(json.dumps(content))
+
+
+def spoilt(text):
+    """Make a text give another number."""
+    before = text.read_text()
+    text.write_text(before.replace("bValid := bUsable;", "fOut1 := 1.0;\nbValid := bUsable;"))
+    assert text.read_text() != before
+
+
+@pytest.mark.parametrize("name", ["../good/iec", "iec/../../good/iec", "{absolute}"])
+def test_texts_of_another_folder(name, proved, tmp_path):
+    path, models, out = proved
+    shutil.copytree(out, tmp_path / "good")
+    spoilt(out / "iec" / f"{BLOCK}.st")
+    name = name.format(absolute=tmp_path / "good" / "iec")
+
+    def elsewhere(content):
+        content["texts"] = {name: content["texts"]["iec"]}
+        content["proofs"][0]["target"] = name
+
+    changed(path, elsewhere)
+    result = check(path, models, out)
+    assert (result.returncode, "confirmed" in result.stdout) == (1, False), result.stdout
+
+
+@pytest.mark.parametrize("name", ["../good/{}", "{absolute}/{}", "./{}"])
+def test_a_model_of_another_folder(name, proved, tmp_path):
+    path, models, out = proved
+    shutil.copytree(models, tmp_path / "good")
+    (models / MODEL).write_text("damaged")
+    name = name.format(MODEL, absolute=tmp_path / "good")
+
+    def elsewhere(content):
+        content["models"] = {name: content["models"][MODEL]}
+        content["proofs"][0]["file"] = name
+
+    changed(path, elsewhere)
+    result = check(path, models, out)
+    assert (result.returncode, "confirmed" in result.stdout) == (1, False), result.stdout
+
+
+def test_a_model_behind_a_link_that_leaves_its_folder(proved, tmp_path):
+    path, models, out = proved
+    shutil.move(models / MODEL, tmp_path / "elsewhere.txt")
+    (models / MODEL).symlink_to(tmp_path / "elsewhere.txt")
+    assert "leads out of the folder" in check(path, models, out).stdout
+
+
+def test_text_behind_a_link(proved, tmp_path):
+    path, models, out = proved
+    (tmp_path / "more").mkdir()
+    (tmp_path / "more" / "FB_Other.st").write_text("FUNCTION_BLOCK FB_Other\nEND_FUNCTION_BLOCK\n")
+    (out / "iec" / "more").symlink_to(tmp_path / "more")
+    assert "a link" in check(path, models, out).stdout
+
+
+def test_a_text_whose_name_ends_in_capitals_is_held_to_its_hash(proved):
+    path, models, out = proved
+    text = out / "iec" / f"{BLOCK}.st"
+    text.rename(text.with_suffix(".ST"))
+    changed(path, lambda content: content["texts"]["iec"].pop(text.name))
+    assert "other texts" in check(path, models, out).stdout
+
+
+def test_another_file_as_the_model_of_a_block(proved):
+    path, models, out = proved
+    (models / MODEL).rename(models / "other.txt")
+    shutil.copy(GOLDEN / "models" / "lightgbm_missing.txt", models / MODEL)
+
+    def renamed(content):
+        content["models"] = {"other.txt": content["models"][MODEL]}
+        content["proofs"][0] |= {"model": "other", "file": "other.txt"}
+
+    changed(path, renamed)
+    assert "another model's block" in check(path, models, out).stdout
+
+
+def test_a_file_that_is_named_otherwise_than_its_block_is_printed(proved):
+    path, models, out = proved
+    (models / MODEL).rename(models / "other.txt")
+
+    def renamed(content):
+        content["models"] = {"other.txt": content["models"][MODEL]}
+        content["proofs"][0]["file"] = "other.txt"
+
+    changed(path, renamed)
+    assert "lightgbm_gbdt, iec (other.txt): confirmed" in check(path, models, out).stdout
+
+
+def test_a_pattern_in_place_of_a_block(proved):
+    path, models, out = proved
+    changed(path, lambda content: content["proofs"][0].update(block="FB_\\w+_gbdt"))
+    assert "the name of the block" in check(path, models, out).stdout
+
+
+def in_a_variable(text):
+    """The right number in a variable of the block, and another in its output."""
+    return text.replace("fOut1 := ", "fRight := ").replace("\nVAR\n", "\nVAR\n    fRight : LREAL;\n", 1)
+
+
+def beside_another(text):
+    """The right number, and another output that no entry speaks of."""
+    return text.replace("VAR_OUTPUT\n", "VAR_OUTPUT\n    fOut0 : LREAL;\n", 1).replace(
+        "bValid := bUsable;", "fOut0 := 1.0;\nbValid := bUsable;"
+    )
+
+
+@pytest.mark.parametrize(("change", "outputs"), [(in_a_variable, ["fRight"]), (beside_another, ["fOut1"])])
+def test_outputs_that_are_not_those_of_the_block(change, outputs, proved):
+    path, models, out = proved
+    text = out / "iec" / f"{BLOCK}.st"
+    before = text.read_text()
+    text.write_text(change(before))
+    assert text.read_text() != before
+    digest = hashlib.sha256(text.read_bytes()).hexdigest()
+
+    def forged(content):
+        content["texts"]["iec"][text.name] = digest
+        content["proofs"][0]["outputs"] = outputs
+
+    changed(path, forged)
+    result = check(path, models, out)
+    assert (result.returncode, "other outputs than the block's" in result.stdout) == (1, True), result.stdout
+
+
+def test_a_name_that_stands_twice(proved):
+    path, models, out = proved
+    assert check(path, models, out).returncode == 0
+    text = path.read_text()
+    path.write_text(text.replace('"models": {', f'"models": {{"{MODEL}": "0", ', 1))
+    assert "a name twice" in check(path, models, out).stdout
+
+
+def test_what_is_no_number(proved):
+    path, models, out = proved
+    changed(path, lambda content: content["proofs"][0].update(bound=[np.nan], method="the model's expression"))
+    assert "NaN in the certificate" in check(path, models, out).stdout
+
+
+def test_blocks_of_which_nothing_is_said_are_named(proved):
+    path, models, out = proved
+    (out / "twincat").mkdir()
+    (out / "twincat" / "FB_Wrong.TcPOU").write_text("FUNCTION_BLOCK FB_Wrong\n")
+    result = check(path, models, out)
+    assert result.returncode == 0, result.stdout
+    assert "twincat/FB_Wrong.TcPOU: nothing is said of fb_wrong" in result.stdout
+    assert "iec/FB_SelfTest.st: nothing is said of fb_selftest" in result.stdout
+    assert BLOCK.lower() not in result.stdout
+
+
+def test_a_certificate_of_another_file_than_the_given_one(proved):
+    path, models, out = proved
+    assert check(path, models / MODEL, out).returncode == 0
+    shutil.copy(GOLDEN / "models" / "lightgbm_missing.txt", models)
+    assert "entries of another file" in check(path, models / "lightgbm_missing.txt", out).stdout
+    assert "lightgbm_missing.txt: nothing is said of this file" in check(path, models, out).stdout
+
+
+def test_the_count_of_calls_beside_the_outputs_is_no_output_of_a_model(tmp_path):
+    models = folder_of(tmp_path, [MODEL])
+    generate(load(models), "iec", tmp_path / "out", with_age=True)
+    result = check(written(tmp_path, models, tmp_path / "out"), models, tmp_path / "out")
+    assert result.returncode == 0, result.stdout
+
+
+def test_a_prefix_and_a_name_with_punctuation(tmp_path):
+    (tmp_path / "models").mkdir()
+    shutil.copy(GOLDEN / "models" / MODEL, tmp_path / "models" / "my-pump.v2.txt")
+    (tmp_path / "models" / "st-codegen.toml").write_text('[project]\nprefix = "P1_"\n')
+    generate(load(tmp_path / "models"), "iec", tmp_path / "out")
+    result = check(written(tmp_path, tmp_path / "models", tmp_path / "out"), tmp_path / "models", tmp_path / "out")
+    assert "P1_my-pump.v2, iec (my-pump.v2.txt): confirmed" in result.stdout
