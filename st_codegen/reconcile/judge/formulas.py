@@ -295,8 +295,9 @@ def _formula(problem: _Problem, chosen: list[int], as_well: dict[int, list[int]]
     words = (f"{at.speed_rpm[row]:g} rpm", f"{at.torque_Nm[row]:g} N m", f"{at.temperature_C[row]:g} degC")
     where = "at " + ", ".join(words[i] for i in varying) if varying else "at every operating point"
     text = f"{' and '.join(parts)}: {size[row]:.3g} deg {where}"
-    turns = max(float(np.ptp(_turned(values[at.sign == sign]))) for sign in np.unique(at.sign))
-    if varying and size.min() > (1.0 - SETTINGS.keeps_its_size) * size[row] and turns > SETTINGS.least_turn_rad:
+    keeps = varying and size.min() > (1.0 - SETTINGS.keeps_its_size) * size[row]
+    turns = max(float(np.ptp(_turned(values[at.sign == sign]))) for sign in np.unique(at.sign)) if keeps else 0.0
+    if turns > SETTINGS.least_turn_rad:
         # several terms may make up a wave that hardly grows
         text = (
             f"keeps its size, {size.min():.3g} to {size[row]:.3g} deg, and turns its phase by {turns:.2g} rad over the "
