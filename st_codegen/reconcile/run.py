@@ -32,7 +32,6 @@ from st_codegen.reconcile.judge.conclusions import (
     conclude,
     doubted,
     gone,
-    may_be_friction,
     unchanged,
 )
 from st_codegen.reconcile.judge.evidence import Evidence
@@ -40,6 +39,7 @@ from st_codegen.reconcile.judge.faint import faint
 from st_codegen.reconcile.judge.held_out import between_states, held_out_rms
 from st_codegen.reconcile.judge.lines import lines_in_samples
 from st_codegen.reconcile.judge.links import coupling_link, servo_link, with_unmeasured_links
+from st_codegen.reconcile.judge.lookalikes import may_be_friction
 from st_codegen.reconcile.judge.measurement import AS_IS, Examined, examine
 from st_codegen.reconcile.judge.misread import Misread, refined
 from st_codegen.reconcile.judge.mistakes import Mistake, mistaken_runs

@@ -13,8 +13,9 @@ from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge import conclusions
 from st_codegen.reconcile.judge.candidates import Search, variants
-from st_codegen.reconcile.judge.conclusions import Conclusions, Retuned, _by_order_alone, conclude, doubted, settled
+from st_codegen.reconcile.judge.conclusions import Conclusions, Retuned, conclude, doubted, settled
 from st_codegen.reconcile.judge.in_time import _alike
+from st_codegen.reconcile.judge.lookalikes import by_order_alone
 from st_codegen.reconcile.judge.peaks import bracket, chance_of_bracket, spread
 from st_codegen.reconcile.judge.plausible import bounds_met, is_its_own, is_no_form_error, lack_of_forms, law_holds
 from st_codegen.reconcile.judge.retuned import changes, with_piece_held
@@ -47,7 +48,7 @@ def test_two_sidebands_are_company_and_one_is_none(upper, alone):
     values = {"lower_ratio": 0.1, "lower_phase_rad": 0.2, "upper_ratio": upper, "upper_phase_rad": 0.3}
     sidebands = effect("carrier_modulation", order=39, **values)
     piece = piece_of(sidebands, added=True, origin=sidebands)
-    assert _by_order_alone(SimpleNamespace(state=SimpleNamespace(pieces=[piece])), 0) is alone
+    assert by_order_alone(SimpleNamespace(state=SimpleNamespace(pieces=[piece])), 0) is alone
 
 
 def test_a_shift_that_noise_could_be_is_no_changed_parameter():

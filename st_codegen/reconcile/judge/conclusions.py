@@ -16,6 +16,17 @@ from st_codegen.reconcile.judge import discrepancy
 from st_codegen.reconcile.judge.candidates import STAGES, Candidate, Search
 from st_codegen.reconcile.judge.evidence import Evidence
 from st_codegen.reconcile.judge.held_out import unmeasured_states
+from st_codegen.reconcile.judge.lookalikes import (
+    by_order_alone,
+    gains_one_sideband,
+    is_a_knee,
+    left_of_a_delay,
+    left_of_a_smoothing,
+    left_of_filters,
+    may_be_friction,
+    may_be_time,
+    told_sides,
+)
 from st_codegen.reconcile.judge.misread import OFFSET, Misread, covariance_of_corrections, misread
 from st_codegen.reconcile.judge.peaks import bracket, chance_of_bracket, has_a_frequency, spread
 from st_codegen.reconcile.judge.plausible import (
@@ -33,7 +44,6 @@ from st_codegen.reconcile.judge.retuned import (
     changes,
     not_there,
     offset_is_large,
-    shown_change,
     with_piece_held,
     with_shapes_inside,
     without_misfits,
@@ -270,49 +280,6 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
     return Conclusions(joint, final, claims, retuned, offset_changed, wrong)
 
 
-def _left_of_filters(final: Fit, number: int) -> frozenset[str]:
-    """Names of filters that were undone, where waves of an effect may have kept what their responses are off by.
-
-    These are told by all orders together, with straight lines between a dozen places.
-    """
-    is_wave = any(order > 0 for order in final.state.pieces[number].effect.touched_orders())
-    return final.target.corrected & {"filter", "smoothing"} if is_wave else frozenset()
-
-
-def _left_of_a_delay(final: Fit, number: int) -> frozenset[str]:
-    """The name of a filter, where waves of an effect may have changed by what it does beside a changed delay.
-
-    A delay is the first term of any filter: a tenth of what it does to these waves may be the next ones.
-    """
-    pieces = final.state.pieces
-    delays = [
-        one for i, one in enumerate(pieces)
-        if one.effect.stage is Stage.MEASURING and i != number and one.origin not in (None, one.effect)
-    ]  # fmt: skip
-    own = (np.abs(shown_change(final, pieces[number])) ** 2).sum(axis=0)
-    waves = (own > 0.0) & (final.target.data.orders > 0)
-    delayed = sum(float((np.abs(shown_change(final, one)[:, waves]) ** 2).sum()) for one in delays)
-    return frozenset(["filter"]) if waves.any() and own[waves].sum() < SETTINGS.form**2 * delayed else frozenset()
-
-
-def _left_of_a_smoothing(final: Fit, number: int) -> frozenset[str]:
-    """The name of a smoothing over the angle, where waves of an effect lie above a place from which all are smaller.
-
-    One that only a few of the highest orders feel is not told from parts that changed.
-    """
-    data, good = final.target.data, final.target.good
-    old, new = (
-        model.coefficients(data.at, data.orders.tolist())[good] for model in (final.state.rig, final.state.model())
-    )
-    power = (np.abs(old) ** 2).mean(axis=0)
-    loud = (data.orders > 0) & (power > SETTINGS.loud_order * (final.target.sigma[good] ** 2).mean(axis=0))
-    kept = np.abs((new * old.conj()).mean(axis=0)) / np.maximum(power, 1e-300)
-    # from here on all are smaller
-    above = loud & (data.orders > max(data.orders[loud & (kept > 1.0 / SETTINGS.column_factor)], default=0))
-    own = (np.abs(shown_change(final, final.state.pieces[number])[good]) ** 2).sum(axis=0)
-    return frozenset(["smoothing"]) if own[~above].sum() < SETTINGS.form**2 * own[above].sum() else frozenset()
-
-
 def _own_rivals(final: Fit, one: Needed) -> tuple[Other, ...]:
     """Effects of the rig of which a change would do in place of another one's."""
     return tuple(Other(final.state.pieces[i].effect.name, fitted.state.model()) for i, fitted in one.as_good.items())
@@ -338,10 +305,10 @@ def _retuned(
     others = (*_as_good(smaller, larger, number, known), *rivals)
     before, after = _origin(joint.state.pieces[number]), final.state.pieces[number].effect
     names = {one.reading.name for one in wrong if number in one.instead_of}
-    names |= _left_of_filters(final, number) | _left_of_a_delay(final, number) | _left_of_a_smoothing(final, number)
+    names |= left_of_filters(final, number) | left_of_a_delay(final, number) | left_of_a_smoothing(final, number)
     errors = standard_errors(joint, number, final, wrong)
-    is_open = _gains_one_sideband(before, after) or _is_a_knee(final, after) or may_be_friction(final, after)
-    is_open |= _may_be_time(final, after)
+    is_open = gains_one_sideband(before, after) or is_a_knee(final, after) or may_be_friction(final, after)
+    is_open |= may_be_time(final, after)
     return Retuned(before, after, errors, p, others, is_open, tuple(sorted(names)))
 
 
@@ -353,47 +320,13 @@ def gone(joint: Fit, found: Conclusions) -> tuple[Retuned, ...]:
             Piece(before, frozenset()).unit(None),
             {},
             p,
-            misread=tuple(sorted(_left_of_a_smoothing(joint, number).union(
+            misread=tuple(sorted(left_of_a_smoothing(joint, number).union(
                 *(one.alternatives for one in found.retuned if one.before is before)
             ))),
             is_gone=True,
         )
         for number, p in not_there(joint).items()
     )  # fmt: skip
-
-
-def _is_a_knee(final: Fit, effect: Effect) -> bool:
-    """Whether the torques at which play is taken up are too few to tell it from a twist that is softer at low loads."""
-    seating = effect.values.get("seating_torque_Nm")
-    torques = np.unique(np.abs(final.target.data.at.torque_Nm))
-    return isinstance(seating, float) and int((torques < 2 * seating).sum()) < SETTINGS.torques_of_a_knee
-
-
-def _may_be_time(final: Fit, effect: Effect) -> bool:
-    """Whether what follows the oil may follow the time: the runs are listed by their temperature."""
-    return effect.name == "thermal_drift" and final.target.data.sorted_by == "temperature"
-
-
-def may_be_friction(final: Fit, effect: Effect) -> bool:
-    """Whether friction that grows with the load would look like a compliance: where no run is driven by its load.
-
-    What a load winds up changes its sign with the load, what friction does with the direction alone.
-    """
-    torques = final.target.data.at.torque_Nm
-    is_compliance = effect.name == "torsional_compliance"
-    driven = min(float(np.abs(torques[torques * side > 0.0]).max(initial=0.0)) for side in (1.0, -1.0))
-    return is_compliance and driven < SETTINGS.form * float(np.abs(torques).max(initial=0.0))
-
-
-def _gains_one_sideband(before: Effect, after: Effect) -> bool:
-    """Whether a modulation gains a constant sideband without its twin: as likely a wave of that order from elsewhere.
-
-    Its ratio moves with it where the runs do not tell what follows the mesh order from what is constant.
-    """
-    if after.stage is not Stage.MODULATION or after.values.keys() == before.values.keys():
-        return False
-    sides = [abs(after.complex_value(key) - before.complex_value(key)) for key in ("lower_deg", "upper_deg")]
-    return min(sides) < SETTINGS.form * max(sides)
 
 
 def _claim(
@@ -420,10 +353,10 @@ def _claim(
         stderr |= {key: float(np.hypot(stderr[key], share * piece.effect.values[key])) for key in sizes & stderr.keys()}
     names = sorted({other.name for other in others} - {piece.effect.name})
     few = final.target.data.few_points
-    alone = few or _by_order_alone(final, number) or _is_a_knee(final, piece.effect)
+    alone = few or by_order_alone(final, number) or is_a_knee(final, piece.effect)
     # nobody has counted how often a sideband without its twin is one
-    one_side = piece.effect.stage is Stage.MODULATION and len(_told_sides(piece, stderr)) < 2
-    is_open = alone or one_side or may_be_friction(final, piece.effect) or _may_be_time(final, piece.effect)
+    one_side = piece.effect.stage is Stage.MODULATION and len(told_sides(piece, stderr)) < 2
+    is_open = alone or one_side or may_be_friction(final, piece.effect) or may_be_time(final, piece.effect)
     counted = SETTINGS.names_by_order if alone else SETTINGS.names_by_more
     return Claim(
         piece=piece,
@@ -442,15 +375,6 @@ def _claim(
         peaks=peaks,
         counted=None if one_side or joint.target.data.angle_rad is not None else counted,
     )
-
-
-def _told_sides(piece: Piece, stderr: dict[str, float]) -> set[str]:
-    """The sidebands of a modulation of which a number is larger than its error leaves open, `lower` and `upper`.
-
-    A side that nothing tells follows whatever else lies on its order.
-    """
-    sizes = {key for key in stderr if key.endswith(("_ratio", "_deg"))}
-    return {key.partition("_")[0] for key in sizes if piece.effect.scalar(key) > SETTINGS.told * stderr[key]}
 
 
 def _told_apart(joint: Fit) -> tuple[Fit, dict[int, float], bool]:
@@ -511,29 +435,9 @@ _FEW = "so few runs cannot tell one law of the conditions from another: measure 
 SOMETHING_ELSE = "something_else"
 
 
-def _by_order_alone(final: Fit, number: int) -> bool:
-    """Whether nothing but its order ties a wave to the part that it is named after.
-
-    Growth with the load or sidebands of the carrier on the same order do; an error of a shaft has no such company, nor
-    has a sideband without the other one.
-    """
-    piece = final.state.pieces[number]
-    if piece.effect.stage is Stage.MODULATION:
-        return len(followers(piece)) < 2
-    if piece.effect.orders_key != "order" or piece.effect.stage is not Stage.ADDITIVE:
-        return False
-    depends = piece.effect.name == "load_dependent_mesh"
-    company = any(
-        other.effect.name in ("load_dependent_mesh", "carrier_modulation")
-        and other.effect.orders == piece.effect.orders
-        for other in final.state.pieces
-    )
-    return not depends and not company
-
-
 def _of_its_order(final: Fit, number: int) -> tuple[str, ...]:
     """What is said beside a name that only an order gives."""
-    if not _by_order_alone(final, number):
+    if not by_order_alone(final, number):
         return ()
     piece = final.state.pieces[number]
     order = piece.effect.orders[0]

@@ -1,0 +1,118 @@
+"""What else would look like a finding: mistakes of measuring, and physics, that these data do not tell from it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from st_codegen.reconcile.fit.fitting import Fit
+from st_codegen.reconcile.fit.parameters import Piece
+from st_codegen.reconcile.judge.plausible import followers
+from st_codegen.reconcile.judge.retuned import shown_change
+from st_codegen.reconcile.settings import SETTINGS
+from st_codegen.rig.effects import Effect, Stage
+
+
+def left_of_filters(final: Fit, number: int) -> frozenset[str]:
+    """Names of filters that were undone, where waves of an effect may have kept what their responses are off by.
+
+    These are told by all orders together, with straight lines between a dozen places.
+    """
+    is_wave = any(order > 0 for order in final.state.pieces[number].effect.touched_orders())
+    return final.target.corrected & {"filter", "smoothing"} if is_wave else frozenset()
+
+
+def left_of_a_delay(final: Fit, number: int) -> frozenset[str]:
+    """The name of a filter, where waves of an effect may have changed by what it does beside a changed delay.
+
+    A delay is the first term of any filter: a tenth of what it does to these waves may be the next ones.
+    """
+    pieces = final.state.pieces
+    delays = [
+        one for i, one in enumerate(pieces)
+        if one.effect.stage is Stage.MEASURING and i != number and one.origin not in (None, one.effect)
+    ]  # fmt: skip
+    own = (np.abs(shown_change(final, pieces[number])) ** 2).sum(axis=0)
+    waves = (own > 0.0) & (final.target.data.orders > 0)
+    delayed = sum(float((np.abs(shown_change(final, one)[:, waves]) ** 2).sum()) for one in delays)
+    return frozenset(["filter"]) if waves.any() and own[waves].sum() < SETTINGS.form**2 * delayed else frozenset()
+
+
+def left_of_a_smoothing(final: Fit, number: int) -> frozenset[str]:
+    """The name of a smoothing over the angle, where waves of an effect lie above a place from which all are smaller.
+
+    One that only a few of the highest orders feel is not told from parts that changed.
+    """
+    data, good = final.target.data, final.target.good
+    old, new = (
+        model.coefficients(data.at, data.orders.tolist())[good] for model in (final.state.rig, final.state.model())
+    )
+    power = (np.abs(old) ** 2).mean(axis=0)
+    loud = (data.orders > 0) & (power > SETTINGS.loud_order * (final.target.sigma[good] ** 2).mean(axis=0))
+    kept = np.abs((new * old.conj()).mean(axis=0)) / np.maximum(power, 1e-300)
+    # from here on all are smaller
+    above = loud & (data.orders > max(data.orders[loud & (kept > 1.0 / SETTINGS.column_factor)], default=0))
+    own = (np.abs(shown_change(final, final.state.pieces[number])[good]) ** 2).sum(axis=0)
+    return frozenset(["smoothing"]) if own[~above].sum() < SETTINGS.form**2 * own[above].sum() else frozenset()
+
+
+def is_a_knee(final: Fit, effect: Effect) -> bool:
+    """Whether the torques at which play is taken up are too few to tell it from a twist that is softer at low loads."""
+    seating = effect.values.get("seating_torque_Nm")
+    torques = np.unique(np.abs(final.target.data.at.torque_Nm))
+    return isinstance(seating, float) and int((torques < 2 * seating).sum()) < SETTINGS.torques_of_a_knee
+
+
+def may_be_time(final: Fit, effect: Effect) -> bool:
+    """Whether what follows the oil may follow the time: the runs are listed by their temperature."""
+    return effect.name == "thermal_drift" and final.target.data.sorted_by == "temperature"
+
+
+def may_be_friction(final: Fit, effect: Effect) -> bool:
+    """Whether friction that grows with the load would look like a compliance: where no run is driven by its load.
+
+    What a load winds up changes its sign with the load, what friction does with the direction alone.
+    """
+    torques = final.target.data.at.torque_Nm
+    is_compliance = effect.name == "torsional_compliance"
+    driven = min(float(np.abs(torques[torques * side > 0.0]).max(initial=0.0)) for side in (1.0, -1.0))
+    return is_compliance and driven < SETTINGS.form * float(np.abs(torques).max(initial=0.0))
+
+
+def gains_one_sideband(before: Effect, after: Effect) -> bool:
+    """Whether a modulation gains a constant sideband without its twin: as likely a wave of that order from elsewhere.
+
+    Its ratio moves with it where the runs do not tell what follows the mesh order from what is constant.
+    """
+    if after.stage is not Stage.MODULATION or after.values.keys() == before.values.keys():
+        return False
+    sides = [abs(after.complex_value(key) - before.complex_value(key)) for key in ("lower_deg", "upper_deg")]
+    return min(sides) < SETTINGS.form * max(sides)
+
+
+def told_sides(piece: Piece, stderr: dict[str, float]) -> set[str]:
+    """The sidebands of a modulation of which a number is larger than its error leaves open, `lower` and `upper`.
+
+    A side that nothing tells follows whatever else lies on its order.
+    """
+    sizes = {key for key in stderr if key.endswith(("_ratio", "_deg"))}
+    return {key.partition("_")[0] for key in sizes if piece.effect.scalar(key) > SETTINGS.told * stderr[key]}
+
+
+def by_order_alone(final: Fit, number: int) -> bool:
+    """Whether nothing but its order ties a wave to the part that it is named after.
+
+    Growth with the load or sidebands of the carrier on the same order do; an error of a shaft has no such company, nor
+    has a sideband without the other one.
+    """
+    piece = final.state.pieces[number]
+    if piece.effect.stage is Stage.MODULATION:
+        return len(followers(piece)) < 2
+    if piece.effect.orders_key != "order" or piece.effect.stage is not Stage.ADDITIVE:
+        return False
+    depends = piece.effect.name == "load_dependent_mesh"
+    company = any(
+        other.effect.name in ("load_dependent_mesh", "carrier_modulation")
+        and other.effect.orders == piece.effect.orders
+        for other in final.state.pieces
+    )
+    return not depends and not company
