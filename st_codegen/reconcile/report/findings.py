@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from st_codegen.reconcile.data.observations import rms_deg
-from st_codegen.reconcile.judge.conclusions import SOMETHING_ELSE, TURNING, Claim, Retuned
+from st_codegen.reconcile.judge.conclusions import SOMETHING_ELSE, Claim, Retuned
 from st_codegen.reconcile.report.output import parameters_of
 from st_codegen.reconcile.report.sentences import CLEARLY, form_text, plain, words
 from st_codegen.reconcile.run import Reconciliation
@@ -202,7 +202,14 @@ def _told_by(claim: Claim) -> str:
         return "its order alone"
     if claim.counted == SETTINGS.names_by_order:
         return "few runs"
-    return "runs that resist the motion alone" if claim.piece.effect.name in TURNING else "runs listed by temperature"
+    return _TELLS_LITTLE.get(claim.piece.effect.name, "these runs")
+
+
+#: what tells the name of an effect that has a look-alike
+_TELLS_LITTLE = {
+    "torsional_compliance": "runs that resist the motion alone",
+    "thermal_drift": "runs listed by temperature",
+}
 
 
 def _in_place(others: Sequence[str]) -> str:
