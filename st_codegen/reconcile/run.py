@@ -39,7 +39,7 @@ from st_codegen.reconcile.judge.faint import faint
 from st_codegen.reconcile.judge.held_out import between_states, held_out_rms
 from st_codegen.reconcile.judge.lines import lines_in_samples
 from st_codegen.reconcile.judge.links import coupling_link, servo_link, with_unmeasured_links
-from st_codegen.reconcile.judge.lookalikes import may_be_friction
+from st_codegen.reconcile.judge.lookalikes import unlike_friction
 from st_codegen.reconcile.judge.measurement import AS_IS, Examined, examine
 from st_codegen.reconcile.judge.misread import Misread, refined
 from st_codegen.reconcile.judge.mistakes import Mistake, mistaken_runs
@@ -320,8 +320,8 @@ def _reconcile(
     without: tuple[Retuned, ...] = (),
 ) -> Reconciliation:
     """The core; without: effects of the rig of which the data show nothing, as a first pass over all of it found."""
-    whole = rig
-    rig = rig.with_effects(effect for effect in rig.effects if all(one.before is not effect for one in without))
+    whole, left_out = rig, {one.before for one in without}
+    rig = rig.with_effects(effect for effect in rig.effects if effect not in left_out)
     data = examined.data
     model = data.observed(rig.coefficients(data.at, data.model_orders()))
     bad = np.zeros(len(data), bool)
@@ -446,7 +446,7 @@ def _result(
         mistakes=examined.mistakes,
         cannot_show=(
             *cannot_show(data),
-            *_of_friction(conclusions),
+            *unlike_friction(conclusions.final, conclusions.effects),
             *below_noise(target),
             *examined.untold,
             *scatter_of_encoder(target, after),
@@ -455,17 +455,6 @@ def _result(
         unseen_curves=unseen.curves,
         carriers=math.inf if data.angle_rad is not None else _alike((weight * np.abs(unseen.left) ** 2).sum(axis=1)),
     )
-
-
-def _of_friction(found: Conclusions) -> tuple[str, ...]:
-    """What is said beside a compliance that was found where no run is driven by its load."""
-    effects = (
-        *(claim.piece.effect for claim in found.claims),
-        *(one.after for one in found.retuned if not one.is_gone),
-    )
-    is_said = any(may_be_friction(found.final, effect) for effect in effects)
-    text = "no run is driven by its load: friction that grows with the load cannot be told from compliance"
-    return (text,) if is_said else ()
 
 
 @dataclass(frozen=True)
@@ -562,12 +551,10 @@ def _new_rig(rig: RigModel, final: Fit, conclusions: Conclusions) -> RigModel:
     """The rig with what was found: changed parameters in place, new effects at the end."""
     if not (conclusions.claims or conclusions.retuned or conclusions.offset_changed):
         return rig
-    without = [one.before for one in conclusions.retuned if one.is_gone]
+    without = {one.before for one in conclusions.retuned if one.is_gone}
     fitted = iter(piece for piece in final.state.pieces if not piece.added)
     kept = [
-        effect if effect.stage is Stage.AXIS else next(fitted).effect
-        for effect in rig.effects
-        if all(one is not effect for one in without)
+        effect if effect.stage is Stage.AXIS else next(fitted).effect for effect in rig.effects if effect not in without
     ]
     new = [claim.piece.effect for claim in conclusions.claims]
     offset = final.state.offset if conclusions.offset_changed else rig.zero_offset_deg

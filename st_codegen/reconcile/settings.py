@@ -478,7 +478,8 @@ CHOSEN_ON: dict[str, tuple[str, ...]] = {
     ),
     "campaigns of other generators (filters, gaps, sensors that drift, zeros of the angle, laws of no catalogue)": (
         "one_zero", "one_zero_deg", "bends", "at_once", "beside_reading", "changes_tried", "of_a_filter",
-        "least_between",
+        "least_between", "one_slope", "beyond_labels", "nothing_left", "keeps_its_size", "least_turn_rad",
+        "same_in_runs",
     ),
     "all counted cases of other physics, development and held out": (
         "names_by_order", "names_by_more",

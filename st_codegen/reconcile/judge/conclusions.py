@@ -117,7 +117,7 @@ class Retuned:
 
 
 #: effects of the mean that turn with the direction, and those of the same law that do not
-TURNING = frozenset({"torsional_compliance", "friction_windup", "backlash"})
+_TURNING = frozenset({"torsional_compliance", "friction_windup", "backlash"})
 _ONE_SIDED = frozenset({"torsional_compliance", "hanging_load_compliance"})
 
 
@@ -149,13 +149,18 @@ class Conclusions:
         Beside a change that turns with the direction it may be the other half of what changed in one direction alone.
         """
         read = sorted({one.reading.name for one in self.misread if OFFSET in one.instead_of})
-        return (*read, *((SOMETHING_ELSE,) if self.names & TURNING else ()))
+        return (*read, *((SOMETHING_ELSE,) if self.names & _TURNING else ()))
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """The effects that are missing or changed, as they are now."""
+        claimed = (claim.piece.effect for claim in self.claims)
+        return (*claimed, *(one.after for one in self.retuned if not one.is_gone))
 
     @property
     def names(self) -> set[str]:
         """Names of the effects that are missing or changed."""
-        claimed = {claim.piece.effect.name for claim in self.claims}
-        return claimed | {one.after.name for one in self.retuned if not one.is_gone}
+        return {effect.name for effect in self.effects}
 
 
 @dataclass(frozen=True)
@@ -314,19 +319,14 @@ def _retuned(
 
 def gone(joint: Fit, found: Conclusions) -> tuple[Retuned, ...]:
     """The effects of the rig of which the data show nothing; what was found beside them names what else would do."""
-    return tuple(
-        Retuned(
-            before := _origin(joint.state.pieces[number]),
-            Piece(before, frozenset()).unit(None),
-            {},
-            p,
-            misread=tuple(sorted(left_of_a_smoothing(joint, number).union(
-                *(one.alternatives for one in found.retuned if one.before is before)
-            ))),
-            is_gone=True,
-        )
-        for number, p in not_there(joint).items()
-    )  # fmt: skip
+    entries = []
+    for number, p in not_there(joint).items():
+        before = _origin(joint.state.pieces[number])
+        known = next((one for one in found.retuned if one.before is before), Retuned(before, before, {}, p))
+        names = {*known.misread, *left_of_a_smoothing(joint, number)}
+        nothing = Piece(before, frozenset()).unit(None)
+        entries.append(replace(known, after=nothing, stderr={}, p=p, misread=tuple(sorted(names)), is_gone=True))
+    return tuple(entries)
 
 
 def _claim(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from st_codegen.reconcile.fit.fitting import Fit
@@ -68,14 +70,23 @@ def may_be_time(final: Fit, effect: Effect) -> bool:
 
 
 def may_be_friction(final: Fit, effect: Effect) -> bool:
-    """Whether friction that grows with the load would look like a compliance: where no run is driven by its load.
+    """Whether friction that grows with the load would look like a compliance: where the load hardly changes its sign.
 
     What a load winds up changes its sign with the load, what friction does with the direction alone.
     """
     torques = final.target.data.at.torque_Nm
     is_compliance = effect.name == "torsional_compliance"
-    driven = min(float(np.abs(torques[torques * side > 0.0]).max(initial=0.0)) for side in (1.0, -1.0))
-    return is_compliance and driven < SETTINGS.form * float(np.abs(torques).max(initial=0.0))
+    of_less = min(float(np.abs(torques[torques * side > 0.0]).max(initial=0.0)) for side in (1.0, -1.0))
+    return is_compliance and of_less <= SETTINGS.form * float(np.abs(torques).max(initial=0.0))
+
+
+def unlike_friction(final: Fit, effects: Sequence[Effect]) -> tuple[str, ...]:
+    """What is said of data that do not tell a compliance among some effects from friction that grows with the load."""
+    text = (
+        f"no load of the other sign is more than {100 * SETTINGS.form:.0f} % of the largest: friction that grows with "
+        "the load cannot be told from compliance"
+    )
+    return (text,) if any(may_be_friction(final, effect) for effect in effects) else ()
 
 
 def gains_one_sideband(before: Effect, after: Effect) -> bool:

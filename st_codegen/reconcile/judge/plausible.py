@@ -43,8 +43,8 @@ def bounds_met(piece: Piece) -> list[Coordinate]:
 def inside_bounds(fitted: Fit, number: int) -> Fit | None:
     """The fit with piece `number` inside its bounds, or None where the data insist on a bound: that is no finding.
 
-    A shape that the data do not tell, or that matters little beside the whole effect, is put to a start of its own and
-    held there.
+    A shape that the data do not tell, or that matters little beside the whole effect, is put to the rig's own value, or
+    to a start, and held there.
     """
     piece = fitted.state.pieces[number]
     met = bounds_met(piece)
@@ -55,7 +55,7 @@ def inside_bounds(fitted: Fit, number: int) -> Fit | None:
     scalars = {scalar.key: scalar for scalar in piece.effect.scalars}
     free = piece.free - {c.key for c in met}
     trials = []
-    for values in itertools.product(*(_inner(scalars[c.key], c) for c in met)):
+    for values in itertools.product(*(_inner(scalars[c.key], c, piece.origin) for c in met)):
         held = {key: value for key, value in piece.effect.values.items() if key not in {c.key for c in met}}
         held |= {c.key: value for c, value in zip(met, values, strict=True) if value is not None}
         inside = Piece(piece.effect.with_values(held), free, piece.added, piece.origin)
@@ -71,8 +71,10 @@ def inside_bounds(fitted: Fit, number: int) -> Fit | None:
     return best if costs < SETTINGS.misfit_in_curves * (without.loss - fitted.loss) else None
 
 
-def _inner(scalar: Scalar, c: Coordinate) -> list[float | None]:
-    """Where a shape is held: left out where that means none of it, else at its starts inside the bounds."""
+def _inner(scalar: Scalar, c: Coordinate, origin: Effect | None) -> list[float | None]:
+    """Where a shape is held: at the rig's own value, left out where that means none of it, else at starts in bounds."""
+    if origin is not None and c.key in origin.values:
+        return [origin.scalar(c.key)]
     if scalar.default == 0.0:
         return [None]
     return [float(x) for x in scalar.starts if c.lower < x < c.upper] or [(c.lower + c.upper) / 2]

@@ -15,7 +15,13 @@ from st_codegen.reconcile.fit.parameters import Coordinate, Piece
 from st_codegen.reconcile.judge import discrepancy
 from st_codegen.reconcile.judge.evidence import chi_square_tail, p_of_clusters
 from st_codegen.reconcile.judge.in_time import lasting_mean, without_lasting
-from st_codegen.reconcile.judge.plausible import bounds_met, explained, is_its_own, misfit_of_changes
+from st_codegen.reconcile.judge.plausible import (
+    bounds_met,
+    explained,
+    inside_bounds,
+    is_its_own,
+    misfit_of_changes,
+)
 from st_codegen.reconcile.judge.structure import floors, is_lacking
 from st_codegen.reconcile.judge.surroundings import stands_out
 from st_codegen.reconcile.settings import SETTINGS
@@ -23,20 +29,12 @@ from st_codegen.rig.effects import Form, Stage
 
 
 def with_shapes_inside(joint: Fit) -> Fit:
-    """The fit with shapes of the rig's effects that went to a bound at the rig's own values, where that does as well.
+    """The fit with the effects of the rig inside their bounds, where that does as well.
 
     A shape of a part that is small is told by nothing: it says nothing against a change of the other parts.
     """
     for i in _own_pieces(joint):
-        piece = joint.state.pieces[i]
-        assert piece.origin is not None
-        met = {c.key for c in bounds_met(piece) if c.form is Form.SHAPE and c.key in piece.origin.values}
-        if not met:
-            continue
-        values = dict(piece.effect.values) | {key: piece.origin.values[key] for key in met}
-        held = replace(piece, effect=piece.effect.with_values(values), free=piece.free - met)
-        trial = fit(joint.target, joint.state.replaced(i, held), steps=SETTINGS.quick_steps)
-        joint = trial if trial.loss - joint.loss < SETTINGS.as_good else joint
+        joint = inside_bounds(joint, i) or joint
     return joint
 
 
