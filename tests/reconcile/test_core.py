@@ -252,7 +252,7 @@ def test_a_missing_effect_is_named_added_and_the_page_says_so(tmp_path):
     less = RIG.with_effects(RIG.effects[1:])
     report = run(tmp_path, less, grid(), RIG)
     (found,) = report["effects"]
-    # no run is driven by its load: friction that grows with the load would look the same
+    # the load keeps its sign: friction that grows with the load would look the same
     assert found["alternatives"] == ["something_else"]
     assert (found["name"], report["verdict"]) == ("torsional_compliance", "explained")
     stiffness = found["parameters"]["stiffness_Nm_per_arcmin"]

@@ -475,6 +475,21 @@ def test_runs_with_exchanged_directions_are_left_out(share):
     assert "ward," not in mistake.text and "ward)" not in mistake.text
 
 
+def test_loads_of_the_other_sign_may_bear_on_the_other_flanks():
+    """Where the flank follows the load, runs that the load drives look as if their directions were exchanged."""
+    data = measured()
+    driven = np.tile(np.arange(RUNS) % 3 == 0, 2)
+    exchanged = np.where(driven[:, None], np.roll(data.values, RUNS, axis=0), data.values)
+    for loads, said in ((np.where(driven, -1.0, 1.0), True), (1.0, False)):
+        at = replace(data.at, torque_Nm=loads * (data.at.torque_Nm + 100.0))
+        change = RIG.coefficients(at, ORDERS.tolist()) - RIG.coefficients(data.at, ORDERS.tolist())
+        change = np.where(driven[:, None], np.roll(change, RUNS, axis=0), change)
+        seen = replace(data, at=at, labels=labels(at), values=exchanged + change)
+        (mistake,) = examine(seen, RIG, PATH).mistakes
+        assert {row % RUNS for row in mistake.rows} == set(range(0, RUNS, 3))
+        assert ("the other flanks may bear there" in mistake.text) == said
+
+
 @pytest.mark.parametrize("gone", sorted({effect.name for effect in RIG.effects}))
 @pytest.mark.parametrize("sigma", [3e-5, 3e-4, 5e-3])
 def test_a_missing_effect_is_no_mistake_of_measuring(gone, sigma):

@@ -190,7 +190,7 @@ def test_what_a_rule_of_the_measurement_does_not_explain_is_left_as_a_change():
     stiff = with_values("torsional_compliance", stiffness_Nm_per_arcmin=430.0)
     data = measured(1e-4, rig=stiff, read=replace(AT, speed_rpm=AT.speed_rpm * 1.04))
     alternatives = {one.after.name: one.alternatives for one in reconciled(data).conclusions.retuned}
-    # friction that grows with the load looks like a stiffness, where no run is driven by its load
+    # friction that grows with the load looks like a stiffness, where that keeps its sign
     named = {"torsional_compliance": ("something_else",), "structural_resonance": ("misread_speed",)}
     assert alternatives == named
     (one,) = reconciled(data, "misread_speed").conclusions.retuned

@@ -102,7 +102,16 @@ def _exchanged(data: Observations, rig: RigModel, seen: BoolArray) -> list[Mista
     shown = "; ".join(texts[:6]) + ("; .." if len(texts) > 6 else "")
     said = f"{len(texts)} runs seem" if len(texts) > 1 else "a run seems"
     text = f"{said} to have forward and backward exchanged: {shown}"
-    return [Mistake("direction", text, rows=tuple(map(int, np.concatenate(wrong))))]
+    rows = np.concatenate(wrong)
+    if _loads_turn_with(data, rows):
+        text += "; theirs are the loads of the other sign: the other flanks may bear there, which the rig does not know"
+    return [Mistake("direction", text, rows=tuple(map(int, rows)))]
+
+
+def _loads_turn_with(data: Observations, rows: IntArray) -> bool:
+    """Whether the loads of some rows have the one sign, and those of all others the other one, or none."""
+    theirs, others = data.at.torque_Nm[rows], np.delete(data.at.torque_Nm, rows)
+    return bool(theirs.all() and len(np.unique(np.sign(theirs))) == 1 and (others * theirs[0] <= 0.0).all())
 
 
 def _with_exchanged(data: Observations, rows: IntArray | list[int]) -> Observations:

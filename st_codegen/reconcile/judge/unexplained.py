@@ -197,7 +197,7 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float
     why = "runs differ, or the structure is sharp"
     is_common = _is_common(target, residual[:, k], order, max(power - own, 0.0))
     if is_common:
-        where, why = "about the same in all runs of a direction", "runs do not differ by it"
+        where, why = "most of it the same in all runs of a direction", "they differ by less of it"
     elif changes_with_time(target, residual)[k]:
         why = _WITH_TIME
     size = float(np.sqrt(max(power - own, 0.0)))
@@ -284,25 +284,27 @@ def _where_loud(target: FitData, r: ComplexArray) -> str:
         # a single run is no level
         usual, rest = float(np.median(power[there])), float(power[~there].mean())
         if usual > SETTINGS.stands_out * rest:
-            alike = _alike(r[good][there], at.sign[good][there])
-            return f"{sizes[top]:.2g} deg {_at_level(name, values[good][there])}, {alike}"
+            same = _same_or_another(r[good][there], at.sign[good][there])
+            return f"{sizes[top]:.2g} deg {_at_level(name, values[good][there])}, {same}"
         own = level[first]
         groups = [runs[own == n] for n in np.unique(own)]
         if min(map(len, groups)) >= SETTINGS.least_block and np.ptp(runs) > 0.0:
             here = [f"{sizes[n]:.2g} deg {_at_level(name, values[good][level == n])}" for n in (top, low)]
             # what rises, or falls, from level to level is seen sooner
             chance = min(kruskal(*groups).pvalue, spearmanr(own, runs).pvalue)
-            alike = _alike(r[good][there], at.sign[good][there])
-            told.append((float(chance), f"{here[0]} and {here[1]}, {alike}"))
+            same = _same_or_another(r[good][there], at.sign[good][there])
+            told.append((float(chance), f"{here[0]} and {here[1]}, {same}"))
     chance, text = min(told, default=(1.0, ""))
     return text if chance < SETTINGS.p_chance else ""
 
 
-def _alike(r: ComplexArray, sign: FloatArray) -> str:
+def _same_or_another(r: ComplexArray, sign: FloatArray) -> str:
     """Whether runs (n,) of a level have the same in each direction."""
     mean = np.array([r[sign == side].mean() for side in sign])
     share = float((np.abs(mean) ** 2).sum() / max(float((np.abs(r) ** 2).sum()), 1e-300))
-    return "much the same in the runs of a direction" if share > SETTINGS.same_in_runs else "another in each run"
+    if share > SETTINGS.same_in_runs:
+        return "most of it the same in the runs of a direction"
+    return "most of it another in each run" if share > SETTINGS.same_in_runs / 2 else "another in each run"
 
 
 def _rows_of_runs(target: FitData) -> list[IntArray]:

@@ -207,7 +207,7 @@ def _told_by(claim: Claim) -> str:
 
 #: what tells the name of an effect that has a look-alike
 _TELLS_LITTLE = {
-    "torsional_compliance": "runs that resist the motion alone",
+    "torsional_compliance": "runs whose load keeps its sign",
     "thermal_drift": "runs listed by temperature",
 }
 
