@@ -104,7 +104,8 @@ def test_degrees_fahrenheit_are_told_beside_another_drift():
 
 def test_a_small_turn_of_the_zero_is_no_turn_of_every_wave():
     data = turned(measured(1e-5), 0.03)
-    assert "every angle 0.0" in asked(data) and "too high" in asked(data)
+    text = asked(data)
+    assert "every angle 0.0" in text and "too high" in text
     right = reconciled(data, "misread_angle")
     assert right.verdict == "nothing_missing" and not right.conclusions.retuned
 

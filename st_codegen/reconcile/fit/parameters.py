@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -74,8 +74,15 @@ class Piece:
 
     def unit(self, chosen: Coordinate | None) -> Effect:
         """The effect with this linear coordinate at 1 and the other linear ones at 0; None: all of them at 0."""
+        if chosen is None:
+            return self._still
+        return self.effect.with_values(_written(self._still, (chosen,), np.ones(1)))
+
+    @cached_property
+    def _still(self) -> Effect:
+        """The effect with all linear coordinates at 0."""
         coordinates = self.coordinates()
-        vector = np.array([_read(self.effect, c) if c.form is Form.SHAPE else float(c == chosen) for c in coordinates])
+        vector = np.array([_read(self.effect, c) if c.form is Form.SHAPE else 0.0 for c in coordinates])
         values = _written(self.effect, coordinates, vector)
         for scalar in self.effect.scalars:
             if scalar.key not in self.free and scalar.form in (Form.LINEAR, Form.INVERSE):

@@ -19,6 +19,7 @@ from st_codegen.reconcile.judge.votes import (
     SIGNS,
     PowerSums,
     enough_orders,
+    expected_of,
     loud_orders,
     noise_power,
     power_sums,
@@ -49,7 +50,7 @@ def other_conditions(data: Observations, rig: RigModel) -> list[Mistake]:
     Only what takes nearly all that the rig leaves off all orders on which it matters, together.
     """
     orders, noise = data.orders.tolist(), noise_power(data)
-    plain = rig.coefficients(data.at, orders)
+    plain = expected_of(data, rig)
     best: tuple[float, list[Mistake]] = (SETTINGS.order_gain, [])
     for column, text, changed in _readings(rig.constants.reduction_ratio):
         right = changed(data.at)
@@ -137,7 +138,8 @@ def other_waves(data: Observations, rig: RigModel) -> list[Mistake]:
     ones = np.ones(len(sums.orders), np.complex128)
     plain = sums.gap(np.ones((2, 1)), ones)
     for phases, turned in _PHASES:
-        read = power_sums(replace(data, values=turned(data.values)), rig, loud, swapped=False)
+        # noise has any phase
+        read = power_sums(replace(data, values=turned(data.values)), rig, loud, swapped=False, noise=noise_power(data))
         for sizes, factor in _SIZES:
             left = read.gap(np.full((2, 1), factor), ones) / factor**2
             if sizes and not _has_factor(data, rig, read, factor):
@@ -179,7 +181,7 @@ def _read_as(turned: Callable[[ComplexArray], ComplexArray], factor: float, valu
 
 def taken_off(data: Observations, rig: RigModel) -> list[Mistake]:
     """The mean, and the lowest orders above it, that no run has though the rig makes them: processing took them off."""
-    model = rig.coefficients(data.at, data.orders.tolist())
+    model = expected_of(data, rig)
     noise = noise_power(data)
     measured, known = ((np.abs(part) ** 2).mean(axis=0) for part in (data.values, model))
     made = np.flatnonzero(known > 0.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from statistics import NormalDist
 
 import numpy as np
@@ -365,12 +365,13 @@ def _lags(target: FitData, sums: _ByRun, numbers: IntArray, place: IntArray) -> 
     oil[place[good]] = target.data.at.temperature_C[good]
     if np.ptp(oil) == 0.0:
         return [None] * len(target.data.orders)
-    known, found = _Oil(oil, sums), list[_Lag | None]()
-    for k, tried in enumerate(zip(*map(known.lags, _LAGS), strict=True)):
+    # orders that have the same lag ask for the same ones beside it
+    lags, found = cache(_Oil(oil, sums).lags), list[_Lag | None]()
+    for k, tried in enumerate(zip(*map(lags, _LAGS), strict=True)):
         # how much a start explains as well differs from lag to lag: what is left decides
         best = min(tried, key=lambda lag: lag.left)
         for step in (0.15, 0.05, 0.015) if best.gain > SETTINGS.least_excess_in_time * best.left else ():
-            near = (known.lags(best.runs * float(np.exp(n * step)))[k] for n in range(-2, 3))
+            near = (lags(best.runs * float(np.exp(n * step)))[k] for n in range(-2, 3))
             best = min(near, key=lambda lag: lag.left)
         found.append(best)
     return found

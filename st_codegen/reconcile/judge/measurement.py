@@ -48,6 +48,7 @@ from st_codegen.reconcile.judge.votes import (
     SIGNS,
     PowerSums,
     enough_orders,
+    expected_of,
     gaps_fall,
     loud_orders,
     noise_power,
@@ -117,9 +118,10 @@ def examine(
         _zeros,
         wrong_angle,
     )
+    whole = _with_expected(data, rig)
     for look in (*of_forms, *of_sizes):
         is_unit = any(mistake.name == "unit" for mistake in found)
-        for mistake in () if is_unit and look in of_sizes else look(_with_expected(data, rig), rig):
+        for mistake in () if is_unit and look in of_sizes else look(whole, rig):
             if mistake.name in corrected:
                 continue
             if AS_IS in accept and mistake.name != "unit" and mistake.name not in accept:
@@ -127,10 +129,10 @@ def examine(
                 continue
             if mistake.corrected is not None:
                 data = mistake.corrected(data)
+                whole = _with_expected(data, rig)
             found.append(replace(mistake, text=f"{mistake.text} (corrected)", is_taken_out=True))
             if mistake.name == "unit" or (mistake.name not in accept and "all" not in accept):
                 problems.add(mistake.question)
-    whole = _with_expected(data, rig)
     is_told = enough_orders(whole, loud_orders(whole, rig))
     if scale is None and not is_told:
         with problems.collect():
@@ -156,7 +158,7 @@ def _with_expected(data: Observations, rig: RigModel) -> Observations:
     """
     if data.seen is None:
         return data
-    expected = rig.coefficients(data.at, data.orders.tolist())
+    expected = expected_of(data, rig)
     values, spectral = data.values.copy(), None if data.spectral_deg is None else data.spectral_deg.copy()
     for sign in SIGNS:
         for k in range(len(data.orders)):
@@ -205,7 +207,7 @@ def _ramp_of_gap(data: Observations, rig: RigModel) -> tuple[float, float]:
     """
     told = data.orders > 0
     orders, rows = data.orders[told], len(data)
-    gaps = (data.values - rig.coefficients(data.at, data.orders.tolist()))[:, told]
+    gaps = (data.values - expected_of(data, rig))[:, told]
     gap = gaps.mean(axis=0)
     least = SETTINGS.told * (np.abs(gaps - gap) ** 2).mean(axis=0) / rows
     start = start_of_ramp(gap[None], least[None], orders)
@@ -418,7 +420,7 @@ def _times(forward: float, backward: float) -> Callable[[Observations], Observat
 def _zeros(data: Observations, rig: RigModel) -> list[Mistake]:
     """A zero of the angle of its own in some runs."""
     number = data.number_of_run
-    model = rig.coefficients(data.at, data.orders.tolist())
+    model = expected_of(data, rig)
     found = zeros(data.values, model, noise_power(data), data.orders, number, data.spectral_deg is not None)
     angle = found.angle
     if not angle.any():
@@ -439,7 +441,7 @@ def _zeros(data: Observations, rig: RigModel) -> list[Mistake]:
 def _drift(data: Observations, rig: RigModel) -> list[Mistake]:
     """A drift within the turn that differs from run to run; one that all have is another ratio."""
     noise = noise_power(data)
-    gap = data.values - rig.coefficients(data.at, data.orders.tolist())
+    gap = data.values - expected_of(data, rig)
     start = start_of_ramp(gap, noise, data.orders)
     found = ramps(gap, noise, data.orders, start)
     common = 1j * np.median(found) / (np.pi * np.maximum(data.orders, 1)) * np.exp(-1j * start * data.orders)

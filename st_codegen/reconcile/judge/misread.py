@@ -305,7 +305,7 @@ def _instead(
     chance: of each change beside the reading; those that it is furthest from doing are tried first.
     """
     everything = frozenset(chance)
-    sizes, best = _read(plain.target, plain.state, reading)
+    sizes, best = _read(plain.target, plain.state, reading, known=plain if reading.steps else None)
     if plain.loss - best.loss < SETTINGS.order_gain:
         return None
     kept: set[int] = set()
@@ -426,15 +426,19 @@ def _read(
     reading: WrongReading,
     sizes: FloatArray | None = None,
     rounds: int = SETTINGS.quick_steps,
+    known: Fit | None = None,
 ) -> tuple[FloatArray, Fit]:
-    """The sizes of a reading, and all that is free in a state beside it: the best there is near some sizes."""
+    """The sizes of a reading, and all that is free in a state beside it: the best there is near some sizes.
+
+    known: the fit of the state at these sizes, where there is one.
+    """
 
     def fitted(sizes: FloatArray, state: State) -> Fit:
         return fit(_as_meant(target, reading, sizes), state, steps=SETTINGS.quick_steps)
 
     count = len(reading.steps)
     sizes = np.zeros(count) if sizes is None else sizes
-    best = fitted(sizes, state)
+    best = fitted(sizes, state) if known is None else known
     for _ in range(rounds if count else 0):
         columns = _slopes(target, best, reading, sizes)
         if not all(values.any() for _, values in columns):
@@ -443,8 +447,8 @@ def _read(
         matrix, pull = gather(best.target, (*best.columns, *columns), best.residual, weights, by_cell=False).total()
         prior = np.concatenate([best.prior, np.zeros(count)])
         pull = pull - np.concatenate([best.prior * (best.state.vector() - best.centre), np.zeros(count)])
-        known = inverse(matrix + np.diag(prior))
-        step, error = (known @ pull)[-count:], np.sqrt(np.diag(known)[-count:])
+        covariance = inverse(matrix + np.diag(prior))
+        step, error = (covariance @ pull)[-count:], np.sqrt(np.diag(covariance)[-count:])
         # far from a narrow peak a whole step may lead beyond it
         while (np.abs(step) > SETTINGS.of_an_error * error).any():
             aim = sizes + step

@@ -14,7 +14,7 @@ import numpy as np
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations
-from st_codegen.reconcile.judge.votes import noise_power
+from st_codegen.reconcile.judge.votes import expected_of, noise_power
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.model import RigModel
 
@@ -50,7 +50,7 @@ def mistaken_runs(data: Observations, rig: RigModel) -> list[Mistake] | None:
     out = {row for mistake in exchanged for row in mistake.rows}
     # how others scatter, and what they are, is told with those in their own directions
     data = _with_exchanged(data, list(out))
-    model = rig.coefficients(data.at, data.orders.tolist())
+    model = expected_of(data, rig)
     sigma = estimate(data, data.values - model).sigma
     z = np.abs(data.values - model) / sigma
     usual = np.array([np.median(own[of]) if of.any() else np.inf for own, of in zip(z.T, seen.T, strict=True)])
@@ -75,7 +75,7 @@ def _exchanged(data: Observations, rig: RigModel, seen: BoolArray) -> list[Mista
     """
     runs = [rows for rows in data.runs if sorted(data.at.sign[rows]) == [-1.0, 1.0]]
     orders = data.orders.tolist()
-    model = rig.coefficients(data.at, orders)
+    model = expected_of(data, rig)
     gap = np.abs(data.values - model)
     closer = np.abs(data.values - rig.coefficients(_with_exchanged(data, np.arange(len(data))).at, orders)) < gap
     nearer = [rows for rows in runs if closer[rows][seen[rows]].sum() * 2 > seen[rows].sum()]

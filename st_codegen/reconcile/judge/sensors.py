@@ -14,7 +14,7 @@ from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.judge.each_run import Distorted, distortion, own_steps
 from st_codegen.reconcile.judge.mistakes import Mistake
-from st_codegen.reconcile.judge.votes import SIGNS, agreed_gain, noise_power, told_power
+from st_codegen.reconcile.judge.votes import SIGNS, agreed_gain, expected_of, noise_power, told_power
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 from st_codegen.rig.model import RigModel
@@ -94,7 +94,7 @@ def wrong_torques(data: Observations, rig: RigModel) -> list[Mistake]:
         most = away <= np.quantile(away, 1.0 - SETTINGS.most_labels)
         again = _told_by_others(data, plain, seen, most) if told > SETTINGS.most_labels else 0.0
         # what scales all of TE, whether it depends on the load or not, is no torque
-        model = rig.coefficients(data.at, orders)
+        model = expected_of(data, rig)
         scaled = model * (1.0 + own_steps(data.values - model, model, noise, number, SETTINGS.torque_step).others)
         # nor is what one factor and one offset of all torques would tell as well: orders that the load moves by another
         # amount than the rig's need not agree on these
@@ -152,7 +152,7 @@ def low_pass(data: Observations, rig: RigModel) -> list[Mistake]:
     """
     if not data.both_directions():
         return []
-    model, noise = rig.coefficients(data.at, data.orders.tolist()), noise_power(data)
+    model, noise = expected_of(data, rig), noise_power(data)
     turns = data.at.sign * data.at.speed_rpm / (60.0 * rig.constants.reduction_ratio)
     rate = 2j * np.pi * turns[:, None] * data.orders
 
@@ -215,7 +215,7 @@ def _filter_over(
     remedy: str = _UNDO,
 ) -> tuple[float, Mistake] | None:
     """A filter whose response depends on the place (n, K) of each coefficient, and what the votes gain by it."""
-    model, noise, at = rig.coefficients(data.at, data.orders.tolist()), noise_power(data), place(data)
+    model, noise, at = expected_of(data, rig), noise_power(data), place(data)
     knots = np.linspace(0.0, float(at.max(initial=0.0)), SETTINGS.knots_of_filter + 1)
     passes, of_others = _response(data, model, noise, at, knots)
     if not passes.any():
@@ -296,7 +296,7 @@ def mean_of_angles(data: Observations, rig: RigModel) -> list[Mistake]:
 
 def _mean_in(data: Observations, rig: RigModel, signs: tuple[float, ...]) -> list[Mistake]:
     """The same of the curves of some directions, where one column of a file was processed alone."""
-    model, noise, highest = rig.coefficients(data.at, data.orders.tolist()), noise_power(data), int(data.orders.max())
+    model, noise, highest = expected_of(data, rig), noise_power(data), int(data.orders.max())
     own = np.isin(data.at.sign, signs)[:, None]
 
     def mean(square: float) -> ComplexArray:
@@ -374,7 +374,7 @@ def wrong_angle(data: Observations, rig: RigModel) -> list[Mistake]:
     if not (agreed_gain(data, rig, seen, waves) and _sidebands_show(data, found, known, its)):
         return []
     # the sidebands of a single order are its own, as those of a crack are
-    saved = np.abs(data.values - rig.coefficients(data.at, data.orders.tolist())) ** 2 - np.abs(data.values - seen) ** 2
+    saved = np.abs(data.values - expected_of(data, rig)) ** 2 - np.abs(data.values - seen) ** 2
     around = np.abs(data.orders - its[:, None]) <= 2
     loudest = around[int((around @ np.maximum(saved.sum(axis=0), 0.0)).argmax())]
     if not agreed_gain(data, rig, seen, waves & ~loudest):

@@ -14,6 +14,7 @@ from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.settings import SETTINGS
+from st_codegen.rig.effects import Conditions
 from st_codegen.rig.model import RigModel
 
 #: of forward and backward, in the order of every axis of two directions
@@ -28,7 +29,7 @@ def told_power(noise: FloatArray) -> FloatArray:
 
 def loud_orders(data: Observations, rig: RigModel) -> BoolArray:
     """Orders in which the rig is loud in both directions, bool (K,): those have a vote."""
-    model, noise = rig.coefficients(data.at, data.orders.tolist()), noise_power(data)
+    model, noise = expected_of(data, rig), noise_power(data)
     found = np.ones(len(data.orders), bool)
     for sign in SIGNS:
         rows = data.at.sign == sign
@@ -59,6 +60,19 @@ def noise_power(data: Observations) -> FloatArray:
 
 #: the last data that were asked for their noise, and what it is
 _KEPT: list[tuple[Observations, FloatArray]] = []
+
+
+def expected_of(data: Observations, rig: RigModel) -> ComplexArray:
+    """What the rig lets expect of the data, (n, K), deg. It is kept for the next question, and not to be changed."""
+    if not _EXPECTED or any(a is not b for a, b in zip(_EXPECTED[0], (rig, data.at, data.orders), strict=False)):
+        found = rig.coefficients(data.at, data.orders.tolist())
+        found.setflags(write=False)
+        _EXPECTED[:] = [(rig, data.at, data.orders, found)]
+    return _EXPECTED[0][3]
+
+
+#: the last rig, operating points and orders that were asked for, and the coefficients
+_EXPECTED: list[tuple[RigModel, Conditions, IntArray, ComplexArray]] = []
 
 
 def _noise_power(data: Observations) -> FloatArray:
@@ -127,11 +141,16 @@ class PowerSums:
         return bool(saved[:-effects].sum() > SETTINGS.order_gain)
 
 
-def power_sums(data: Observations, rig: RigModel, loud: BoolArray, swapped: bool) -> PowerSums:
-    """The sums of loud orders, with the rig moving in the same or in the other direction."""
-    at = data.at
-    seen = replace(at, sign=-at.sign) if swapped else at
-    model, noise = rig.coefficients(seen, data.orders.tolist()), noise_power(data)
+def power_sums(
+    data: Observations, rig: RigModel, loud: BoolArray, swapped: bool, noise: FloatArray | None = None
+) -> PowerSums:
+    """The sums of loud orders, with the rig moving in the same or in the other direction.
+
+    noise: its power, (n, K), where it is known from elsewhere.
+    """
+    at, noise = data.at, noise_power(data) if noise is None else noise
+    turned = replace(at, sign=-at.sign)
+    model = rig.coefficients(turned, data.orders.tolist()) if swapped else expected_of(data, rig)
     tables = []
     for sign in SIGNS:
         m, s, n = (part[at.sign == sign][:, loud] for part in (data.values, model, noise))
@@ -159,7 +178,7 @@ def agreed_gain(
     nothing of it. plain: what stands against `seen` in place of the rig.
     """
     sums = power_sums(data, rig, asked, swapped=False)
-    plain = rig.coefficients(data.at, data.orders.tolist()) if plain is None else plain
+    plain = expected_of(data, rig) if plain is None else plain
     before, after, changed = (
         np.array([(np.abs(part[data.at.sign == sign][:, asked]) ** 2).mean(axis=0) for sign in SIGNS])
         for part in (data.values - plain, data.values - seen, seen - plain)

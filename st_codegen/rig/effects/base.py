@@ -227,12 +227,21 @@ class Effect(ABC):
 
     def complex_value(self, key: str, backward: bool = False, index: int = 0) -> complex:
         """A phasor as a complex number, for one direction, and one order of a list."""
-        phasor = next(phasor for phasor in self.phasors if phasor.key == key)
-        keys = phasor.keys(backward and phasor.own_flanks)
-        if backward and keys[0] not in self.values:
-            keys = phasor.keys(False)
-        amplitude, phase = (_entry(self.values.get(name, 0.0), index) for name in keys)
-        return complex(amplitude * math.cos(phase), amplitude * math.sin(phase))
+        known = self._complex_values.get((key, backward, index))
+        if known is None:
+            phasor = next(phasor for phasor in self.phasors if phasor.key == key)
+            keys = phasor.keys(backward and phasor.own_flanks)
+            if backward and keys[0] not in self.values:
+                keys = phasor.keys(False)
+            amplitude, phase = (_entry(self.values.get(name, 0.0), index) for name in keys)
+            known = complex(amplitude * math.cos(phase), amplitude * math.sin(phase))
+            self._complex_values[key, backward, index] = known
+        return known
+
+    @cached_property
+    def _complex_values(self) -> dict[tuple[str, bool, int], complex]:
+        """The phasors that were asked for: a fit asks for the same ones at every step of others."""
+        return {}
 
     def complex_at(self, key: str, at: Conditions, index: int = 0) -> ComplexArray:
         """A phasor at operating points, complex128 (n,)."""
@@ -341,7 +350,8 @@ def _plain(values: Mapping[str, Any]) -> dict[str, Value]:
 
 
 def _float(value: Any) -> Any:
-    if not isinstance(value, numbers.Real):
+    # nearly all are: to ask whether a number is real takes longer than all the rest
+    if type(value) is float or not isinstance(value, numbers.Real):
         return value
     try:
         return float(value)

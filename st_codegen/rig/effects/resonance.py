@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -93,12 +94,7 @@ class StructuralResonance(Effect):
         """The same for all orders at once."""
         found = np.zeros((len(at), len(orders)), np.complex128)
         wanted = set(orders.tolist())
-        heights = {
-            order: [self.complex_value("amplitude_deg", side, index) for side in (False, True)]
-            for index, order in enumerate(self.orders)
-            if order in wanted
-        }
-        acting = {order: sides for order, sides in heights.items() if any(sides)}
+        acting = {order: sides for order, sides in self._acting.items() if order in wanted}
         if acting:
             own = np.array(list(acting))
             height = np.where(at.sign[:, None] > 0, *np.array(list(acting.values())).T[:, None, :])
@@ -107,3 +103,12 @@ class StructuralResonance(Effect):
             # orders are rising wherever coefficients are computed
             found[:, np.searchsorted(orders, own)] = height * growth[:, None] * response
         return found
+
+    @cached_property
+    def _acting(self) -> dict[int, tuple[complex, complex]]:
+        """The heights forward and backward of the orders that have one."""
+        heights = {
+            order: (self.complex_value("amplitude_deg", False, index), self.complex_value("amplitude_deg", True, index))
+            for index, order in enumerate(self.orders)
+        }
+        return {order: sides for order, sides in heights.items() if any(sides)}
