@@ -293,7 +293,12 @@ def _formula(problem: _Problem, chosen: list[int], as_well: dict[int, list[int]]
     powers = np.array([TERMS[name][0] for name in terms])
     varying = [int(axis) for axis in np.flatnonzero(powers.any(axis=0))]
     words = (f"{at.speed_rpm[row]:g} rpm", f"{at.torque_Nm[row]:g} N m", f"{at.temperature_C[row]:g} degC")
-    where = "at " + ", ".join(words[i] for i in varying) if varying else "at every operating point"
+    is_whole = explains >= SETTINGS.formula_whole
+    # what differs from point to point is none of them alone
+    everywhere = "at every operating point" if is_whole else "in the mean of the operating points"
+    where = "at " + ", ".join(words[i] for i in varying) if varying else everywhere
+    if not varying and not is_whole:
+        parts = [part.replace("is constant", "is mostly constant", 1) for part in parts]
     text = f"{' and '.join(parts)}: {size[row]:.3g} deg {where}"
     keeps = varying and size.min() > (1.0 - SETTINGS.keeps_its_size) * size[row]
     turns = max(float(np.ptp(_turned(values[at.sign == sign]))) for sign in np.unique(at.sign)) if keeps else 0.0
@@ -309,8 +314,9 @@ def _formula(problem: _Problem, chosen: list[int], as_well: dict[int, list[int]]
     for one, other in axes_together(at):
         if (AXES.index(one) in varying) != (AXES.index(other) in varying):
             text += f" ({one} and {other} go together in these runs: it may depend on either)"
-    if explains < SETTINGS.formula_whole:
-        text += f" (that is {100 * explains:.0f} % of it: its law may be another)"
+    if not is_whole:
+        rest = "its law may be another" if varying else "the rest may differ from one of them to another"
+        text += f" (that is {100 * explains:.0f} % of it: {rest})"
     return Formula(terms, explains, text, float(size[row]))
 
 
