@@ -64,15 +64,16 @@ _KEPT: list[tuple[Observations, FloatArray]] = []
 
 def expected_of(data: Observations, rig: RigModel) -> ComplexArray:
     """What the rig lets expect of the data, (n, K), deg. It is kept for the next question, and not to be changed."""
-    if not _EXPECTED or any(a is not b for a, b in zip(_EXPECTED[0], (rig, data.at, data.orders), strict=False)):
+    asked = (rig, data.at, data.orders)
+    if not _EXPECTED or any(a is not b for a, b in zip(_EXPECTED[0][0], asked, strict=True)):
         found = rig.coefficients(data.at, data.orders.tolist())
         found.setflags(write=False)
-        _EXPECTED[:] = [(rig, data.at, data.orders, found)]
-    return _EXPECTED[0][3]
+        _EXPECTED[:] = [(asked, found)]
+    return _EXPECTED[0][1]
 
 
 #: the last rig, operating points and orders that were asked for, and the coefficients
-_EXPECTED: list[tuple[RigModel, Conditions, IntArray, ComplexArray]] = []
+_EXPECTED: list[tuple[tuple[RigModel, Conditions, IntArray], ComplexArray]] = []
 
 
 def _noise_power(data: Observations) -> FloatArray:
