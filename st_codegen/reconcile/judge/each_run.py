@@ -93,15 +93,14 @@ def zeros(
     if len(k) < SETTINGS.least_votes:
         return Zeros(found)
     grid = np.arange(0.0, 2 * np.pi, 2 * np.pi / (8 * int(k.max())))
-    cosine, sine = np.cos(np.outer(k, grid)), np.sin(np.outer(k, grid))
+    turns = np.exp(1j * np.outer(k, grid))
     others = np.arange(len(k)) != (np.abs(m) ** 2 / power).mean(axis=0).argmax()
     gains, errors = np.zeros(len(k)), []
     for number in np.unique(run):
         rows = run == number
         # what each order leaves at each angle, (rows, K, angles): one vote an order, however large it is
         whole = np.abs(v[rows]) ** 2 + np.abs(m[rows]) ** 2 + power[rows]
-        product = 2 * (v[rows] * m[rows].conj())
-        left = whole[..., None] - product.real[..., None] * cosine + product.imag[..., None] * sine
+        left = whole[..., None] - 2 * ((v[rows] * m[rows].conj())[..., None] * turns).real
         if hidden:
             # by how much noise hides an order is what its vote counts; what the others say of each is asked as well
             loss = (left / power[rows][..., None]).sum(axis=0)

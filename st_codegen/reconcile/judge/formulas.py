@@ -293,10 +293,9 @@ def _formula(problem: _Problem, chosen: list[int], as_well: dict[int, list[int]]
     powers = np.array([TERMS[name][0] for name in terms])
     varying = [int(axis) for axis in np.flatnonzero(powers.any(axis=0))]
     words = (f"{at.speed_rpm[row]:g} rpm", f"{at.torque_Nm[row]:g} N m", f"{at.temperature_C[row]:g} degC")
-    is_whole = explains >= SETTINGS.formula_whole
-    # what differs from point to point is none of them alone
-    everywhere = "at every operating point" if is_whole else "in the mean of the operating points"
-    where = "at " + ", ".join(words[i] for i in varying) if varying else everywhere
+    # 3 % of a power are a sixth of a size: what is called constant must be all of it, as far as it is shown
+    is_whole = explains >= SETTINGS.formula_whole if varying else round(explains, 2) == 1.0
+    where = "at " + ", ".join(words[i] for i in varying) if varying else "in the mean of the operating points"
     if not varying and not is_whole:
         parts = [part.replace("is constant", "is mostly constant", 1) for part in parts]
     text = f"{' and '.join(parts)}: {size[row]:.3g} deg {where}"

@@ -6,7 +6,9 @@ moves only its own orders.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -14,8 +16,9 @@ from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Conditions
 from st_codegen.rig.model import RigModel
+
+_Array = TypeVar("_Array", FloatArray, ComplexArray)
 
 #: of forward and backward, in the order of every axis of two directions
 SIGNS = (1.0, -1.0)
@@ -53,27 +56,35 @@ def noise_power(data: Observations) -> FloatArray:
 
     It is not to be changed: many questions are asked of the same data, whose noise is kept.
     """
-    if not _KEPT or _KEPT[0][0] is not data:
-        _KEPT[:] = [(data, _noise_power(data))]
-    return _KEPT[0][1]
-
-
-#: the last data that were asked for their noise, and what it is
-_KEPT: list[tuple[Observations, FloatArray]] = []
+    return _kept(_NOISE, (data,), lambda: _noise_power(data))
 
 
 def expected_of(data: Observations, rig: RigModel) -> ComplexArray:
     """What the rig lets expect of the data, (n, K), deg. It is kept for the next question, and not to be changed."""
     asked = (rig, data.at, data.orders)
-    if not _EXPECTED or any(a is not b for a, b in zip(_EXPECTED[0][0], asked, strict=True)):
-        found = rig.coefficients(data.at, data.orders.tolist())
-        found.setflags(write=False)
-        _EXPECTED[:] = [(asked, found)]
-    return _EXPECTED[0][1]
+    return _kept(_EXPECTED, asked, lambda: rig.coefficients(data.at, data.orders.tolist()))
 
 
-#: the last rig, operating points and orders that were asked for, and the coefficients
-_EXPECTED: list[tuple[tuple[RigModel, Conditions, IntArray], ComplexArray]] = []
+#: the last data that were asked for their noise, and the last rig, operating points and orders; with what was found
+_NOISE: list[tuple[tuple[object, ...], FloatArray]] = []
+_EXPECTED: list[tuple[tuple[object, ...], ComplexArray]] = []
+
+
+def _kept(
+    last: list[tuple[tuple[object, ...], _Array]],
+    asked: tuple[object, ...],
+    found: Callable[[], _Array],
+) -> _Array:
+    """What was found for the same objects the last time, or is found now.
+
+    The entry is taken once: of several threads each one gets what it asked for.
+    """
+    entry = last[0] if last else None
+    if entry is None or any(one is not other for one, other in zip(entry[0], asked, strict=True)):
+        entry = (asked, found())
+        entry[1].setflags(write=False)
+        last[:] = [entry]
+    return entry[1]
 
 
 def _noise_power(data: Observations) -> FloatArray:
@@ -83,7 +94,6 @@ def _noise_power(data: Observations) -> FloatArray:
     else:
         sigma = estimate(data, data.values).sigma
         found = parts * np.minimum(sigma**2, SETTINGS.most_noise * np.abs(data.values) ** 2)
-    found.setflags(write=False)
     return found
 
 
@@ -150,8 +160,7 @@ def power_sums(
     noise: its power, (n, K), where it is known from elsewhere.
     """
     at, noise = data.at, noise_power(data) if noise is None else noise
-    turned = replace(at, sign=-at.sign)
-    model = rig.coefficients(turned, data.orders.tolist()) if swapped else expected_of(data, rig)
+    model = expected_of(replace(data, at=replace(at, sign=-at.sign)) if swapped else data, rig)
     tables = []
     for sign in SIGNS:
         m, s, n = (part[at.sign == sign][:, loud] for part in (data.values, model, noise))
