@@ -180,7 +180,7 @@ def read_table(path: Path) -> HarmonicTable:
     phases = table.numbers([f"phi{k}" for k in orders if k], problems)
     with problems.collect(), np.errstate(invalid="ignore"):
         far = np.abs(phases) > 2 * np.pi
-        if far.mean() > 0.5:
+        if 2 * np.count_nonzero(far) > far.size:
             raise RowError(
                 table.rows[int(far.any(axis=1).argmax())].line,
                 f"{np.count_nonzero(far)} of {far.size} phases lie beyond 2*pi, up to {np.abs(phases).max():g}: they "

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from st_codegen.campaign.curves import Curve
 from st_codegen.campaign.moments import moments
+from st_codegen.campaign.spikes import off_deg
 from st_codegen.errors import InputError
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 
@@ -38,7 +39,9 @@ class Sums:
     samples: number N; angle: complex128 (2*K + 1,), sum of exp(-i*m*theta); te: complex128 (K + 1,), sum of
     TE*exp(-i*k*theta) in deg; te_square: sum of TE^2 in deg^2; plain_fft: complex128 (band + 1,), deg, the
     coefficients of an FFT over the number of the sample; ends: float64 (2, 4), the lowest and the highest TE in deg,
-    each with the most samples in a row that have it, the most that have the value next to it, and the number of values.
+    each with the most samples in a row that have it, the most that have the value next to it, and the number of values;
+    spikes: float64 (3, s), the samples that are in none of the sums: angle in rad, TE in deg, and by how much that is
+    off what the FFT has in their places.
     """
 
     samples: int
@@ -47,11 +50,29 @@ class Sums:
     te_square: float
     plain_fft: ComplexArray
     ends: FloatArray
+    spikes: FloatArray
+
+    @property
+    def in_turn(self) -> int:
+        """The number of samples that were taken in the turn, with those that were left out."""
+        return self.samples + int(self.spikes.shape[1])
+
+    def with_spikes(self, chosen: BoolArray) -> Sums:
+        """The sums with some of the samples that were left out, bool (s,)."""
+        angle, te, _ = self.spikes[:, chosen]
+        return replace(
+            self,
+            samples=self.samples + len(te),
+            angle=self.angle + np.exp(-1j * np.arange(len(self.angle))[:, None] * angle).sum(axis=1),
+            te=self.te + np.exp(-1j * np.arange(len(self.te))[:, None] * angle) @ te,
+            te_square=self.te_square + float(te @ te),
+            spikes=self.spikes[:, ~chosen],
+        )
 
     @property
     def band(self) -> int:
         """The highest order that the curve tells: a quarter of the samples, where there are few."""
-        return max(1, min(len(self.te) - 1, self.samples // 4))
+        return max(1, min(len(self.te) - 1, self.in_turn // 4))
 
 
 @dataclass(frozen=True)
@@ -90,14 +111,20 @@ def listed(orders: Sequence[int]) -> str:
 
 
 def curve_sums(curve: Curve, band: int = BAND) -> Sums:
-    """The sums of a curve for orders up to `band`; those that it does not tell leak where it has gaps."""
-    samples = len(curve.te_deg)
-    te = np.asarray(curve.te_deg, np.float64)
-    both = moments(np.deg2rad(curve.angle_deg), np.stack([np.ones(samples), te]), 2 * band)
-    rising = te if curve.angle_deg[0] <= curve.angle_deg[-1] else te[::-1]
-    fft = np.fft.rfft(rising) * (2.0 / samples)
+    """The sums of a curve for orders up to `band`; those that it does not tell leak where it has gaps.
+
+    Samples far from those around them are left out.
+    """
+    theta, te = np.deg2rad(curve.angle_deg), np.asarray(curve.te_deg, np.float64)
+    off = off_deg(te)
+    far = off != 0.0
+    whole = te - off
+    fft = np.fft.rfft(whole if theta[0] <= theta[-1] else whole[::-1]) * (2.0 / len(te))
     fft[0] /= 2.0
-    sums = Sums(samples, both[0], both[1, : band + 1], float(te @ te), fft, _ends(te))
+    left_out = np.stack([theta[far], te[far], off[far]])
+    theta, te = theta[~far], te[~far]
+    both = moments(theta, np.stack([np.ones(len(te)), te]), 2 * band)
+    sums = Sums(len(te), both[0], both[1, : band + 1], float(te @ te), fft, _ends(te), left_out)
     return replace(sums, plain_fft=fft[: sums.band + 1])
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,7 @@ from st_codegen.campaign.conditions import Conditions, OperatingPoint
 from st_codegen.campaign.curves import BadFileError, RunFile, read_run, scan
 from st_codegen.campaign.harmonic_table import HarmonicTable
 from st_codegen.campaign.orders import BAND, OrderFit, Sums, curve_sums, fit_orders
+from st_codegen.campaign.spikes import repeated
 from st_codegen.campaign.sums_file import SumsFile
 from st_codegen.errors import InputError, MissingExtraError, Problems
 from st_codegen.te.harmonics import Direction
@@ -45,7 +46,7 @@ class MeasuredCurve:
 
 @dataclass(frozen=True)
 class Campaign:
-    """All curves of a folder, in order of conditions, file and direction; `bad` is what was left out."""
+    """All curves of a folder, in order of conditions, file and direction; `bad` are the files that were left out."""
 
     folder: Path
     curves: tuple[MeasuredCurve, ...]
@@ -54,7 +55,21 @@ class Campaign:
     @property
     def samples(self) -> int:
         """Number of samples of all curves."""
-        return sum(curve.sums.samples for curve in self.curves)
+        return sum(curve.sums.in_turn for curve in self.curves)
+
+    @property
+    def spikes(self) -> str:
+        """Which single samples are in no result, since they lie far from those around them; empty for none."""
+        spiky = [curve for curve in self.curves if curve.sums.spikes.size]
+        if not spiky:
+            return ""
+        counts = [curve.sums.spikes.shape[1] for curve in spiky]
+        most = max(float(np.abs(curve.sums.spikes[2]).max()) for curve in spiky)
+        files = sorted({curve.path.relative_to(self.folder).as_posix() for curve in spiky})
+        return (
+            f"{sum(counts)} single samples of {len(spiky)} curves, at most {max(counts)} of one, that lie up to "
+            f"{most:.2g} deg off those around them: {', '.join(files[:5])}{', ..' if len(files) > 5 else ''}"
+        )
 
     @property
     def at(self) -> Conditions:
@@ -132,7 +147,19 @@ def read_campaign(
     ]
     if not curves:
         raise InputError(f"{folder}: no usable curve files; the first of {len(faults)} problems: {faults[0]}")
-    return Campaign(folder, tuple(curves), tuple(faults))
+    return _with_repeated_spikes(Campaign(folder, tuple(curves), tuple(faults)))
+
+
+def _with_repeated_spikes(campaign: Campaign) -> Campaign:
+    """The campaign with samples that stand out at one angle in several curves: the turn has something there."""
+    all_sums = [curve.sums for curve in campaign.curves]
+    step = 2.0 * np.pi / min(sums.in_turn for sums in all_sums)
+    again = repeated([sums.spikes[0] for sums in all_sums], 1.5 * step)
+    curves = tuple(
+        replace(curve, sums=curve.sums.with_spikes(own)) if own.any() else curve
+        for curve, own in zip(campaign.curves, again, strict=True)
+    )
+    return replace(campaign, curves=curves)
 
 
 def _read_all(

@@ -15,7 +15,7 @@ from st_codegen.files.text import whole_file
 from st_codegen.te.harmonics import Direction
 
 #: changes with the way sums are made, or files are judged: a file of another version is made anew
-_VERSION = 4
+_VERSION = 5
 
 
 class SumsFile:
@@ -82,6 +82,7 @@ class SumsFile:
                 "samples": sums.samples,
                 "te_square": sums.te_square,
                 "ends": sums.ends.ravel(),
+                "spikes": sums.spikes.ravel(),
                 "angle": sums.angle.view(np.float64),
                 "te": sums.te.view(np.float64),
                 "plain_fft": sums.plain_fft.view(np.float64),
@@ -119,6 +120,7 @@ def _sums(row: dict[str, Any]) -> Sums:
         row["te_square"],
         complex_array("plain_fft"),
         np.asarray(row["ends"], np.float64).reshape(2, 4),
+        np.asarray(row["spikes"], np.float64).reshape(3, -1),
     )
 
 

@@ -105,7 +105,7 @@ def command(
         measured = measured_table(
             campaign, wanted, most_orders, skip_bad=skip_bad, where=where, cache=cache, progress=progress
         )
-    _say_bad(measured, quiet)
+    _say_left_out(measured, quiet)
     check_learnable(measured.table)
     lessons = []
     with FitStore(work) as store:
@@ -149,12 +149,12 @@ def _orders(text: str) -> tuple[int, ...] | None:
     return orders
 
 
-def _say_bad(measured: Measured, quiet: bool) -> None:
-    """Print which curve files were left out with --skip-bad."""
+def _say_left_out(measured: Measured, quiet: bool) -> None:
+    """Print which curve files were left out with --skip-bad, and single samples far from those around them."""
     if quiet:
         return
-    for error in measured.bad:
-        console.print(f"left out: {error}")
+    for text in measured.left_out:
+        console.print(f"left out: {text}")
 
 
 def _facts(lesson: Lesson) -> dict[str, Any]:

@@ -169,7 +169,7 @@ class _Stages:
         plan, alone = axis_plan(self.options), Backend(1)
         measured = axis_table(self.axis)
         table = measured.table
-        left_out = {"left_out": [str(error) for error in measured.bad]}
+        left_out = {"left_out": list(measured.left_out)}
         with FitStore(None) as store:
             shared = self._shared(self.shared, table, store) if self.shared is not None else {}
             if shared.get("shared", {}).get("taken"):

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from st_codegen.campaign.choice import OrderReason, choose_orders
-from st_codegen.campaign.curves import BadFileError
 from st_codegen.campaign.harmonic_table import HarmonicTable, read_table
 from st_codegen.campaign.orders import BAND
 from st_codegen.campaign.reader import AROUND, Progress, read_campaign
@@ -17,11 +16,13 @@ from st_codegen.training.search import Backend
 
 @dataclass(frozen=True)
 class Measured:
-    """A harmonic table and where it comes from: why these orders, and what was left out; both empty for a table."""
+    """A harmonic table and where it comes from: why these orders, and which files and samples were left out; both
+    empty for a table.
+    """
 
     table: HarmonicTable
     reasons: tuple[OrderReason, ...] = ()
-    bad: tuple[BadFileError, ...] = ()
+    left_out: tuple[str, ...] = ()
     samples: int = 0
 
 
@@ -58,7 +59,8 @@ def measured_table(
     else:
         chosen, reasons = list(orders), tuple(_asked(reason, orders) for reason in reasons)
     fits = read.fits(chosen, progress)
-    return Measured(read.table(fits), reasons, read.bad, read.samples)
+    left_out = (*map(str, read.bad), *([read.spikes] if read.spikes else []))
+    return Measured(read.table(fits), reasons, left_out, read.samples)
 
 
 def _asked(reason: OrderReason, orders: Sequence[int]) -> OrderReason:

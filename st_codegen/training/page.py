@@ -23,8 +23,8 @@ def training_page(name: str, measured: Measured, lessons: Sequence[Lesson]) -> s
     sections = []
     if measured.reasons:
         sections.append(_orders_section(measured))
-    if measured.bad:
-        sections.append(PageSection(f"Files left out: {len(measured.bad)}", details="\n".join(map(str, measured.bad))))
+    if measured.left_out:
+        sections.append(PageSection("Left out", details="\n".join(measured.left_out)))
     for lesson in lessons:
         sections += [_models_section(lesson), _faulty_section(lesson), _pictures(lesson)]
     summary = f"{len(measured.table)} curves, orders {', '.join(map(str, measured.table.orders))}."

@@ -132,3 +132,22 @@ def test_a_reduction_ratio_that_is_one_tooth_off_is_said_as_it_is(tmp_path, monk
 
     with pytest.raises(InputError, match=r"reduction ratio of 80(\.000\d)?, not 81"):
         read(tmp_path, monkeypatch, wrong, TORQUES * 3)
+
+
+def spiky(random, angle, te):
+    """Two samples of each curve are off, as where a counter slips: every order of it has 4e-4 deg of them."""
+    te = te.copy()
+    te[random.permutation(len(te))[:2]] += 0.2
+    return angle, te
+
+
+def test_single_samples_that_are_far_off_are_left_out_and_named(tmp_path, monkeypatch):
+    """Every order was off by 5e-4 deg, 40 times its noise."""
+    whole = read(tmp_path, monkeypatch, lambda _, angle, te: (angle, te), TORQUES * 3)
+    found = read(tmp_path, monkeypatch, spiky, TORQUES * 3)
+    assert found.orders.tolist() == whole.orders.tolist() and found.samples == 1000
+    noise = np.sqrt(2.0) * SIGMA * np.sqrt(2.0 / 1000)
+    assert np.sqrt((np.abs(found.values - whole.values)[:, found.orders > 0] ** 2).mean()) < 2 * noise
+    (text,) = (text for text in found.not_looked_at if "single samples" in text)
+    assert text.startswith("24 single samples of 12 curves, at most 2 of one, that lie up to 0.2 deg off")
+    assert not any("single samples" in text for text in whole.not_looked_at)

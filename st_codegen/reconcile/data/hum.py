@@ -114,7 +114,7 @@ def without_hums(
         power /= np.maximum(np.median(power, axis=1, keepdims=True) / np.log(2.0), 1e-300)
         free = np.median(power, axis=0) < SETTINGS.stands_out
         free[[order for order in (*range(SETTINGS.wander_orders), *known) if order <= band]] = False
-        frequency = _frequency(power, free, np.array([one.samples for one in kept]), turns_Hz)
+        frequency = _frequency(power, free, np.array([one.in_turn for one in kept]), turns_Hz)
         if frequency is None:
             faint = None if found else _faint(kept, turns_Hz, known)
             return kept, (*found, *([] if faint is None else [faint]))
@@ -240,7 +240,7 @@ def _faint(sums: Sequence[Sums], turns_Hz: FloatArray, known: Collection[int]) -
     power = np.minimum(np.abs(lines) ** 2, SETTINGS.loud_line)
     free = np.ones(band + 1, bool)
     free[[order for order in (*range(SETTINGS.wander_orders + 1), *known) if order <= band]] = False
-    samples = np.array([one.samples for one in sums])
+    samples = np.array([one.in_turn for one in sums])
     lowest, highest = (SETTINGS.wander_orders + 1) * float(turns_Hz.min()), band * float(turns_Hz.max())
     # a quarter of an order in the slowest curve that could show it
     tried = lowest * (1.0 + 0.25 / band) ** np.arange(np.log(max(highest / lowest, 1.0)) / np.log1p(0.25 / band))
@@ -357,21 +357,21 @@ def _wave(
     have of which little is seen, beside an order of the machine or beyond the band; 0 for none; reach: how far its
     order may be from that; least: part of its power that it must show for its order to be looked for.
     """
-    beyond = order - one.samples * round(order / one.samples)
+    beyond = order - one.in_turn * round(order / one.in_turn)
     shown = abs(beyond)
     middle, near = shown, np.flatnonzero(free)
     # beyond the band its leaks into the highest orders tell it
     near = near[np.argsort(np.abs(near - shown), kind="stable")[: 2 * SETTINGS.orders_of_line]]
-    clear = _power(_leaks(shown, near, one.samples)) > least
+    clear = _power(_leaks(shown, near, one.in_turn)) > least
     # where little of it is seen only the speed tells its order
     for _ in range(6 if clear else 0):
         trials = [middle + reach * step / 2 for step in range(-2, 3)]
-        middle = max(trials, key=lambda trial: _told(line[near], trial, near, one.samples)[1])
+        middle = max(trials, key=lambda trial: _told(line[near], trial, near, one.in_turn)[1])
         reach /= 3
     orders = np.arange(len(one.te))
-    size, told = _told(line[near], middle, near, one.samples)
+    size, told = _told(line[near], middle, near, one.in_turn)
     size *= 1.0 if clear else min(1.0, most / max(abs(size), 1e-300))
-    wave = size * _leaks(middle, orders, one.samples) + np.conj(size * _leaks(middle, -orders, one.samples))
+    wave = size * _leaks(middle, orders, one.in_turn) + np.conj(size * _leaks(middle, -orders, one.in_turn))
     wave[0] /= 2
     noise = float(np.median(np.abs(line - wave[: len(line)])[free] ** 2)) / np.log(2.0)
     if _start(one) is None or told < SETTINGS.loud_line * noise:
@@ -398,7 +398,7 @@ def _power(leaks: ComplexArray) -> float:
 
 def _less(one: Sums, wave: ComplexArray) -> Sums:
     """The curve without a wave, given by the coefficients of its orders over the number of the sample."""
-    turned = wave * np.exp(-1j * (_start(one) or 0.0) * np.arange(len(wave))) * one.samples / 2
+    turned = wave * np.exp(-1j * (_start(one) or 0.0) * np.arange(len(wave))) * one.in_turn / 2
     turned[0] *= 2
     return replace(one, te=one.te - turned, plain_fft=one.plain_fft - wave[: one.band + 1])
 

@@ -70,7 +70,7 @@ def _campaign(folder: Path, rig: RigModel, progress: Progress | None, skip_bad: 
         floor[row, : bands[row] + 1] = np.maximum(fit.spectrum_floor[: bands[row] + 1], 1e-30)
     power = np.abs(waves / floor) ** 2
     mistaken = _mistaken(campaign, {*rig.orders(), *np.flatnonzero(_loud(power)).tolist()}, band)
-    mistaken |= _alone(power, np.array([curve.sums.samples for curve in campaign.curves]), rig.orders())
+    mistaken |= _alone(power, np.array([curve.sums.in_turn for curve in campaign.curves]), rig.orders())
     waves[mistaken] = np.nan
     told = [k for k in rig.orders() if k <= band and not mistaken[:, k].all()]
     loud = np.flatnonzero(_loud(np.abs(waves / floor) ** 2)).tolist()
@@ -91,7 +91,7 @@ def _campaign(folder: Path, rig: RigModel, progress: Progress | None, skip_bad: 
     spectral *= _colour(fits, orders, int(bands.min()))
     spectral /= np.where(np.array(orders) == 0, 1.0, np.sqrt(2.0))
     run, listed_by = _listed_runs(folder, campaign)
-    counts = {curve.sums.samples for curve in campaign.curves}
+    counts = {curve.sums.in_turn for curve in campaign.curves}
     files = [_file(campaign, curve) for curve in campaign.curves]
     return Observations(
         campaign.at,
@@ -148,7 +148,7 @@ def _mistaken(campaign: Campaign, orders: set[int], band: int) -> BoolArray:
     found = np.zeros((len(campaign.curves), band + 1), np.bool_)
     high = np.array(sorted(orders - {0}), np.int64)
     for row, curve in enumerate(campaign.curves):
-        steps = curve.sums.samples
+        steps = curve.sums.in_turn
         shown = np.abs(high - steps * np.round(high / steps).astype(np.int64))
         shown = shown[(shown != high) & (shown <= band)]
         found[row, shown[shown > 0]] = True
@@ -175,7 +175,7 @@ def _mistaken_text(campaign: Campaign, mistaken: BoolArray, bands: IntArray, fil
         return []
     orders = listed(np.flatnonzero(mistaken.any(axis=0)).tolist())
     named = sorted({files[row] for row in rows})
-    most = max(campaign.curves[row].sums.samples for row in rows)
+    most = max(campaign.curves[row].sums.in_turn for row in rows)
     return [
         f"orders {orders} of {len(named)} files: {most} or fewer samples a turn may show higher orders as these: "
         f"{_some(named)}"
@@ -248,6 +248,7 @@ def _not_looked_at(
 ) -> tuple[str, ...]:
     """Files that were left out, orders above what curves can tell."""
     found = [f"{error.path.relative_to(folder).as_posix()} was left out: {error}" for error in campaign.bad]
+    found += [campaign.spikes] if campaign.spikes else []
     least = int(bands.min())
     if least < bands.max():
         coarse = sorted({file for file, band in zip(files, bands, strict=True) if band < bands.max()})
