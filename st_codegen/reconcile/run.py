@@ -40,9 +40,9 @@ from st_codegen.reconcile.judge.held_out import between_states, held_out_rms
 from st_codegen.reconcile.judge.lines import lines_in_samples
 from st_codegen.reconcile.judge.links import coupling_link, servo_link, with_unmeasured_links
 from st_codegen.reconcile.judge.lookalikes import unlike_friction
-from st_codegen.reconcile.judge.measurement import AS_IS, Examined, examine
+from st_codegen.reconcile.judge.measurement import Examined, examine
 from st_codegen.reconcile.judge.misread import Misread, refined
-from st_codegen.reconcile.judge.mistakes import Mistake, mistaken_runs
+from st_codegen.reconcile.judge.mistakes import AS_IS, Mistake, mistaken_runs
 from st_codegen.reconcile.judge.plausible import lack_of_forms
 from st_codegen.reconcile.judge.selection import search, with_noise_of
 from st_codegen.reconcile.judge.structure import (

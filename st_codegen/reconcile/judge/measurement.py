@@ -35,7 +35,8 @@ from st_codegen.reconcile.judge.columns import (
     taken_off,
 )
 from st_codegen.reconcile.judge.each_run import ramp, ramps, zeros
-from st_codegen.reconcile.judge.mistakes import Mistake, mistaken_runs
+from st_codegen.reconcile.judge.gear import other_gear
+from st_codegen.reconcile.judge.mistakes import AS_IS, Mistake, mistaken_runs
 from st_codegen.reconcile.judge.sensors import (
     any_filter,
     hidden_wrong_angle,
@@ -63,8 +64,6 @@ NAMES = (
     "sign", "direction", "home_offset", "column_scale", "ratio", "drift", "axis", "torque", "low_pass", "smoothing",
     "filter", "block", "labels", "conditions", "taken_off", "copied", "shifted", "waves",
 )  # fmt: skip
-#: what `--accept` takes so that none but those named is corrected, and nothing is asked
-AS_IS = "as_is"
 
 
 @dataclass(frozen=True)
@@ -108,6 +107,7 @@ def examine(
     # conditions are told by sizes, of which those in another unit say nothing
     of_sizes = (other_conditions, wrong_torques, low_pass, mean_of_angles, any_filter)
     of_forms = (
+        other_gear,
         copied_columns,
         shifted_columns,
         taken_off,
@@ -131,8 +131,12 @@ def examine(
                 data = mistake.corrected(data)
                 whole = _with_expected(data, rig)
             found.append(replace(mistake, text=f"{mistake.text} (corrected)", is_taken_out=True))
-            if mistake.name == "unit" or (mistake.name not in accept and "all" not in accept):
+            # a unit, and what no correction of the data mends
+            if mistake.corrected is None or (mistake.name not in accept and "all" not in accept):
                 problems.add(mistake.question)
+        if look is other_gear:
+            # nothing can be told against the rig of another gear
+            problems.raise_if_any()
     is_told = enough_orders(whole, loud_orders(whole, rig))
     if scale is None and not is_told:
         with problems.collect():

@@ -18,6 +18,9 @@ from st_codegen.reconcile.judge.votes import expected_of, noise_power
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.model import RigModel
 
+#: what `--accept` takes so that none but those named is corrected, and nothing is asked
+AS_IS = "as_is"
+
 
 @dataclass(frozen=True)
 class Mistake:
