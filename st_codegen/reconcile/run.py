@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from st_codegen.campaign.orders import listed
 from st_codegen.errors import InputError, Problems
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.reconcile.data.noise import Noise, estimate
@@ -41,7 +42,7 @@ from st_codegen.reconcile.judge.lines import lines_in_samples
 from st_codegen.reconcile.judge.links import coupling_link, servo_link, with_unmeasured_links
 from st_codegen.reconcile.judge.lookalikes import unlike_friction
 from st_codegen.reconcile.judge.measurement import Examined, examine
-from st_codegen.reconcile.judge.misread import Misread, refined
+from st_codegen.reconcile.judge.misread import Misread, in_place_of_the_rest, refined
 from st_codegen.reconcile.judge.mistakes import AS_IS, Mistake, mistaken_runs
 from st_codegen.reconcile.judge.plausible import lack_of_forms
 from st_codegen.reconcile.judge.selection import search, with_noise_of
@@ -233,11 +234,14 @@ def _read_anew(result: Reconciliation, examined: Examined, measured: Path, accep
 
 
 def _question(one: Misread, found: Conclusions) -> str:
-    """What is asked about a reading that stands for several changes of the rig."""
+    """What is asked about a reading that stands for several changes of the rig, or for what is unexplained."""
+    changes, rest = found.changes_for(one), listed(sorted(one.unexplained))
+    many = "a change" if len(one.instead_of) == 1 else f"{len(one.instead_of)} changes"
+    does = [f"does what {many} of the rig would have to do ({', '.join(changes)})"] * bool(changes)
+    does += [f"leaves nothing but noise of what no effect was found for (orders {rest})"] * bool(rest)
     return (
-        f"it looks like {one.text}: that alone does what {len(one.instead_of)} changes of the rig would have to do "
-        f"({', '.join(found.changes_for(one))}); give --accept {one.reading.name} to correct it, or "
-        f"--accept {AS_IS} to take the data as they are"
+        f"it looks like {one.text}: that alone {' and '.join(does)}; give --accept {one.reading.name} to correct it, "
+        f"or --accept {AS_IS} to take the data as they are"
     )
 
 
@@ -410,6 +414,8 @@ def _result(
     floor = float(np.sqrt(floor_power.sum()))
     if not left and data.angle_rad is None and rms_deg(after[good], data.orders) > SETTINGS.clearly_larger * floor:
         left = [loudest(target, after, gap_power, floor_rms)]
+    rest = in_place_of_the_rest(replace(final, target=target), [one.order for one in left])
+    conclusions = conclusions.with_misread(rest)
     unseen = _held_out(replace(final, target=target), before, apart)
 
     def with_hum(values: ComplexArray, chosen: list[int]) -> float:

@@ -248,6 +248,10 @@ class Settings:
     beside_reading: int = 2
     changes_tried: int = 4
     rereadings: int = 3
+    #: a reading does what is unexplained where this share of its power is left, and is tried on where it takes off a
+    #: tenth at its first step
+    left_of_rest: float = 0.1
+    begins_to_do: float = 0.9
     #: a size of a reading is found where it would move by less than this part of its error
     of_an_error: float = 0.25
     #: loss of a run by noise with heavy tails, which a robust estimate of the noise takes for one

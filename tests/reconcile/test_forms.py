@@ -245,7 +245,7 @@ def test_nothing_is_explained_where_more_than_noise_is_left():
 
 def test_what_few_samples_show_in_the_place_of_a_lower_order():
     """Of 100 steps order 98 looks like 2 and 240 like 40; 100 looks like the mean, of which nothing is said."""
-    few, many = (SimpleNamespace(sums=SimpleNamespace(samples=samples)) for samples in (100, 1000))
+    few, many = (SimpleNamespace(sums=SimpleNamespace(in_turn=samples)) for samples in (100, 1000))
     found = _mistaken(SimpleNamespace(curves=[few, many]), {0, 3, 98, 100, 240}, 45)
     assert [np.flatnonzero(row).tolist() for row in found] == [[2, 40], []]
 

@@ -92,6 +92,34 @@ def test_one_number_of_the_measurement_in_place_of_several_changes_is_asked_abou
     assert "in place of the change of friction_windup, zero_offset_deg" in summary(as_they_are)
 
 
+def faster_backward(share):
+    """Speeds of backward curves that are written down too high by a share."""
+    return replace(AT, speed_rpm=np.where(AT.sign < 0, AT.speed_rpm * (1 + share), AT.speed_rpm))
+
+
+def test_speeds_of_one_direction_are_asked_about_in_place_of_what_is_unexplained():
+    """Three orders were unexplained "backward only", and nothing said why."""
+    data = measured(2e-5, read=faster_backward(0.03))
+    text = asked(data)
+    assert "it looks like all speeds backward 2.9" in text
+    assert "leaves nothing but noise of what no effect was found for (orders 156, 162, 240)" in text
+    right = reconciled(data, "misread_speed")
+    assert right.verdict == "nothing_missing"
+    as_they_are = reconciled(data, "as_is")
+    assert as_they_are.verdict == "unexplained"
+    assert "too high would leave nothing but noise of what is unexplained in orders" in summary(as_they_are)
+
+
+def test_a_reading_stands_for_changes_and_for_what_is_unexplained_beside_them():
+    """The resonance was another one, and order 162 was unexplained; forward speeds did as well as backward ones."""
+    result = reconciled(measured(2e-4, read=faster_backward(0.1)))
+    one = result.conclusions.misread[0]
+    assert "all speeds backward 9." in one.text and one.unexplained == {162} and one.instead_of and not one.is_asked
+    (changed,) = result.conclusions.retuned
+    assert changed.alternatives == ("misread_speed", "something_else")
+    assert "in place of the change of structural_resonance and would leave nothing but noise" in summary(result)
+
+
 def test_degrees_fahrenheit_are_told_beside_another_drift():
     drift = with_values("thermal_drift", drift_arcmin_per_K=0.03)
     data = measured(2e-4, rig=drift, read=replace(AT, temperature_C=AT.temperature_C * 1.8 + 32))

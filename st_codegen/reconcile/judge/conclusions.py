@@ -142,6 +142,19 @@ class Conclusions:
         several = [name if times == 1 else f"{times} of {name}" for name, times in sorted(names.items())]
         return [*several, *(["zero_offset_deg"] if OFFSET in one.instead_of else [])]
 
+    def with_misread(self, more: Sequence[Misread]) -> Conclusions:
+        """These, with readings that come before those that are known, among the alternatives of what they stand for."""
+        pieces = self.final.state.pieces
+        retuned = []
+        for entry in self.retuned:
+            names = {
+                one.reading.name
+                for one in more
+                if any(i != OFFSET and _origin(pieces[i]) is entry.before for i in one.instead_of)
+            }
+            retuned.append(replace(entry, misread=tuple(sorted(names | {*entry.misread}))))
+        return replace(self, misread=(*more, *self.misread), retuned=tuple(retuned))
+
     @property
     def of_offset(self) -> tuple[str, ...]:
         """Names of what would do in place of another zero offset, mistakes of measuring first.

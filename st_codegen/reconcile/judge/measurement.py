@@ -107,11 +107,11 @@ def examine(
     # conditions are told by sizes, of which those in another unit say nothing
     of_sizes = (other_conditions, wrong_torques, low_pass, mean_of_angles, any_filter)
     of_forms = (
-        other_gear,
         copied_columns,
         shifted_columns,
         taken_off,
         other_waves,
+        other_gear,
         _drift,
         _ratio,
         partial(_common, scale=scale),
@@ -121,7 +121,9 @@ def examine(
     whole = _with_expected(data, rig)
     for look in (*of_forms, *of_sizes):
         is_unit = any(mistake.name == "unit" for mistake in found)
-        for mistake in () if is_unit and look in of_sizes else look(whole, rig):
+        # waves that stand in the wrong place, or are not what they are taken for, say nothing of the gear
+        is_futile = (is_unit and look in of_sizes) or (look is other_gear and bool(found))
+        for mistake in () if is_futile else look(whole, rig):
             if mistake.name in corrected:
                 continue
             if AS_IS in accept and mistake.name != "unit" and mistake.name not in accept:
@@ -134,8 +136,8 @@ def examine(
             # a unit, and what no correction of the data mends
             if mistake.corrected is None or (mistake.name not in accept and "all" not in accept):
                 problems.add(mistake.question)
-        if look is other_gear:
-            # nothing can be told against the rig of another gear
+        if look is other_gear and not is_futile:
+            # nothing else can be told against the rig of another gear
             problems.raise_if_any()
     is_told = enough_orders(whole, loud_orders(whole, rig))
     if scale is None and not is_told:

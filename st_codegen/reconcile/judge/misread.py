@@ -50,7 +50,7 @@ class Misread:
     """A reading with its sizes, and the numbers of the pieces whose changes it stands for (OFFSET: the zero's).
 
     best: the fit with it, whose pieces have the numbers of those with the changes; touched: how many changes lie on
-    orders that it moves.
+    orders that it moves; unexplained: the orders of which it leaves nothing but noise, where nothing else does.
     """
 
     reading: WrongReading
@@ -58,6 +58,7 @@ class Misread:
     instead_of: frozenset[int]
     best: Fit
     touched: int = 0
+    unexplained: frozenset[int] = frozenset()
 
     @property
     def text(self) -> str:
@@ -72,9 +73,11 @@ class Misread:
     def is_asked(self) -> bool:
         """Whether it is hardly by chance: it has fewer numbers than there are changes for which it stands.
 
-        Two of twenty that agree on a number say nothing: it stands for most of those on orders that it moves.
+        Two of twenty that agree on a number say nothing: it stands for most of those on orders that it moves. Of orders
+        that are unexplained it takes one more, since nothing else was found for them.
         """
-        return len(self.instead_of) > max(len(self.sizes), 1, self.touched // 2)
+        of_orders = len(self.unexplained) > max(len(self.sizes), 1) + 1
+        return of_orders or len(self.instead_of) > max(len(self.sizes), 1, self.touched // 2)
 
     def meant(self, data: Observations) -> Observations:
         """The data as they would be, read right."""
@@ -99,6 +102,13 @@ def _shifted(key: str) -> Reread:
 
 def _torque_both(data: Observations, size: FloatArray) -> Observations:
     return _with(data, "torque_Nm", (data.at.torque_Nm - size[1]) / (1.0 + size[0] / 100.0))
+
+
+def _faster(sign: float) -> Reread:
+    """Speeds of one direction by a factor."""
+    return lambda data, size: _with(
+        data, "speed_rpm", data.at.speed_rpm / np.where(data.at.sign == sign, 1.0 + size[0] / 100.0, 1.0)
+    )
 
 
 def _slipped(data: Observations, size: FloatArray) -> Observations:
@@ -212,6 +222,8 @@ READINGS = (
     ),
     WrongReading(_HEAT, ("all temperatures in degF",), _of_fahrenheit),
     WrongReading(_SPEED, ("all speeds {:.3g} % too {}",), _scaled("speed_rpm"), (0.1,), (30.0,)),
+    WrongReading(_SPEED, ("all speeds backward {:.3g} % too {}",), _faster(-1.0), (0.1,), (30.0,)),
+    WrongReading(_SPEED, ("all speeds forward {:.3g} % too {}",), _faster(1.0), (0.1,), (30.0,)),
     WrongReading(
         _SPEED, ("speeds {:.3g} % too {} at the largest load, and in proportion at others",), _slipped, (0.1,), (30.0,)
     ),
@@ -257,6 +269,51 @@ def misread(final: Fit, changed: Collection[int], offset_changed: bool) -> tuple
         found = _instead(final, plain, reading, chance) or _beside_the_rest(final, plain, reading, chance)
         standing += [] if found is None else [found]
     return tuple(sorted(standing, key=lambda one: (-len(one.instead_of), len(one.sizes), one.best.loss)))
+
+
+def in_place_of_the_rest(final: Fit, orders: Collection[int]) -> tuple[Misread, ...]:
+    """Readings that leave nothing but noise of most of the orders (`orders`) that stay unexplained, the best first."""
+    data, target = final.target.data, final.target
+    good = target.good
+    if data.angle_rad is not None:
+        return ()
+    noise = (np.where(data.orders == 0, 1, 2) * target.sigma[good] ** 2).mean(axis=0)
+    told = SETTINGS.told / np.sqrt(good.sum()) * noise
+
+    def left(one: Fit) -> FloatArray:
+        """The power of each order that is more than noise."""
+        return np.asarray(np.maximum((np.abs(one.residual[good]) ** 2).mean(axis=0) - noise, 0.0))
+
+    columns = np.isin(data.orders, list(orders)) & (left(final) > 2.0 * told)
+    if not columns.any():
+        return ()
+    before, told, found = left(final)[columns], told[columns], list[Misread]()
+    for reading in READINGS:
+        sizes, best = _read(target, final.state, reading, rounds=1, known=final if reading.steps else None)
+        if left(best)[columns].sum() < SETTINGS.begins_to_do * before.sum():
+            sizes, best = _read(target, best.state, reading, sizes, known=best)
+        after = left(best)[columns]
+        gone = after < SETTINGS.left_of_rest * before + told
+        if 2 * gone.sum() > len(gone) and (after < before + told).all():
+            rest = frozenset(data.orders[columns][gone].tolist())
+            found.append(_with_what_changed(Misread(reading, sizes, frozenset(), best, unexplained=rest), target))
+    return tuple(sorted(found, key=lambda one: (-len(one.instead_of), one.best.loss)))
+
+
+def _with_what_changed(one: Misread, target: FitData) -> Misread:
+    """The reading in place of all changes of the rig as well, where the data need none of them beside it."""
+    state = one.best.state
+    changed = [i for i, piece in enumerate(state.pieces) if piece.free and not piece.added]
+    for i in changed:
+        state = state.replaced(i, state.pieces[i].held())
+    state = replace(state, offset=state.rig.zero_offset_deg, offset_free=False)
+    everything = frozenset(changed) | ({OFFSET} if one.best.state.offset_free else frozenset())
+    if not everything:
+        return one
+    sizes, best = _read(target, state, one.reading, one.sizes)
+    if _is_needed(best, one.best, 0):
+        return one
+    return replace(one, sizes=sizes, best=best, instead_of=everything)
 
 
 def refined(final: Fit, accepted: Collection[str]) -> Misread | None:

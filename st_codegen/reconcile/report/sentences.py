@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from st_codegen.campaign.orders import listed
 from st_codegen.ir.arrays import BoolArray, ComplexArray
 from st_codegen.reconcile.data.observations import rms_deg
 from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.judge.conclusions import Claim
+from st_codegen.reconcile.judge.misread import Misread
 from st_codegen.reconcile.judge.plausible import explained
 from st_codegen.reconcile.judge.structure import in_both_directions
 from st_codegen.reconcile.judge.surroundings import angle_of_rest
@@ -123,11 +125,23 @@ _MOST_LISTED = 4
 
 
 def misread_texts(result: Reconciliation) -> list[str]:
-    """What would do in place of changes of the rig, and what to do where it is so; one sentence for each name."""
+    """What would do in place of changes of the rig, or of what is unexplained, and what to do where it is so.
+
+    One sentence for each name.
+    """
     found = result.conclusions
+
+    def of_what(one: Misread) -> str:
+        """What it would do in place of."""
+        texts = [f"would do in place of the change of {', '.join(found.changes_for(one))}"] * bool(one.instead_of)
+        if one.unexplained:
+            orders = sorted(one.unexplained)
+            which = f"order{'s' * (len(orders) > 1)} {listed(orders)}" if orders != [0] else "the mean"
+            texts.append(f"would leave nothing but noise of what is unexplained in {which}")
+        return " and ".join(texts)
+
     return [
-        f"{one.text} would do in place of the change of {', '.join(found.changes_for(one))}: if it is so, "
-        f"--accept {one.reading.name} corrects it"
+        f"{one.text} {of_what(one)}: if it is so, --accept {one.reading.name} corrects it"
         for one in {one.reading.name: one for one in reversed(found.misread)}.values()
     ]
 
