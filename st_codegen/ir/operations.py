@@ -323,6 +323,7 @@ class Normalize(Quotient):
     precision: Precision = Precision.FLOAT32
     limit: float = math.inf
     exact: ClassVar[bool] = True
+    refuses: ClassVar[bool] = True
 
 
 @dataclass(frozen=True)

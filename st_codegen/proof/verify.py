@@ -48,6 +48,9 @@ _SECONDS_A_ROW = 5e-7
 #: `python benchmarks/prove.py 50 1001` (2,001 nodes a tree) took 1.4 s.
 _SECONDS_A_TREE, _SECONDS_A_NODE = 6.5e-3, 1.1e-5
 
+#: How often a library is asked again where it refuses many rows together.
+_ASKED_AGAIN = 48
+
 
 @dataclass(frozen=True)
 class Disagreement:
@@ -92,8 +95,10 @@ class ModelReport:
     Of a classifier every row must have the library's label, but for the `open_rows`: rows on which the bound leaves
     more than one label possible. The first of them are in `open_examples`.
 
-    To `unanswered` rows in the operating range the model has no answer, as the text must say too; the library is not
-    asked. `nothing_compared`: there was no other row.
+    `unanswered` rows in the operating range the block refuses, for a number on the way does not exist, or is too large.
+    Of these the library was asked `asked`, and had an answer to `silent` all the same, the first at `silent_example`
+    with the library's numbers. `silent_outside`: rows of numbers outside that range which the block refuses and the
+    library answers, as far as it was asked. `nothing_compared`: there was no row that the block takes.
 
     `refusal`: why the library has no answer for the model, or for an input that it should take; nothing was compared.
     """
@@ -111,6 +116,10 @@ class ModelReport:
     jump: float = 0.0
     jump_width: float = 0.0
     unanswered: int = 0
+    asked: int = 0
+    silent: int = 0
+    silent_example: tuple[list[float], list[float]] | None = None
+    silent_outside: int = 0
     nothing_compared: bool = False
     open_rows: int = 0
     open_examples: list[OpenRow] = field(default_factory=list)
@@ -140,21 +149,38 @@ class ModelReport:
             )
         if self.unanswered:
             said.append(
-                f"to {self.unanswered:,} of {self.n:,} rows, all in the range of the inputs, the model has no answer "
-                "(the root of a number below 0, a quotient by 0, ..): the library was not asked for one"
+                f"{self.unanswered:,} of {self.n:,} rows, all in the range of the inputs, the block refuses (bValid is "
+                "FALSE), for a number on the way does not exist or is too large (the root of a number below 0, a "
+                f"quotient by 0, ..): {self._silence}"
+            )
+        if self.silent_outside:
+            said.append(
+                f"to {self.silent_outside:,} rows of numbers outside the range of the inputs, which the block refuses, "
+                "the library has an answer"
             )
         if self.nothing_compared:
-            said.append("to no row that was tried it has an answer, so that nothing was compared: declare its ranges")
+            said.append("it takes no row that was tried, so that nothing was compared: declare its ranges")
         return "; ".join(said)
 
     @property
+    def _silence(self) -> str:
+        """What the library says to the rows that the block refuses."""
+        asked = "them" if self.asked == self.unanswered else f"the {self.asked:,} of them that it was asked"
+        if self.silent_example is None:
+            return f"the library has no finite answer to {asked} either"
+        which = asked if self.silent == self.asked else f"{self.silent:,} of {asked}"
+        row, answer = self.silent_example
+        return f"to {which} the library has an answer, as {answer} to {row}"
+
+    @property
     def verdict(self) -> str:
-        """In a word or two."""
+        """In a few words."""
         if not self.passed:
             return "FAILED"
+        said = "equal but for -0" if self.zero_signs else "exact"
         if not (self.exact and self.must_be_exact):
-            return "within bound"
-        return "equal but for -0" if self.zero_signs else "exact"
+            said = "within bound"
+        return f"{said} where it answers" if self.silent else said
 
     def as_json(self) -> dict[str, Any]:
         """For reports: numbers that JSON has no way to write become text."""
@@ -392,6 +418,7 @@ def model_report(
     lower, upper = operating_range(ir)
     inside = np.all((x >= lower) & (x <= upper), axis=1)
     report.unanswered, report.nothing_compared = int(np.sum(inside & ~usable)), not np.any(usable)
+    _ask_to_refused(report, model, limited, ~usable & np.all(np.isfinite(limited), axis=1), inside)
     inside &= usable
     numbers = 0 if ir.classes is None else 1  # the first output that has a size
     near = bound[inside, numbers:]
@@ -417,6 +444,32 @@ def model_report(
         near = inside & answered & result.valid
         _measure(report, x, library[:, numbers:], got[:, numbers:], near, is_real=ir.is_real)
     return report
+
+
+def _ask_to_refused(
+    report: ModelReport, model: LoadedModel, x: FloatArray, refused: BoolArray, inside: BoolArray
+) -> None:
+    """Note to how many of the rows that the block refuses the library has an answer.
+
+    Rows that it refuses together are asked by halves, as often as `_ASKED_AGAIN`.
+    """
+    answers = np.full((len(x), len(model.ir.outputs)), np.nan)
+    asked, left, calls = np.zeros(len(x), bool), [np.flatnonzero(refused)], 0
+    while left and calls <= _ASKED_AGAIN:
+        rows, calls = left.pop(), calls + 1
+        try:
+            answers[rows] = model.predict(x[rows])
+        except LibraryRefusesError:
+            if len(rows) > 1:
+                left += np.array_split(rows, 2)
+                continue
+        asked[rows] = True
+    answered = asked & np.isfinite(answers).all(axis=1)
+    report.asked, report.silent = int(np.sum(asked & inside)), int(np.sum(answered & inside))
+    report.silent_outside = int(np.sum(answered & ~inside))
+    if report.silent:
+        first = int(np.argmax(answered & inside))
+        report.silent_example = x[first].tolist(), answers[first].tolist()
 
 
 def _jump_width(model: ModelIR, x: FloatArray) -> float:

@@ -167,8 +167,31 @@ def test_rows_without_an_answer_are_counted_and_not_called_exact_alone(missing, 
     assert report.passed == found.passed == (missing != "all")
     assert found.verdict == ("FAILED" if missing == "all" else "exact")
     assert found.nothing_compared == ("no row that was tried" in found.not_judged) == (missing == "all")
-    assert bool(found.unanswered) == ("the library was not asked" in found.not_judged) == (missing != "none")
+    assert bool(found.unanswered) == ("no finite answer to them either" in found.not_judged) == (missing != "none")
+    assert (found.asked, found.silent) == (found.unanswered, 0)
     assert report.as_json()["models"][found.name]["unanswered"] == found.unanswered
+
+
+def test_what_the_library_answers_and_the_block_refuses_is_said(tmp_path):
+    """A library that goes on where a root does not exist was not asked, and the block was called exact."""
+    ops = (Activation((0,), Function.ABS, 3), Scale((1,), Operator.SUBTRACT, np.full(3, 0.5)))
+    roots = limit_inputs(dataclasses.replace(model(ops[0]), ops=(*ops, Activation((2,), Function.SQRT, 3))))
+
+    def library(x):
+        known = reference.evaluate(roots, x)
+        if len(x) > 1 and np.isnan(known[x[:, 0] < 0.0]).any():
+            raise ValueError("not together")
+        return np.where(np.isnan(known), 7.0, known)
+
+    bundle = Bundle((LoadedModel(roots, library),), None)
+    generate(bundle, "iec", tmp_path)
+    (found,) = verify(bundle, tmp_path, rows=300).models
+    assert found.passed and found.verdict == "exact where it answers"
+    assert 0 < found.silent == found.asked < found.unanswered
+    row, answer = found.silent_example
+    assert min(map(abs, row)) < 0.5 and answer == [7.0] * 3
+    assert f"to the {found.asked} of them that it was asked the library has an answer, as {answer}" in found.not_judged
+    assert found.as_json()["silent_example"] == [row, answer]
 
 
 def test_missing_blocks_and_missing_folders_are_named(lone_folder, generated, lightgbm_text, tmp_path):

@@ -293,7 +293,19 @@ def model_header(model: ModelIR, *closing: str, remarks: Iterable[str] = ()) -> 
     open_ = "" if model.classes is None else ", but for classes that it leaves open"
     exact = exact if model.exact else f"Equals the library within the bound that verify states{open_}."
     lines.extend(closing or (exact,))
+    lines.extend(_refused_lines(model))
     return header_lines(lines)
+
+
+def _refused_lines(model: ModelIR) -> tuple[str, ...]:
+    """Where the block has no answer although its inputs are numbers, and the library may have one."""
+    if any(getattr(op, "refuses", False) for op in model.ops):
+        where = "a number on the way does not exist or is too large (a root of a number below 0, a quotient by 0, ..)"
+    elif any(ends is not None for ends in model.accepted_numbers):
+        where = "a number is not accepted"
+    else:
+        return ()
+    return (f"Where {where}, bValid is FALSE, even if the library goes on.",)
 
 
 def header_lines(lines: Iterable[str]) -> tuple[str, ...]:
