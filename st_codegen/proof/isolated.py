@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import math
 import multiprocessing
 import os
 import signal
@@ -20,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import StCodegenError
-from st_codegen.ir import FloatArray
+from st_codegen.ir import BoolArray, FloatArray
 from st_codegen.processes import can_be_copied, children, fork, how_it_ended, make_copy, ticks_asleep
 from st_codegen.threads import one_thread
 from st_codegen.walkers.base import LoadedModel, Predictor
@@ -71,6 +72,25 @@ def isolated(models: Sequence[LoadedModel]) -> Iterator[tuple[LoadedModel, ...]]
             with contextlib.suppress(OSError):  # nobody waits for an answer any more
                 os.killpg(keeper, signal.SIGKILL)
             os.waitpid(keeper, 0)
+
+
+def answers_to(model: LoadedModel, x: FloatArray, calls: float = math.inf) -> tuple[FloatArray, BoolArray]:
+    """What an isolated model answers to rows that it may refuse, and which of them it was asked.
+
+    Rows that it refuses together are asked by halves, until it was called so often. NaN in rows without an answer.
+    """
+    answers, asked = np.full((len(x), len(model.ir.outputs)), np.nan), np.zeros(len(x), np.bool_)
+    left = [np.arange(len(x))] if len(x) else []
+    while left and calls > 0:
+        rows, calls = left.pop(), calls - 1
+        try:
+            answers[rows] = model.predict(x[rows])
+        except LibraryRefusesError:
+            if len(rows) > 1:
+                left += np.array_split(rows, 2)
+                continue
+        asked[rows] = True
+    return answers, asked
 
 
 def _keep(connection: Connection, models: Sequence[LoadedModel]) -> None:

@@ -14,10 +14,11 @@ from st_codegen.files.csv_tables import csv_text, read_csv, with_underscores
 from st_codegen.files.text import write_text
 from st_codegen.ir import AnyArray, Classes, FloatArray, ModelIR, reference
 from st_codegen.project.bundle import Bundle
+from st_codegen.proof.isolated import answers_to
 from st_codegen.proof.runner import GeneratedCode
 from st_codegen.walkers.base import LoadedModel
 
-#: Computes a model for rows (rows, features), shape (rows, outputs); NaN in rows that it takes no answer for.
+#: Computes a model for rows (rows, features), shape (rows, outputs); NaN in rows that it has no answer to.
 Answer = Callable[[LoadedModel, FloatArray], FloatArray]
 
 
@@ -26,8 +27,8 @@ def predict(
 ) -> dict[str, AnyArray]:
     """Predict every model for columns of inputs, by feature name (or `f0`, `f1`, .. by position).
 
-    Returns a column a model, headed by its name, `name[i]` (from 0) where it has several outputs; NaN where a model
-    takes no such input. Of a classifier, `name` holds the library's own labels, and `name[i]` the numbers beside them.
+    Returns a column a model, headed by its name, `name[i]` (from 0) where it has several outputs; NaN where there is
+    no answer. Of a classifier, `name` holds the library's own labels, and `name[i]` the numbers beside them.
     Raises one InputError that lists all missing features, and calls the columns `table`.
     """
     problems = Problems(table)
@@ -68,12 +69,13 @@ def by_reference(model: LoadedModel, x: FloatArray) -> FloatArray:
 
 
 def by_library(model: LoadedModel, x: FloatArray) -> FloatArray:
-    """The answer of the source library."""
-    result = by_reference(model, x)
-    usable = np.all(np.isfinite(result), axis=1)  # the library raises for the others, or has no number for them
-    result[~usable] = np.nan
+    """The answer of the source library, to rows that a block refuses as well; NaN in rows that it refuses itself."""
+    x = reference.limited(model.ir, x)
+    usable = np.all(np.isfinite(by_reference(model, x)), axis=1)
+    result = np.full((len(x), len(model.ir.outputs)), np.nan)
     if usable.any():
-        result[usable] = model.predict(reference.limited(model.ir, x)[usable])
+        result[usable] = model.predict(x[usable])
+    result[~usable], _ = answers_to(model, x[~usable])
     return result
 
 

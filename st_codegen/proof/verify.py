@@ -34,7 +34,7 @@ from st_codegen.project.purpose import BlockCheck
 from st_codegen.proof import bounds
 from st_codegen.proof.arithmetic import arithmetic_of
 from st_codegen.proof.explain import real_remarks
-from st_codegen.proof.isolated import LibraryRefusesError, isolated
+from st_codegen.proof.isolated import LibraryRefusesError, answers_to, isolated
 from st_codegen.proof.probes import operating_range, probe_rows
 from st_codegen.proof.prove.prove import Verdict, prove_model
 from st_codegen.proof.runner import BlockResult, GeneratedCode, target_folders
@@ -48,8 +48,8 @@ _SECONDS_A_ROW = 5e-7
 #: `python benchmarks/prove.py 50 1001` (2,001 nodes a tree) took 1.4 s.
 _SECONDS_A_TREE, _SECONDS_A_NODE = 6.5e-3, 1.1e-5
 
-#: How often a library is asked again where it refuses many rows together.
-_ASKED_AGAIN = 48
+#: How often a library is asked about rows that the block refuses.
+_ASKED = 48
 
 
 @dataclass(frozen=True)
@@ -449,21 +449,9 @@ def model_report(
 def _ask_to_refused(
     report: ModelReport, model: LoadedModel, x: FloatArray, refused: BoolArray, inside: BoolArray
 ) -> None:
-    """Note to how many of the rows that the block refuses the library has an answer.
-
-    Rows that it refuses together are asked by halves, as often as `_ASKED_AGAIN`.
-    """
-    answers = np.full((len(x), len(model.ir.outputs)), np.nan)
-    asked, left, calls = np.zeros(len(x), bool), [np.flatnonzero(refused)], 0
-    while left and calls <= _ASKED_AGAIN:
-        rows, calls = left.pop(), calls + 1
-        try:
-            answers[rows] = model.predict(x[rows])
-        except LibraryRefusesError:
-            if len(rows) > 1:
-                left += np.array_split(rows, 2)
-                continue
-        asked[rows] = True
+    """Note to how many of the rows that the block refuses the library has an answer."""
+    answers, asked = np.full((len(x), len(model.ir.outputs)), np.nan), np.zeros(len(x), np.bool_)
+    answers[refused], asked[refused] = answers_to(model, x[refused], _ASKED)
     answered = asked & np.isfinite(answers).all(axis=1)
     report.asked, report.silent = int(np.sum(asked & inside)), int(np.sum(answered & inside))
     report.silent_outside = int(np.sum(answered & ~inside))

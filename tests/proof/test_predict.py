@@ -45,6 +45,24 @@ def test_several_outputs_are_numbered_and_refused_rows_are_nan(tmp_path):
         assert np.isnan(result["line[1]"][1:]).all()
 
 
+def test_the_library_answers_for_itself_where_a_block_refuses(tmp_path):
+    """It was not asked, and said to have no answer: behind a logarithm that does not exist a value is missing."""
+    pytest.importorskip("sklearn")
+    joblib = pytest.importorskip("joblib")
+    from sklearn.ensemble import HistGradientBoostingRegressor
+    from sklearn.pipeline import make_pipeline
+    from sklearn.preprocessing import FunctionTransformer
+
+    x = np.linspace(0.1, 3.0, 100)[:, None]
+    model = make_pipeline(FunctionTransformer(np.log), HistGradientBoostingRegressor(max_iter=3)).fit(x, x[:, 0])
+    joblib.dump(model, tmp_path / "m.joblib")
+    bundle, rows = load(tmp_path, trust_pickle=True), np.array([1.0, -2.0, np.inf])
+    said = predict(bundle, {"f0": rows}, Evaluator.SOURCE)["m"]
+    with np.errstate(invalid="ignore"):
+        assert np.array_equal(said, model.predict(rows[:, None]))
+    assert np.isnan(predict(bundle, {"f0": rows}, Evaluator.ST)["m"]).tolist() == [False, True, True]
+
+
 def test_a_column_bears_its_own_name_or_the_one_that_lightgbm_makes_of_it(lone_folder):
     bundle = load(lone_folder)
     x = [np.array([value]) for value in ROWS[0]]
