@@ -383,27 +383,36 @@ class Terms:
             self._note(result, hull(one[1], other[1]))
         return result
 
-    def truth(self, value: Value) -> bool | None:  # noqa: PLR0911, PLR0912 - one return a kind
+    def truth(self, value: Value) -> bool | None:
         """Whether a truth value is known here."""
+        return self._truth(value, {}) if isinstance(value, Term) else bool(value)
+
+    def _truth(self, value: Value, asked: dict[Term, bool | None]) -> bool | None:
+        """The truth of a value; asked: what is known of its parts by now, which stand in it many times."""
         if not isinstance(value, Term):
             return bool(value)
+        if value not in asked:
+            asked[value] = self._truth_of(value, asked)
+        return asked[value]
+
+    def _truth_of(self, value: Term, asked: dict[Term, bool | None]) -> bool | None:  # noqa: PLR0911 - one a kind
         for layer in reversed(self._truths):
             if value in layer:
                 return layer[value]
         arguments = value.arguments
         if value.operation == "not":
-            inner = self.truth(arguments[0])
+            inner = self._truth(arguments[0], asked)
             return None if inner is None else not inner
         if value.operation == "and":
             found = []
             for argument in arguments:
-                found.append(self.truth(argument))
+                found.append(self._truth(argument, asked))
                 if found[-1] is False:
                     return False
             return True if None not in found else None
         if value.operation == "if":
-            condition = self.truth(arguments[0])
-            sides = [self.truth(argument) for argument in arguments[1:]]
+            condition = self._truth(arguments[0], asked)
+            sides = [self._truth(argument, asked) for argument in arguments[1:]]
             if condition is not None:
                 return sides[0] if condition else sides[1]
             return sides[0] if sides[0] is sides[1] else None

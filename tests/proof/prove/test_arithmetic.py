@@ -432,3 +432,16 @@ def test_an_exponential_below_the_largest_is_one_where_its_cut_lies_below_zero()
         for cut in (-0.5, 0.0)
     ]
     assert found == [(x, largest), None]
+
+
+def test_a_truth_value_that_stands_in_another_many_times_is_looked_at_once():
+    """Three splines with refused ends took over four minutes: what may be refused stands twice in the next condition."""
+    terms = Terms()
+    value = terms.leaf("usable", "bool")
+    for step in range(80):
+        one, other = (terms.leaf(f"{side}{step}", "bool") for side in ("first", "second"))
+        value = terms.choice(one, terms.both(value, other), terms.negated(value))
+    assert terms.truth(value) is None
+    last = value.arguments
+    with terms.assuming(terms.leaf("first79", "bool"), False), terms.assuming(last[2], True):
+        assert terms.truth(value) is True
