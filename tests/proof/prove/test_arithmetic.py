@@ -435,7 +435,7 @@ def test_an_exponential_below_the_largest_is_one_where_its_cut_lies_below_zero()
 
 
 def test_a_truth_value_that_stands_in_another_many_times_is_looked_at_once():
-    """Three splines with refused ends took over four minutes: what may be refused stands twice in the next condition."""
+    """Three splines with refused ends took over four minutes: one condition stands twice in the next."""
     terms = Terms()
     value = terms.leaf("usable", "bool")
     for step in range(80):
