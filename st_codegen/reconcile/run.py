@@ -38,6 +38,7 @@ from st_codegen.reconcile.judge.conclusions import (
 from st_codegen.reconcile.judge.evidence import Evidence
 from st_codegen.reconcile.judge.faint import faint
 from st_codegen.reconcile.judge.held_out import between_states, held_out_rms
+from st_codegen.reconcile.judge.in_time import wander_over_runs
 from st_codegen.reconcile.judge.lines import lines_in_samples
 from st_codegen.reconcile.judge.links import coupling_link, servo_link, with_unmeasured_links
 from st_codegen.reconcile.judge.lookalikes import unlike_friction
@@ -128,8 +129,13 @@ class Reconciliation:
 
         Where few of many curves carry it, there may be more such places between them.
         """
-        few = self.data.few_points or (self.held_out_scatters and not self.carriers > self.unseen_curves / 3 > 0)
+        few = self.data.few_points or (self.held_out_scatters and self.few_carry)
         return few or any(one.frequency_Hz for one in self.data.hums)
+
+    @property
+    def few_carry(self) -> bool:
+        """Whether fewer of the curves that tell the held-out gap carry it than do so by chance where all are alike."""
+        return not self.carriers > self.unseen_curves / SETTINGS.carried_by_one_in > 0
 
     @property
     def held_out_scatters(self) -> bool:
@@ -414,7 +420,9 @@ def _result(
     floor = float(np.sqrt(floor_power.sum()))
     if not left and data.angle_rad is None and rms_deg(after[good], data.orders) > SETTINGS.clearly_larger * floor:
         left = [loudest(target, after, gap_power, floor_rms)]
-    rest = in_place_of_the_rest(replace(final, target=target), [one.order for one in left])
+    # what noise is left where the noise holds what is unexplained as well nobody knows
+    told = [one.order for one in left if not (one.at_least or "scatter" in one.dependence)]
+    rest = in_place_of_the_rest(replace(final, target=target), told)
     conclusions = conclusions.with_misread(rest)
     unseen = _held_out(replace(final, target=target), before, apart)
 
@@ -443,7 +451,7 @@ def _result(
         data=data,
         target=target,
         noise=noise,
-        conclusions=doubted(conclusions, orders, beside_the_rigs(orders, rig.orders())),
+        conclusions=doubted(conclusions, orders, beside_the_rigs(orders, rig.orders()), rig.orders()),
         judged=judged,
         unexplained=tuple(left),
         fitted=Gap(whole(rms_deg(before[good], data.orders)), whole(rms_deg(after[good], data.orders)), floor),
@@ -457,6 +465,7 @@ def _result(
             *examined.untold,
             *scatter_of_encoder(target, after),
             *scatter_within_turns(target, after),
+            *wander_over_runs(target, after, [one.order for one in left]),
         ),
         unseen_curves=unseen.curves,
         carriers=math.inf if data.angle_rad is not None else _alike((weight * np.abs(unseen.left) ** 2).sum(axis=1)),

@@ -53,6 +53,8 @@ class Settings:
     rows_that_tell: int = 100
     #: a ramp over the turn must be so many standard deviations of the slopes of single orders
     ramp: float = 4.0
+    #: and one of another ratio differs between slow and fast runs by no more than this share of it
+    same_ramp: float = 0.5
     #: orders of curves at which it is looked for: above those of shafts, where there are samples enough
     ramp_orders: tuple[int, int] = (5, 60)
     #: of so many of them the lowest ones tell the slope of the others, to this part of it
@@ -199,6 +201,8 @@ class Settings:
     #: the gap of levels that were left out counts in place of that of unseen runs from so many times on, and so many
     #: times the floor are more than noise: these gaps scatter
     clearly_larger: float = 1.25
+    #: a power that is normal in eight runs of two curves has fewer carriers than one in five of these once in 80 times
+    carried_by_one_in: float = 5.0
     #: resampled data sets, and the share of them in which an effect must keep its size
     resamplings: int = 60
     stable: float = 0.9
@@ -224,6 +228,8 @@ class Settings:
     #: differs in form
     reach_of_place: float = 3.0
     left_of_place: float = 0.15
+    #: how near to where curves begin and end (deg) a place may be what happens there
+    reach_of_start_deg: float = 10.0
     #: how far on both sides of an angle what many orders hold together may reach, deg
     reaches_of_place_deg: tuple[float, ...] = (2.0, 4.0, 8.0, 16.0)
     #: unexplained orders beside those of the rig of which is said that they lie so
@@ -321,6 +327,8 @@ class Settings:
     same_in_runs: float = 0.5
     #: share of an unexplained part from which on a condition is called what it depends on
     cause: float = 0.1
+    #: and how many times the share of the next condition it must have
+    clear_cause: float = 2.0
     #: a term of a formula must save this many times the logarithm of the runs, and this share of what is left to save
     term_price: float = 2.0
     term_share: float = 0.02
@@ -483,7 +491,7 @@ CHOSEN_ON: dict[str, tuple[str, ...]] = {
     "campaigns of other generators (filters, gaps, sensors that drift, zeros of the angle, laws of no catalogue)": (
         "one_zero", "one_zero_deg", "bends", "at_once", "beside_reading", "changes_tried", "of_a_filter",
         "least_between", "one_slope", "beyond_labels", "nothing_left", "keeps_its_size", "least_turn_rad",
-        "same_in_runs",
+        "same_in_runs", "same_ramp", "reach_of_start_deg", "left_of_rest", "begins_to_do", "clear_cause",
     ),
     "all counted cases of other physics, development and held out": (
         "names_by_order", "names_by_more",

@@ -49,8 +49,8 @@ from st_codegen.reconcile.judge.retuned import (
     without_misfits,
 )
 from st_codegen.reconcile.judge.selection import founded
-from st_codegen.reconcile.judge.states import in_forms_as_good
-from st_codegen.reconcile.judge.surroundings import left_of_place
+from st_codegen.reconcile.judge.states import in_forms_as_good, in_one_state
+from st_codegen.reconcile.judge.surroundings import left_of_place, may_be_a_start
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Effect, Form, Stage
 from st_codegen.rig.model import RigModel
@@ -125,7 +125,7 @@ _ONE_SIDED = frozenset({"torsional_compliance", "hanging_load_compliance"})
 class Conclusions:
     """What is claimed, and the fit behind it (all parameters free: `joint`; unchanged ones held: `final`).
 
-    misread: what may be read wrong in place of changes of the rig.
+    misread: what may be read wrong in place of changes of the rig; offset_is_open: what is unexplained reaches it too.
     """
 
     joint: Fit
@@ -134,6 +134,7 @@ class Conclusions:
     retuned: tuple[Retuned, ...]
     offset_changed: bool
     misread: tuple[Misread, ...] = ()
+    offset_is_open: bool = False
 
     def changes_for(self, one: Misread) -> list[str]:
         """Names of what need not have changed where something is read wrong, each once, with how often."""
@@ -162,7 +163,7 @@ class Conclusions:
         Beside a change that turns with the direction it may be the other half of what changed in one direction alone.
         """
         read = sorted({one.reading.name for one in self.misread if OFFSET in one.instead_of})
-        return (*read, *((SOMETHING_ELSE,) if self.names & _TURNING else ()))
+        return (*read, *((SOMETHING_ELSE,) if self.names & _TURNING or self.offset_is_open else ()))
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -291,6 +292,8 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
         # what is smaller than its error leaves open is no part of what is named
         if _top_is_unsure(joint, i) and (simpler := _simpler(joint.state.pieces[i])) is not None:
             return conclude(rig, fit(joint.target, joint.state.replaced(i, simpler)), known)
+    if (alike := in_one_state(joint)) is not None:
+        return conclude(rig, alike, known)
     wrong = misread(final, changed, offset_changed)
     claims = tuple(_claim(rig, joint, final, i, one, known, wrong) for i, one in standing.items())
     rivals = {i: _own_rivals(final, one) for i, one in left.items()}
@@ -366,7 +369,8 @@ def _claim(
         stderr |= {key: float(np.hypot(stderr[key], share * piece.effect.values[key])) for key in sizes & stderr.keys()}
     names = sorted({other.name for other in others} - {piece.effect.name})
     few = final.target.data.few_points
-    alone = few or by_order_alone(final, number) or is_a_knee(final, piece.effect)
+    starts = may_be_a_start(final, piece.effect)
+    alone = few or by_order_alone(final, number) or is_a_knee(final, piece.effect) or starts
     # nobody has counted how often a sideband without its twin is one
     one_side = piece.effect.stage is Stage.MODULATION and len(told_sides(piece, stderr)) < 2
     is_open = alone or one_side or may_be_friction(final, piece.effect) or may_be_time(final, piece.effect)
@@ -384,6 +388,7 @@ def _claim(
             *_of_its_shape(piece, peaks),
             *_of_its_order(final, number),
             *((_FEW,) if few else ()),
+            *((_START,) if starts else ()),
         ),
         peaks=peaks,
         counted=None if one_side or joint.target.data.angle_rad is not None else counted,
@@ -444,6 +449,8 @@ def _of_its_shape(piece: Piece, peaks: tuple[float, float] | None) -> tuple[str,
 
 #: what is said beside every name that few runs give
 _FEW = "so few runs cannot tell one law of the conditions from another: measure more levels"
+#: what is said beside a name that what happens at the start of each curve may have
+_START = "what dies away behind the start of each curve (an axis that settles, a filter that runs in) looks like it"
 #: the alternative to a name that only an order, or few runs, give
 SOMETHING_ELSE = "something_else"
 
@@ -548,13 +555,19 @@ def _own_gap(rig: RigModel, final: Fit, piece: Piece) -> tuple[float, float]:
     return before, after
 
 
-def doubted(found: Conclusions, left: Collection[int], beside: Collection[int]) -> Conclusions:
+def doubted(
+    found: Conclusions, left: Collection[int], beside: Collection[int], made: Collection[int] = ()
+) -> Conclusions:
     """Conclusions whose names have the alternative `something_else` where what stays unexplained says so.
 
     left: orders that stay unexplained: what is there may have changed a parameter of the rig on them as well; beside:
     those of them that lie one beside the rig's orders, as where an angle is read wrong: what does that changes the
-    orders between them, too.
+    orders between them, too; made: the rig's orders. Many others that are left, as a step at one angle makes them, or
+    what dies away behind the start of a curve, reach all up to twice the highest, and the mean.
     """
+    foreign = sorted(order for order in {*left, *_of_what_is_many(found)} if order > 0 and order not in made)
+    is_broad = len(foreign) >= SETTINGS.shared_orders
+    broad = set(range(2 * foreign[-1] + 1)) if is_broad else set()
     near = {order + off for order in beside for off in (-1, 1)}
     # what reaches all orders around one, as an effect of one angle does, reaches it as well
     reached = {k for k in range(max(left, default=0)) if {k - 1 if k else 2, k + 1} <= set(left)}
@@ -570,14 +583,27 @@ def doubted(found: Conclusions, left: Collection[int], beside: Collection[int]) 
 
     claims = tuple(
         replace(claim, alternatives=(*claim.alternatives, SOMETHING_ELSE), counted=SETTINGS.names_by_order)
-        if is_open(claim.piece.effect, near) and SOMETHING_ELSE not in claim.alternatives and claim.counted
+        if (is_open(claim.piece.effect, near) or (is_broad and claim.piece.effect.least_foreign))
+        and SOMETHING_ELSE not in claim.alternatives
+        and claim.counted
         else claim
         for claim in found.claims
     )
     retuned = tuple(
-        replace(one, is_open=one.is_open or is_open(one.after, near | reached | set(left))) for one in found.retuned
+        replace(one, is_open=one.is_open or is_open(one.after, near | reached | broad | set(left)))
+        for one in found.retuned
     )
-    return replace(found, claims=claims, retuned=retuned)
+    return replace(found, claims=claims, retuned=retuned, offset_is_open=is_broad)
+
+
+def _of_what_is_many(found: Conclusions) -> set[int]:
+    """The orders of claims that may be what happens where curves begin."""
+    return {
+        order
+        for claim in found.claims
+        if may_be_a_start(found.final, claim.piece.effect)
+        for order in claim.piece.effect.touched_orders()
+    }
 
 
 def _as_good(smaller: Fit, joint: Fit, number: int, known: Catalogue) -> tuple[Other, ...]:

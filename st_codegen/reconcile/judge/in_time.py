@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from statistics import NormalDist
@@ -425,6 +425,22 @@ def changes_with_time(target: FitData, residual: ComplexArray) -> BoolArray:
     # beyond what a correlation of so many runs is by chance
     least = 0.5 + SETTINGS.told / np.sqrt(sum(len(one) for one in series))
     return np.asarray(_alike(series) > least)
+
+
+def wander_over_runs(target: FitData, residual: ComplexArray, named: Collection[int]) -> tuple[str, ...]:
+    """What is said of a mean that changes with the time and counts as noise: it is not among the orders `named`."""
+    mean, series = target.data.orders == 0, _in_their_order(target, residual)
+    if 0 in named or not mean.any() or not series:
+        return ()
+    correlation = float(_alike(series)[mean][0])
+    # less is not worth a sentence, and of so many runs there is some by chance
+    if correlation < 0.25 + SETTINGS.told / np.sqrt(sum(len(one) for one in series)):
+        return ()
+    size = float(np.sqrt((residual[target.good][:, mean].real ** 2).mean()))
+    return (
+        f"the means of runs that follow each other are alike (a correlation of {correlation:.2f}; {size:.2g} deg RMS "
+        "over all runs): something changes with the time, slowly, and counts as noise",
+    )
 
 
 def lasting_mean(target: FitData, residual: ComplexArray) -> FloatArray:

@@ -186,7 +186,7 @@ def _ratio(data: Observations, rig: RigModel) -> list[Mistake]:
     # single waves have any phase: only a ramp has one slope at all orders
     if (data.orders > 0).sum() < SETTINGS.least_votes or abs(size) < SETTINGS.ramp * scatter:
         size, start = _ramp_of_gap(data, rig)
-    if not size:
+    if not size or not _is_the_same_in_all_runs(data, rig, size, start):
         return []
     ratio = rig.constants.reduction_ratio
     used = ratio / (1 - size / 360.0)
@@ -203,6 +203,26 @@ def _ratio(data: Observations, rig: RigModel) -> list[Mistake]:
         f"reduction ratio of {used:.{digits}g} instead of {ratio:g}"
     )
     return [Mistake("ratio", text, corrected, remedy="take the ramp out")]
+
+
+def _is_the_same_in_all_runs(data: Observations, rig: RigModel, size: float, start: float) -> bool:
+    """Whether a ramp of this size (deg) from this angle (rad) on is as large in slow runs as in fast ones, and so on.
+
+    That of another ratio is; what settles behind the start of a curve is not.
+    """
+    told = data.orders > 0
+    k = data.orders[told]
+    gap = (data.values - expected_of(data, rig))[:, told] * np.exp(1j * start * k)
+    each = ramp(gap, noise_power(data)[:, told], k)
+    for values in (data.at.speed_rpm, np.abs(data.at.torque_Nm), data.at.temperature_C):
+        low = values <= np.median(values)
+        if low.all():
+            continue
+        off = float(each[low].mean() - each[~low].mean())
+        error = float(np.hypot(each[low].std() / np.sqrt(low.sum()), each[~low].std() / np.sqrt((~low).sum())))
+        if abs(off) > max(SETTINGS.same_ramp * abs(size), SETTINGS.ramp * error):
+            return False
+    return True
 
 
 def _ramp_of_gap(data: Observations, rig: RigModel) -> tuple[float, float]:

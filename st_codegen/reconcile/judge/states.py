@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.judge.candidates import Candidate, Scorer
-from st_codegen.reconcile.judge.evidence import judge
+from st_codegen.reconcile.judge.evidence import chi_square_tail, judge
 from st_codegen.reconcile.judge.peaks import has_a_frequency
 from st_codegen.reconcile.judge.plausible import at_nobodys_expense, bounds_met, is_a_peak
 from st_codegen.reconcile.judge.structure import is_lacking
@@ -139,6 +140,26 @@ def _split(current: Fit, number: int) -> Fit | None:
     both = [found.state.pieces[i] for i in (number, new)]
     sound = all(is_a_peak(one) and not bounds_met(one) for one in both) and at_nobodys_expense(current, found)
     return found if evidence.passed and sound else None
+
+
+def in_one_state(joint: Fit) -> Fit | None:
+    """The fit with one resonance in place of two states that have come to be the same; None where none have.
+
+    The data must not refuse it, by the chance that takes to say that something has changed.
+    """
+    pieces = joint.state.pieces
+    for (i, one), (j, other) in combinations(enumerate(pieces), 2):
+        edges = [one.effect.values.get(key, other.effect.values.get(key)) for key in _SIDES]
+        are_states = all(piece.added and set(_SIDES) & piece.effect.values.keys() for piece in (one, other))
+        if not are_states or one.effect.orders != other.effect.orders or edges[0] != edges[1]:
+            continue
+        values = {key: x for key, x in one.effect.values.items() if key not in _SIDES}
+        state = joint.state.replaced(i, replace(one, effect=one.effect.with_values(values))).without(j)
+        found = fit(joint.target, state, steps=SETTINGS.long_steps)
+        fewer = len(joint.prior) - len(found.prior)
+        if chi_square_tail(max(found.loss - joint.loss, 0.0), fewer) > SETTINGS.p_changed:
+            return found
+    return None
 
 
 def _at_its_edge(split: Fit, two: tuple[int, int]) -> Fit:

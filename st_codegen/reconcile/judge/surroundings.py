@@ -15,7 +15,7 @@ from st_codegen.reconcile.judge.plausible import explained
 from st_codegen.reconcile.judge.structure import wander_within_turns
 from st_codegen.reconcile.judge.votes import SIGNS
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Effect
+from st_codegen.rig.effects import Effect, Stage
 
 #: samples of a turn at which a place is looked at
 _ANGLES = np.radians(np.arange(0.0, 360.0, 0.25))
@@ -77,6 +77,22 @@ def is_of_its_place(current: Fit, number: int) -> bool:
             if abs(_turned(beside - centre)) < SETTINGS.reach_of_place * (width + its_width):
                 return False
     return left_of_place(current, piece) <= SETTINGS.left_of_place
+
+
+def may_be_a_start(current: Fit, effect: Effect) -> bool:
+    """Whether an effect may be what dies away behind the start of curves: an axis that settles, a filter that runs in.
+
+    A place where curves begin and end, or a resonance that lifts many orders of which the rig makes none. Only curves
+    have a start.
+    """
+    if current.target.data.spectral_deg is None:
+        return False
+    if effect.least_foreign:
+        centre, width = _place(effect)
+        reach = max(np.radians(SETTINGS.reach_of_start_deg), SETTINGS.reach_of_place * width)
+        return bool(abs(_turned(centre)) < reach)
+    orders = set(effect.touched_orders()) - set(current.state.rig.orders())
+    return effect.stage is Stage.STRUCTURE and len(orders) >= SETTINGS.shared_orders
 
 
 def left_of_place(current: Fit, piece: Piece) -> float:

@@ -134,6 +134,10 @@ def _lacks_everywhere(structured: BoolArray) -> bool:
 
 
 def _scaled(data: Observations, residual: ComplexArray, sigma: FloatArray) -> FloatArray:
+    """How far off coefficients are, (n, K), over their noise: that of runs (sigma), or of their own curve if larger."""
+    if data.spectral_deg is not None:
+        # runs that are louder than others are no farther off for it
+        sigma = np.maximum(sigma, data.spectral_deg)
     found: FloatArray = np.where(data.orders == 0, np.abs(residual.real), np.abs(residual) / np.sqrt(2)) / sigma
     return found
 

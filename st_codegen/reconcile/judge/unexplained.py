@@ -360,17 +360,23 @@ _CAUSE = {
     "speed": "depends on the speed",
     "torque": "depends on the torque",
     "temperature": "depends on the oil temperature",
-    "combination": "depends on the conditions, or on when it was measured, in a way that no single one explains",
+    "combination": "depends on the conditions, or on when it was measured; no single one was found to explain it",
 }
 _WITH_TIME = "runs that were made one after the other are alike: it changes with time"
 _UNIT = {"speed": "rpm", "torque": "N m", "temperature": "degC"}
 
 
 def main_cause(shares: dict[str, float]) -> str:
-    """What an unexplained part depends on most; constant only where hardly anything else is seen."""
+    """What an unexplained part depends on most; constant only where hardly anything else is seen.
+
+    A condition must be clearly more than the next one: where runs are few, or scattered, two of them move together.
+    """
     varying = {name: share for name, share in shares.items() if name != "constant"}
     most = max(varying, key=lambda name: varying[name])
-    return most if varying[most] > SETTINGS.cause else "constant"
+    if varying[most] <= SETTINGS.cause:
+        return "constant"
+    next_one = max((varying.get(name, 0.0) for name in _UNIT if name != most), default=0.0)
+    return most if most not in _UNIT or varying[most] > SETTINGS.clear_cause * next_one else "combination"
 
 
 def _sentence(
@@ -391,6 +397,8 @@ def _sentence(
     if main in _UNIT and not _holds_elsewhere(target, r, main):
         main = "combination"
     text = _CAUSE[main if main in _CAUSE else "combination"]
+    if main == "constant" and (whole := round(100 * shares["constant"])) < 100:
+        text = f"{whole} % of its power {text}; no single condition was found to explain what varies"
     if main == "temperature" and target.data.run is None:
         text += ", or on when it was measured"
     if main == "combination" and changes_with_time(target, r[:, None])[0]:
@@ -399,13 +407,11 @@ def _sentence(
         return text, float(np.sqrt((np.abs(r[good]) ** 2).mean()))
     values = {"speed": at.speed_rpm, "torque": at.torque_Nm, "temperature": at.temperature_C}[main]
     level = levels_of(values) if main != "speed" else speed_levels(values)
-    means = {
-        float(np.median(values[good & (level == n)])): float(np.sqrt((np.abs(r[good & (level == n)]) ** 2).mean()))
-        for n in np.unique(level[good])
-    }
-    top = max(means, key=lambda value: means[value])
-    text += f", most at {top:g} {_UNIT[main]}: {means[top]:.2g} deg"
+    sizes = {n: float(np.sqrt((np.abs(r[good & (level == n)]) ** 2).mean())) for n in np.unique(level[good])}
+    top = max(sizes, key=lambda n: sizes[n])
+    there = values[good & (level == top)]
+    text += f", most {_at_level(main, there)}: {sizes[top]:.2g} deg"
     if main == "speed" and order:
-        hertz = order * top / 60 / target.reduction_ratio
+        hertz = order * float(np.median(there)) / 60 / target.reduction_ratio
         text += f" (order {order} is at {hertz:.3g} Hz there)"
-    return text, means[top]
+    return text, sizes[top]

@@ -101,7 +101,7 @@ def between_text(result: Reconciliation) -> str:
         texts.append(
             "The gap on held-out runs is a least value: at other speeds the wave of one frequency makes other orders."
         )
-    elif result.held_out_scatters and result.carriers > result.unseen_curves / 3 > 0:
+    elif result.held_out_scatters and not result.few_carry:
         texts.append(f"The gap on held-out runs comes from {result.unseen_curves} curves: of others it may be another.")
     elif result.held_out_scatters:
         texts.append(

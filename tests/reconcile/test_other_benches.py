@@ -1,0 +1,161 @@
+"""What benches have that the rig has not: loud runs, steps, starts of curves, days; none of it gets a false name."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from st_codegen.errors import InputError
+from st_codegen.reconcile.data.noise import estimate
+from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
+from st_codegen.reconcile.fit.fitting import fit
+from st_codegen.reconcile.fit.parameters import piece_of
+from st_codegen.reconcile.fit.state import State
+from st_codegen.reconcile.fit.target import FitData, groups_of
+from st_codegen.reconcile.judge.conclusions import doubted
+from st_codegen.reconcile.judge.in_time import wander_over_runs
+from st_codegen.reconcile.judge.measurement import examine
+from st_codegen.reconcile.judge.states import in_one_state
+from st_codegen.reconcile.judge.surroundings import may_be_a_start
+from st_codegen.reconcile.judge.suspects import excused
+from st_codegen.reconcile.judge.unexplained import main_cause
+from st_codegen.reconcile.report.summary import summary
+from st_codegen.reconcile.run import reconcile_observations
+from st_codegen.rig.model import RigModel
+
+from .test_core import RIG, effect, grid
+from .test_misread import AT, KNOWN, PATH, WHOLE
+
+ORDERS = np.array(WHOLE.orders())
+
+
+def curves(rig, at, orders, sigma, seed=0, added=0.0):
+    """Curves of a rig with noise of each run's own size (n,), which their other orders tell."""
+    random, sigma = np.random.default_rng(seed), np.broadcast_to(sigma, (len(at),))[:, None]
+    values = rig.coefficients(at, orders.tolist()) + added
+    noise = sigma * (random.standard_normal(values.shape) + 1j * random.standard_normal(values.shape))
+    values = values + np.where(orders == 0, noise.real, noise)
+    spectral = np.broadcast_to(sigma, values.shape).copy()
+    return Observations(at, labels(at), orders, values, run=order_of_runs(at), spectral_deg=spectral)
+
+
+def test_runs_that_are_louder_than_others_are_not_off_for_it():
+    """Noise that grew with the speed made every order of the rig "another in each run"."""
+    for seed in range(5):
+        data = curves(WHOLE, AT, ORDERS, 1e-5 + 2e-4 * (AT.speed_rpm / 1800) ** 3, seed)
+        left = data.values - WHOLE.coefficients(AT, ORDERS.tolist())
+        noise, none = estimate(data, left), np.zeros(len(ORDERS), bool)
+        assert not excused(data, left, noise, none).any()
+        # what the curves say of their noise tells it
+        assert excused(replace(data, spectral_deg=None), left, noise, none).any()
+
+
+def test_what_carries_a_held_out_gap_is_said_of_few_curves_only():
+    """Of 16 curves alike a third carries the power of the gap by chance."""
+    result = reconcile_observations(WHOLE, curves(WHOLE, AT, ORDERS, 1e-5), KNOWN)
+    assert not replace(result, carriers=16 / 3 - 0.1, unseen_curves=16).few_carry
+    assert replace(result, carriers=3.0, unseen_curves=16).few_carry
+    assert replace(result, carriers=3.0, unseen_curves=0).few_carry
+
+
+def test_what_reaches_many_orders_may_have_changed_any():
+    """A step of the curves at one angle, under load, was called another size of a pin, of order 80."""
+    pins = next(i for i, one in enumerate(WHOLE.effects) if one.name == "pin_error" and 80 in one.touched_orders())
+    changed = list(WHOLE.effects)
+    changed[pins] = changed[pins].with_values({**changed[pins].values, "amplitude_deg": 4e-4})
+    data = curves(replace(WHOLE, effects=tuple(changed), zero_offset_deg=-0.02), AT, ORDERS, 1e-5)
+    found = reconcile_observations(WHOLE, data, KNOWN).conclusions
+    (one,) = found.retuned
+    assert found.offset_changed and one.after.orders == (80,) and not one.is_open and not found.of_offset
+    foreign = [k for k in range(4, 60, 2) if k not in WHOLE.orders()]
+    for few in (foreign[:7], [k for k in range(4, 30, 2) if k not in WHOLE.orders()]):
+        assert not doubted(found, few, [], WHOLE.orders()).retuned[0].is_open
+    several = doubted(found, foreign, [], WHOLE.orders())
+    assert several.retuned[0].is_open and several.of_offset == ("something_else",)
+    assert not doubted(found, foreign[:7], [], WHOLE.orders()).of_offset
+
+
+def test_where_curves_begin_a_name_is_not_the_only_one():
+    data = curves(WHOLE, AT, ORDERS, 1e-5)
+    final = reconcile_observations(WHOLE, data, KNOWN).conclusions.final
+    bump = {"height_deg": 1e-3, "width_deg": 2.0}
+    near, far = (effect("local_defect", centre_deg=centre, **bump) for centre in (355.0, 200.0))
+    assert may_be_a_start(final, near) and not may_be_a_start(final, far)
+    heights = {"amplitude_deg": (1e-3,) * 9, "phase_rad": (0.0,) * 9}
+    many, few = (
+        effect(
+            "structural_resonance", orders=orders, frequency_Hz=50.0, damping_ratio=0.03,
+            **{key: value[: len(orders)] for key, value in heights.items()},
+        )
+        for orders in (tuple(range(130, 139)), (156, 162, 240))
+    )  # fmt: skip
+    assert may_be_a_start(final, many) and not may_be_a_start(final, few)
+    table = replace(final, target=replace(final.target, data=replace(final.target.data, spectral_deg=None)))
+    assert not may_be_a_start(table, near)
+
+
+def test_a_condition_is_a_cause_only_where_it_is_clearly_more_than_the_next_one():
+    """Of 30 scattered runs speed and torque told as much, and the speed was said to be it."""
+    assert main_cause({"constant": 0.7, "speed": 0.14, "torque": 0.13, "combination": 0.0}) == "combination"
+    assert main_cause({"constant": 0.7, "speed": 0.02, "torque": 0.13, "combination": 0.0}) == "torque"
+    assert main_cause({"constant": 0.8, "speed": 0.09, "torque": 0.02}) == "constant"
+    assert main_cause({"constant": 0.2, "speed": 0.2, "torque": 0.1, "time": 0.5}) == "time"
+
+
+@pytest.mark.parametrize("grows", [False, True])
+def test_what_settles_by_the_speed_is_no_other_ratio(grows):
+    """What died away behind the start of each curve, the more the faster, was a ramp "at every run"."""
+    orders, angle = np.arange(61), np.arange(2048) * 360.0 / 2048
+    travelled = np.where(AT.sign[:, None] > 0, angle, 360.0 - angle)
+    settling = -2.5e-3 * AT.sign[:, None] * (AT.speed_rpm[:, None] / 1800) * np.exp(-travelled / 20.0)
+    te = settling if grows else np.broadcast_to(2e-3 * angle / 360.0, settling.shape)
+    added = np.fft.rfft(te)[:, orders] * 2.0 / 2048
+    added[:, 0] /= 2.0
+    data = curves(WHOLE, AT, orders, 5e-6, added=added)
+    if grows:
+        assert "reduction ratio" not in _asked(data)
+    else:
+        assert "at every run, as if it had been computed with a reduction ratio" in _asked(data)
+
+
+def _asked(data):
+    """What is asked about data before the search; empty for nothing."""
+    try:
+        examine(data, WHOLE, PATH)
+    except InputError as error:
+        return str(error)
+    return ""
+
+
+@pytest.mark.parametrize(("warm", "is_one"), [(25.0, True), (26.0, False)])
+def test_two_states_that_have_come_to_be_the_same_are_one(warm, is_one):
+    """One mode that moved with the load was two, above and below 30 degC, with the same numbers."""
+    at, orders = grid(18, 4, 2), np.array([0, 78, 80])
+    shape = {"orders": (78, 80), "damping_ratio": 0.04, "amplitude_deg": (1e-3, 5e-4), "phase_rad": (0.3, -1.0)}
+    cold = effect("structural_resonance", frequency_Hz=25.0, below_C=30.0, **shape)
+    hot = effect("structural_resonance", frequency_Hz=warm, above_C=30.0, **shape)
+    data = curves(RigModel(effects=(*RIG.effects, cold, hot)), at, orders, 1e-6)
+    target = FitData(data, np.full(data.values.shape, 1e-6), np.ones(len(at), bool), groups_of(at))
+    pieces = (*(piece_of(one, added=False, origin=one).held() for one in RIG.effects),
+              *(piece_of(one, added=True) for one in (cold, hot)))  # fmt: skip
+    joint = fit(target, State(RIG, 0.0, pieces))
+    found = in_one_state(joint)
+    assert (found is not None) == is_one
+    if found is not None:
+        (one,) = (piece.effect for piece in found.state.pieces if piece.added)
+        assert not {"above_C", "below_C"} & one.values.keys()
+        assert one.scalar("frequency_Hz") == pytest.approx(25.0, abs=0.01)
+
+
+@pytest.mark.parametrize("wanders", [True, False])
+def test_a_mean_that_wanders_with_the_day_is_said_to_be_alike_in_runs_that_follow_each_other(wanders):
+    """It was "noise" without a word: a sine of 25 runs, five times the noise of a run."""
+    number = order_of_runs(AT)
+    mean = 1e-3 * (np.sin(2 * np.pi * number / 25) if wanders else np.random.default_rng(2).standard_normal(72)[number])
+    data = curves(WHOLE, AT, ORDERS, 2e-5, added=mean[:, None] * (ORDERS == 0))
+    result = reconcile_observations(WHOLE, data, KNOWN)
+    assert any("runs that follow each other" in text for text in result.cannot_show) == wanders
+    assert ("Cannot be shown: the means of runs that follow each other are alike" in summary(result)) == wanders
+    if wanders:
+        residual = result.conclusions.final.residual
+        assert wander_over_runs(result.target, residual, []) and not wander_over_runs(result.target, residual, [0])
