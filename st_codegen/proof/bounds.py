@@ -39,8 +39,9 @@ TANH_FORMULA = 2.0**-150 / 0.00489
 #: What is lost by taking 0 for exponentials below exp(-708).
 _TINY = 1e-307
 
-#: What two evaluations of a small exponential may differ by beyond their relative error, where it has lost digits.
-_SMALLEST = {ir.Precision.FLOAT64: _TINY, ir.Precision.FLOAT32: 2.0**-148}
+#: What two evaluations of a small exponential may differ by beyond their relative error, where it has lost digits; in
+#: float32 the smallest normal number, since onnxruntime takes 0 for what lies below it on some processors.
+_SMALLEST = {ir.Precision.FLOAT64: _TINY, ir.Precision.FLOAT32: 2.0**-126}
 #: In REAL 0 is taken for exponentials below exp(-87).
 _SMALLEST[ir.Precision.REAL] = 2e-38
 #: What an operation in REAL and the coefficient that it reads may lose below the normal numbers.
