@@ -231,7 +231,7 @@ def test_leaves_that_are_summed_in_real_lose_no_more_than_their_bound_which_is_n
 
 
 def test_a_share_in_float32_below_the_normal_numbers_may_be_nothing():
-    """onnxruntime takes 0 for it on processors without AVX-512; the bound was that of a number with fewer digits."""
+    """onnxruntime takes 0 for it on some processors; the bound was that of a number with fewer digits."""
     ir = model(Softmax((0,), 3, precision=Precision.FLOAT32))
     x = np.array([[0.0, -90.0, -95.0]])
     values, bound = reference.evaluate(ir, x)[0], difference_bound(ir, x)[0]
