@@ -74,6 +74,18 @@ def real32(value: float) -> str:
     return real(shortest if np.float32(shortest) == single else float(single))
 
 
+#: What ends, or begins, a comment or CDATA; and how it looks in a text that a model file brought along.
+_ENDS = {"*)": r"\x2a)", "(*": r"(\x2a", "]]>": r"\x5d]>"}
+
+
+def harmless(text: str) -> str:
+    """A text of a model file as it may stand in a comment: what `check_text` refuses is escaped as Python does it."""
+    shown = "".join(c if c.isascii() and c.isprintable() else ascii(c)[1:-1] for c in text)
+    for ending, escaped in _ENDS.items():
+        shown = shown.replace(ending, escaped)
+    return shown
+
+
 def check_text(text: str, what: str) -> str:
     """`text` if it may stand in a comment of a generated file, else InputError that names `what` it is.
 

@@ -22,6 +22,7 @@ import numpy as np
 from st_codegen.cost.profile import Profile
 from st_codegen.cost.report import ProjectCost, project_cost
 from st_codegen.emit.blocks.comparison import PROGRAM
+from st_codegen.emit.blocks.model import refused_where
 from st_codegen.emit.blocks.self_test import SELF_TEST
 from st_codegen.emit.output import block_of, is_real
 from st_codegen.emit.targets import TARGETS
@@ -95,9 +96,10 @@ class ModelReport:
     Of a classifier every row must have the library's label, but for the `open_rows`: rows on which the bound leaves
     more than one label possible. The first of them are in `open_examples`.
 
-    `unanswered` rows in the operating range the block refuses, for a number on the way does not exist, or is too large.
-    Of these the library was asked `asked`, and had an answer to `silent` all the same, the first at `silent_example`
-    with the library's numbers. `silent_outside`: rows of numbers outside that range which the block refuses and the
+    On `vague` rows of the operating range the bound of an output is larger than all that it spans on the rows there:
+    being within it says nothing. `unanswered` rows in that range the block refuses, where `refused_where` says. Of
+    these the library was asked `asked`, and had an answer to `silent` all the same, the first at `silent_example` with
+    the library's numbers. `silent_outside`: rows of numbers outside that range which the block refuses and the
     library answers, as far as it was asked. `nothing_compared`: there was no row that the block takes.
 
     `refusal`: why the library has no answer for the model, or for an input that it should take; nothing was compared.
@@ -115,7 +117,9 @@ class ModelReport:
     proved: bool = False
     jump: float = 0.0
     jump_width: float = 0.0
+    vague: int = 0
     unanswered: int = 0
+    refused_where: str = ""
     asked: int = 0
     silent: int = 0
     silent_example: tuple[list[float], list[float]] | None = None
@@ -147,11 +151,16 @@ class ModelReport:
                 f"on {self.unbounded:,} of {self.n:,} rows no bound is known, since rounding may grow there without "
                 "limit: the library's answers to them were not judged"
             )
+        if self.vague:
+            said.append(
+                f"on {self.vague:,} of {self.n:,} rows an output may be off by more than all that it spans on the rows "
+                f"tried, and still be within the bound: what says something there is the largest error seen, "
+                f"{self.max_abs_err:.2g}, and it is that of a sample"
+            )
         if self.unanswered:
             said.append(
                 f"{self.unanswered:,} of {self.n:,} rows, all in the range of the inputs, the block refuses (bValid is "
-                "FALSE), for a number on the way does not exist or is too large (the root of a number below 0, a "
-                f"quotient by 0, ..): {self._silence}"
+                f"FALSE), for {self.refused_where}: {self._silence}"
             )
         if self.silent_outside:
             said.append(
@@ -423,6 +432,8 @@ def model_report(
     numbers = 0 if ir.classes is None else 1  # the first output that has a size
     near = bound[inside, numbers:]
     report.bound = float(np.max(near[np.isfinite(near)], initial=0.0))
+    said, report.refused_where = expected[inside, numbers:], refused_where(ir)
+    report.vague = _vague(said, near)
     report.jump = largest_jump(ir)
     if report.jump:
         report.jump_width = _jump_width(ir, limited[inside])
@@ -438,6 +449,7 @@ def model_report(
         report.must_be_exact &= not np.any(allowed)
         near = allowed[inside & np.isfinite(allowed).all(axis=1), numbers:]
         report.bound = max(report.bound, float(np.max(near, initial=0.0)))
+        report.vague = max(report.vague, _vague(said, allowed[inside, numbers:]))
         _compare(report, f"reference and {name}", x, np.where(answered[:, None], expected, np.nan), got, allowed)
         report.exact &= not np.any(library[answered] != got[answered])
         report.zero_signs = max(report.zero_signs, _other_zeros(library[answered], got[answered]))
@@ -458,6 +470,18 @@ def _ask_to_refused(
     if report.silent:
         first = int(np.argmax(answered & inside))
         report.silent_example = x[first].tolist(), answers[first].tolist()
+
+
+def _vague(values: FloatArray, bound: FloatArray) -> int:
+    """Rows on which the bound of an output, (n, outputs), is finite and larger than all that it spans on these.
+
+    One that is the same on all rows is held against its size.
+    """
+    if not len(values):
+        return 0
+    spans = np.ptp(values, axis=0)
+    sizes = np.where(spans > 0.0, spans, np.abs(values[0]))
+    return int(np.sum(((bound > sizes) & np.isfinite(bound)).any(axis=1)))
 
 
 def _jump_width(model: ModelIR, x: FloatArray) -> float:

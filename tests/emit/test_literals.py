@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from st_codegen.emit.literals import KEYWORDS, check_text, identifier, real, reals, unit_text
+from st_codegen.emit.literals import KEYWORDS, check_text, harmless, identifier, real, reals, unit_text
 from st_codegen.errors import InputError
 
 BITS = st.integers(0, 2**64 - 1).map(lambda bits: struct.unpack("<d", struct.pack("<Q", bits))[0])
@@ -93,3 +93,11 @@ def test_units_are_written_in_ascii():
 def test_text_that_would_open_a_comment_is_refused():
     with pytest.raises(InputError, match=r"'\(\*'"):
         check_text("a (* b", "note")
+
+
+@pytest.mark.parametrize("text", ["x*)y", "(*", "(*)", "**)(*(*)", "]]>", "]]]>>", "ä\n\0", "plain, 100 % [1]"])
+def test_text_of_a_model_file_is_escaped_and_then_taken(text):
+    """A category that is called `x*)y` is no reason to refuse a model."""
+    shown = harmless(text)
+    assert check_text(shown, "note") == shown
+    assert (shown == text) == text.startswith("plain")

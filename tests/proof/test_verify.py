@@ -9,7 +9,7 @@ import pytest
 from st_codegen.driver import generate
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError
-from st_codegen.ir import Activation, Comparison, Exceeds, Function, Operator, Scale, reference
+from st_codegen.ir import Activation, Comparison, Exceeds, Function, Operator, Piecewise, Scale, reference
 from st_codegen.passes.choose import Layout
 from st_codegen.passes.domain import limit_inputs
 from st_codegen.project.bundle import Bundle, load
@@ -192,6 +192,35 @@ def test_what_the_library_answers_and_the_block_refuses_is_said(tmp_path):
     assert min(map(abs, row)) < 0.5 and answer == [7.0] * 3
     assert f"to the {found.asked} of them that it was asked the library has an answer, as {answer}" in found.not_judged
     assert found.as_json()["silent_example"] == [row, answer]
+
+
+def test_a_bound_wider_than_all_that_an_output_spans_is_called_so(tmp_path):
+    """What 1e18 leaves of tanh(x) may be anything: "within bound" alone would sound as if something was known."""
+    ops = (
+        Activation((0,), Function.TANH, 3),
+        Scale((1,), Operator.ADD, np.full(3, 1e18)),
+        Scale((2,), Operator.SUBTRACT, np.full(3, 1e18)),
+    )
+    for some, vague in ((ops, True), (ops[:1], False)):
+        cancelled = limit_inputs(dataclasses.replace(model(ops[0]), ops=some))
+        bundle = Bundle((LoadedModel(cancelled, lambda x, its=cancelled: reference.evaluate(its, x)),), None)
+        generate(bundle, "iec", tmp_path / str(vague))
+        (found,) = verify(bundle, tmp_path / str(vague), rows=300).models
+        assert found.passed and found.verdict == "within bound"
+        assert (found.vague > 0) == ("more than all that it spans" in found.not_judged) == vague
+
+
+def test_numbers_beyond_the_ends_of_a_piece_are_the_reason_that_is_given(tmp_path):
+    """A curve that ends where its data end takes no root and divides by nothing."""
+    ends = np.array([np.inf, 1.0, np.inf])[:, None]
+    curve = Piecewise((0,), np.array([0, 2]), np.array([-0.1, 0.1]), np.ones(2), ends)
+    one = limit_inputs(model(curve, features=1))
+    bundle = Bundle((LoadedModel(one, lambda x: reference.evaluate(one, x)),), None)
+    generate(bundle, "iec", tmp_path)
+    (found,) = verify(bundle, tmp_path, rows=300).models
+    assert found.unanswered and "for a number lies where a piece of the model has no answer" in found.not_judged
+    assert "root" not in found.not_judged
+    assert "a piece of the model has no" in (tmp_path / "iec" / "FB_M.st").read_text()
 
 
 def test_missing_blocks_and_missing_folders_are_named(lone_folder, generated, lightgbm_text, tmp_path):

@@ -17,7 +17,7 @@ from st_codegen.emit.blocks.operations import Step, lay_out, lay_out_layer, laye
 from st_codegen.emit.blocks.real_types import in_real_types
 from st_codegen.emit.blocks.self_check import CheckRow, add_self_check
 from st_codegen.emit.foreign_names import is_foreign
-from st_codegen.emit.literals import capitalised, check_text, identifier, real, unit_text
+from st_codegen.emit.literals import capitalised, check_text, harmless, identifier, real, unit_text
 from st_codegen.errors import InputError, errors_name
 from st_codegen.ir import (
     FLOAT32_OVERFLOW,
@@ -280,7 +280,7 @@ def model_header(model: ModelIR, *closing: str, remarks: Iterable[str] = ()) -> 
     if source.digest:
         lines.append(f"Model digest: {source.digest}")
     lines.extend(remarks)
-    lines.extend(f"Note: {note}" for note in source.notes)
+    lines.extend(f"Note: {harmless(note)}" for note in source.notes)
     lines.extend(
         f"Input {number}: {feature_text(feature)}{limit_text(limit)}{accepted_text(accepted)}"
         for number, (feature, limit, accepted) in enumerate(
@@ -297,15 +297,26 @@ def model_header(model: ModelIR, *closing: str, remarks: Iterable[str] = ()) -> 
     return header_lines(lines)
 
 
+def refused_where(model: ModelIR) -> str:
+    """Where the block has no answer although its inputs are numbers, as a clause; empty where it has one everywhere."""
+    said = []
+    if any(op.refuses for op in model.ops if isinstance(op, Piecewise)):
+        said.append(
+            "a number lies where a piece of the model has no answer (outside its ends, a category unknown to it)"
+        )
+    elif any(ends is not None for ends in model.accepted_numbers):
+        said.append("a number is not accepted")
+    if any(getattr(op, "refuses", False) for op in model.ops if not isinstance(op, Piecewise)):
+        said.append(
+            "a number on the way does not exist or is too large (a root of a number below 0, a quotient by 0, ..)"
+        )
+    return ", or ".join(said)
+
+
 def _refused_lines(model: ModelIR) -> tuple[str, ...]:
     """Where the block has no answer although its inputs are numbers, and the library may have one."""
-    if any(getattr(op, "refuses", False) for op in model.ops):
-        where = "a number on the way does not exist or is too large (a root of a number below 0, a quotient by 0, ..)"
-    elif any(ends is not None for ends in model.accepted_numbers):
-        where = "a number is not accepted"
-    else:
-        return ()
-    return (f"Where {where}, bValid is FALSE, even if the library goes on.",)
+    where = refused_where(model)
+    return (f"Where {where}, bValid is FALSE, even if the library goes on.",) if where else ()
 
 
 def header_lines(lines: Iterable[str]) -> tuple[str, ...]:

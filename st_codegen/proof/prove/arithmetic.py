@@ -31,6 +31,8 @@ from st_codegen.st import tree as t
 
 METHOD = "the model's expression"
 
+#: Said of a block whose bValid is FALSE for all inputs.
+NEVER = "the block has no answer to any input (bValid is always FALSE): there are no numbers to compare"
 _PATH: Path = ("BLOCK",)
 
 
@@ -224,6 +226,8 @@ def _assigned(held: Held, valid: Value) -> Held:
         kept = held.arguments[2]
         if isinstance(kept, Term) and kept.operation == "leaf":
             return held.arguments[1]
+    if valid is False and isinstance(held, Term) and held.operation == "leaf":
+        raise NotProvedError(NEVER)
     raise NotProvedError("an output does not keep its value exactly where bValid is FALSE")
 
 

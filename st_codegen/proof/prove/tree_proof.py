@@ -11,7 +11,7 @@ import numpy as np
 from st_codegen.ir import ModelIR, Scale, Select, TreeEnsemble, reference
 from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray
 from st_codegen.passes.jumps import largest_jump
-from st_codegen.proof.prove.arithmetic import Findings, check_plausible, first_missing, numbers_of, same_number
+from st_codegen.proof.prove.arithmetic import NEVER, Findings, check_plausible, first_missing, numbers_of, same_number
 from st_codegen.proof.prove.axis import AxisValue, InputAxis, NotProvedError, from_keys, require_assigned, to_keys
 from st_codegen.proof.prove.boxes import Lanes, Slots, Space
 from st_codegen.proof.prove.demand import Demand
@@ -284,6 +284,8 @@ class TreeProof:
             if isinstance(value, Kept):
                 raise NotProvedError(f"{name} is not assigned")
             return value
+        elif valid is False and isinstance(value, Kept):
+            raise NotProvedError(NEVER)
         if not isinstance(kept, Kept) or kept.name != name:
             raise NotProvedError(f"{name} does not keep its value exactly where bValid is FALSE")
         return value

@@ -72,6 +72,18 @@ def test_each_operation_is_the_expression_that_its_model_demands(name, tmp_path)
     assert (proof.operations > 0) == (name not in CONSTANT)
 
 
+def test_a_block_that_never_answers_is_not_called_one_that_loses_its_outputs(tmp_path):
+    ops = (
+        Activation((0,), Function.ABS, 3),
+        Scale((1,), Operator.MULTIPLY, np.full(3, -1.0)),
+        Scale((2,), Operator.SUBTRACT, np.ones(3)),
+        Activation((3,), Function.SQRT, 3),
+    )
+    model = limit_inputs(dataclasses.replace(model_of(ops[0]), ops=ops))
+    with pytest.raises(NotProvedError, match="no answer to any input"):
+        prove_arithmetic(model, generated(model, "iec", tmp_path).project, "FB_M", (0, 1, 2))
+
+
 def test_ranges_of_which_some_flag_and_some_limit_are_followed(tmp_path):
     model = SMALL_MODELS["linear"]
     first, second, *others = model.features
