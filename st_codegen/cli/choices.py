@@ -21,7 +21,7 @@ LARGEST_SEED = 2**31 - 1
 #: changes of the rig, and the word for none but those named.
 MISTAKES = (
     "sign", "direction", "home_offset", "column_scale", "ratio", "drift", "axis", "torque", "low_pass", "smoothing",
-    "filter", "block", "labels", "conditions", "taken_off", "copied", "shifted", "waves",
+    "filter", "block", "labels", "start", "conditions", "taken_off", "copied", "shifted", "waves",
 )  # fmt: skip
 MISREAD = (
     "misread_torque", "misread_temperature", "misread_speed", "misread_angle", "misread_ratio", "misread_te",

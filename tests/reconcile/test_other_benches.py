@@ -102,20 +102,60 @@ def test_a_condition_is_a_cause_only_where_it_is_clearly_more_than_the_next_one(
     assert main_cause({"constant": 0.2, "speed": 0.2, "torque": 0.1, "time": 0.5}) == "time"
 
 
-@pytest.mark.parametrize("grows", [False, True])
-def test_what_settles_by_the_speed_is_no_other_ratio(grows):
-    """What died away behind the start of each curve, the more the faster, was a ramp "at every run"."""
-    orders, angle = np.arange(61), np.arange(2048) * 360.0 / 2048
-    travelled = np.where(AT.sign[:, None] > 0, angle, 360.0 - angle)
-    settling = -2.5e-3 * AT.sign[:, None] * (AT.speed_rpm[:, None] / 1800) * np.exp(-travelled / 20.0)
-    te = settling if grows else np.broadcast_to(2e-3 * angle / 360.0, settling.shape)
+def started(law, sigma, seed=0):
+    """Curves to which a law of the way (deg) and of the time (s) since their start is added."""
+    orders, angle = np.arange(121), np.arange(2048) * 360.0 / 2048
+    travelled = np.where(AT.sign[:, None] > 0, angle, (360.0 - angle) % 360.0)
+    seconds = travelled / 360.0 * 60.0 * WHOLE.constants.reduction_ratio / AT.speed_rpm[:, None]
+    te = np.broadcast_to(law(travelled, seconds), travelled.shape)
     added = np.fft.rfft(te)[:, orders] * 2.0 / 2048
     added[:, 0] /= 2.0
-    data = curves(WHOLE, AT, orders, 5e-6, added=added)
-    if grows:
-        assert "reduction ratio" not in _asked(data)
-    else:
-        assert "at every run, as if it had been computed with a reduction ratio" in _asked(data)
+    return curves(WHOLE, AT, orders, sigma, seed, added=added)
+
+
+STARTS = {
+    "as large as the speed, over the way": (
+        lambda way, time: -2.5e-3 * AT.sign[:, None] * (AT.speed_rpm[:, None] / 1800) * np.exp(-way / 20.0),
+        "settles behind the start of each curve, by up to 0.0025 deg at first, and is down to 1/e of that some 20 deg",
+    ),
+    "alike, over the time": (
+        lambda way, time: 2e-3 * np.exp(-time / 0.05),
+        "settles behind the start of each curve, by up to 0.0022 deg at first, and is down to 1/e of that some 0.05 s",
+    ),
+    "rings": (
+        lambda way, time: 2e-3 * np.exp(-time / 0.08) * np.cos(2 * np.pi * 18.0 * time + 0.5),
+        "rings, at 18 Hz, behind the start of each curve",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", STARTS)
+def test_what_dies_away_behind_the_start_is_named_and_taken_out(name):
+    """It was a ramp of another ratio, a resonance of many orders, or a place at 0 deg."""
+    law, text = STARTS[name]
+    data = started(law, 1e-6)
+    assert text in _asked(data) and "ratio" not in _asked(data)
+    found = examine(data, WHOLE, PATH, accept={"start"})
+    left = found.data.values - WHOLE.coefficients(AT, data.orders.tolist())
+    assert np.sqrt((np.abs(left) ** 2).mean() / 2) < 1.05e-6
+    assert "start" in found.corrected
+
+
+OTHERS = {
+    "a ramp": lambda way, time: 2e-3 * np.where(AT.sign[:, None] > 0, way, 360.0 - way) / 360.0,
+    "a bump": lambda way, time: 2e-3 * np.exp(-(((way + 180.0) % 360.0 - 180.0) ** 2) / 18.0),
+    "steps": lambda way, time: 2e-3 * ((way > 100.0) & (way < 200.0)),
+    "a walk": lambda way, time: 2e-5 * np.cumsum(np.random.default_rng(5).standard_normal(way.shape), axis=1),
+}
+
+
+@pytest.mark.parametrize("name", OTHERS)
+@pytest.mark.parametrize("sigma", [1e-6, 2e-5])
+def test_what_begins_with_the_curves_but_stays_is_no_start(name, sigma):
+    data = started(OTHERS[name], sigma)
+    assert "behind the start" not in _asked(data)
+    is_ratio = "at every run, as if it had been computed with a reduction ratio" in _asked(data)
+    assert is_ratio == (name == "a ramp")
 
 
 def _asked(data):

@@ -45,6 +45,7 @@ from st_codegen.reconcile.judge.sensors import (
     wrong_angle,
     wrong_torques,
 )
+from st_codegen.reconcile.judge.starts import settling
 from st_codegen.reconcile.judge.votes import (
     SIGNS,
     PowerSums,
@@ -62,7 +63,7 @@ from st_codegen.threads import one_thread
 #: what `--accept` takes
 NAMES = (
     "sign", "direction", "home_offset", "column_scale", "ratio", "drift", "axis", "torque", "low_pass", "smoothing",
-    "filter", "block", "labels", "conditions", "taken_off", "copied", "shifted", "waves",
+    "filter", "block", "labels", "start", "conditions", "taken_off", "copied", "shifted", "waves",
 )  # fmt: skip
 
 
@@ -112,6 +113,7 @@ def examine(
         taken_off,
         other_waves,
         other_gear,
+        settling,
         _drift,
         _ratio,
         partial(_common, scale=scale),
