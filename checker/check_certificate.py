@@ -244,6 +244,9 @@ class Machine:
                 self.assign(s.targets[0], self.value(s.value, mask), mask)
             elif isinstance(s, ast.Break):
                 gone = mask
+            elif judges(s):
+                names = {n.id for n in ast.walk(s) if isinstance(n, ast.Name)}
+                need("bPlausible" in self.outputs and names <= {*self.outputs, *self.constants}, "bPlausible")
             elif isinstance(s, ast.If):
                 test, key = self.value(s.test, mask), (id(s), self.path)
                 if isinstance(test, Sum):
@@ -507,6 +510,20 @@ class Machine:
         if np.any(differ):
             self.cuts.append((np.flatnonzero(differ), (b if a.raw else a).a[:, differ]))
         return V(out, unknown | differ)
+
+
+#: What a comparison of outputs with constants is made of, which cannot fail: outputs are never NaN.
+JUDGING = (ast.BoolOp, ast.Or, ast.Compare, ast.Lt, ast.Gt, ast.Name, ast.Load, ast.Constant, ast.UnaryOp, ast.USub)
+
+
+def judges(s):
+    """Whether a statement only sets bPlausible to FALSE where outputs lie outside a range; of it nothing is claimed."""
+    if not isinstance(s, ast.If) or s.orelse or len(s.body) != 1 or not isinstance(s.body[0], ast.Assign):
+        return False
+    target, value = s.body[0].targets[0], s.body[0].value
+    plain = isinstance(target, ast.Name) and target.id == "bPlausible"
+    plain &= isinstance(value, ast.Constant) and value.value is False
+    return plain and all(isinstance(node, JUDGING) for node in ast.walk(s.test))
 
 
 def is_label(key):

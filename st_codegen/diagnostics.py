@@ -112,7 +112,7 @@ DIAGNOSTICS = (
         "A file or folder is not there, or is something else",
         "The path does not exist, or there is a folder where a file is wanted, or the other way round.",
         "Check the spelling of the path and the folder that you run the command in.",
-        places=("files.text", "st.syntax.source", "walkers.files", "project.initial"),
+        places=("files.text", "st.syntax.source", "walkers.files"),
     ),
     Diagnostic(
         "STC1104",
@@ -256,7 +256,15 @@ DIAGNOSTICS = (
         "There is no folder of models",
         "The folder is not there, has no model files, or is described twice (by bundle.toml and by st-codegen.toml).",
         "Check the path. The message lists the endings of files that are models.",
-        places=("project.bundle:_loaded",),
+        places=("project.bundle:_loaded", "project.initial"),
+    ),
+    Diagnostic(
+        "STC1308",
+        "A table of training data does not fit to the models",
+        "The table has no rows, lacks a column that a model has, or reaches less far than the data that a model's file "
+        "says it was trained with.",
+        "Give the table that the models were trained with, with the names of their inputs as its header.",
+        places=("project.initial:_check_trained_with",),
     ),
     Diagnostic(
         "STC1303",

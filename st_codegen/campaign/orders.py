@@ -151,7 +151,8 @@ def fit_orders(curve: Curve | Sums, orders: Sequence[int], beyond: Mapping[int, 
     sums = curve if isinstance(curve, Sums) else curve_sums(curve, max([BAND, *wanted]))
     if wanted and (wanted[-1] > sums.band or wanted[0] < 0):
         raise InputError(
-            f"orders {listed(wanted)} cannot be fitted: the curve's {sums.samples} samples tell 0 to {sums.band}"
+            f"orders {listed([k for k in wanted if not 0 <= k <= sums.band])} cannot be fitted: the curve's "
+            f"{sums.samples} samples tell 0 to {sums.band}"
         )
     fitted = np.array(sorted({0, *wanted}))
     expected = {k: c for k, c in (beyond or {}).items() if sums.band < k < len(sums.te) and c}

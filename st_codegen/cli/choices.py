@@ -13,6 +13,8 @@ TABLE_KILOBYTES = 64
 OUTPUTS = ("class", "probability", "decision", "mean", "deviation", "column", "reconstruction")
 EVALUATORS = ("st", "reference", "source")
 EXCHANGES = ("start", "end")
+#: Targets whose text the simulated axis runs.
+DIALECTS = ("twincat", "codesys", "iec", "scl")
 TASK_FORMS = ("one", "two", "split")
 FAMILIES = ("SVM", "MLP", "RF", "DT", "ET", "ERT", "GBM", "HGBM", "LGBM", "XGBM", "ELM")
 MODEL_FORMS = ("native", "skops", "onnx")

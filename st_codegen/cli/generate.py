@@ -119,7 +119,7 @@ Examples:
 @click.option(
     "--with-age",
     is_flag=True,
-    help="Blocks have the output nAge: the calls since their outputs were valid. prove does not follow them.",
+    help="Blocks have the output nAge: the calls since their outputs were valid.",
 )
 @click.option(
     "--real",

@@ -24,6 +24,11 @@ def two_states(old: str, new: str, path: Path | None, *, trust_pickle: bool = Fa
     InputError where git has no such revision or path.
     """
     if path is None:
+        if missing := [name for name in (old, new) if not Path(name).exists()]:
+            raise InputError(
+                f"{' and '.join(missing)}: no such folder; to compare revisions of git, name the folder behind them: "
+                f"st-codegen diff {old} {new} FOLDER"
+            )
         yield Path(old), Path(new)
         return
     with temporary_folder(Path(tempfile.gettempdir())) as made:

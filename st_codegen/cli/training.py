@@ -46,7 +46,12 @@ _settings_options = gathered(
     click.option(
         "--folds", type=Whole(min=2), default=10, help="Parts of the validation, no more than operating points."
     ),
-    click.option("--seed", type=Whole(min=0, max=LARGEST_SEED), default=0, help="The same seed gives the same bits."),
+    click.option(
+        "--seed",
+        type=Whole(min=0, max=LARGEST_SEED),
+        default=0,
+        help="The same seed gives the same numbers; the bytes of .skops files differ each time.",
+    ),
 )
 #: The options --backend, --scheduler and --jobs: `where`.
 place_options = gathered(

@@ -137,7 +137,7 @@ def is_real(generated: Path) -> bool:
 
 
 def _is_below(name: str) -> bool:
-    """A manifest names files below its folder, nothing else, on every system."""
+    """Whether a name leads to a file below its folder, on every system."""
     path = PurePosixPath(name)
     return not path.is_absolute() and ".." not in path.parts and not {"\\", ":"} & set(name)
 
@@ -149,7 +149,7 @@ def staged(
     """Write files and their manifest into a temporary folder in `parent`, removed at the end of the block.
 
     `tell` is told each file that is written.
-    Raises InputError for names that are one name where case does not count, as on Windows.
+    Raises InputError for names that are one name where case does not count, as on Windows, or that leave the folder.
     """
     with temporary_folder(parent) as folder:
         stage = folder / "stage"
@@ -157,6 +157,8 @@ def staged(
         sums: dict[str, str] = {}
         taken: dict[str, str] = {}
         for file in files:
+            if not _is_below(file.path):
+                raise InputError(f"the generated file {file.path!r} would leave the folder: rename the project")
             other = taken.setdefault(file.path.casefold(), file.path)
             if other != file.path:
                 raise InputError(f"the generated files {other} and {file.path} differ in case only: rename a model")

@@ -20,6 +20,7 @@ from __future__ import annotations
 import difflib
 import math
 import numbers
+import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -224,10 +225,10 @@ class TomlTable:
         if found is None:
             return ()
         if isinstance(found, Mapping):
-            self.note(f"[{key}]: a list of tables is wanted; write [[{key}]] above each")
+            self.note(f"[{key}]: a list of tables is wanted; write [[{self._inner(key)}]] above each")
             return ()
         if not isinstance(found, list) or not all(isinstance(entry, Mapping) for entry in found):
-            self.note(f"{key} = {shown(found)}: tables are wanted; write [[{key}]] above each")
+            self.note(f"{key} = {shown(found)}: tables are wanted; write [[{self._inner(key)}]] above each")
             return ()
         if required and not found:
             self.note(f"{key} is empty: one table [[{key}]] for each is wanted")
@@ -249,8 +250,8 @@ class TomlTable:
         return default if found is None else found
 
     def _inner(self, key: str) -> str:
-        inside = self.where.startswith("[") and not self.where.startswith("[[")
-        return f"{self.where[1:-1]}.{key}" if inside else key
+        found = re.match(r"\[{1,2}([^\[\]]+)\]", self.where)
+        return f"{found[1]}.{key}" if found else key
 
     def _name_of(self, key: str) -> str:
         if not self.where or (self.where.startswith("[") and not self.where.startswith("[[")):

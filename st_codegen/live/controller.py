@@ -274,7 +274,8 @@ class OpcUaController(Controller):
 def connected(ads: str | None, opcua: str | None, timeout_s: float = TIMEOUT_S) -> Controller:
     """The controller at one of two addresses. Raises InputError unless there is exactly one."""
     if (ads is None) == (opcua is None):
-        raise InputError("name the controller: --ads NETID:PORT or --opcua URL")
+        why = "name the controller" if ads is None else "name one controller, not two"
+        raise InputError(f"{why}: --ads NETID:PORT or --opcua URL")
     return AdsController(ads, timeout_s) if ads is not None else OpcUaController(str(opcua), timeout_s)
 
 

@@ -287,19 +287,17 @@ def _configuration(file: TomlTable) -> Configuration:
         prefix = project.text("prefix", "")
         leave_out = _texts(project, "leave_out")
         attributes = _texts(project, "attributes")
-        real = project.text("real", "LREAL")
         with project.collect():
-            identifier(name, "project name")
+            _check_project_name(name)
+        with project.collect():
             for attribute in attributes:
                 if not re.fullmatch(r"[A-Za-z_][\w.\-]*", attribute):
                     raise InputError(f"attributes: {attribute!r} is no name of a pragma")
         if prefix and not re.fullmatch(r"[A-Za-z]\w*", prefix, re.ASCII):
             project.note(f"prefix = {shown(prefix)}: letters, digits and underscores, a letter first")
-        if real != "LREAL":
-            project.note(
-                f"real = {shown(real)}: blocks compute in LREAL; for controllers that have none say real = true in "
-                "[build], as --real does"
-            )
+        if "real" in project:
+            project.declare("real")
+            project.note("real stands in [build]: real = true for controllers that have no LREAL, as --real does")
     names = _rules(file)
     with file.table("build") as build:
         _check_build(build)
@@ -309,6 +307,17 @@ def _configuration(file: TomlTable) -> Configuration:
     for twice in sorted({name for name in files if files.count(name) > 1}):
         file.note(f"[[model]] file = '{twice}' is there twice")
     return Configuration(name, prefix, leave_out, attributes, inputs, models, names, build.values)
+
+
+def _check_project_name(name: str) -> None:
+    """Raise InputError for what is no name of files on every system, or of a project."""
+    identifier(name, "project name")
+    plain = re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9 ._\-]{0,99}", name) and name[-1] not in " ."
+    if not plain or re.fullmatch(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", name, re.IGNORECASE):
+        raise InputError(
+            f"name = {shown(name)}: files have this name: letters, digits, blanks, points, - and _, and nothing that "
+            "Windows keeps for itself"
+        )
 
 
 def _check_build(build: TomlTable) -> None:
@@ -321,7 +330,8 @@ def _check_build(build: TomlTable) -> None:
         elif kind is int:
             build.whole(key, low=1, high=2**63)
         elif kind is float:
-            build.number(key)
+            if build.number(key) <= 0.0:
+                build.note(f"{key} = {shown(found)} is not above 0")
         elif not isinstance(found, kind):
             build.note(f"{key} = {shown(found)} is not {'true or false' if kind is bool else 'a text'}")
         elif isinstance(found, str) and not found.isprintable():
@@ -358,6 +368,8 @@ def _input(table: TomlTable) -> InputEntry | None:
         unit = table.text("unit", "")
         limits = _range(table)
         outside = table.choice("outside", Outside) if "outside" in table else Outside.CLAMP
+        if "outside" in table and limits is None:
+            table.note("outside says what is done beyond min and max: give both")
         table.declare("outside", "trained")
         seen = table.list_of("trained", table.number_of) if "trained" in table else None
         if seen is not None and (len(seen) != 2 or seen[0] > seen[1]):

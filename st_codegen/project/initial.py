@@ -76,7 +76,7 @@ def initial_configuration(
 
 
 def _check_trained_with(table: Mapping[str, FloatArray], models: Mapping[str, ModelIR]) -> None:
-    """Raise InputError where the table has no rows, or lacks what a model's file knows of, by more than rounding.
+    """Raise InputError where the table has no rows, or lacks a column, or what a model's file knows of one.
 
     A file knows both ends of a range that was there (`Feature.seen`); a table with fewer digits may miss them by some.
     """
@@ -84,6 +84,9 @@ def _check_trained_with(table: Mapping[str, FloatArray], models: Mapping[str, Mo
         raise InputError("training data: the table has no rows below its header")
     problems = Problems("training data")
     columns = with_underscores(table)
+    for feature in _features(models):
+        if feature.name not in columns:
+            problems.add(f"no column '{feature.name}'; there are {', '.join(table)}")
     for file, feature in ((file, feature) for file, model in models.items() for feature in model.features):
         values = columns.get(feature.name, np.empty(0))
         # with use_missing=false LightGBM reads a missing number as 0, and its file has the range of what it read
@@ -117,9 +120,7 @@ def _input(feature: Feature, training_data: Mapping[str, FloatArray] | None) -> 
     lines = table_lines("[[input]]", values)
     if training_data is None:
         return lines  # a file that knows its range states it anew whenever its model is trained again
-    column = with_underscores(training_data).get(feature.name)
-    if column is None:
-        raise InputError(f"training data: no column '{feature.name}'; there are {', '.join(training_data)}")
+    column = with_underscores(training_data)[feature.name]
     if np.isinf(column).any():
         return [*lines, f"# no range: {np.isinf(column).sum()} of {column.size} values are infinite"]
     column = column[np.isfinite(column)]

@@ -26,6 +26,8 @@ from st_codegen.te.harmonics import Direction
 SAMPLING_HZ = 4000.0
 _DIGITS = 12
 _LEAST_SAMPLES = 100
+#: no reducer has a transmission error like this, deg
+_MOST_TE_DEG = 10.0
 
 #: Called with (runs done, runs, file name).
 Progress = Callable[[int, int, str], None]
@@ -83,6 +85,17 @@ def simulate_run(rig: RigModel, conditions: OperatingPoint, measuring: Measuring
     return Run(conditions, curves)
 
 
+def _check_size(run: Run, rig: RigModel) -> None:
+    """Raise InputError where the transmission error of a run is none of a reducer."""
+    most = max(float(np.abs(curve.te_deg).max()) for curve in run.curves.values())
+    if not most < _MOST_TE_DEG:
+        at = run.conditions
+        raise InputError(
+            f"{rig.name}: its formulas do not hold at {at.speed_rpm:g} rpm, {at.torque_Nm:g} N m and "
+            f"{at.temperature_C:g} degC, where they give a transmission error of {most:.3g} deg"
+        )
+
+
 def simulate_campaign(
     rig: RigModel,
     conditions: Sequence[OperatingPoint],
@@ -92,8 +105,8 @@ def simulate_campaign(
 ) -> None:
     """Write a campaign: the rig's folders and names, or numbered files with `conditions.csv` (`curves.run_paths`).
 
-    The folder appears complete or not at all. Raises InputError where it exists and is not empty, or where the samples
-    are too few for the rig's orders.
+    The folder appears complete or not at all. Raises InputError where it exists and is not empty, where the samples
+    are too few for the rig's orders, and for conditions at which the rig gives no transmission error of a reducer.
     """
     check_replaceable(folder)
     if folder.exists() and any(folder.iterdir()):
@@ -111,7 +124,9 @@ def simulate_campaign(
         for number, (point, path) in enumerate(zip(conditions, paths, strict=True)):
             if progress is not None:
                 progress(number, len(conditions), Path(path).name)
-            write_run(simulate_run(rig, point, measuring, number), stage / path, digits=_DIGITS)
+            run = simulate_run(rig, point, measuring, number)
+            _check_size(run, rig)
+            write_run(run, stage / path, digits=_DIGITS)
             rows.append([path, point.speed_rpm, point.torque_Nm, point.temperature_C])
         if not conditions_from_name(Path(paths[0])):
             with (stage / CONDITIONS_FILE).open("w", encoding="utf-8", newline="") as file:

@@ -230,6 +230,44 @@ def test_a_label_that_was_changed_is_rejected(name, pattern, change, tmp_path):
         check_certificate.Check(model, text.parent, entry)
 
 
+#: What stands behind the outputs where these have plausible ranges, and changes of it.
+JUDGED = r"IF fOut < PLAUSIBLE_LOWER_1 OR fOut > PLAUSIBLE_UPPER_1 THEN"
+JUDGED_CHANGES = {
+    "nothing": ("bPlausible := bUsable;", "bPlausible := bUsable;"),
+    "reads an input, which may be NaN": (JUDGED, "IF fInput_X < PLAUSIBLE_LOWER_1 THEN"),
+    "computes": (JUDGED, "IF fOut * 2.0 < PLAUSIBLE_LOWER_1 THEN"),
+    "changes an output": (r"    bPlausible := FALSE;", "    fOut := 0.0;"),
+    "changes bValid": (r"    bPlausible := FALSE;", "    bValid := FALSE;"),
+    "and an output beside it": (r"    bPlausible := FALSE;", "    bPlausible := FALSE;\n    fOut := 0.0;"),
+}
+
+
+@pytest.mark.parametrize("name", JUDGED_CHANGES)
+def test_plausible_ranges_of_outputs_are_no_reason_to_reject(name, tmp_path):
+    """The example of the first block was proved, and the checker called its certificate rejected."""
+    models = folder_of(tmp_path, ["decision_tree.skops"])
+    (models / "st-codegen.toml").write_text(
+        '[names]\ninput = "fInput_{feature}"\n[[model]]\nfile = "decision_tree.skops"\n'
+        'outputs = [{name = "fOut", min = -1.0, max = 1.0}]\n'
+    )
+    generate(load(models), "iec", tmp_path / "out")
+    (text,) = tmp_path.rglob("FB_Decision_tree.st")
+    pattern, change = JUDGED_CHANGES[name]
+    first = re.search(r"\bfInput_\w+", text.read_text())[0]
+    changed, count = re.subn(pattern, change.replace("fInput_X", first), text.read_text(), count=1)
+    assert count == 1
+    text.write_text(changed)
+    check_certificate = mutants.check_certificate
+    model = check_certificate.read_model(models / "decision_tree.skops")
+    inputs = [f"f{number}" for number in range(model.features)]
+    entry = {"block": text.stem, "outputs": ["fOut"], "inputs": inputs}
+    if name == "nothing":
+        check_certificate.Check(model, text.parent, entry)
+    else:
+        with pytest.raises(check_certificate.Reject):
+            check_certificate.Check(model, text.parent, entry)
+
+
 #: Statements behind the trees that fail for few inputs only, and what is declared for them.
 FAILING = {
     "an index that two inputs drive out, one of them low": (

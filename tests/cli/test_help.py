@@ -115,6 +115,7 @@ def test_options_offer_what_the_rooms_have():
     from st_codegen.reconcile.judge.misread import READINGS
     from st_codegen.reconcile.models.update import CODE, MODELS
     from st_codegen.rig.tasks import TaskForm
+    from st_codegen.st.dialects import DIALECTS
     from st_codegen.te.latency import Exchange
     from st_codegen.training.export import FORMATS
     from st_codegen.training.families import FAMILIES
@@ -127,6 +128,7 @@ def test_options_offer_what_the_rooms_have():
     assert tuple(Evaluator) == choices.EVALUATORS
     assert tuple(Exchange) == choices.EXCHANGES
     assert tuple(TaskForm) == choices.TASK_FORMS
+    assert set(DIALECTS) == set(choices.DIALECTS)
     assert tuple(FAMILIES) == choices.FAMILIES
     assert LARGEST_SEED == choices.LARGEST_SEED
     assert choices.MODEL_FORMS == FORMATS

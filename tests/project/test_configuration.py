@@ -1,5 +1,7 @@
 """`st-codegen.toml` beside lone models, and `st-codegen init`, which writes it."""
 
+import contextlib
+import dataclasses
 import hashlib
 import re
 import tomllib
@@ -11,7 +13,7 @@ from st_codegen.driver import generate
 from st_codegen.emit import output
 from st_codegen.errors import InputError
 from st_codegen.project.bundle import load
-from st_codegen.project.configuration import BUILD_KEYS, read_configuration
+from st_codegen.project.configuration import BUILD_KEYS, Configuration, read_configuration
 from st_codegen.project.initial import initial_configuration
 from st_codegen.proof.probes import operating_range
 from st_codegen.proof.prove.prove import Verdict, prove
@@ -48,6 +50,57 @@ name = "Power"
 layout = "trees"
 outputs = [{name = "fPower_kW", unit = "kW", min = 0.0, max = 1.1}]
 """
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["/victim/Plant", "../../evil", "a/b", "a\\b", "a:b", "a*b", "a&b<c>", "CON", "nul.x", "LPT1", "a ", "a.", "."],
+)
+def test_a_project_is_called_as_files_can_be_on_every_system(name, lone_folder, tmp_path):
+    """A name with a way up or a root wrote over files of others, with exit code 0."""
+    victim = tmp_path / "evil.sln"
+    (lone_folder / "st-codegen.toml").write_text(f"[project]\nname = '{name}'\n")
+    with pytest.raises(InputError, match=r"project name|files have this name"):
+        load(lone_folder)
+    assert not victim.exists()
+
+
+def test_no_generated_file_leaves_its_folder(lone_folder, tmp_path):
+    """Whatever gives a project its name, and not through the configuration alone."""
+    (tmp_path / "plc").mkdir()
+    bundle = dataclasses.replace(load(lone_folder), configuration=Configuration(name="../../evil"))
+    for target in ("twincat", "plcopen", "codesys", "beckhoff-ml", "iec"):
+        with contextlib.suppress(InputError):
+            generate(bundle, target, tmp_path / "plc" / "out")
+    assert not list(tmp_path.glob("evil*")) and not list((tmp_path / "plc").glob("evil*"))
+
+
+def test_given_names_are_taken_or_refused_but_never_others(lone_folder, tmp_path):
+    """An input that was given the name of an output was called fInput_A, and its callers did not compile."""
+    text = '[[input]]\nfeature = "speed_rpm"\nname = "{}"\n[[model]]\nfile = "te.txt"\noutputs = [{{name = "fA"}}]\n'
+    (lone_folder / "st-codegen.toml").write_text(text.format("fA"))
+    with pytest.raises(InputError, match="the input fA has the name of another variable"):
+        generate(load(lone_folder), "iec", tmp_path / "out")
+    (lone_folder / "st-codegen.toml").write_text(text.format("fB"))
+    generate(load(lone_folder), "iec", tmp_path / "out")
+    assert "fB : LREAL;" in (tmp_path / "out" / "iec" / "FB_Te.st").read_text()
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('[[input]]\nfeature = "speed_rpm"\noutside = "clamp"\n', "outside says what is done beyond min and max"),
+        ("[build]\ncycle_us = -1\n", "cycle_us = -1 is not above 0"),
+        ("[project]\nreal = true\n", "real stands in [build]"),
+        ('[[model]]\nfile = "te.txt"\noutputs = ["a"]\n', "write [[model.outputs]] above each"),
+        ('[[model]]\nfile = "te.txt"\nmetrics = 5\n', "write [model.metrics]"),
+    ],
+)
+def test_what_has_no_effect_or_stands_elsewhere_is_said(text, said, lone_folder):
+    (lone_folder / "st-codegen.toml").write_text(text)
+    with pytest.raises(InputError) as caught:
+        load(lone_folder)
+    assert said in str(caught.value) and "known are name, prefix, leave_out, attributes, real" not in str(caught.value)
 
 
 @pytest.fixture
@@ -100,7 +153,7 @@ def test_configured_blocks_are_proved_and_tested(configured, tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (("[project]", '[project]\nreal = "REAL"'), "say real = true in [build]"),
+        (("[project]", '[project]\nreal = "REAL"'), "real stands in [build]"),
         (('"fSpeed"', '"Speed"'), "f and a capital letter"),
         (('"fSpeed"', f'"fS{"p" * 100}"'), "is longer than"),
         (('"fTorque"', '"fSpeed"'), "its input would be called fSpeed"),

@@ -57,7 +57,7 @@ def test_full_size_is_that_of_the_rig():
 
 
 def test_conditions_that_no_name_holds_are_numbered(tmp_path):
-    points = (OperatingPoint(1e16, 1e-5, 30.0), OperatingPoint(1000.0, 0.0, -5.5))
+    points = (OperatingPoint(1000.0, 1e-5, 30.0), OperatingPoint(1000.0, 0.0, -5.5))
     simulate_campaign(read_rig(RIG), points, tmp_path / "c", Measuring(samples=500))
     assert {file.conditions for file in find_runs(tmp_path / "c")} == set(points)
     simulate_campaign(read_rig(RIG), points[1:], tmp_path / "d", Measuring(samples=500))

@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip("numba")
 pytest.importorskip("matplotlib")
 
+from st_codegen.cli.choices import DIALECTS
 from st_codegen.cli.main import main
 from st_codegen.errors import InputError
 from st_codegen.rig import study
@@ -110,6 +111,19 @@ def test_the_page_in_a_browser(out, tmp_path):
     colours = pixels[..., :3].reshape(-1, 3) * 255
     assert (abs(colours - (0x00, 0x72, 0xB2)).max(axis=1) < 12).sum() > 200
     assert (abs(colours - (0x99, 0x99, 0x99)).max(axis=1) < 12).sum() > 200
+
+
+@pytest.mark.parametrize("target", DIALECTS)
+def test_each_dialect_that_is_offered_moves_the_axis_alike(files, linear_folder, out, target, capsys):
+    """plcopen and beckhoff-ml were offered, and refused as unknown dialects."""
+    place = files / target
+    with pytest.raises(SystemExit) as caught:
+        wanted = ["--orders", "0,1", "--law", "full", "-q"]
+        main([*arguments(files, linear_folder, **{"--target": target, "--out": place}), *wanted])
+    assert caught.value.code == 0, capsys.readouterr().err
+    moved, known = (json.loads((folder / "motion.json").read_text()) for folder in (place, out))
+    same = [row["rms_after"] for row in known if row["orders"] == [0, 1]]
+    assert [row["rms_after"] for row in moved] == pytest.approx(same, rel=1e-12)
 
 
 @pytest.mark.parametrize(

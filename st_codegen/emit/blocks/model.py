@@ -171,12 +171,19 @@ def finished_block(
     listing: Listing,
     header: tuple[str, ...],
 ) -> Block:
-    """The block of what was laid out; inputs that have the name of one of its own variables are renamed."""
+    """The block of what was laid out; inputs that have the name of one of its own variables are renamed.
+
+    Raises InputError where such an input was given its name.
+    """
     own = {name.lower() for name in listing.variables}
     for variable in outputs:
         if variable.name.lower() in own:
             raise InputError(f"the output {variable.name} has the name of a variable of the block: rename it")
     clash = own | {variable.name.lower() for variable in outputs}
+    given = {feature.variable.lower() for feature in model.features if feature.variable}
+    for variable in inputs:
+        if variable.name.lower() in clash & given:
+            raise InputError(f"the input {variable.name} has the name of another variable of the block: rename it")
     inputs = tuple(renamed(variable) if variable.name.lower() in clash else variable for variable in inputs)
     _check_different(inputs)
     return Block(

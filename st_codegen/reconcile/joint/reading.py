@@ -83,7 +83,10 @@ def _read(path: Path) -> JointRecording:
     names = [time, *(name for name, _ in columns.values())]
     values = dict(zip(names, table.numbers(names, problems, is_finite=False).T, strict=True))
     if bad := [name for name in names if not np.isfinite(values[name]).all()]:
-        problems.add(f"values of {', '.join(bad)} are not finite; cut these rows off, or record them again")
+        rows = np.flatnonzero(~np.isfinite([values[name] for name in bad]).all(axis=0))
+        lines = [table.rows[row].line for row in rows]
+        which = f"line {lines[0]}" + (f" and {len(lines) - 1} more" if len(lines) > 1 else "")
+        problems.add(f"{which}: values of {', '.join(bad)} are not finite; cut these rows off, or record them again")
     if len(table.rows) < SETTINGS.joint_samples:
         problems.add(f"{len(table.rows)} samples are too few: {SETTINGS.joint_samples} at least")
     problems.raise_if_any()
