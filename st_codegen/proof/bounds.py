@@ -224,15 +224,23 @@ def _(op: ir.ArgMax, operands: list[FloatArray], given: list[FloatArray], result
 
 @step.register
 def _(op: ir.Softmax, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
-    # each exponent may be off by what the operands are, and by the roundings of x - max (or of x - log of the sum);
-    # the sum in the denominator by as much again
+    # each exponent may be off by what its operand is, and by the roundings of x - max (or of x - log of the sum), whose
+    # size is that of the largest operand and of how far x lies below it
     unit = UNIT[op.precision] + UNIT[ir.Precision.FLOAT64]
-    size = np.max(np.abs(operands[0]) + given[0], axis=1, keepdims=True) + np.log(op.width)
-    exponent = np.max(given[0], axis=1, keepdims=True) + 4 * unit * size
-    relative = np.expm1(2 * exponent) + (2 * FUNCTION_ROUNDINGS + op.width + 4) * unit
+    largest = np.max(operands[0], axis=1, keepdims=True)
+    rises, below = np.max(operands[0] + given[0], axis=1, keepdims=True) - largest, largest - operands[0]
+    exponent = given[0] + 4 * unit * (np.abs(largest) + rises + below + given[0] + np.log(op.width))
+    # the sum is off by what its terms are, each by its share of it: that far below hardly counts
+    share = np.exp(-below) / np.sum(np.exp(-below), axis=1, keepdims=True)
+    moved = np.sum(np.where(share > 0.0, share * np.expm1(exponent), 0.0), axis=1, keepdims=True)
+    with np.errstate(divide="ignore"):
+        total = np.where(moved < 1.0, -np.log1p(-np.minimum(moved, 1.0)), np.inf)
+    total = np.minimum(total, np.max(exponent, axis=1, keepdims=True))
+    rounding = (2 * FUNCTION_ROUNDINGS + op.width + 4) * unit
     if op.logarithm:  # what is relative to the sum is absolute in its logarithm, which is rounded itself
-        logarithm: FloatArray = relative * (1.0 + np.log(op.width)) + 2 * unit * np.abs(result)
+        logarithm: FloatArray = exponent + total + rounding * (1.0 + np.log(op.width)) + 2 * unit * np.abs(result)
         return logarithm
+    relative = np.expm1(exponent + total) + rounding
     bound: FloatArray = np.minimum(relative * result + (op.width + 1) * _SMALLEST[op.precision], 1.0)
     return bound
 

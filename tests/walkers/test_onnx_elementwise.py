@@ -195,6 +195,20 @@ def test_reductions(tmp_path, op_type, keepdims, grid):
     agree(loaded, np.abs(x) if op_type == "ReduceLogSum" else x)
 
 
+def test_a_sum_of_exponentials_is_told_by_its_largest_one(tmp_path):
+    """Told by the first one it lost the digits that a mask, or a class that is out of question, puts it away."""
+    nodes = [
+        helper.make_node("Add", ["X", "mask"], ["M"]),
+        helper.make_node("ReduceLogSumExp", ["M"], ["Y"], axes=[-1], keepdims=0),
+    ]
+    mask = constant("mask", [-1e6, 0.0, 0.0, -50.0], np.float32)
+    loaded = build.load(graph_model(nodes, [info("X", (None, 4))], [info("Y", None)], [mask], opset=13), tmp_path)
+    x = np.random.default_rng(3).normal(scale=5.0, size=(200, 4))
+    bound = difference_bound(loaded.ir, x)
+    assert bound.max() < 2e-5
+    assert (np.abs(loaded.predict(x) - reference.evaluate(loaded.ir, x)) <= bound).all()
+
+
 @pytest.mark.parametrize("count", range(1, 8))
 def test_the_mean_of_tensors_is_their_sum_times_a_share(tmp_path, count):
     """onnxruntime multiplies by 1 / count in float, and has no kernel for double."""

@@ -441,8 +441,12 @@ def extreme_of(walk: GraphWalk, rows: Tensor, code: ir.Operator) -> Tensor:
 
 
 def _log_sum_exp(walk: GraphWalk, rows: Tensor) -> Tensor:
-    """What a logarithm of a softmax takes from each number: the first one less its own."""
-    pair = (part.moved(lambda a: a[:, 0]) for part in (rows, apply_softmax(walk, rows, logarithm=True)))
+    """What a logarithm of a softmax takes from each number: the largest one less its own, which is the largest, too.
+
+    Of any other one the digits would be lost that it is away from the largest.
+    """
+    parts = (rows, apply_softmax(walk, rows, logarithm=True))
+    pair = (extreme_of(walk, part, ir.Operator.MAXIMUM).moved(lambda array: array[:, 0]) for part in parts)
     return require_tensor(combined(walk, ir.Operator.SUBTRACT, *pair))
 
 
