@@ -195,6 +195,23 @@ def test_reductions(tmp_path, op_type, keepdims, grid):
     agree(loaded, np.abs(x) if op_type == "ReduceLogSum" else x)
 
 
+def test_a_mask_that_is_constant_picks_columns(tmp_path):
+    """It was refused as a constant that should be folded, beside numbers that are computed."""
+    picks = constant("picks", [[False, True, True]], np.bool_)
+    doubled = [helper.make_node("Mul", ["X", "two"], ["D"]), helper.make_node("Where", ["picks", "X", "D"], ["Y"])]
+    masked = [helper.make_node("Where", ["picks", "X", "filler"], ["Y"])]
+    two, filler = constant("two", 2.0), constant("filler", -1e9)
+    x = rows(np.random.default_rng(23))
+    for nodes, constants in ((doubled, [picks, two]), (masked, [picks, filler])):
+        model = graph_model(nodes, [info("X", (None, 3))], [info("Y", None)], constants)
+        loaded = build.load(model, tmp_path)
+        assert loaded.ir.exact and loaded.ir.signs_zeros
+        agree(loaded, x)
+    model = graph_model(masked, [info("X", (None, 3))], [info("Y", None)], [picks, constant("filler", -np.inf)])
+    with pytest.raises(UnsupportedModelError, match="export a mask with -1E9"):
+        build.load(model, tmp_path)
+
+
 def test_a_sum_of_exponentials_is_told_by_its_largest_one(tmp_path):
     """Told by the first one it lost the digits that a mask, or a class that is out of question, puts it away."""
     nodes = [

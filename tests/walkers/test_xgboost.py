@@ -294,6 +294,7 @@ def test_best_iteration_counts_for_the_regressor_only(tmp_path: Path, assert_sam
         assert np.array_equal(model.predict(x)[:, 0], regressor.predict(x))
     everything = saved(regressor.get_booster(), tmp_path)
     assert ensemble(everything).n_trees == 2 * rounds
+    assert any(note.startswith(f"early stopping: all {rounds} rounds are used") for note in everything.ir.source.notes)
     assert_same(everything)
 
 

@@ -325,9 +325,11 @@ for _name in _JOINED:
     operator(_name, 7)(_joined_truths)
 
 
-@operator("Where", 9, 16)
-def _where(call: NodeCall) -> Operand:
-    """condition * a + (1 - condition) * b: one of the products is zero, and -0 is no longer itself beside it."""
+def choice_of(call: NodeCall) -> Operand:
+    """condition * a + (1 - condition) * b: one of the products is zero, and -0 is no longer itself beside it.
+
+    For a condition that is computed.
+    """
     condition, walk = _logical(call.required()), call.walk
     sides = [_as_number(call.required(number)) for number in (1, 2)]
     shape = np.broadcast_shapes(condition.shape, *(side.shape for side in sides))

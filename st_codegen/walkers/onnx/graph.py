@@ -167,6 +167,8 @@ class GraphWalk:
         """Constants as numbers that are computed for each row, of a number that is there."""
         self.refuse_special(beside)
         constants = array.astype(np.float64).ravel()
+        if not np.all(np.isfinite(constants)):
+            raise UnsupportedModelError("puts infinity or NaN beside computed numbers; export a mask with -1E9 instead")
         first = self.builder.select(np.zeros(len(constants), np.int32), self.settle(beside))
         return self.computed(Clip((first,), constants, constants), array.shape, array.dtype)
 
@@ -287,12 +289,12 @@ def _handled(rule: Rule, call: NodeCall) -> Result:
     others = [operand for operand in call.operands if not isinstance(operand, PickedOperand)]
     same = len({(picked.value, picked.count, math.prod(picked.whole.shape)) for picked in picks}) == 1
     if not same or any(not isinstance(other, ConstantOperand) or other.array.size != 1 for other in others):
-        raise UnsupportedModelError("numbers of the nearest rows together with others; a constant is supported")
+        raise UnsupportedModelError("what TopK picks together with others; a constant is supported")
     shape = np.broadcast_shapes(*(operand.shape for operand in call.operands if operand is not None))
     given = [operand.whole if isinstance(operand, PickedOperand) else operand for operand in call.operands]
     found = rule.handler(replace(call, operands=given))
     if not isinstance(found, ConstantOperand | Tensor):
-        raise UnsupportedModelError("labels of the nearest rows; sums and means over their numbers are supported")
+        raise UnsupportedModelError("labels of what TopK picks; sums and means of numbers are supported")
     return replace(picks[0], whole=found.moved(np.ravel), shape=shape)
 
 

@@ -113,7 +113,7 @@ class PickedOperand:
         """The result of an operator that changes the shape only."""
         found = move(np.arange(self.count).reshape(self.shape))
         if not np.array_equal(np.ravel(found), np.arange(self.count)):
-            raise UnsupportedModelError("takes some of the nearest rows; sums and means over all of them are supported")
+            raise UnsupportedModelError("takes a part of what TopK picks; sums and means of all of it are supported")
         return replace(self, shape=found.shape)
 
 
@@ -138,7 +138,7 @@ def require_tensor(operand: Operand) -> Tensor:
     if isinstance(operand, ConstantOperand):
         raise UnsupportedModelError("reads a constant; fold constants when exporting")
     if isinstance(operand, PickedOperand):
-        raise UnsupportedModelError("reads numbers of the nearest rows; sums and means over them are supported")
+        raise UnsupportedModelError("reads what TopK picks; sums and means of it are supported")
     if isinstance(operand, LabelOperand):
         raise UnsupportedModelError("computes with labels of classes; they can be chosen among and cast only")
     return operand

@@ -374,7 +374,7 @@ def _reduction(call: NodeCall) -> Operand:
     )
     if isinstance(tensor, PickedOperand):
         if math.prod(groups) != 1 or name not in ("ReduceSum", "ReduceMean"):
-            raise UnsupportedModelError("reads numbers of the nearest rows; their sum and their mean are supported")
+            raise UnsupportedModelError("reads what TopK picks; its sum and its mean are supported")
         return _mean_of_picked(call.walk, tensor, name == "ReduceMean").moved(lambda array: array.reshape(kept))
     group = np.broadcast_to(np.arange(math.prod(groups)).reshape(groups), tensor.shape).ravel()
     order = np.argsort(group, kind="stable")

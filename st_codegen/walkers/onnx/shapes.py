@@ -13,7 +13,7 @@ import onnx
 
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import AnyArray, Piecewise
-from st_codegen.walkers.onnx.elementwise import is_not_zero
+from st_codegen.walkers.onnx.elementwise import choice_of, is_not_zero
 from st_codegen.walkers.onnx.file import type_name
 from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, Result, operator
 from st_codegen.walkers.onnx.operands import (
@@ -78,7 +78,7 @@ def _converted(call: NodeCall, dtype: np.dtype[Any]) -> Operand:
     if isinstance(operand, LabelOperand):
         return _cast_labels(operand, dtype)
     if isinstance(operand, PickedOperand):
-        raise UnsupportedModelError("casts the nearest rows")
+        raise UnsupportedModelError("casts what TopK picks")
     if isinstance(operand, Tensor):
         if operand.dtype == TRUTH:
             return replace(operand, dtype=dtype)
@@ -238,7 +238,7 @@ def joined(walk: GraphWalk, parts: Sequence[Operand], axis: int) -> Operand:
     """The parts laid end to end along an axis."""
     parts = [_numbered(walk, part) if isinstance(part, LabelOperand) else part for part in parts]
     if any(isinstance(part, PickedOperand) for part in parts):
-        raise UnsupportedModelError("joins numbers of the nearest rows; sums and means over them are supported")
+        raise UnsupportedModelError("joins what TopK picks; sums and means of it are supported")
     if len({part.dtype for part in parts}) > 1:
         raise InputError("joins tensors of different types; the model file is damaged")
     constants = [part.array for part in parts if isinstance(part, ConstantOperand)]
@@ -272,6 +272,23 @@ def _numbered(walk: GraphWalk, choice: LabelOperand) -> Tensor:
 
 def _rounded(walk: GraphWalk, tensor: Tensor) -> Tensor:
     return walk.computed(walk.settle(tensor), tensor.shape, tensor.dtype, tensor.special)
+
+
+@operator("Where", 9, 16)
+def _where(call: NodeCall) -> Operand:
+    """A constant condition, such as a mask, picks columns; a computed one chooses between numbers."""
+    condition = call.required()
+    if not isinstance(condition, ConstantOperand):
+        return choice_of(call)
+    if condition.dtype != np.bool_:
+        raise InputError(f"the condition is of type {condition.dtype}; the model file is damaged")
+    sides = [call.required(number) for number in (1, 2)]
+    shape = np.broadcast_shapes(condition.shape, *(side.shape for side in sides))
+    check_size(shape)
+    size = math.prod(shape)
+    flat = [side.moved(lambda array: np.broadcast_to(array, shape).reshape(size)) for side in sides]
+    places = np.arange(size) + np.where(np.broadcast_to(condition.array, shape).ravel(), 0, size)
+    return joined(call.walk, flat, 0).moved(lambda array: array[places].reshape(shape))
 
 
 @operator("Pad", 2, 11, 13, 18, 19, *_SHAPE_VERSIONS[1:])

@@ -342,6 +342,11 @@ def _source(model: BoosterModel, way: _Path) -> ir.Source:
     rounds = len(model.round_starts) - 1
     if way.best_round is not None and way.best_round + 1 < rounds:
         notes.append(f"early stopping: the first {way.best_round + 1} of {rounds} rounds are used")
+    elif not way.sklearn and model.attributes.get("best_iteration", str(rounds - 1)) != str(rounds - 1):
+        notes.append(
+            f"early stopping: all {rounds} rounds are used, as by Booster.predict; XGBRegressor and XGBClassifier "
+            "would stop at the best one"
+        )
     notes += [
         category_note(feature, categories)
         for feature, categories in zip(model.names, model.categories, strict=False)
