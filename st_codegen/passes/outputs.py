@@ -29,7 +29,8 @@ def with_outputs(model: ModelIR, wanted: Collection[OutputKind]) -> tuple[ModelI
             f" (a GaussianProcessRegressor of at most {MAX_DEVIATION_ROWS} training rows does, alone or in a Pipeline)"
         )
         raise InputError(
-            f"model '{model.name}': {model.source.model_class} gives no {' and no '.join(missing)}; it has: {known}"
+            f"model '{model.name}': the block of {model.source.model_class} gives no {' and no '.join(missing)}; it "
+            f"has: {known}"
             f"{limit if OutputKind.DEVIATION in missing else ''}"
         )
     if not model.kinds:

@@ -435,7 +435,6 @@ _NEAR = {
     "KNNImputer": "SimpleImputer (KNNImputer searches all training rows for each missing value, others for each set of "
     "missing columns)",
     "IterativeImputer": "SimpleImputer",
-    "BisectingKMeans": "KMeans",
     "Birch": "KMeans",
     "KernelPCA": "Nystroem and PCA",
     "OutputCodeClassifier": "OneVsRestClassifier",
@@ -445,5 +444,7 @@ _NEAR = {
 def unsupported(package: str, name: str) -> UnsupportedModelError:
     """The error for a class that is not compiled."""
     owner = f"{LIBRARIES[package]}'s {name}" if package in LIBRARIES else f"{package}.{name}"
+    if name in transforms.of(package):
+        return UnsupportedModelError(f"{owner} is supported in front of an estimator, not as what gives the answer")
     near = f"; near it: {_NEAR[name]}" if name in _NEAR else ""
     return UnsupportedModelError(f"{owner} is not supported{near}; `st-codegen models` lists what is")

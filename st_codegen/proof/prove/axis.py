@@ -181,7 +181,10 @@ class AxisValue:
         zero = np.searchsorted(self.axis.ends, 0)
         for side in (first, last):
             if np.any(bits(side[~taken]) != bits(first[zero : zero + 1])):
-                raise NotProvedError("an input that the model refuses changes more than bValid")
+                raise NotProvedError(
+                    "with an input that the model refuses a variable of the block is another one than with 0.0, which "
+                    "is not followed"
+                )
         self.alike = len(self.axis.parents)
 
     def in_order(self) -> tuple[IntArray, AnyArray, AnyArray, bool] | None:

@@ -209,7 +209,7 @@ def _after(step: ir.Operation, *before: Column) -> Callable[[FloatArray], FloatA
 
 def _combined(op: ir.Combine, one: Column | str, other: Column | str) -> Column | str:
     """Two columns in steps of the same input."""
-    reason = f"Combine ({op.operator.value}) computes of two columns"
+    reason = f"'{op.operator.value}' computes of two numbers on the way"
     if isinstance(one, str) or isinstance(other, str) or one.feature != other.feature:
         return reason
     if one.steps is None or other.steps is None or op.operator not in (ir.Operator.ADD, ir.Operator.SUBTRACT):

@@ -326,7 +326,7 @@ class Symbolic:
     def _number(self, path: Path, expression: t.Expression) -> Value:
         value = self._value(path, expression)
         if not isinstance(value, bool | int | float | Term):
-            raise NotProvedError(f"{type(expression).__name__} is no number")
+            raise NotProvedError("no expression is known of what is read there")
         return value
 
     def _value(self, path: Path, expression: t.Expression) -> Held:  # noqa: PLR0911 - one return a kind

@@ -69,7 +69,9 @@ def _checked(walk: GraphWalk, info: onnx.ValueInfoProto, problems: Problems) -> 
         if isinstance(operand, Tensor) and info.name not in walk.zipped:
             _check_type(info, name, operand)
         if isinstance(operand, PickedOperand):
-            raise UnsupportedModelError(f"the output '{name}' is what TopK picks; only sums and means of that are supported")
+            raise UnsupportedModelError(
+                f"the output '{name}' is what TopK picks; only sums and means of that are supported"
+            )
         if operand is not None:
             yield operand
 
