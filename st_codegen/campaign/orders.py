@@ -41,7 +41,7 @@ class Sums:
     coefficients of an FFT over the number of the sample; ends: float64 (2, 4), the lowest and the highest TE in deg,
     each with the most samples in a row that have it, the most that have the value next to it, and the number of values;
     spikes: float64 (3, s), the samples that are in none of the sums: angle in rad, TE in deg, and by how much that is
-    off what the FFT has in their places.
+    off what the FFT has in their places; begin: the angle of the first sample, rad.
     """
 
     samples: int
@@ -51,6 +51,7 @@ class Sums:
     plain_fft: ComplexArray
     ends: FloatArray
     spikes: FloatArray
+    begin: float = 0.0
 
     @property
     def in_turn(self) -> int:
@@ -116,7 +117,7 @@ def curve_sums(curve: Curve, band: int = BAND) -> Sums:
     Samples far from those around them are left out.
     """
     theta, te = np.deg2rad(curve.angle_deg), np.asarray(curve.te_deg, np.float64)
-    off = off_deg(te)
+    off, begin = off_deg(te), float(theta[0])
     far = off != 0.0
     whole = te - off
     fft = np.fft.rfft(whole if theta[0] <= theta[-1] else whole[::-1]) * (2.0 / len(te))
@@ -124,7 +125,7 @@ def curve_sums(curve: Curve, band: int = BAND) -> Sums:
     left_out = np.stack([theta[far], te[far], off[far]])
     theta, te = theta[~far], te[~far]
     both = moments(theta, np.stack([np.ones(len(te)), te]), 2 * band)
-    sums = Sums(len(te), both[0], both[1, : band + 1], float(te @ te), fft, _ends(te), left_out)
+    sums = Sums(len(te), both[0], both[1, : band + 1], float(te @ te), fft, _ends(te), left_out, begin)
     return replace(sums, plain_fft=fft[: sums.band + 1])
 
 

@@ -15,7 +15,7 @@ from st_codegen.files.text import whole_file
 from st_codegen.te.harmonics import Direction
 
 #: changes with the way sums are made, or files are judged: a file of another version is made anew
-_VERSION = 5
+_VERSION = 6
 
 
 class SumsFile:
@@ -81,6 +81,7 @@ class SumsFile:
                 "direction": direction.value,
                 "samples": sums.samples,
                 "te_square": sums.te_square,
+                "begin": sums.begin,
                 "ends": sums.ends.ravel(),
                 "spikes": sums.spikes.ravel(),
                 "angle": sums.angle.view(np.float64),
@@ -121,6 +122,7 @@ def _sums(row: dict[str, Any]) -> Sums:
         complex_array("plain_fft"),
         np.asarray(row["ends"], np.float64).reshape(2, 4),
         np.asarray(row["spikes"], np.float64).reshape(3, -1),
+        row["begin"],
     )
 
 

@@ -110,7 +110,7 @@ def started(law, sigma, seed=0):
     te = np.broadcast_to(law(travelled, seconds), travelled.shape)
     added = np.fft.rfft(te)[:, orders] * 2.0 / 2048
     added[:, 0] /= 2.0
-    return curves(WHOLE, AT, orders, sigma, seed, added=added)
+    return replace(curves(WHOLE, AT, orders, sigma, seed, added=added), begins_rad=np.zeros(len(AT)))
 
 
 STARTS = {
@@ -147,6 +147,18 @@ OTHERS = {
     "steps": lambda way, time: 2e-3 * ((way > 100.0) & (way < 200.0)),
     "a walk": lambda way, time: 2e-5 * np.cumsum(np.random.default_rng(5).standard_normal(way.shape), axis=1),
 }
+
+
+@pytest.mark.parametrize("begin", [0.0, 77.0])
+def test_the_start_is_where_the_files_begin(begin):
+    """A seam of an encoder at another angle was called the start of curves that begin at 0."""
+    settles = STARTS["as large as the speed, over the way"][0]
+    data = started(settles, 1e-6)
+    turn = np.exp(-1j * np.radians(begin) * data.orders)
+    added = data.values - WHOLE.coefficients(AT, data.orders.tolist())
+    moved = replace(data, values=data.values + added * (turn - 1.0))
+    assert ("behind the start" in _asked(moved)) == (begin == 0.0)
+    assert "behind the start" in _asked(replace(moved, begins_rad=np.full(len(AT), np.radians(begin))))
 
 
 @pytest.mark.parametrize("name", OTHERS)

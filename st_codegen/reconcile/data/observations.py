@@ -29,7 +29,7 @@ class Observations:
     angle of each and `inside` the orders of which its TE is the sum. run: int (n,), the number of each run in the order
     of measuring, where that is known; sorted_by: the condition by which their list is sorted first, which may be the
     time as well, where it is. samples: of each curve, where all have as many, else 0. hums: waves of a
-    frequency of their own that were taken out of the values.
+    frequency of their own that were taken out of the values. begins_rad: the angle at which each curve begins, (n,).
     """
 
     at: Conditions
@@ -46,6 +46,7 @@ class Observations:
     samples: int = 0
     hums: tuple[Hum, ...] = ()
     sorted_by: str = ""
+    begins_rad: FloatArray | None = None
 
     def model_orders(self) -> tuple[int, ...]:
         """The orders whose coefficients a model must give."""
@@ -82,6 +83,7 @@ class Observations:
             spectral_deg=None if self.spectral_deg is None else self.spectral_deg[index],
             left_out=None if self.left_out is None else self.left_out[index],
             seen=None if self.seen is None else self.seen[index],
+            begins_rad=None if self.begins_rad is None else self.begins_rad[index],
         )
 
     def of_orders(self, choice: BoolArray, why: str) -> Observations:

@@ -109,6 +109,7 @@ def _campaign(folder: Path, rig: RigModel, progress: Progress | None, skip_bad: 
         ),
         samples=counts.pop() if len(counts) == 1 else 0,
         hums=(*between, *hums),
+        begins_rad=np.array([curve.sums.begin for curve in campaign.curves]),
     )
 
 

@@ -15,7 +15,6 @@ from scipy.optimize import fmin
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.observations import Observations
-from st_codegen.reconcile.data.reading import begin_text, start_of_ramp
 from st_codegen.reconcile.judge.each_run import ramp
 from st_codegen.reconcile.judge.mistakes import Mistake
 from st_codegen.reconcile.judge.votes import expected_of, noise_power, told_power
@@ -23,7 +22,7 @@ from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.model import RigModel
 
 _TEXT = (
-    "TE {does} behind the start of each curve{begin}, by up to {size:.2g} deg at first, and is down to 1/e of that "
+    "TE {does} behind the start of each curve, by up to {size:.2g} deg at first, and is down to 1/e of that "
     "some {later}: something settles while the turn begins"
 )
 _REMEDY = "take it out (a turn that is measured once the axis has settled tells more)"
@@ -138,16 +137,16 @@ def _parts(poles: ComplexArray, orders: IntArray) -> ComplexArray:
 
 def settling(data: Observations, rig: RigModel) -> list[Mistake]:
     """What dies away behind the start of every curve, if most orders that the rig leaves say so."""
+    if data.begins_rad is None:
+        return []
     waves, noise = data.orders > 0, noise_power(data)
     gap = data.values - expected_of(data, rig)
     loud = waves & ((np.abs(gap) ** 2).mean(axis=0) - noise.mean(axis=0) > told_power(noise))
-    if data.spectral_deg is None or (loud & ~np.isin(data.orders, rig.orders())).sum() < SETTINGS.shared_orders:
+    if (loud & ~np.isin(data.orders, rig.orders())).sum() < SETTINGS.shared_orders:
         return []
-    starts = sorted({0.0, start_of_ramp(gap, noise, data.orders)})
-    begins = [_curves(data, gap, noise, start) for start in starts]
-    found = [one.few().best() for one in begins]
-    place = int(np.argmin([left for left, _ in found]))
-    start, curves, (_, wave) = starts[place], begins[place], found[place]
+    forward, turned = data.at.sign[:, None] > 0, np.exp(1j * data.begins_rad[:, None] * data.orders)
+    curves = _curves(data, np.where(forward, gap * turned, (gap * turned).conj()), noise)
+    wave = curves.few().best()[1]
     pole, in_time = wave.pole, wave.in_time
     # a pole at the end of what was tried, or that only orders beyond the highest would tell, is none; and what dies
     # away within one of its waves, or begins elsewhere, may be a bump
@@ -157,7 +156,7 @@ def settling(data: Observations, rig: RigModel) -> list[Mistake]:
     if not (is_inside and is_start) or not _most_orders_agree(curves, noise, wave):
         return []
     size, seen = curves.dying(wave)
-    its = np.where(data.at.sign[:, None] > 0, seen, seen.conj()) * np.exp(-1j * start * data.orders)
+    its = np.where(forward, seen, seen.conj()) * turned.conj()
 
     def corrected(given: Observations) -> Observations:
         return replace(given, values=given.values - its)
@@ -169,8 +168,7 @@ def settling(data: Observations, rig: RigModel) -> list[Mistake]:
     if in_time:
         later = f"{1.0 / (2 * np.pi * turns * pole.real):.2g} s on"
     # few rows, which tell the least of it, have sizes beyond all others
-    most = float(np.quantile(np.abs(size), 0.9))
-    text = _TEXT.format(does=does, begin=begin_text(start), size=most, later=later)
+    text = _TEXT.format(does=does, size=float(np.quantile(np.abs(size), 0.9)), later=later)
     return [Mistake("start", text, corrected, remedy=_REMEDY)]
 
 
@@ -196,11 +194,9 @@ def _most_orders_agree(curves: _Curves, noise: FloatArray, wave: _Wave) -> bool:
     return True
 
 
-def _curves(data: Observations, gap: ComplexArray, noise: FloatArray, start: float) -> _Curves:
-    """Curves over the way since an angle (rad) at which all of them begin; a loud order counts no more than others."""
-    turned = gap * np.exp(1j * start * data.orders)
-    values = np.where(data.at.sign[:, None] > 0, turned, turned.conj())
-    power = (np.abs(gap) ** 2).mean(axis=0)
+def _curves(data: Observations, values: ComplexArray, noise: FloatArray) -> _Curves:
+    """Curves over the way since they began, (n, K); a loud order counts no more than others."""
+    power = (np.abs(values) ** 2).mean(axis=0)
     beyond = np.where(data.orders > 0, np.maximum(power - noise.mean(axis=0) - told_power(noise), 0.0), 0.0)
     speed = np.abs(data.at.speed_rpm)
     speed = np.maximum(speed / max(float(speed.max()), 1e-300), 1e-3)
