@@ -123,6 +123,8 @@ class Settings:
     #: of the law below which it is no noise
     least_beside_a_law: int = 8
     p_law: float = 1e-4
+    #: noise of a speed, or of a curve, that is so many times that of the others counts by itself
+    louder_speed: float = 1.6
     #: a run is suspected when its distance from its neighbours is this many times what is usual
     suspect_distance: float = 6.0
     #: a noise of zero would make every difference infinite; deg
@@ -228,6 +230,10 @@ class Settings:
     #: differs in form
     reach_of_place: float = 3.0
     left_of_place: float = 0.15
+    #: a burst of a mesh order must leave less of its form than one of any other order, by this share where nothing else
+    #: stands beside its name; both at widths of so many times the one that was fitted
+    told_order: float = 0.2
+    widths_of_burst: tuple[float, ...] = (0.6, 0.8, 1.0, 1.25, 1.6)
     #: how near to where curves begin and end (deg) a place may be what happens there
     reach_of_start_deg: float = 10.0
     #: how far on both sides of an angle what many orders hold together may reach, deg
@@ -491,7 +497,7 @@ CHOSEN_ON: dict[str, tuple[str, ...]] = {
     "campaigns of other generators (filters, gaps, sensors that drift, zeros of the angle, laws of no catalogue)": (
         "one_zero", "one_zero_deg", "bends", "at_once", "beside_reading", "changes_tried", "of_a_filter",
         "least_between", "one_slope", "beyond_labels", "nothing_left", "keeps_its_size", "least_turn_rad",
-        "same_in_runs", "same_ramp", "reach_of_start_deg", "left_of_rest", "begins_to_do", "clear_cause",
+        "same_in_runs", "same_ramp", "told_order", "reach_of_start_deg", "left_of_rest", "begins_to_do", "clear_cause",
     ),
     "all counted cases of other physics, development and held out": (
         "names_by_order", "names_by_more",

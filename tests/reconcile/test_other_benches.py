@@ -12,11 +12,11 @@ from st_codegen.reconcile.fit.fitting import fit
 from st_codegen.reconcile.fit.parameters import piece_of
 from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import FitData, groups_of
-from st_codegen.reconcile.judge.conclusions import doubted
+from st_codegen.reconcile.judge.conclusions import Retuned, doubted
 from st_codegen.reconcile.judge.in_time import wander_over_runs
 from st_codegen.reconcile.judge.measurement import examine
 from st_codegen.reconcile.judge.states import in_one_state
-from st_codegen.reconcile.judge.surroundings import may_be_a_start
+from st_codegen.reconcile.judge.surroundings import may_be_a_start, told_order
 from st_codegen.reconcile.judge.suspects import excused
 from st_codegen.reconcile.judge.unexplained import main_cause
 from st_codegen.reconcile.report.summary import summary
@@ -47,7 +47,8 @@ def test_runs_that_are_louder_than_others_are_not_off_for_it():
         noise, none = estimate(data, left), np.zeros(len(ORDERS), bool)
         assert not excused(data, left, noise, none).any()
         # what the curves say of their noise tells it
-        assert excused(replace(data, spectral_deg=None), left, noise, none).any()
+        unknown = replace(data, spectral_deg=None)
+        assert excused(unknown, left, estimate(unknown, left), none).any()
 
 
 def test_what_carries_a_held_out_gap_is_said_of_few_curves_only():
@@ -111,6 +112,44 @@ def started(law, sigma, seed=0):
     added = np.fft.rfft(te)[:, orders] * 2.0 / 2048
     added[:, 0] /= 2.0
     return replace(curves(WHOLE, AT, orders, sigma, seed, added=added), begins_rad=np.zeros(len(AT)))
+
+
+def test_a_change_of_the_delay_is_doubted_where_an_order_stays_unexplained():
+    """A wave of one order that does not share the chain's delay changed it "by itself"."""
+    data = curves(WHOLE, AT, ORDERS, 1e-5)
+    found = reconcile_observations(WHOLE, data, KNOWN).conclusions
+    delay = effect("measurement_delay", delay_us=250.0)
+    changed = replace(found, retuned=(Retuned(delay, delay.with_values({**delay.values, "delay_us": 170.0}), {}, 0.0),))
+    assert doubted(changed, [57], [], WHOLE.orders()).retuned[0].is_open
+    assert not doubted(changed, [], [], WHOLE.orders()).retuned[0].is_open
+
+
+def test_a_loud_run_is_as_loud_as_its_own_curve_says():
+    """One noise for all runs made a resonance of what was noise at the fastest speed."""
+    loud = 1e-5 + 3e-4 * (AT.speed_rpm / AT.speed_rpm.max()) ** 4
+    data = curves(WHOLE, AT, ORDERS, loud, seed=3)
+    noise = estimate(data, data.values - WHOLE.coefficients(AT, ORDERS.tolist()))
+    fast = AT.speed_rpm == AT.speed_rpm.max()
+    assert (np.median(noise.sigma[fast], axis=1) > 0.7 * loud[fast]).all()
+    alike = curves(WHOLE, AT, ORDERS, 1e-5, seed=3)
+    left = alike.values - WHOLE.coefficients(AT, ORDERS.tolist())
+    assert np.array_equal(estimate(alike, left).sigma, estimate(replace(alike, spectral_deg=None), left).sigma)
+
+
+@pytest.mark.parametrize(("width", "is_told"), [(0.7, False), (5.0, True)])
+def test_a_pulse_shorter_than_a_wave_is_no_damaged_tooth(width, is_told):
+    """A seam of an encoder was order 81, a scratch order 117; a burst of order 39 is one."""
+    orders, angle = np.arange(161), np.radians(np.arange(4096) * 360.0 / 4096)
+    away = np.degrees(np.angle(np.exp(1j * (angle - np.radians(140.0))))) / width
+    te = 3e-3 * np.exp(-(away**2) / 2) * (np.cos(39 * angle) if is_told else away)
+    added = np.fft.rfft(te)[orders] * 2.0 / 4096
+    data = curves(WHOLE, AT, orders, 5e-6, added=added)
+    burst = effect("local_mesh_defect", order=39 if is_told else 81, centre_deg=140.0, width_deg=max(width, 0.9),
+                   amplitude_deg=2e-3, phase_rad=0.0, backward_amplitude_deg=2e-3, backward_phase_rad=0.0)  # fmt: skip
+    target = FitData(data, np.full(data.values.shape, 5e-6), np.ones(len(AT), bool), groups_of(AT))
+    pieces = (*(piece_of(one, added=False, origin=one).held() for one in WHOLE.effects), piece_of(burst, added=True))
+    final = fit(target, State(WHOLE, WHOLE.zero_offset_deg, pieces))
+    assert (told_order(final, final.state.pieces[-1]) > 0.0) is is_told
 
 
 STARTS = {

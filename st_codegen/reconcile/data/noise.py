@@ -91,9 +91,28 @@ def estimate(data: Observations, residual: ComplexArray, known_bad: BoolArray | 
         sigma = np.broadcast_to(sigma_of(residual, data.orders), residual.shape).copy()
         floor, kinds = sigma_of(residual, data.orders), ["rig"] * len(data.orders)
         _take_of_laws(data, residual, good, sigma, floor, kinds)
+    sigma = _louder_by_themselves(data, sigma)
     ranked = tuple(sorted(suspects.items(), key=lambda item: -item[1]))
     least = np.maximum(_between_orders(data), SETTINGS.least_noise_deg)
     return Noise(np.maximum(sigma, least), np.maximum(floor, least), good, ranked, tuple(kinds))
+
+
+def _louder_by_themselves(data: Observations, sigma: FloatArray) -> FloatArray:
+    """Noise (n, K), no smaller in a run than that of the middle one by as much as its own curve is louder.
+
+    What noise there is between the orders of curves may be another than that of orders: only how much louder than
+    others a curve is counts, from where the noise of speeds does.
+    """
+    if data.spectral_deg is None:
+        return sigma
+    found = sigma.copy()
+    for sign in np.unique(data.at.sign):
+        rows = data.at.sign == sign
+        own = np.sqrt((data.spectral_deg[rows] ** 2).mean(axis=1))
+        louder = own / max(float(np.median(own)), 1e-300)
+        louder = np.where(louder > SETTINGS.louder_speed, louder, 1.0)
+        found[rows] = np.maximum(sigma[rows], louder[:, None] * np.median(sigma[rows], axis=0))
+    return found
 
 
 def _between_orders(data: Observations) -> FloatArray:
@@ -197,7 +216,8 @@ def _sigma_by_direction(data: Observations, e: ComplexArray, rows: BoolArray) ->
             if here.sum() >= 12:
                 louder = sigma_of(e[here], data.orders)
                 # the median of 12 or more scatters by a third: only what is beyond that counts
-                sigma[of_sign & (level == number)] = np.where(louder > 1.6 * common, louder, common)
+                is_louder = louder > SETTINGS.louder_speed * common
+                sigma[of_sign & (level == number)] = np.where(is_louder, louder, common)
     return np.maximum(sigma, 1e-12)
 
 

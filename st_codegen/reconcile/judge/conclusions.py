@@ -50,7 +50,7 @@ from st_codegen.reconcile.judge.retuned import (
 )
 from st_codegen.reconcile.judge.selection import founded
 from st_codegen.reconcile.judge.states import in_forms_as_good, in_one_state
-from st_codegen.reconcile.judge.surroundings import left_of_place, may_be_a_start
+from st_codegen.reconcile.judge.surroundings import left_of_place, may_be_a_start, told_order
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Effect, Form, Stage
 from st_codegen.rig.model import RigModel
@@ -369,8 +369,9 @@ def _claim(
         stderr |= {key: float(np.hypot(stderr[key], share * piece.effect.values[key])) for key in sizes & stderr.keys()}
     names = sorted({other.name for other in others} - {piece.effect.name})
     few = final.target.data.few_points
-    starts = may_be_a_start(final, piece.effect)
-    alone = few or by_order_alone(final, number) or is_a_knee(final, piece.effect) or starts
+    starts, is_burst = may_be_a_start(final, piece.effect), bool(piece.effect.least_foreign and piece.effect.orders)
+    unsure = starts or (is_burst and told_order(final, piece) < SETTINGS.told_order)
+    alone = few or by_order_alone(final, number) or is_a_knee(final, piece.effect) or unsure
     # nobody has counted how often a sideband without its twin is one
     one_side = piece.effect.stage is Stage.MODULATION and len(told_sides(piece, stderr)) < 2
     is_open = alone or one_side or may_be_friction(final, piece.effect) or may_be_time(final, piece.effect)
@@ -579,7 +580,10 @@ def doubted(
     halves = _ONE_SIDED if found.names >= _ONE_SIDED else frozenset()
 
     def is_open(effect: Effect, orders: Collection[int]) -> bool:
-        return effect.name in halves or bool(set(effect.touched_orders()) & set(orders))
+        its = set(effect.touched_orders())
+        if effect.stage is Stage.MEASURING:  # it turns all orders, those that stay unexplained among them
+            its |= set(left) - {0}
+        return effect.name in halves or bool(its & set(orders))
 
     claims = tuple(
         replace(claim, alternatives=(*claim.alternatives, SOMETHING_ELSE), counted=SETTINGS.names_by_order)

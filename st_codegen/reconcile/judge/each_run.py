@@ -90,7 +90,7 @@ def zeros(
     if hidden:
         told = (orders > 0) & is_sure
     k, v, m, power = orders[told], values[:, told], model[:, told], np.maximum(noise[:, told], 1e-300)
-    if len(k) < SETTINGS.least_votes:
+    if len(k) < SETTINGS.least_votes or not m.any():
         return Zeros(found)
     grid = np.arange(0.0, 2 * np.pi, 2 * np.pi / (8 * int(k.max())))
     turns = np.exp(1j * np.outer(k, grid))

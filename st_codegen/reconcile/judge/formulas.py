@@ -295,6 +295,8 @@ def _formula(problem: _Problem, chosen: list[int], as_well: dict[int, list[int]]
     words = (f"{at.speed_rpm[row]:g} rpm", f"{at.torque_Nm[row]:g} N m", f"{at.temperature_C[row]:g} degC")
     # 3 % of a power are a sixth of a size: what is called constant must be all of it, as far as it is shown
     is_whole = explains >= SETTINGS.formula_whole if varying else round(explains, 2) == 1.0
+    left, chance = problem.all.least(chosen) - problem.all.noise, np.sqrt(2.0 * problem.parts * problem.all.count)
+    is_beyond = bool(varying and is_whole and left > SETTINGS.told * chance)
     where = "at " + ", ".join(words[i] for i in varying) if varying else "in the mean of the operating points"
     if not varying and not is_whole:
         parts = [part.replace("is constant", "is mostly constant", 1) for part in parts]
@@ -313,7 +315,11 @@ def _formula(problem: _Problem, chosen: list[int], as_well: dict[int, list[int]]
     for one, other in axes_together(at):
         if (AXES.index(one) in varying) != (AXES.index(other) in varying):
             text += f" ({one} and {other} go together in these runs: it may depend on either)"
-    if not is_whole:
+    if is_beyond:
+        text += (
+            f" (that is {min(100 * explains, 99.9):.3g} % of it, and what is left is no noise: its law may be another)"
+        )
+    elif not is_whole:
         rest = "its law may be another" if varying else "the rest may differ from one of them to another"
         text += f" (that is {100 * explains:.0f} % of it: {rest})"
     return Formula(terms, explains, text, float(size[row]))

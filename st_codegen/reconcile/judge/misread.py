@@ -18,6 +18,7 @@ from st_codegen.reconcile.fit.normal import gather, inverse
 from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import Column, FitData
 from st_codegen.reconcile.judge.evidence import chi_square_tail
+from st_codegen.reconcile.judge.in_time import changes_with_time
 from st_codegen.reconcile.settings import SETTINGS
 
 #: the data that were meant where some were read wrong by sizes
@@ -50,7 +51,8 @@ class Misread:
     """A reading with its sizes, and the numbers of the pieces whose changes it stands for (OFFSET: the zero's).
 
     best: the fit with it, whose pieces have the numbers of those with the changes; touched: how many changes lie on
-    orders that it moves; unexplained: the orders of which it leaves nothing but noise, where nothing else does.
+    orders that it moves; unexplained: the orders of which it leaves hardly anything, where nothing else does, and
+    whether that is noise.
     """
 
     reading: WrongReading
@@ -59,6 +61,7 @@ class Misread:
     best: Fit
     touched: int = 0
     unexplained: frozenset[int] = frozenset()
+    leaves_noise: bool = False
 
     @property
     def text(self) -> str:
@@ -295,8 +298,13 @@ def in_place_of_the_rest(final: Fit, orders: Collection[int]) -> tuple[Misread, 
         after = left(best)[columns]
         gone = after < SETTINGS.left_of_rest * before + told
         if 2 * gone.sum() > len(gone) and (after < before + told).all():
-            rest = frozenset(data.orders[columns][gone].tolist())
-            found.append(_with_what_changed(Misread(reading, sizes, frozenset(), best, unexplained=rest), target))
+            # what wanders while the runs are made passes for noise where runs are compared with their neighbours
+            drifts = changes_with_time(target, best.residual)[columns][gone]
+            rest = frozenset(data.orders[columns][gone][~drifts].tolist())
+            is_noise = bool((after < told)[gone].all())
+            if rest:
+                read = Misread(reading, sizes, frozenset(), best, unexplained=rest, leaves_noise=is_noise)
+                found.append(_with_what_changed(read, target))
     return tuple(sorted(found, key=lambda one: (-len(one.instead_of), one.best.loss)))
 
 

@@ -16,6 +16,7 @@ from st_codegen.reconcile.judge.structure import wander_within_turns
 from st_codegen.reconcile.judge.votes import SIGNS
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect, Stage
+from st_codegen.rig.effects.wear import bump
 
 #: samples of a turn at which a place is looked at
 _ANGLES = np.radians(np.arange(0.0, 360.0, 0.25))
@@ -76,7 +77,8 @@ def is_of_its_place(current: Fit, number: int) -> bool:
             beside, its_width = _place(other.effect)
             if abs(_turned(beside - centre)) < SETTINGS.reach_of_place * (width + its_width):
                 return False
-    return left_of_place(current, piece) <= SETTINGS.left_of_place
+    is_its_order = not piece.effect.orders or told_order(current, piece) > 0.0
+    return is_its_order and left_of_place(current, piece) <= SETTINGS.left_of_place
 
 
 def may_be_a_start(current: Fit, effect: Effect) -> bool:
@@ -139,6 +141,39 @@ def angle_of_rest(target: FitData, residual: ComplexArray, orders: Sequence[int]
             centre = int(np.argmax(inside))
             return float(np.degrees(_ANGLES[centre])), reach, float(np.abs(curves).max())
     return None
+
+
+def told_order(current: Fit, piece: Piece) -> float:
+    """By which share a burst of its mesh order leaves less of the form of the curves than one of any foreign order.
+
+    Either at its angle, as wide as fits best. Below 0 it is none of a mesh order: a pulse that is shorter than a wave
+    has about the form of all of them. Seen are the orders that the rig does not make.
+    """
+    target, effect, (centre, width) = current.target, piece.effect, _place(piece.effect)
+    foreign = ~np.isin(target.data.orders, current.state.rig.orders())
+    angles = _ANGLES[np.abs(_turned(_ANGLES - centre)) < SETTINGS.reach_of_place * width]
+    orders, mesh = target.data.orders[foreign], set(current.state.rig.constants.mesh_orders())
+    turn, curves = np.exp(1j * np.outer(orders, angles)), []
+    for sign in SIGNS:
+        rows = target.good & (target.data.at.sign == sign)
+        there = ((explained(current, piece) + current.residual)[np.ix_(rows, foreign)] @ turn).real
+        if len(there):
+            size, form = np.linalg.svd(there, full_matrices=False)[1:]
+            curves.append(size[0] * form[0])
+    power = max(sum(float(curve @ curve) for curve in curves), 1e-300)
+
+    def left(order: int) -> float:
+        found = []
+        for wide in width * np.array(SETTINGS.widths_of_burst):
+            wave = bump(orders - order, effect.scalar("centre_deg"), float(np.degrees(wide))) @ turn
+            basis = np.linalg.qr(np.stack([wave.real, wave.imag], axis=1))[0]
+            found.append(1.0 - sum(float(((curve @ basis) ** 2).sum()) for curve in curves) / power)
+        return min(found)
+
+    (own,), reach = effect.orders, round(1.0 / width)
+    others = [left(k) for k in range(max(own - reach, 1), own + reach + 1) if k not in mesh]
+    least = min(others, default=1.0)
+    return 1.0 - left(own) / max(least, 1e-12)
 
 
 def _place(effect: Effect) -> tuple[float, float]:

@@ -189,7 +189,7 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float
     if differ < own:
         own, what = differ, "what both directions of a run differ by"
     if not order and own < floor**2:
-        own, what = floor**2, "what the means of runs differ by"
+        own, what = floor**2, "what the means of runs near each other differ by"
     of_runs = bool(floor**2 < own and not np.isclose(floor**2, own))
     if of_runs:
         own, what = floor**2, "what runs differ by from others like them"
@@ -330,7 +330,10 @@ def _signature(
     shares = dependence(target, r, noise, course)
     direction = _direction(target, r)
     formula = formula_of(target, r, k, max(floor, SETTINGS.least_noise_deg))
-    said, amplitude = _sentence(target, r, order, shares, course, formula)
+    loud = target.good & (target.data.at.sign == {"forward": 1.0, "backward": -1.0}.get(direction, target.data.at.sign))
+    beyond = float((np.abs(r[target.good] - r[target.good].mean()) ** 2).sum()) / max(noise, 1e-300) - target.good.sum()
+    is_told = beyond > SETTINGS.told * np.sqrt(target.good.sum())
+    said, amplitude = _sentence(replace(target, good=loud), r, order, shares, course, formula, is_told=is_told)
     if target.data.sorted_by and target.data.sorted_by in said and "when it was measured" not in said:
         said += ", or with the time if the runs were made in the order of their list"
     side = "" if direction == "both" else f", {direction} only"
@@ -362,6 +365,7 @@ _CAUSE = {
     "temperature": "depends on the oil temperature",
     "combination": "depends on the conditions, or on when it was measured; no single one was found to explain it",
 }
+_HIDDEN = "the noise of the runs hides what it depends on"
 _WITH_TIME = "runs that were made one after the other are alike: it changes with time"
 _UNIT = {"speed": "rpm", "torque": "N m", "temperature": "degC"}
 
@@ -386,8 +390,13 @@ def _sentence(
     shares: dict[str, float],
     course: Course | None,
     formula: Formula | None,
+    *,
+    is_told: bool,
 ) -> tuple[str, float]:
-    """What is said of an unexplained part, and its largest amplitude (deg)."""
+    """What is said of an unexplained part, and its largest amplitude (deg).
+
+    is_told: whether runs differ in it by more than their noise.
+    """
     at, good = target.data.at, target.good
     main = main_cause(shares)
     if course is not None and main in ("time", "constant", "combination"):
@@ -403,6 +412,8 @@ def _sentence(
         text += ", or on when it was measured"
     if main == "combination" and changes_with_time(target, r[:, None])[0]:
         text = _WITH_TIME
+    elif main == "combination" and not is_told:
+        text = _HIDDEN
     if main not in _UNIT:
         return text, float(np.sqrt((np.abs(r[good]) ** 2).mean()))
     values = {"speed": at.speed_rpm, "torque": at.torque_Nm, "temperature": at.temperature_C}[main]
