@@ -22,12 +22,16 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from pathlib import Path
+from types import FrameType
 from typing import IO, Any, TypeVar
 
 from st_codegen.errors import StCodegenError
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
+
+#: how long the end of a worker may come before this process is told of the interruption that ended it
+_INTERRUPTED_WITHIN_S = 1.0
 
 
 def shared_out(work: Callable[[_Item], _Result], items: Iterable[_Item], *, is_large: bool) -> list[_Result]:
@@ -47,6 +51,38 @@ def shared_out(work: Callable[[_Item], _Result], items: Iterable[_Item], *, is_l
             parallel = joblib.Parallel(n_jobs=-1, batch_size=1, max_nbytes=None)
             return [_unpacked(*made) for made in parallel(joblib.delayed(_packed)(work, item) for item in items)]
     return [work(item) for item in items]
+
+
+@contextlib.contextmanager
+def interruptible() -> Iterator[None]:
+    """Work by joblib that may be interrupted: what its thread says of workers that were, too, is not shown.
+
+    The signal reaches the workers as well. Outside of the main thread, which is the one that is interrupted, nothing is
+    changed.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    told, shown, handler = threading.Event(), threading.excepthook, signal.getsignal(signal.SIGINT)
+
+    def hook(args: threading.ExceptHookArgs) -> None:
+        of_joblib = args.thread is not None and args.thread.name.startswith("ExecutorManagerThread")
+        if not of_joblib or not told.wait(_INTERRUPTED_WITHIN_S):
+            shown(args)
+
+    def interrupted(number: int, frame: FrameType | None) -> None:
+        told.set()
+        if callable(handler):
+            handler(number, frame)
+
+    threading.excepthook = hook
+    signal.signal(signal.SIGINT, interrupted)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+        if not told.is_set():  # else the thread may still say it
+            threading.excepthook = shown
 
 
 def other_processors() -> int:

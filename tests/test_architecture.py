@@ -56,7 +56,7 @@ MAY_USE = {
     # users of the compiler
     "report": {"errors", "files", "emit"},
     "campaign": {"errors", "files", "ir", "te"},
-    "training": {"threads", "errors", "files", "ir", "walkers", "te", "report", "campaign"},
+    "training": {"processes", "threads", "errors", "files", "ir", "walkers", "te", "report", "campaign"},
     "rig": {"errors", "files", "ir", "emit", "st", "project", "te", "driver", "report", "campaign"},
     "live": {"errors", "files", "ir", "emit", "st", "project", "proof", "te", "report", "campaign", "rig"},
     "reconcile": {

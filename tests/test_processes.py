@@ -1,6 +1,9 @@
 """Work on all processors: the same results in the same order, wherever they are computed."""
 
+import contextlib
 import os
+import signal
+import threading
 import time
 from functools import partial
 
@@ -73,3 +76,28 @@ def test_layouts_are_the_same_on_one_processor_and_on_several(bundle_folder, tmp
         assert (several.folder / name).read_bytes() == (one.folder / name).read_bytes(), name
     trees = [op for model in several.compiled.models for op in model.ops if hasattr(op, "values")]
     assert trees and not any(op.values.flags.writeable for op in trees)
+
+
+@pytest.mark.parametrize("interrupts", [True, False])
+def test_what_joblib_says_of_interrupted_workers_is_not_shown(interrupts, monkeypatch):
+    """Ctrl-C in `train` ended with a traceback of joblib's thread."""
+    shown = []
+    monkeypatch.setattr(threading, "excepthook", lambda args: shown.append(args.thread.name))
+    monkeypatch.setattr(processes, "_INTERRUPTED_WITHIN_S", 0.5)
+    before = signal.getsignal(signal.SIGINT)
+
+    def fails():
+        raise KeyError(5)
+
+    threads = [threading.Thread(target=fails, name=name) for name in ("ExecutorManagerThread", "another")]
+    with contextlib.suppress(KeyboardInterrupt), processes.interruptible():
+        for thread in threads:
+            thread.start()
+        if interrupts:
+            signal.raise_signal(signal.SIGINT)
+        for thread in threads:
+            thread.join()
+    for thread in threads:
+        thread.join()
+    assert sorted(shown) == (["another"] if interrupts else ["ExecutorManagerThread", "another"])
+    assert signal.getsignal(signal.SIGINT) is before

@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from st_codegen.errors import InputError, MissingExtraError
 from st_codegen.ir.arrays import FloatArray
+from st_codegen.processes import interruptible
 from st_codegen.threads import one_thread
 from st_codegen.training.cost import worst_case_us
 from st_codegen.training.families import Learner
@@ -182,7 +183,7 @@ def spread(
     """Do a work on each item where the backend says, and give each result with its key as soon as it is there."""
     if not items:
         return
-    with backend.configured():
+    with backend.configured(), interruptible():
         import joblib
 
         parallel: Any = joblib.Parallel(return_as="generator_unordered", batch_size=1, pre_dispatch="4*n_jobs")
