@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from st_codegen.cli.console import FOLDER, PLACE, Number, Whole, console, effects_option, progress_bar, quiet_option
+from st_codegen.errors import Problems
 
 if TYPE_CHECKING:
     from st_codegen.rig.effects import Effect
@@ -48,8 +49,12 @@ def command(
     from st_codegen.rig.campaign import Measuring, read_conditions, simulate_campaign
     from st_codegen.rig.model import read_rig
 
-    model = read_rig(rig, known)
-    points = read_conditions(conditions)
+    problems = Problems("the campaign's files")
+    with problems.collect():
+        model = read_rig(rig, known)
+    with problems.collect():
+        points = read_conditions(conditions)
+    problems.raise_if_any()
     with progress_bar("simulating", quiet=quiet) as progress:
         simulate_campaign(model, points, out, Measuring(samples, noise, seed), progress)
     if not quiet:

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, field
 
-from st_codegen.errors import InputError
+from st_codegen.errors import InputError, Problems
 from st_codegen.files.number_text import parse_number, parse_whole
 from st_codegen.project.bundle import Bundle
 from st_codegen.rig.compensator import EmittedCompensator, restricted
@@ -72,16 +72,17 @@ def parse_lead(text: str) -> float:
 
 
 def parse_inputs(texts: Sequence[str]) -> dict[str, float]:
-    """Inputs of the block from texts such as `fBlendTime_s=0.05`. Raises InputError."""
-    found = {}
+    """Inputs of the block from texts such as `fBlendTime_s=0.05`. Raises one InputError for all that are none."""
+    found, problems = {}, Problems("--set")
     for text in texts:
         name, _, value = text.partition("=")
         if option := _OWN_OPTIONS.get(name.strip()):
-            raise InputError(f"'{text}': give {option}, after which a case is called")
+            problems.add(f"'{text}': give {option}, after which a case is called")
         try:
             found[name.strip()] = parse_number(value)
         except ValueError:
-            raise InputError(f"'{text}': give an input of FB_Compensator as in fBlendTime_s=0.05") from None
+            problems.add(f"'{text}': give an input of FB_Compensator as in fBlendTime_s=0.05")
+    problems.raise_if_any()
     return found
 
 

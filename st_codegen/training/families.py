@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.errors import InputError, MissingExtraError
+from st_codegen.errors import InputError, MissingExtraError, Problems
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.training.targets import RobustUnit
 
@@ -188,8 +188,14 @@ class Learner:
 
 
 def candidates(names: Sequence[str]) -> tuple[Learner, ...]:
-    """All that our search tries of these families. Raises InputError for an unknown one."""
-    return tuple(Learner(family.name, params) for family in map(family_named, names) for params in family.grid)
+    """All that our search tries of these families. Raises one InputError for all unknown ones."""
+    found, problems = list[Learner](), Problems("families")
+    for name in names:
+        with problems.collect():
+            family = family_named(name)
+            found += [Learner(family.name, params) for params in family.grid]
+    problems.raise_if_any()
+    return tuple(found)
 
 
 def _in_units(estimator: Any, unit: RobustUnit) -> Any:

@@ -38,7 +38,7 @@ FILES = {
     "a range with one end": ({"st-codegen.toml": '[[input]]\nfeature = "speed_rpm"\nmin = 5.0\n'}, "'max' is missing"),
     "REAL": (
         {"st-codegen.toml": '[project]\nreal = "REAL"\n'},
-        "for controllers that have none say real = true in [build]",
+        "real stands in [build]",
     ),
     "30 files that are no models": ({f"n{n}.txt": "hello" for n in range(30)}, "and 29 more that differ in names"),
 }

@@ -90,3 +90,19 @@ def test_refusals_leave_nothing_behind(tmp_path, capsys):
         main(["simulate", "campaign", "--rig", str(tmp_path / "no.toml"), "--conditions", "x", "--out", "y"])
     assert caught.value.code == 2
     assert "no such file" in capsys.readouterr().err
+
+
+def test_all_files_that_are_wrong_are_named_at_once(tmp_path, capsys):
+    wrong = ["--rig", str(tmp_path / "no.toml"), "--conditions", str(tmp_path / "no.csv"), "--out", str(tmp_path / "c")]
+    with pytest.raises(SystemExit):
+        main(["simulate", "campaign", *wrong])
+    said = capsys.readouterr().err
+    assert "no.toml" in said and "no.csv" in said
+
+
+def test_conditions_at_which_the_formulas_do_not_hold_write_nothing(tmp_path):
+    """3 MN m gave files with a transmission error of -105 deg."""
+    points = (OperatingPoint(1000.0, 100.0, 30.0), OperatingPoint(3000.0, 3e6, 3000.0))
+    with pytest.raises(InputError, match="its formulas do not hold at 3000 rpm"):
+        simulate_campaign(read_rig(RIG), points, tmp_path / "c", Measuring(samples=500))
+    assert not (tmp_path / "c").exists()
