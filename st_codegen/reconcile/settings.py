@@ -230,6 +230,8 @@ class Settings:
     #: differs in form
     reach_of_place: float = 3.0
     left_of_place: float = 0.15
+    #: mean power beyond the noise, in noises over the root of the runs, that an order of curves may hold unseen
+    quiet_order: float = 6.0
     #: a burst of a mesh order must leave less of its form than one of any other order, by this share where nothing else
     #: stands beside its name; both at widths of so many times the one that was fitted
     told_order: float = 0.2

@@ -16,7 +16,7 @@ from st_codegen.reconcile.judge.conclusions import Retuned, doubted
 from st_codegen.reconcile.judge.in_time import wander_over_runs
 from st_codegen.reconcile.judge.measurement import examine
 from st_codegen.reconcile.judge.states import in_one_state
-from st_codegen.reconcile.judge.surroundings import may_be_a_start, told_order
+from st_codegen.reconcile.judge.surroundings import is_of_its_place, may_be_a_start, told_order
 from st_codegen.reconcile.judge.suspects import excused
 from st_codegen.reconcile.judge.unexplained import main_cause
 from st_codegen.reconcile.report.summary import summary
@@ -111,7 +111,8 @@ def started(law, sigma, seed=0):
     te = np.broadcast_to(law(travelled, seconds), travelled.shape)
     added = np.fft.rfft(te)[:, orders] * 2.0 / 2048
     added[:, 0] /= 2.0
-    return replace(curves(WHOLE, AT, orders, sigma, seed, added=added), begins_rad=np.zeros(len(AT)))
+    data = curves(WHOLE, AT, orders, sigma, seed, added=added)
+    return replace(data, begins_rad=np.zeros(len(AT)), samples=2048)
 
 
 def test_a_change_of_the_delay_is_doubted_where_an_order_stays_unexplained():
@@ -152,6 +153,21 @@ def test_a_pulse_shorter_than_a_wave_is_no_damaged_tooth(width, is_told):
     assert (told_order(final, final.state.pieces[-1]) > 0.0) is is_told
 
 
+def test_a_few_waves_that_meet_are_no_bump():
+    """To a rig without effects the waves of its mesh made three bumps, where they met."""
+    bump = effect("local_defect", centre_deg=140.0, width_deg=1.5, height_deg=5e-3)
+    pieces = (*(piece_of(one, added=False, origin=one).held() for one in WHOLE.effects), piece_of(bump, added=True))
+    for orders, is_one in (
+        (np.arange(121), True),
+        (np.unique([0, *WHOLE.orders(), 36, 37, 38, 41, 42, 77, 79]), False),
+    ):
+        added = bump.contribution(AT, orders)
+        data = curves(WHOLE, AT, orders, 5e-6, added=added)
+        target = FitData(data, np.full(data.values.shape, 5e-6), np.ones(len(AT), bool), groups_of(AT))
+        final = fit(target, State(WHOLE, WHOLE.zero_offset_deg, pieces))
+        assert is_of_its_place(final, len(pieces) - 1) == is_one
+
+
 STARTS = {
     "as large as the speed, over the way": (
         lambda way, time: -2.5e-3 * AT.sign[:, None] * (AT.speed_rpm[:, None] / 1800) * np.exp(-way / 20.0),
@@ -183,6 +199,9 @@ def test_what_dies_away_behind_the_start_is_named_and_taken_out(name):
 OTHERS = {
     "a ramp": lambda way, time: 2e-3 * np.where(AT.sign[:, None] > 0, way, 360.0 - way) / 360.0,
     "a bump": lambda way, time: 2e-3 * np.exp(-(((way + 180.0) % 360.0 - 180.0) ** 2) / 18.0),
+    "a bump in one direction": lambda way, time: (
+        (AT.sign[:, None] > 0) * 2e-3 * np.exp(-(((way + 180.2) % 360.0 - 180.0) ** 2) / 18.0)
+    ),
     "steps": lambda way, time: 2e-3 * ((way > 100.0) & (way < 200.0)),
     "a walk": lambda way, time: 2e-5 * np.cumsum(np.random.default_rng(5).standard_normal(way.shape), axis=1),
 }

@@ -372,7 +372,7 @@ def _loud(power: FloatArray) -> BoolArray:
     runs = np.maximum(np.isfinite(power).sum(axis=0), 1)
     power = np.where(np.isfinite(power), power, 0.0) * (len(power) / runs)
     # the power of noise is exponential with mean 1: the mean of n has the standard deviation 1/sqrt(n)
-    mean = np.minimum(power, SETTINGS.loud_line).mean(axis=0) > 1 + 6 / np.sqrt(runs)
+    mean = np.minimum(power, SETTINGS.loud_line).mean(axis=0) > 1 + SETTINGS.quiet_order / np.sqrt(runs)
     few = (power > SETTINGS.loud_line).mean(axis=0) > np.maximum(0.01, 2.5 / runs)
     loud: BoolArray = mean | few
     return loud

@@ -37,36 +37,33 @@ _RINGS = 2.0
 
 @dataclass(frozen=True)
 class _Wave:
-    """A wave that dies away: its decay and wave in a radian of the output, and how much later (rad) each row's begins.
+    """A wave that dies away: its decay and wave in a radian of the output.
 
-    in_time: so they are of the fastest row, and alike over the time in others. late: of rows forward and backward.
+    in_time: so they are of the fastest row, and alike over the time in others.
     """
 
     pole: complex
     in_time: bool
-    late: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class _Curves:
     """Coefficients (n, K) of the orders (K,) of curves over the way since they began, in the direction of each.
 
-    weight: what an order counts, (K,); speed: the speed of each row over the fastest, (n,); sign: its direction, (n,).
+    weight: what an order counts, (K,); speed: the speed of each row over the fastest, (n,).
     """
 
     values: ComplexArray
     orders: IntArray
     weight: FloatArray
     speed: FloatArray
-    sign: FloatArray
 
     def few(self) -> _Curves:
         """Some rows and loud orders of these, which tell a pole."""
         rows = slice(None, None, -(-len(self.values) // SETTINGS.rows_that_tell))
         loud = np.flatnonzero(self.weight)
         loud = loud[:: -(-len(loud) // _MOST_ORDERS)]
-        values = self.values[rows][:, loud]
-        return _Curves(values, self.orders[loud], self.weight[loud], self.speed[rows], self.sign[rows])
+        return _Curves(self.values[rows][:, loud], self.orders[loud], self.weight[loud], self.speed[rows])
 
     def dying(self, wave: _Wave, told: BoolArray | None = None) -> tuple[ComplexArray, ComplexArray]:
         """The size of a wave at the start that each row has most likely, (n,), and its coefficients (n, K).
@@ -76,7 +73,6 @@ class _Curves:
         speed = self.speed if wave.in_time else np.ones(len(self.values))
         poles = np.asarray(wave.pole / speed[:, None], np.complex128)
         columns = _parts(poles, self.orders)[: 2 if wave.pole.imag else 1]
-        columns = columns * np.exp(-1j * np.where(self.sign > 0, *wave.late)[:, None] * self.orders)
         weight = self.weight if told is None else self.weight * told
         power = np.einsum("ank,bnk,k->nab", columns, columns.conj(), weight).real
         along = np.einsum("ank,nk,k->na", columns, self.values.conj(), weight).real
@@ -111,16 +107,13 @@ class _Curves:
         _, decay, turns = min(trials)
 
         def wave(at: FloatArray) -> _Wave:
-            rings = float(turns * np.exp(at[3])) if turns else 0.0
-            return _Wave(complex(decay * np.exp(at[0]), rings), in_time, (float(at[1]), float(at[2])))
+            return _Wave(complex(decay * np.exp(at[0]), turns * np.exp(at[-1]) if turns else 0.0), in_time)
 
         def power(at: FloatArray) -> float:
             return self.left(wave(at))
 
-        begin, reach = np.zeros(4 if turns else 3), np.array([0.1, 0.01, 0.01, 0.05])
-        simplex = np.vstack([begin, np.diag(reach[: len(begin)])])
         at, least, *_ = fmin(
-            power, begin, xtol=1e-4, ftol=0.0, maxiter=150, full_output=True, disp=False, initial_simplex=simplex
+            power, np.zeros(2 if turns else 1), xtol=1e-4, ftol=0.0, maxiter=80, full_output=True, disp=False
         )
         return float(least), wave(at)
 
@@ -144,16 +137,16 @@ def settling(data: Observations, rig: RigModel) -> list[Mistake]:
     loud = waves & ((np.abs(gap) ** 2).mean(axis=0) - noise.mean(axis=0) > told_power(noise))
     if (loud & ~np.isin(data.orders, rig.orders())).sum() < SETTINGS.shared_orders:
         return []
-    forward, turned = data.at.sign[:, None] > 0, np.exp(1j * data.begins_rad[:, None] * data.orders)
+    # a sample stands for half a step in front of it, too
+    begins = data.begins_rad - data.at.sign * (np.pi / data.samples if data.samples else 0.0)
+    forward, turned = data.at.sign[:, None] > 0, np.exp(1j * begins[:, None] * data.orders)
     curves = _curves(data, np.where(forward, gap * turned, (gap * turned).conj()), noise)
     wave = curves.few().best()[1]
     pole, in_time = wave.pole, wave.in_time
     # a pole at the end of what was tried, or that only orders beyond the highest would tell, is none; and what dies
-    # away within one of its waves, or begins elsewhere, may be a bump
-    highest = int(data.orders.max())
-    is_inside = _DECAYS[0] < pole.real < min(_DECAYS[-1], _TOLD_DECAY * highest)
-    is_start = max(map(abs, wave.late)) < np.pi / highest and (not pole.imag or pole.imag > _RINGS * pole.real)
-    if not (is_inside and is_start) or not _most_orders_agree(curves, noise, wave):
+    # away within one of its waves may be a bump
+    is_inside = _DECAYS[0] < pole.real < min(_DECAYS[-1], _TOLD_DECAY * int(data.orders.max()))
+    if not is_inside or (pole.imag and pole.imag < _RINGS * pole.real) or not _most_orders_agree(curves, noise, wave):
         return []
     size, seen = curves.dying(wave)
     its = np.where(forward, seen, seen.conj()) * turned.conj()
@@ -200,4 +193,4 @@ def _curves(data: Observations, values: ComplexArray, noise: FloatArray) -> _Cur
     beyond = np.where(data.orders > 0, np.maximum(power - noise.mean(axis=0) - told_power(noise), 0.0), 0.0)
     speed = np.abs(data.at.speed_rpm)
     speed = np.maximum(speed / max(float(speed.max()), 1e-300), 1e-3)
-    return _Curves(values, data.orders, beyond / np.maximum(power, 1e-150) ** 2, speed, data.at.sign)
+    return _Curves(values, data.orders, beyond / np.maximum(power, 1e-150) ** 2, speed)

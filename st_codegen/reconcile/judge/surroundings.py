@@ -77,8 +77,26 @@ def is_of_its_place(current: Fit, number: int) -> bool:
             beside, its_width = _place(other.effect)
             if abs(_turned(beside - centre)) < SETTINGS.reach_of_place * (width + its_width):
                 return False
+    if _would_be_seen_elsewhere(target, piece.effect):
+        return False
     is_its_order = not piece.effect.orders or told_order(current, piece) > 0.0
     return is_its_order and left_of_place(current, piece) <= SETTINGS.left_of_place
+
+
+def _would_be_seen_elsewhere(target: FitData, effect: Effect) -> bool:
+    """Whether an effect of one angle would stand above the noise on orders of curves that were found to be quiet.
+
+    Waves of a few orders that the rig lacks meet at some angle as if there was a bump, which has all orders.
+    """
+    data, good = target.data, target.good
+    if data.spectral_deg is None:
+        return False
+    reached = [k for k in effect.touched_orders() if 0 < k <= data.orders.max()]
+    quiet = np.setdiff1d(reached, data.orders)
+    noise = 2.0 * float(np.median(data.spectral_deg[good][:, data.orders > 0])) ** 2
+    power = (np.abs(effect.contribution(data.at.rows(good), quiet)) ** 2).mean(axis=0)
+    loud = power > SETTINGS.quiet_order / np.sqrt(good.sum()) * noise
+    return bool(loud.sum() > SETTINGS.left_of_place * len(reached))
 
 
 def may_be_a_start(current: Fit, effect: Effect) -> bool:
