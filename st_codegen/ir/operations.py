@@ -178,8 +178,9 @@ class Clip(ColumnFunction):
     def value(self, x: FloatArray) -> FloatArray:
         return np.clip(x, self.lower, self.upper)
 
-    def slope(self, x: FloatArray, difference: FloatArray) -> float:
-        return 1.0
+    def slope(self, x: FloatArray, difference: FloatArray) -> FloatArray:
+        outside = (x + difference <= self.lower) | (x - difference >= self.upper)
+        return np.where(outside, 0.0, 1.0)
 
     def largest(self, magnitude: FloatArray) -> FloatArray:
         return np.minimum(magnitude, np.maximum(np.abs(self.lower), np.abs(self.upper)))

@@ -74,6 +74,15 @@ def complement(builder: GraphBuilder, probability: int, precision: Precision = P
     return builder.beside(other, probability)
 
 
+def shares_of(builder: GraphBuilder, value: int, *, equal: bool = True) -> int:
+    """Numbers from 0 on by their sum; where all are 0 they are equal shares, or stay 0."""
+    count = builder.width(value)
+    total = builder.select([0] * count, builder.linear(value, np.ones((1, count))))
+    none = builder.scale(above(builder, total), "-", 1.0, reverse=True)
+    divisor = builder.combine(total, "+", builder.scale(none, "*", float(count)))
+    return builder.combine(builder.combine(value, "+", none) if equal else value, "/", divisor)
+
+
 def whole_sums(builder: GraphBuilder, value: int, weights: FloatArray, bias: FloatArray) -> int:
     """Weighted sums of whole numbers with whole weights: exact in any order."""
     return builder.linear(value, weights, bias, order=SummationOrder.SEQUENTIAL)

@@ -44,6 +44,7 @@ CLASSIFIERS = {
     "ridge of two": (linear_model.RidgeClassifierCV(), X, TWO),
     "gradient descent": (linear_model.SGDClassifier(random_state=0), X, THREE - 1),
     "gradient descent, logistic": (linear_model.SGDClassifier(loss="log_loss", random_state=0), X, TWO),
+    "gradient descent, huber": (linear_model.SGDClassifier(loss="modified_huber", random_state=0), X, TWO),
     "perceptron": (linear_model.Perceptron(random_state=0), X, WORDS),
     "passive aggressive": (linear_model.PassiveAggressiveClassifier(random_state=0), X, TWO),
     "linear machine": (svm.LinearSVC(random_state=0), X, THREE),
@@ -110,6 +111,32 @@ def test_classifiers_have_the_library_s_labels_within_the_bound(name, tmp_path):
     assert certain.mean() > 0.98 and np.array_equal(library[certain, 0], found[certain, 0])
     assert np.max(bound[:, 1:], initial=0.0) < 1e-7 * (1 + np.max(np.abs(found)))
     assert len(np.unique(library[:, 0])) > 1
+
+
+SHARED = {
+    "logistic": linear_model.SGDClassifier(loss="log_loss", random_state=0),
+    "huber": linear_model.SGDClassifier(loss="modified_huber", random_state=0),
+    "rest": multiclass.OneVsRestClassifier(linear_model.LogisticRegression()),
+    "rest of trees": multiclass.OneVsRestClassifier(tree.DecisionTreeClassifier(max_depth=2, random_state=0)),
+    "rest of two": multiclass.OneVsRestClassifier(tree.DecisionTreeClassifier(max_depth=2, random_state=0)),
+}
+
+
+@pytest.mark.parametrize("name", SHARED)
+def test_probabilities_of_each_class_by_their_sum(name, tmp_path):
+    """Of several classes, each by itself; where all are 0 they are equal shares, or stay 0."""
+    estimator = fit(SHARED[name], X, TWO if name == "rest of two" else WORDS)
+    model = loaded(estimator)
+    rows = np.vstack([X, 3.0 * X[::-1]])
+    library, found = model.predict(rows), reference.evaluate(model.ir, rows)
+    columns = 1 + np.arange(len(estimator.classes_))
+    assert np.array_equal(library[:, columns], estimator.predict_proba(rows))
+    assert np.allclose(found, library, rtol=1e-9, atol=0.0)
+    bound = bounds.difference_bound(model.ir, rows)
+    assert np.all(np.abs(library - found) <= bound) and np.isfinite(bound).all(axis=1).mean() > 0.9
+    assert verified(model, tmp_path, rows=300).unbounded < 0.5 * 300
+    if name == "huber":
+        assert (library[:, columns] == 1 / 3).all(axis=1).any()
 
 
 @pytest.mark.parametrize("name", NUMBERS)

@@ -24,7 +24,7 @@ from st_codegen.walkers.base import (
     walk_estimator,
     walks,
 )
-from st_codegen.walkers.classes import above, complement, label_of, labels_of, largest, softmax, whole_sums
+from st_codegen.walkers.classes import above, complement, label_of, labels_of, largest, shares_of, softmax, whole_sums
 from st_codegen.walkers.fitted import Fitted
 from st_codegen.walkers.sklearn.models import votes_and_confidences
 
@@ -204,16 +204,28 @@ def walk_one_vs_rest(fitted: Fitted, builder: GraphBuilder, value: int) -> Walke
     parts = fitted.items("estimators_")
     binarizer = Fitted(fitted.get("label_binarizer_"))
     labels = labels_of(binarizer)
-    scores = [_response(walk_classifier(part, builder, value), part, builder) for part in parts]
+    found = [walk_classifier(part, builder, value) for part in parts]
+    scores = [_response(one, part, builder) for one, part in zip(found, parts, strict=True)]
     cut = 0.0 if hasattr(parts[0], "decision_function") else 0.5
     if binarizer.get("y_type_") == "multilabel-indicator":
         return above(builder, builder.beside(*scores), cut)
+    probability = _of_all(builder, [one.probability for one in found])
     if len(parts) == 1:
-        return Classified(labels, above(builder, scores[0], cut))
+        return Classified(labels, above(builder, scores[0], cut), probability)
     if _chosen_of_equal(fitted.estimator, builder.width(value)) == labels[0]:
-        return Classified(labels, largest(builder, builder.beside(*scores)))
+        return Classified(labels, largest(builder, builder.beside(*scores)), probability)
     turned = largest(builder, builder.beside(*scores[::-1]))
-    return Classified(labels, builder.scale(turned, "-", len(parts) - 1.0, reverse=True))
+    return Classified(labels, builder.scale(turned, "-", len(parts) - 1.0, reverse=True), probability)
+
+
+def _of_all(builder: GraphBuilder, probabilities: Sequence[int | None]) -> int | None:
+    """That of each class by the estimator of the class, by their sum; None where one gives none (`predict_proba`)."""
+    known = [probability for probability in probabilities if probability is not None]
+    if len(known) < len(probabilities):
+        return None
+    if len(known) == 1:
+        return shares_of(builder, known[0], equal=False)
+    return shares_of(builder, builder.beside(*(builder.select([1], one) for one in known)), equal=False)
 
 
 def _chosen_of_equal(estimator: Any, width: int) -> Label:
@@ -268,7 +280,7 @@ def walk_calibrated(fitted: Fitted, builder: GraphBuilder, value: int) -> Classi
         if whole is None or builder.width(whole) != len(calibrators):
             raise UnsupportedModelError(f"{type(inner).__name__} gives no score for each class, which the whole needs")
         found = [_calibrated_score(part, builder, builder.select([n], whole)) for n, part in enumerate(calibrators)]
-        shares.append(_shared(builder, _scattered(fitted, one, builder.beside(*found), labels, builder)))
+        shares.append(shares_of(builder, _scattered(fitted, one, builder.beside(*found), labels, builder)))
     mean = _mean(builder, shares, float(len(shares)))
     return Classified(labels, largest(builder, mean), mean)
 
@@ -283,15 +295,6 @@ def _calibrated_score(calibrator: Any, builder: GraphBuilder, score: int) -> int
         return found
     argument = builder.chain(score, ("*", fitted.number("a_")), ("+", fitted.number("b_")), ("*", -1.0))
     return builder.function(argument, "logistic")
-
-
-def _shared(builder: GraphBuilder, value: int) -> int:
-    """Numbers from 0 on by their sum; where all are 0 they are equal shares."""
-    count = builder.width(value)
-    total = builder.select([0] * count, builder.linear(value, np.ones((1, count))))
-    none = builder.scale(above(builder, total), "-", 1.0, reverse=True)
-    divisor = builder.combine(total, "+", builder.scale(none, "*", float(count)))
-    return builder.combine(builder.combine(value, "+", none), "/", divisor)
 
 
 def _stacked(fitted: Fitted, builder: GraphBuilder, value: int) -> int:

@@ -12,9 +12,9 @@ from functools import reduce
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import Distances, Exceeds, FloatArray, Precision
+from st_codegen.ir import Clip, Distances, Exceeds, FloatArray, Precision
 from st_codegen.walkers.base import Classified, GraphBuilder, Walked, walk_estimator, walks
-from st_codegen.walkers.classes import above, complement, labels_of, largest, softmax, whole_sums
+from st_codegen.walkers.classes import above, complement, labels_of, largest, shares_of, softmax, whole_sums
 from st_codegen.walkers.fitted import SPARSE, Fitted
 from st_codegen.walkers.sklearn.pieces import add_pieces
 
@@ -86,7 +86,8 @@ def walk_consensus(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
 def walk_linear_classifier(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """Of two classes the second above 0, of more the first of the largest (`LinearClassifierMixin.predict`).
 
-    Probabilities of logistic models and of discriminant analysis: the sigmoid of the one score, the softmax of several.
+    Probabilities of logistic models and of discriminant analysis: the sigmoid of the one score, the softmax of several;
+    of SGDClassifier those of each class by their sum (`linear_model/_stochastic_gradient.py: predict_proba`).
     """
     labels = labels_of(fitted)
     scores = _weighted_sum(fitted, builder, value)
@@ -94,13 +95,20 @@ def walk_linear_classifier(fitted: Fitted, builder: GraphBuilder, value: int) ->
     if count != (len(labels) if len(labels) > 2 else 1):
         raise UnsupportedModelError(f"{fitted.kind} with {count} scores for {len(labels)} classes: train one for each")
     logistic = fitted.kind in ("LogisticRegression", "LogisticRegressionCV", "LinearDiscriminantAnalysis")
-    if count > 1:
-        shares = softmax(builder, scores, precision) if logistic else None
-        return Classified(labels, largest(builder, scores), shares, scores)
+    loss = fitted.estimator.loss if fitted.kind == "SGDClassifier" else ""
     probability = None
-    if logistic or (fitted.kind == "SGDClassifier" and fitted.estimator.loss == "log_loss"):
-        probability = complement(builder, builder.function(scores, "logistic", precision=precision), precision)
-    return Classified(labels, above(builder, scores), probability, scores)
+    if logistic and count > 1:
+        probability = softmax(builder, scores, precision)
+    elif logistic or loss == "log_loss":
+        probability = builder.function(scores, "logistic", precision=precision)
+    elif loss == "modified_huber":
+        inside = builder.add(Clip((scores,), np.full(count, -1.0), np.full(count, 1.0)))
+        probability = builder.chain(inside, ("+", 1.0), ("/", 2.0))
+    if probability is not None and count == 1:
+        probability = complement(builder, probability, precision)
+    elif probability is not None and not logistic:
+        probability = shares_of(builder, probability)
+    return Classified(labels, (largest if count > 1 else above)(builder, scores), probability, scores)
 
 
 @walks("RidgeClassifier RidgeClassifierCV", single=True)
