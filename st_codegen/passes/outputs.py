@@ -13,7 +13,8 @@ from st_codegen.passes.unread import without_unread
 
 #: What is always computed, and what only other models have: classifiers or those of numbers.
 _ALWAYS = (OutputKind.CLASS, OutputKind.MEAN, OutputKind.COLUMN)
-_OF_CLASSES = (OutputKind.CLASS, OutputKind.PROBABILITY, OutputKind.DECISION)
+#: What classifiers alone give.
+OF_CLASSES = frozenset({OutputKind.CLASS, OutputKind.PROBABILITY, OutputKind.DECISION})
 
 
 def with_outputs(model: ModelIR, wanted: Collection[OutputKind]) -> tuple[ModelIR, Int32Array]:
@@ -21,7 +22,7 @@ def with_outputs(model: ModelIR, wanted: Collection[OutputKind]) -> tuple[ModelI
 
     What classifiers give is nothing to other models. Raises InputError for outputs that the model does not have.
     """
-    ignored = _OF_CLASSES if model.classes is None else ()
+    ignored = OF_CLASSES if model.classes is None else ()
     missing = [kind for kind in wanted if kind not in (*model.kinds, *ignored)]
     if missing:
         known = ", ".join(dict.fromkeys(model.kinds)) or "numbers"

@@ -19,7 +19,7 @@ from st_codegen.files.html_text import html_table
 from st_codegen.ir import FloatArray, ModelIR, OutputKind, digest
 from st_codegen.passes.domain import limit_inputs
 from st_codegen.passes.inexact import without_inexact_steps
-from st_codegen.passes.outputs import with_outputs
+from st_codegen.passes.outputs import OF_CLASSES, with_outputs
 from st_codegen.passes.real import in_real
 from st_codegen.project.configuration import CONFIGURATION_FILE, Configuration, read_configuration
 from st_codegen.project.purpose import Purpose
@@ -187,6 +187,9 @@ def _loaded(
     check_names(named, problems)
     models = reading.models({named[path.name]: path for path in files}, problems)
     own = configuration.gives()
+    for name in own.keys() & models.keys():
+        if models[name].ir.classes is None and OF_CLASSES & set(own[name]):
+            problems.add(f"[[model]] gives = {[str(kind) for kind in own[name]]}: {name} is no classifier")
     wanted = outputs if isinstance(outputs, Mapping) else {name: own.get(name, outputs) for name in models}
     finished = tuple(_finished(model, configuration, wanted, problems) for model in models.values())
     if folder.is_dir() and not problems.errors:

@@ -93,6 +93,7 @@ def test_given_names_are_taken_or_refused_but_never_others(lone_folder, tmp_path
         ("[build]\ncycle_us = -1\n", "cycle_us = -1 is not above 0"),
         ("[project]\nreal = true\n", "real stands in [build]"),
         ('[[model]]\nfile = "te.txt"\noutputs = ["a"]\n', "write [[model.outputs]] above each"),
+        ('[[model]]\nfile = "te.txt"\ngives = ["class"]\n', "te is no classifier"),
         ('[[model]]\nfile = "te.txt"\nmetrics = 5\n', "write [model.metrics]"),
     ],
 )
