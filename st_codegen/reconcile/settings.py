@@ -61,6 +61,11 @@ class Settings:
     least_orders_of_slope: int = 12
     lowest_of_slope: int = 4
     one_slope: float = 0.2
+    #: what dies away behind the start of curves is told by so many orders; by the phases that its decay turns, up to a
+    #: share of the highest order (a bump has them, too, beyond); and it rings where its wave is so many times its decay
+    orders_of_start: int = 100
+    told_decay: float = 0.5
+    rings: float = 2.0
     #: share of the torques by which a sensor of them may be off anyway; derivatives are taken by as much
     torque_step: float = 1e-3
     #: knots over the frequency between which the response of a filter is a straight line: ten orders and more tell each
@@ -499,7 +504,8 @@ CHOSEN_ON: dict[str, tuple[str, ...]] = {
     "campaigns of other generators (filters, gaps, sensors that drift, zeros of the angle, laws of no catalogue)": (
         "one_zero", "one_zero_deg", "bends", "at_once", "beside_reading", "changes_tried", "of_a_filter",
         "least_between", "one_slope", "beyond_labels", "nothing_left", "keeps_its_size", "least_turn_rad",
-        "same_in_runs", "same_ramp", "told_order", "reach_of_start_deg", "left_of_rest", "begins_to_do", "clear_cause",
+        "same_in_runs", "same_ramp", "told_order", "told_decay", "rings",
+        "reach_of_start_deg", "left_of_rest", "begins_to_do", "clear_cause",
     ),
     "all counted cases of other physics, development and held out": (
         "names_by_order", "names_by_more",

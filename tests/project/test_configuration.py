@@ -1,6 +1,5 @@
 """`st-codegen.toml` beside lone models, and `st-codegen init`, which writes it."""
 
-import contextlib
 import dataclasses
 import hashlib
 import re
@@ -56,23 +55,21 @@ outputs = [{name = "fPower_kW", unit = "kW", min = 0.0, max = 1.1}]
     "name",
     ["/victim/Plant", "../../evil", "a/b", "a\\b", "a:b", "a*b", "a&b<c>", "CON", "nul.x", "LPT1", "a ", "a.", "."],
 )
-def test_a_project_is_called_as_files_can_be_on_every_system(name, lone_folder, tmp_path):
+def test_a_project_is_called_as_files_can_be_on_every_system(name, lone_folder):
     """A name with a way up or a root wrote over files of others, with exit code 0."""
-    victim = tmp_path / "evil.sln"
     (lone_folder / "st-codegen.toml").write_text(f"[project]\nname = '{name}'\n")
     with pytest.raises(InputError, match=r"project name|files have this name"):
         load(lone_folder)
-    assert not victim.exists()
 
 
 def test_no_generated_file_leaves_its_folder(lone_folder, tmp_path):
     """Whatever gives a project its name, and not through the configuration alone."""
     (tmp_path / "plc").mkdir()
     bundle = dataclasses.replace(load(lone_folder), configuration=Configuration(name="../../evil"))
-    for target in ("twincat", "plcopen", "codesys", "beckhoff-ml", "iec"):
-        with contextlib.suppress(InputError):
+    for target in ("twincat", "plcopen", "codesys", "beckhoff-ml"):
+        with pytest.raises(InputError, match=r"'\.\./\.\./evil\.\w+' would leave the folder"):
             generate(bundle, target, tmp_path / "plc" / "out")
-    assert not list(tmp_path.glob("evil*")) and not list((tmp_path / "plc").glob("evil*"))
+    assert not list(tmp_path.rglob("*evil*"))
 
 
 def test_given_names_are_taken_or_refused_but_never_others(lone_folder, tmp_path):

@@ -25,14 +25,11 @@ _TEXT = (
     "TE {does} behind the start of each curve, by up to {size:.2g} deg at first, and is down to 1/e of that "
     "some {later}: something settles while the turn begins"
 )
+#: one turn a curve tells no difference
+_PLACE = ", or is struck, each time it passes the angle at which all curves begin"
 _REMEDY = "take it out (a turn that is measured once the axis has settled tells more)"
-#: where poles are looked for, in a radian of the output: decays and waves; and the most orders that are asked for them
+#: where poles are looked for, in a radian of the output: decays and waves
 _DECAYS, _WAVES = np.geomspace(0.7, 120.0, 16), np.geomspace(2.0, 200.0, 20)
-_MOST_ORDERS = 100
-#: share of the highest order up to which a decay turns the phases of orders enough to be told from a bump
-_TOLD_DECAY = 0.5
-#: waves that ring are so many times their decay, at least
-_RINGS = 2.0
 
 
 @dataclass(frozen=True)
@@ -62,7 +59,7 @@ class _Curves:
         """Some rows and loud orders of these, which tell a pole."""
         rows = slice(None, None, -(-len(self.values) // SETTINGS.rows_that_tell))
         loud = np.flatnonzero(self.weight)
-        loud = loud[:: -(-len(loud) // _MOST_ORDERS)]
+        loud = loud[:: -(-len(loud) // SETTINGS.orders_of_start)]
         return _Curves(self.values[rows][:, loud], self.orders[loud], self.weight[loud], self.speed[rows])
 
     def dying(self, wave: _Wave, told: BoolArray | None = None) -> tuple[ComplexArray, ComplexArray]:
@@ -86,8 +83,8 @@ class _Curves:
         """The power that is left beside a wave, one vote an order."""
         return float((np.abs(self.values - self.dying(wave)[1]) ** 2 * self.weight).sum())
 
-    def best(self) -> tuple[float, _Wave]:
-        """The least power that is left, and the wave that leaves it.
+    def best(self) -> _Wave:
+        """The wave that leaves least.
 
         What rings must leave clearly less than what settles, which has a number less in each row.
         """
@@ -95,14 +92,14 @@ class _Curves:
         settles, rings = (
             min((self._refined(law, waves) for law in laws), key=lambda found: found[0]) for waves in ((0.0,), _WAVES)
         )
-        return rings if rings[0] < np.exp(-SETTINGS.vote) * settles[0] else settles
+        return (rings if rings[0] < np.exp(-SETTINGS.vote) * settles[0] else settles)[1]
 
     def _refined(self, in_time: bool, waves: Iterable[float]) -> tuple[float, _Wave]:
         """The least power, and the wave that leaves it, near one of those that are tried."""
         trials = [
             (self.left(_Wave(complex(decay, turns), in_time)), decay, turns)
             for decay, turns in itertools.product(_DECAYS, waves)
-            if not turns or turns > _RINGS * decay
+            if not turns or turns > SETTINGS.rings * decay
         ]
         _, decay, turns = min(trials)
 
@@ -141,12 +138,16 @@ def settling(data: Observations, rig: RigModel) -> list[Mistake]:
     begins = data.begins_rad - data.at.sign * (np.pi / data.samples if data.samples else 0.0)
     forward, turned = data.at.sign[:, None] > 0, np.exp(1j * begins[:, None] * data.orders)
     curves = _curves(data, np.where(forward, gap * turned, (gap * turned).conj()), noise)
-    wave = curves.few().best()[1]
+    wave = curves.few().best()
     pole, in_time = wave.pole, wave.in_time
     # a pole at the end of what was tried, or that only orders beyond the highest would tell, is none; and what dies
     # away within one of its waves may be a bump
-    is_inside = _DECAYS[0] < pole.real < min(_DECAYS[-1], _TOLD_DECAY * int(data.orders.max()))
-    if not is_inside or (pole.imag and pole.imag < _RINGS * pole.real) or not _most_orders_agree(curves, noise, wave):
+    is_inside = _DECAYS[0] < pole.real < min(_DECAYS[-1], SETTINGS.told_decay * int(data.orders.max()))
+    if (
+        not is_inside
+        or (pole.imag and pole.imag < SETTINGS.rings * pole.real)
+        or not _most_orders_agree(curves, noise, wave)
+    ):
         return []
     size, seen = curves.dying(wave)
     its = np.where(forward, seen, seen.conj()) * turned.conj()
@@ -162,6 +163,8 @@ def settling(data: Observations, rig: RigModel) -> list[Mistake]:
         later = f"{1.0 / (2 * np.pi * turns * pole.real):.2g} s on"
     # few rows, which tell the least of it, have sizes beyond all others
     text = _TEXT.format(does=does, size=float(np.quantile(np.abs(size), 0.9)), later=later)
+    begin_together = abs(np.exp(1j * data.begins_rad).mean()) > np.cos(2 * np.pi / max(int(data.orders.max()), 1))
+    text += _PLACE if begin_together else ""
     return [Mistake("start", text, corrected, remedy=_REMEDY)]
 
 
