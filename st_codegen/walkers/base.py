@@ -6,7 +6,7 @@ import importlib
 import math
 import pkgutil
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, wraps
 from typing import Any, Generic, TypeVar
 
@@ -24,6 +24,7 @@ from st_codegen.ir import (
     Label,
     Linear,
     ModelIR,
+    NanRule,
     Operation,
     Operator,
     OutputKind,
@@ -86,6 +87,13 @@ _ESTIMATES = {OutputKind.DEVIATION: "standard deviation", OutputKind.RECONSTRUCT
 Walked = int | Classified | Estimated
 
 
+#: What is said where something else than trees reads a NaN that an encoder makes.
+_ABSENT = (
+    "an encoder makes NaN of unknown categories, and what reads it is no model of trees that takes missing values: "
+    "choose a number for them (unknown_value=-1)"
+)
+
+
 class GraphBuilder:
     """Collects the operations of one model; value 0 is its inputs.
 
@@ -94,6 +102,8 @@ class GraphBuilder:
     model narrows them. `widened`: values that the library computes in float32 and hands on in float64.
     `sparse`: whether the library holds a value as a sparse matrix, which stores no zeros, where an operation alone does
     not tell. `open_zeros`: whether operations give 0 where the library may give -0.
+    `absent`: for each column of a value the number that stands for a NaN that the library makes there, or None; only
+    trees read it, as a missing value.
     """
 
     def __init__(self, n_features: int) -> None:
@@ -104,14 +114,41 @@ class GraphBuilder:
         self.present: set[int] = set()
         self.widened: set[int] = set()
         self.sparse: dict[int, bool] = {}
+        self.absent: dict[int, tuple[float | None, ...]] = {}
         self.magnitude_limits: list[float | None] = [None] * n_features
         self._origins: list[Origins] = [tuple(range(n_features))]
 
     def add(self, op: Operation) -> int:
         """Append an operation; returns the number of the value it makes."""
+        stand_ins = [one for value in op.inputs for one in self.absent.get(value, (None,) * self.width(value))]
+        if any(one is not None for one in stand_ins):
+            op = self._with_absent(op, stand_ins)
         self.ops.append(op)
         self._origins.append(origins_after(op, [self._origins[value] for value in op.inputs]))
         return len(self.ops)
+
+    def _with_absent(self, op: Operation, stand_ins: Sequence[float | None]) -> Operation:
+        """An operation that reads columns with numbers that stand for NaN; of its result they are noted."""
+        if isinstance(op, Select):
+            self.absent[len(self.ops) + 1] = tuple(stand_ins[column] for column in op.columns)
+            return op
+        if isinstance(op, Round):
+            self.absent[len(self.ops) + 1] = tuple(stand_ins)
+            return op
+        if not isinstance(op, TreeEnsemble) or any(
+            stand_ins[column.column] is not None
+            and (column.nan is not NanRule.MISSING or column.missing_interval is not None)
+            for column in op.columns
+        ):
+            raise UnsupportedModelError(_ABSENT)
+        columns = [(column, stand_ins[column.column]) for column in op.columns]
+        return replace(
+            op,
+            columns=tuple(
+                column if number is None else replace(column, missing_interval=(number, number))
+                for column, number in columns
+            ),
+        )
 
     def width(self, value: int) -> int:
         """Number of columns of a value."""
@@ -197,6 +234,8 @@ class GraphBuilder:
 
     def refuse_nan(self, value: int = 0) -> None:
         """The library raises for a row with NaN in a value: in inputs that reach it without being replaced."""
+        if any(one is not None for one in self.absent.get(value, ())):
+            raise UnsupportedModelError(_ABSENT)
         self.present.update(origin for origin in self._origins[value] if origin is not None)
 
     def refuse_special(self, value: int) -> None:
@@ -217,6 +256,8 @@ class GraphBuilder:
         estimates: tuple[OutputKind, ...] = ()
         if not self.ops:  # a scaler that is told to do nothing
             self.add(Select((0,), np.arange(self.n_features, dtype=np.int32)))
+        if len(self.ops) in self.absent:
+            raise UnsupportedModelError(_ABSENT)
         present, read = self.present, self._read()
         if isinstance(result, Classified):
             outputs, classes = self._select_outputs(result)

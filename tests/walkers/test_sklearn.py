@@ -25,6 +25,8 @@ from sklearn.preprocessing import (  # noqa: E402
     FunctionTransformer,
     MaxAbsScaler,
     MinMaxScaler,
+    PowerTransformer,
+    QuantileTransformer,
     RobustScaler,
     StandardScaler,
 )
@@ -32,7 +34,7 @@ from sklearn.svm import SVR, LinearSVR, NuSVR  # noqa: E402
 from sklearn.tree import DecisionTreeRegressor, ExtraTreeRegressor  # noqa: E402
 
 from st_codegen.errors import InputError, UnsupportedModelError  # noqa: E402
-from st_codegen.ir import reference  # noqa: E402
+from st_codegen.ir import Piecewise, reference  # noqa: E402
 from st_codegen.passes.domain import limit_inputs  # noqa: E402
 from st_codegen.proof import bounds  # noqa: E402
 from st_codegen.proof.probes import probe_rows  # noqa: E402
@@ -106,6 +108,20 @@ BOUNDED = {
     "logarithmic target": TransformedTargetRegressor(
         RandomForestRegressor(5, random_state=0), func=np.log1p, inverse_func=np.expm1
     ),
+    **{
+        f"target by {name}": TransformedTargetRegressor(
+            RandomForestRegressor(5, random_state=0), transformer=transformer, check_inverse=False
+        )
+        for name, transformer in {
+            "powers": PowerTransformer(),
+            "powers alone": PowerTransformer(standardize=False),
+            "powers of positive numbers": PowerTransformer("box-cox"),
+            "quantiles": QuantileTransformer(n_quantiles=30),
+            "steps": make_pipeline(
+                FunctionTransformer(np.log1p, inverse_func=np.expm1), StandardScaler(), None, PowerTransformer()
+            ),
+        }.items()
+    },
     "logarithmic feature": make_pipeline(FunctionTransformer(np.log1p), Ridge()),
     "logarithmic feature of trees": make_pipeline(FunctionTransformer(np.log1p), GradientBoostingRegressor()),
 }
@@ -116,6 +132,10 @@ SEVERAL_OUTPUTS = {
     "mlp": MLPRegressor(hidden_layer_sizes=(9,), max_iter=50, random_state=0),
     "linear": LinearRegression(),
     "one regressor an output": MultiOutputRegressor(HistGradientBoostingRegressor(max_iter=5)),
+    "powers of each target": TransformedTargetRegressor(Ridge(), transformer=PowerTransformer()),
+    "quantiles of each target": TransformedTargetRegressor(
+        Ridge(), transformer=QuantileTransformer(n_quantiles=30), check_inverse=False
+    ),
 }
 
 
@@ -156,6 +176,25 @@ def test_equal_within_the_derived_bound(name):
     # the bound says something: inside the range it is far below the size of the result
     inside = np.all((probes >= X.min(axis=0)) & (probes <= X.max(axis=0)), axis=1)
     assert np.median(bound[inside]) < 1e-9 * np.max(np.abs(ours[inside])) or "trees" in name
+
+
+def test_a_target_of_normal_quantiles_snaps_to_its_ends():
+    """Within 1e-7 of 0 and 1 the library takes the first and the last quantile, and so do the pieces."""
+    target = TransformedTargetRegressor(
+        LinearRegression(), transformer=QuantileTransformer(n_quantiles=30, output_distribution="normal")
+    )
+    x = np.linspace(-3.0, 3.0, 200)[:, None]
+    target.fit(x, x[:, 0] ** 3)
+    loaded = from_estimator(target, "m")
+    (pieces,) = (op for op in loaded.ir.ops if isinstance(op, Piecewise))
+    low, high = pieces.knots[[0, -1]]
+    assert np.nextafter(low, 0.0) - 1e-7 < 0.0 <= low - 1e-7
+    assert high + 1e-7 <= 1.0 < np.nextafter(high, 1.0) + 1e-7
+    rows = np.linspace(-9.0, 9.0, 4001)[:, None]
+    difference = np.abs(loaded.predict(rows) - reference.evaluate(loaded.ir, rows))
+    bound = bounds.difference_bound(loaded.ir, rows)
+    assert np.all(difference <= bound) and np.median(bound) < 1e-5
+    assert {-27.0, 27.0} <= set(np.ravel(reference.evaluate(loaded.ir, rows)).tolist())
 
 
 @pytest.mark.parametrize("name", SEVERAL_OUTPUTS)

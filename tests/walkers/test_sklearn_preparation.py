@@ -8,6 +8,7 @@ import pytest
 
 pytest.importorskip("sklearn")
 
+import sklearn
 from sklearn import (
     decomposition,
     discriminant_analysis,
@@ -93,6 +94,8 @@ CODES = np.column_stack([np.digitize(X[:, 0], [-1, 0, 1]) * 1.5 - 2.0, np.round(
 CODES_WITH_GAPS = np.where(np.isnan(GAPS), np.nan, CODES)
 #: Beside, between and far from categories.
 NEAR_CODES = np.vstack([CODES, np.nextafter(CODES, 9.0), CODES + 0.5, 100.0 - CODES, CODES_WITH_GAPS])
+
+UNKNOWN_IS_MISSING = OrdinalEncoder(handle_unknown="use_encoded_value", unknown_value=np.nan)
 
 #: Estimator, training data, answers, rows to try.
 PIECES = {
@@ -194,6 +197,23 @@ def test_what_an_imputer_takes_is_refused_beside_it(tmp_path):
     assert np.array_equal(usable, ~np.isnan(GAPS[:, 1:]).any(axis=1))
 
 
+@pytest.mark.parametrize("precision", [np.float64, np.float32])
+@pytest.mark.parametrize("categorical", [None, [0, 1]])
+@pytest.mark.parametrize("x", [CODES, CODES_WITH_GAPS], ids=["complete", "gaps"])
+def test_unknown_categories_are_missing_to_trees(precision, categorical, x, tmp_path):
+    encoder = sklearn.clone(UNKNOWN_IS_MISSING).set_params(dtype=precision)
+    front = ColumnTransformer([("kinds", encoder, [0, 1])], remainder="passthrough")
+    trees = HistGradientBoostingRegressor(max_iter=12, min_samples_leaf=2, categorical_features=categorical)
+    model = loaded(fit(make_pipeline(front, trees), x, SCORE + 5.0 * np.isnan(x).sum(axis=1)))
+    assert verified(model, tmp_path, rows=300).exact
+    unknown = np.vstack([[[99.0, 0.0, 1.0], [np.nan, -99.0, 1.0], [-2.0, 7.5, 0.0], [99.0, 99.0, 0.0]], NEAR_CODES])
+    usable, bound = agrees(model, unknown)
+    assert usable.all() and not bound.any()
+    # the number that stands for them is no code: the answer to an unknown category differs from one to a known one
+    known = np.where(unknown == 99.0, x[0], unknown)
+    assert np.any(model.predict(unknown) != model.predict(known))
+
+
 @pytest.mark.parametrize(
     ("estimator", "x", "message"),
     [
@@ -202,7 +222,9 @@ def test_what_an_imputer_takes_is_refused_beside_it(tmp_path):
         (QuantileTransformer(n_quantiles=20, output_distribution="normal"), X, "supported is 'uniform'"),
         (KNNImputer(), GAPS, "near it: SimpleImputer .KNNImputer searches"),
         (OneHotEncoder(), np.array([["a"], ["b"]] * 150), "categories that are no numbers"),
-        (OrdinalEncoder(handle_unknown="use_encoded_value", unknown_value=np.nan), CODES, "NaN for unknown categories"),
+        (UNKNOWN_IS_MISSING, CODES, "makes NaN of unknown categories"),
+        (make_pipeline(UNKNOWN_IS_MISSING, SimpleImputer(), linear_model.Ridge()), CODES, "choose a number for them"),
+        (make_pipeline(UNKNOWN_IS_MISSING, linear_model.Ridge()), CODES, "choose a number for them"),
     ],
 )
 def test_what_is_refused_says_why(estimator, x, message):

@@ -15,7 +15,8 @@ from st_codegen.errors import UnsupportedModelError
 from st_codegen.ir import Clip, FloatArray, Function, Int32Array, Operator, Precision, reference
 from st_codegen.walkers.base import GraphBuilder, Walked, transforms, walk_any, walk_estimator, walk_transform, walks
 from st_codegen.walkers.fitted import Fitted
-from st_codegen.walkers.sklearn.transforms import weighted
+from st_codegen.walkers.sklearn.pieces import inverse_quantiles
+from st_codegen.walkers.sklearn.transforms import inverse_power, weighted
 
 Steps = list[tuple[str, FloatArray]]
 
@@ -122,17 +123,40 @@ def selected_columns(fitted: Fitted, name: str, given: Any, width: int) -> Int32
 @walks("TransformedTargetRegressor", single=True)
 def walk_transformed_target(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """The regressor, then the inverse of the target's transformation."""
-    value = walk_estimator(fitted.get("regressor_"), builder, value)
-    transformer = fitted.get("transformer_")
-    name = type(transformer).__name__
+    return _inverted(fitted.get("transformer_"), builder, walk_estimator(fitted.get("regressor_"), builder, value))
+
+
+def _inverted(transformer: Any, builder: GraphBuilder, value: int) -> int:
+    """What `inverse_transform` of a transformer makes of a value."""
+    name, fitted = type(transformer).__name__, Fitted(transformer)
+    if transformer is None or isinstance(transformer, str):  # a step that hands its input on
+        return value
+    if name == "Pipeline":
+        for _, step in reversed(fitted.items("steps")):
+            value = _inverted(step, builder, value)
+        return value
     if name == "FunctionTransformer":
+        if transformer.inv_kw_args:
+            raise UnsupportedModelError(f"FunctionTransformer with inv_kw_args={transformer.inv_kw_args}")
         return _add_function(transformer.inverse_func, "inverse_func", builder, value)
-    if name not in _SCALERS:
+    if name in _SCALERS:
+        steps = _steps(fitted, builder.width(value))
+        return _scaled(builder, value, name, [(_INVERSE[operator], constant) for operator, constant in reversed(steps)])
+    if name not in _INVERTED:
         raise UnsupportedModelError(
-            f"TransformedTargetRegressor with transformer={name}: supported are {', '.join(_SCALERS)} and functions"
+            f"TransformedTargetRegressor with transformer={name}: supported are "
+            f"{', '.join((*_SCALERS, *_INVERTED))}, functions, and a Pipeline of these"
         )
-    steps = _steps(Fitted(transformer), builder.width(value))
-    return _scaled(builder, value, name, [(_INVERSE[operator], constant) for operator, constant in reversed(steps)])
+    if builder.is_single(value):
+        raise UnsupportedModelError(
+            f"{name} of a target that its model gives in float32, as those of XGBoost do: scikit-learn turns it back "
+            "in float32; take a function, such as np.log1p and np.expm1, or a scaler"
+        )
+    return _INVERTED[name](fitted, builder, value)
+
+
+#: Transformers of targets that are no chains of steps, and what turns their numbers back.
+_INVERTED = {"PowerTransformer": inverse_power, "QuantileTransformer": inverse_quantiles}
 
 
 @transforms("StandardScaler MinMaxScaler RobustScaler MaxAbsScaler", single=True)

@@ -172,13 +172,18 @@ def _encoded(builder: GraphBuilder, value: int, fitted: Fitted, columns: Sequenc
     if missing:  # NaN is an unknown category, which is refused
         builder.refuse_nan(builder.select(missing, value))
     parts: list[Column] = []
+    absent: list[float | None] = []
     for column, codes in columns:
-        known = categories[column][0]
-        if np.isnan(codes[-2]):
-            raise UnsupportedModelError(f"{fitted.kind} with NaN for unknown categories: choose a number for them")
+        known, unknown = categories[column][0], float(codes[-2])
+        absent.append(None)
+        if np.isnan(unknown):  # a number that is no code
+            absent[-1] = unknown = max(0.0, *codes[np.isfinite(codes)].tolist()) + 1.0
         nan = math.nan if np.isinf(codes[-1]) else float(codes[-1])
-        parts.append((known, codes[:-2], np.full((len(known) + 1, 1), codes[-2]), nan))
-    return add_pieces(builder, builder.select([column for column, _ in columns], value), parts)
+        parts.append((known, codes[:-2], np.full((len(known) + 1, 1), unknown), nan))
+    found = add_pieces(builder, builder.select([column for column, _ in columns], value), parts)
+    if any(one is not None for one in absent):
+        builder.absent[found] = tuple(absent)
+    return found
 
 
 def _made(fitted: Fitted, dtype: Any = None) -> Precision:
@@ -270,6 +275,32 @@ def walk_quantiles(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
         at = 0.5 * (low + high)
         at[-1], at[0] = 1.0, 0.0
         columns.append((knots, at, _linear(knots, low, high, (0.0, 1.0)), math.nan))
+    return add_pieces(builder, value, columns)
+
+
+#: How near to 0 and 1 a share of a normal distribution is taken for the end (`preprocessing/_data.py`).
+_BOUNDS_THRESHOLD = 1e-7
+
+
+def inverse_quantiles(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
+    """The number below which a share of the training data lies (`preprocessing/_data.py: _transform_col`, inverse)."""
+    width = builder.width(value)
+    quantiles = fitted.floats("quantiles_", (None, width))
+    references = _rising(fitted, "references_", fitted.floats("references_", (len(quantiles),)))
+    knots = references
+    if fitted.estimator.output_distribution == "normal":
+        value = builder.chain(builder.function(builder.scale(value, "*", 0.5**0.5), "erf"), ("+", 1.0), ("*", 0.5))
+        last = 1.0 - _BOUNDS_THRESHOLD
+        while last + _BOUNDS_THRESHOLD > 1.0:
+            last = math.nextafter(last, 0.0)
+        while math.nextafter(last, 1.0) + _BOUNDS_THRESHOLD <= 1.0:
+            last = math.nextafter(last, 1.0)
+        inside = references[(references > _BOUNDS_THRESHOLD) & (references < last)]
+        knots = np.array([_BOUNDS_THRESHOLD, *inside, last])
+    columns: list[Column] = []
+    for own in quantiles.T:
+        values = np.interp(knots, references, own)
+        columns.append((knots, values, _linear(knots, values, values, (own[0], own[-1])), math.nan))
     return add_pieces(builder, value, columns)
 
 

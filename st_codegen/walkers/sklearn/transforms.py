@@ -209,6 +209,39 @@ def _powered(builder: GraphBuilder, logarithm: int, powers: FloatArray) -> int:
     return builder.select(columns, shared, logarithm)
 
 
+def inverse_power(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
+    """What a PowerTransformer makes numbers of (`preprocessing/_data.py: PowerTransformer.inverse_transform`).
+
+    scipy's `inv_boxcox` is exp(log1p(power * x) / power). Yeo and Johnson's is a power of its own on each side of 0.
+    """
+    if fitted.flag("standardize"):
+        scaler = Fitted(fitted.get("_scaler"))
+        scale, mean = (scaler.floats(name, (builder.width(value),)) for name in ("scale_", "mean_"))
+        value = builder.chain(value, ("*", scale), ("+", mean))
+    powers = fitted.floats("lambdas_", (builder.width(value),))
+    if fitted.estimator.method == "box-cox":
+        columns = []
+        for column, power in enumerate(powers.tolist()):
+            exponent = builder.select([column], value)
+            if power != 0.0:
+                exponent = builder.scale(builder.function(builder.scale(exponent, "*", power), "log1p"), "/", power)
+            columns.append(builder.function(exponent, "exp"))
+        return builder.beside(*columns)
+    turned = builder.scale(value, "*", -1.0)
+    sides = []
+    for side, given in ((value, powers), (turned, 2.0 - powers)):
+        positive = builder.function(side, "relu")
+        columns = []
+        for column, power in enumerate(given.tolist()):
+            own = builder.select([column], positive)
+            if abs(power) <= np.finfo(np.float64).eps:
+                columns.append(builder.function(own, "exp"))
+            else:
+                columns.append(builder.function(builder.chain(own, ("*", power), ("+", 1.0)), "power", 1.0 / power))
+        sides.append(builder.scale(builder.beside(*columns), "-", 1.0))
+    return builder.combine(sides[0], "-", sides[1])
+
+
 @transforms(
     "KMeans MiniBatchKMeans BisectingKMeans",
     trusts=(
