@@ -17,7 +17,7 @@ run: $(INSTALLED)  ## compile the example bundle, verify the result
 # and each command that a test starts, would compile the package anew.
 TESTS := PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal -q
 
-test: $(INSTALLED)  ## the whole test suite
+test: $(INSTALLED)  ## the test suite, but for the tests marked slow
 	$(TESTS)
 
 real: $(INSTALLED)  ## the models of the real rig on 100,000 inputs each, reconcile on its table, motions with it; needs the measured data

@@ -27,6 +27,9 @@ from typing import IO, Any, TypeVar
 
 from st_codegen.errors import StCodegenError
 
+#: Told while long work goes on: how much is done, of how much, and what is next.
+Progress = Callable[[int, int, str], None]
+
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 

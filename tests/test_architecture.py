@@ -34,7 +34,7 @@ MAY_USE = {
     # the reader of Structured Text shares nothing with its writer: a shared formatter would hide a shared mistake
     "st": {"errors"},
     "cost": {"errors", "st", "files"},
-    "project": {"entries", "errors", "files", "ir", "walkers", "passes", "emit"},
+    "project": {"entries", "processes", "errors", "files", "ir", "walkers", "passes", "emit"},
     "proof": {
         "threads",
         "processes",
@@ -55,11 +55,12 @@ MAY_USE = {
     "driver": {"errors", "files", "ir", "passes", "emit", "project", "proof"},
     # users of the compiler
     "report": {"errors", "files", "emit"},
-    "campaign": {"errors", "files", "ir", "te"},
+    "campaign": {"processes", "errors", "files", "ir", "te"},
     "training": {"processes", "threads", "errors", "files", "ir", "walkers", "te", "report", "campaign"},
-    "rig": {"errors", "files", "ir", "emit", "st", "project", "te", "driver", "report", "campaign"},
-    "live": {"errors", "files", "ir", "emit", "st", "project", "proof", "te", "report", "campaign", "rig"},
+    "rig": {"processes", "errors", "files", "ir", "emit", "st", "project", "te", "driver", "report", "campaign"},
+    "live": {"processes", "errors", "files", "ir", "emit", "st", "project", "proof", "te", "report", "campaign", "rig"},
     "reconcile": {
+        "processes",
         "threads",
         "errors",
         "files",

@@ -30,18 +30,21 @@ class OrderReason:
     reason: str
 
 
+#: RMS amplitude below which an order is not chosen, by the strongest one's.
+_LEAST_SIZE = 0.01
+
+
 def choose_orders(
     fits: Sequence[OrderFit],
     *,
     most: int = 20,
     least_curves: float = 0.25,
-    least_size: float = 0.01,
     always: Sequence[int] = (0,),
 ) -> tuple[OrderReason, ...]:
     """Judge every order that stands above the noise somewhere; the strongest first, the mean ahead of all.
 
     An order is chosen where it is above the noise in `least_curves` (a fraction) of the curves and its root mean square
-    amplitude is at least `least_size` of the strongest one; `most` orders at most, the mean included. `always` are
+    amplitude is at least `_LEAST_SIZE` of the strongest one; `most` orders at most, the mean included. `always` are
     chosen whatever the data say. Raises InputError without fits.
     """
     if not fits:
@@ -67,8 +70,11 @@ def choose_orders(
             verdict, why = True, f"always wanted; {where}"
         elif above[order] < least_curves * len(fits):
             verdict, why = False, f"only {where}"
-        elif relative < least_size:
-            verdict, why = False, f"{where}, but {size} is {relative:.2%} of the strongest (less than {least_size:.2%})"
+        elif relative < _LEAST_SIZE:
+            verdict, why = (
+                False,
+                f"{where}, but {size} is {relative:.2%} of the strongest (below {_LEAST_SIZE:.2%})",
+            )
         elif chosen >= most:
             verdict, why = False, f"{where}, {size}; {most} stronger orders are chosen already"
         else:

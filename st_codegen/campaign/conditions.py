@@ -69,6 +69,16 @@ class Conditions:
         """The operating points that a mask or an index array chooses."""
         return Conditions(self.sign[choice], self.speed_rpm[choice], self.torque_Nm[choice], self.temperature_C[choice])
 
+    @property
+    def axes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Speed, torque and temperature."""
+        return self.speed_rpm, self.torque_Nm, self.temperature_C
+
+    @property
+    def points(self) -> FloatArray:
+        """The operating points, one a row: speed, torque and temperature, float64 (n, 3)."""
+        return np.stack(self.axes, axis=1)
+
     def output_rad_s(self, reduction_ratio: float) -> FloatArray:
         """Speed of the output, rad/s, with the sign of the direction."""
         speed: FloatArray = self.sign * self.speed_rpm * (2 * np.pi / 60 / reduction_ratio)

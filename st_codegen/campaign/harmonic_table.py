@@ -81,7 +81,7 @@ class HarmonicTable:
     @property
     def conditions(self) -> FloatArray:
         """Speed (rpm), torque (N m) and temperature (degC), float64 (n, 3)."""
-        return np.stack([self.speed_rpm, self.torque_Nm, self.temperature_C], axis=1)
+        return self.at.points
 
     def column(self, order: int) -> ComplexArray:
         """The coefficients of one order, complex128 (n,), deg. Raises InputError for an order that is not there."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,10 +22,10 @@ from st_codegen.campaign.orders import BAND, OrderFit, Sums, curve_sums, fit_ord
 from st_codegen.campaign.spikes import repeated
 from st_codegen.campaign.sums_file import SumsFile
 from st_codegen.errors import InputError, MissingExtraError, Problems
+from st_codegen.processes import Progress
 from st_codegen.te.harmonics import Direction
 
 #: Called with (number of files done, number of files, name of the next one).
-Progress = Callable[[int, int, str], None]
 #: workers by default: each takes some 150 MB, and a disk does not feed more
 MOST_JOBS = 4
 #: in place of a number: wherever the work of joblib is done around the call (`joblib.parallel_config`)

@@ -18,6 +18,7 @@ from rich.text import Text
 
 from st_codegen.cli.choices import OUTPUTS
 from st_codegen.files.number_text import parse_number, parse_whole
+from st_codegen.files.text import inert
 from st_codegen.walkers.limits import DEFAULT_MAX_MODEL_BYTES, set_features, set_max_model_bytes
 
 if TYPE_CHECKING:
@@ -31,6 +32,10 @@ class _Console(Console):
     def on_broken_pipe(self) -> None:
         """Nobody reads any more: the command line decides what that means, not rich, which would exit with 1."""
         raise  # noqa: PLE0704  (called where the error is handled)
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        """As rich does it, but nothing in a text, which may hold names of files and of models, acts on the terminal."""
+        super().print(*(inert(one) if isinstance(one, str) else one for one in objects), **options)
 
 
 #: Messages and progress; results go to standard output. Text is shown as it is, nothing in it is taken as markup.

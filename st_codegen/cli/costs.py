@@ -54,7 +54,7 @@ class Explanation:
 
 
 def print_explanation(found: Explanation) -> None:
-    """All of it as tables."""
+    """Print the limits of the inputs, the price of a doubled range, and the costs of the project as tables."""
     console.print(limits_table(found.limits))
     if found.prices:
         console.print(price_table(found.target, found.cost.profile.name, found.prices))

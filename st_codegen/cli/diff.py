@@ -12,7 +12,7 @@ from rich.table import Table
 
 from st_codegen.cli.console import FILE, PLACE, Whole, console, progress_bar, quiet_option, table_of, trust_option
 from st_codegen.cli.costs import profile_option
-from st_codegen.files.text import write_text
+from st_codegen.files.text import inert, write_text
 
 if TYPE_CHECKING:
     from st_codegen.proof.review import Change, ModelChange, Review
@@ -79,7 +79,7 @@ def command(
 
 def _show(found: Review) -> None:
     for line in _lines(found):
-        click.echo(line)
+        click.echo(inert(line))
     changed = [model for model in found.models if model.outputs and model.changed]
     if changed:
         from st_codegen.proof.review import tried_text

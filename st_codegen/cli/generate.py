@@ -28,6 +28,7 @@ from st_codegen.cli.console import (
     trust_option,
 )
 from st_codegen.cli.costs import Explanation, print_explanation
+from st_codegen.files.text import inert
 
 if TYPE_CHECKING:
     from st_codegen.cost.profile import Profile
@@ -312,7 +313,7 @@ def _show(found: Iterable[FileChange], limit: int, *, stat: bool) -> bool:
         for line in difference.lines():
             lines += 1
             if not limit or lines <= limit:
-                click.echo(line.rstrip("\n"))
+                click.echo(inert(line.rstrip("\n")))
     if not stat and limit and lines > limit:
         click.echo(f".. {lines - limit:,} more lines in {files:,} file(s); --limit 0 shows all, --stat a line a file")
     return files > 0

@@ -11,7 +11,7 @@ from st_codegen.cost.operations import CostClass, Counts, no_counts, position, w
 
 
 class Flow(Enum):
-    """Where a path goes on."""
+    """Where execution goes on at the end of a path: behind it, or out of a loop, its round, or the unit."""
 
     NEXT = "next"
     EXIT = "exit"
@@ -36,7 +36,7 @@ class CodeLines:
 
     @property
     def number(self) -> int:
-        """How many they are, at most."""
+        """The number of lines of code, at most."""
         return self.known.bit_count() + self.others
 
     def then(self, other: CodeLines) -> CodeLines:

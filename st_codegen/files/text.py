@@ -66,6 +66,11 @@ def whole_file(path: Path) -> Iterator[Path]:
         partial.replace(path)
 
 
+def inert(text: str) -> str:
+    """A text in which nothing acts on a terminal: what is not printable, but for tabs and line ends, is escaped."""
+    return "".join(c if c.isprintable() or c in "\n\t" else repr(c)[1:-1] for c in text)
+
+
 def write_text(path: Path, text: str) -> None:
     """Write a text as UTF-8 with newlines; the file appears whole or not at all."""
     with whole_file(path) as partial:

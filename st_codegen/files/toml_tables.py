@@ -145,7 +145,7 @@ class TomlTable:
         return default or ""
 
     def flag(self, key: str, default: bool) -> bool:
-        """A truth value."""
+        """The truth value of a key, or the default; anything else is noted as a problem."""
         found = self._get(key, default, "")
         if isinstance(found, bool):
             return found

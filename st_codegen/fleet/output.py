@@ -312,7 +312,7 @@ def _strip(spreads: Sequence[Spread], axes: Any) -> None:
 
 
 def _named(names: Sequence[str], most: int = 8) -> str:
-    """How many, and who."""
+    """The number of some axes, and the names of the first ones: `2 (a7, a9)`."""
     if not names:
         return "none"
     more = f", and {len(names) - most} more" if len(names) > most else ""

@@ -14,7 +14,7 @@ from st_codegen.fleet.stages import RECORD, TRAIN, AxisResult, do_axis
 from st_codegen.training.search import Backend, spread
 
 #: Called with (axes done, axes, name of the one that is done, its result).
-Progress = Callable[[int, int, str, AxisResult], None]
+AxisDone = Callable[[int, int, str, AxisResult], None]
 #: By this file a folder is known as that of a fleet, in which folders of axes may be replaced.
 MARK = "fleet.state"
 _MARK_TEXT = "st-codegen fleet keeps its results here: a run goes on where the last one was. One run at a time.\n"
@@ -23,7 +23,7 @@ _TOGETHER = 2
 
 
 def run_fleet(
-    axes: Sequence[FleetAxis], out: Path, backend: Backend, progress: Progress | None = None
+    axes: Sequence[FleetAxis], out: Path, backend: Backend, progress: AxisDone | None = None
 ) -> dict[str, AxisResult]:
     """Do every axis in a folder of its own below `out`; what is done already is not done again. By name, in order.
 

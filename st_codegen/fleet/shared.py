@@ -71,7 +71,7 @@ def axis_table(axis: FleetAxis) -> Measured:
 
 
 def axis_plan(options: AxisOptions) -> LearningPlan:
-    """How models are learned."""
+    """The plan by which the models of an axis are learned, from its options."""
     return LearningPlan(options.settings(), options.test_share, None, options.limit_us, keep_faulty=options.keep_faulty)
 
 

@@ -140,7 +140,7 @@ class FillMissing(ColumnFunction):
 
     @property
     def keeps_missing(self) -> list[bool]:
-        """In no column."""
+        """False for every column: a number stands in the place of each missing value."""
         return [False] * self.width
 
     def value(self, x: FloatArray) -> FloatArray:

@@ -248,7 +248,7 @@ class _Client:
         return struct.pack("<I", self._last_handle)
 
     def delete_notification(self, data: bytes) -> bytes:
-        """No longer."""
+        """Stop telling a client of changes of a variable; the handle is that of `add_notification`."""
         if self._notifications.pop(struct.unpack_from("<I", data)[0], None) is None:
             raise AdsRefusalError(_NO_NOTIFICATION)
         return b""

@@ -21,6 +21,7 @@ from st_codegen.live.controller import Controller, Signal, must_be_of, must_run
 from st_codegen.live.failures import OtherClientError, SilentError
 from st_codegen.live.live_report import BlockTimes, LiveReport, OtherBits
 from st_codegen.live.rows import ChosenRows, comparison_rows
+from st_codegen.processes import Progress
 from st_codegen.project.bundle import Bundle
 from st_codegen.proof.arithmetic import arithmetic_of
 from st_codegen.proof.isolated import isolated
@@ -32,7 +33,6 @@ from st_codegen.st.tree import StandardCall
 from st_codegen.st.walk import all_expressions
 
 #: Called with (rows done, rows, block).
-Progress = Callable[[int, int, str], None]
 #: Of the times of a block, the one that is given: higher ones are those of calls that another task interrupted.
 _QUANTILE = 0.99
 #: Functions of which no standard says the last bit; that of SQRT is said.

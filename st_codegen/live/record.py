@@ -26,6 +26,7 @@ from st_codegen.files.text import make_folder, write_text
 from st_codegen.ir import AnyArray, BoolArray, FloatArray
 from st_codegen.live.controller import Controller, Signal, must_be_of, must_run
 from st_codegen.live.failures import ControllerError, MeasurementError, OtherClientError
+from st_codegen.processes import Progress
 from st_codegen.te.compensation.codes import EXPERIMENT_STATE, TE_ERROR
 from st_codegen.te.compensation.programs import EXPERIMENT_SIGNALS, SLOW_US
 from st_codegen.te.compensation.recorder import LIST, SAMPLES
@@ -49,7 +50,6 @@ _RING = (
     Signal(f"{LIST}.bBackward", "|b1", SAMPLES),
 )
 #: Called with (runs done, runs, what happens now).
-Progress = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True)

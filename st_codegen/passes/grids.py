@@ -65,7 +65,7 @@ class _Boxes:
         return cls(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)))
 
     def chosen(self, which: BoolArray) -> _Boxes:
-        """Some of the boxes."""
+        """The boxes that a mask or an index array chooses."""
         return _Boxes(*(getattr(self, field.name)[which] for field in fields(self)))
 
 

@@ -142,7 +142,7 @@ class Domain:
 
     @property
     def inside(self) -> float:
-        """Some number of the domain."""
+        """A number that lies in the domain: 0, or the end that is nearest to it."""
         return min(max(0.0, self.lower), self.upper)
 
 
@@ -170,7 +170,7 @@ def to_order(x: FloatArray) -> IntArray:
 
 
 def from_order(key: IntArray) -> FloatArray:
-    """The numbers of such integers."""
+    """The float64 numbers of the integers that `to_order` gives."""
     return _ordered(key).view(np.float64)
 
 

@@ -21,6 +21,7 @@ from st_codegen.passes.domain import limit_inputs
 from st_codegen.passes.inexact import without_inexact_steps
 from st_codegen.passes.outputs import OF_CLASSES, with_outputs
 from st_codegen.passes.real import in_real
+from st_codegen.processes import Progress
 from st_codegen.project.configuration import CONFIGURATION_FILE, Configuration, read_configuration
 from st_codegen.project.purpose import Purpose
 from st_codegen.walkers.base import LoadedModel
@@ -28,7 +29,6 @@ from st_codegen.walkers.files import known_formats, load_model, suffixes
 from st_codegen.walkers.objects import from_estimator
 
 #: Called with (number of files done, number of files, name of the next one).
-Progress = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True, repr=False)

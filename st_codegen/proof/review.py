@@ -20,7 +20,7 @@ from st_codegen.emit.output import Manifest, content_of, read_manifest
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.ir import FloatArray
-from st_codegen.project.bundle import Progress
+from st_codegen.processes import Progress
 from st_codegen.proof.probes import RangeSource
 from st_codegen.proof.runner import BlockResult, GeneratedCode, target_folders
 

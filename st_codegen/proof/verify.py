@@ -30,7 +30,8 @@ from st_codegen.errors import GeneratedCodeError
 from st_codegen.files.html_text import html_table
 from st_codegen.ir import AnyArray, BoolArray, FloatArray, IntArray, Label, ModelIR, TreeEnsemble, reference
 from st_codegen.passes.jumps import largest_jump, unsure_columns
-from st_codegen.project.bundle import Bundle, Progress
+from st_codegen.processes import Progress
+from st_codegen.project.bundle import Bundle
 from st_codegen.project.purpose import BlockCheck
 from st_codegen.proof import bounds
 from st_codegen.proof.arithmetic import arithmetic_of
@@ -183,7 +184,7 @@ class ModelReport:
 
     @property
     def verdict(self) -> str:
-        """In a few words."""
+        """What a line of the table says of a model: FAILED, exact, within bound, and how far that holds."""
         if not self.passed:
             return "FAILED"
         said = "equal but for -0" if self.zero_signs else "exact"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -13,6 +13,7 @@ import numpy as np
 from st_codegen.campaign.orders import listed
 from st_codegen.errors import InputError, Problems
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
+from st_codegen.processes import Progress
 from st_codegen.reconcile.data.noise import Noise, estimate
 from st_codegen.reconcile.data.observations import Observations, rms_deg
 from st_codegen.reconcile.data.reading import check, read_measured
@@ -63,9 +64,6 @@ from st_codegen.rig.effects.base import BACKWARD
 from st_codegen.rig.model import RigModel
 from st_codegen.threads import one_thread
 
-Progress = Callable[[int, int, str], None]
-VERDICTS = ("explained", "partly_explained", "nothing_missing", "unexplained")
-
 
 @dataclass(frozen=True)
 class Gap:
@@ -98,7 +96,7 @@ class TakenBack:
 
 @dataclass(frozen=True)
 class Reconciliation:
-    """All that a report needs.
+    """What `reconcile` found, with the data and the fits that it comes from.
 
     unseen_curves: from how many that no search saw the held-out gap comes (0: none); between_deg: RMS by which a
     resonance may be off at temperatures between two that were measured, in the held-out gap; carriers: how many curves
@@ -144,7 +142,7 @@ class Reconciliation:
 
     @property
     def verdict(self) -> str:
-        """One of VERDICTS."""
+        """One of explained, partly_explained, nothing_missing, and unexplained."""
         named = bool(self.conclusions.claims or self.conclusions.retuned or self.conclusions.offset_changed)
         # few runs can leave more than noise in which no pattern is seen
         more_than_noise = self.fitted.after > SETTINGS.clearly_larger * self.fitted.noise_floor
@@ -381,9 +379,8 @@ def _with_between_states(result: Reconciliation) -> Reconciliation:
 
 def _apart(data: Observations) -> BoolArray:
     """Rows of operating points that the search does not see, bool (n,): none where there are few points."""
-    points = np.stack([data.at.speed_rpm, data.at.torque_Nm, data.at.temperature_C])
-    kinds, number = np.unique(points, axis=1, return_inverse=True)
-    count = kinds.shape[1]
+    kinds, number = np.unique(data.at.points, axis=0, return_inverse=True)
+    count = len(kinds)
     if data.angle_rad is not None or count < SETTINGS.least_points_apart:
         return np.zeros(len(data), bool)
     chosen = np.random.default_rng(0).permutation(count)[: count // SETTINGS.one_apart_in]

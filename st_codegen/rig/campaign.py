@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from st_codegen.files.folders import check_replaceable, replace_folder
 from st_codegen.files.temporary import temporary_folder
 from st_codegen.files.text import make_folder
 from st_codegen.ir.arrays import FloatArray
+from st_codegen.processes import Progress
 from st_codegen.rig.model import RigModel
 from st_codegen.te.harmonics import Direction
 
@@ -30,7 +31,6 @@ _LEAST_SAMPLES = 100
 _MOST_TE_DEG = 10.0
 
 #: Called with (runs done, runs, file name).
-Progress = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True)

@@ -92,9 +92,8 @@ class MeasuredHarmonics:
         found = np.zeros((len(at), len(orders)), np.complex128)
         places = {order: column for column, order in enumerate(self.orders)}
         there = [(column, places[order]) for column, order in enumerate(orders.tolist()) if order in places]
-        points = np.stack([at.speed_rpm, at.torque_Nm, at.temperature_C], axis=1)
         for direction, rows in ((Direction.FORWARD, at.sign > 0), (Direction.BACKWARD, at.sign <= 0)):
             if rows.any() and there:
                 columns, known = map(list, zip(*there, strict=True))
-                found[np.ix_(rows, columns)] = self.flanks[direction].coefficients(points[rows])[:, known]
+                found[np.ix_(rows, columns)] = self.flanks[direction].coefficients(at.points[rows])[:, known]
         return found

@@ -4,7 +4,7 @@ output."""
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
@@ -21,7 +21,6 @@ from st_codegen.te.compensation.codes import TE_ERROR
 
 #: Standstill before the profile starts: the compensator's ramp has its 0.5 s, the loops settle.
 LEAD_IN_S = 1.0
-Progress = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True)

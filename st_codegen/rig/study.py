@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 
 from st_codegen.errors import InputError, Problems
 from st_codegen.files.number_text import parse_number, parse_whole
+from st_codegen.processes import Progress
 from st_codegen.project.bundle import Bundle
 from st_codegen.rig.compensator import EmittedCompensator, restricted
-from st_codegen.rig.motion import CompensationCase, LoadSource, Progress, Rig, compare, lead_time_s, plan, run
+from st_codegen.rig.motion import CompensationCase, LoadSource, Rig, compare, lead_time_s, plan, run
 from st_codegen.rig.motion_files import MotionStudy
 from st_codegen.rig.profiles import MotionProfile, profile_named
 from st_codegen.rig.tasks import TaskForm

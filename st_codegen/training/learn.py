@@ -11,6 +11,7 @@ import numpy as np
 from st_codegen.campaign.harmonic_table import HarmonicTable
 from st_codegen.errors import InputError, Problems
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
+from st_codegen.processes import Progress
 from st_codegen.te.bundle_file import LARGEST_PLAY
 from st_codegen.te.harmonics import Direction
 from st_codegen.threads import one_thread
@@ -20,7 +21,7 @@ from st_codegen.training.errors import Errors, errors_of
 from st_codegen.training.export import BundleHead, FittedModel
 from st_codegen.training.families import FAMILIES, Learner, family_named
 from st_codegen.training.faulty import Faulty, faulty_runs
-from st_codegen.training.search import LEARNERS, Backend, FitOutcome, FitTask, Progress, point_numbers, run_tasks
+from st_codegen.training.search import LEARNERS, Backend, FitOutcome, FitTask, point_numbers, run_tasks
 from st_codegen.training.store import FitStore
 from st_codegen.training.study import SearchSettings, Solution, Study, operating_points, study
 from st_codegen.training.targets import combined, learned_values

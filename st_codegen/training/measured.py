@@ -10,7 +10,8 @@ from pathlib import Path
 from st_codegen.campaign.choice import OrderReason, choose_orders
 from st_codegen.campaign.harmonic_table import HarmonicTable, read_table
 from st_codegen.campaign.orders import BAND
-from st_codegen.campaign.reader import AROUND, Progress, read_campaign
+from st_codegen.campaign.reader import AROUND, read_campaign
+from st_codegen.processes import Progress
 from st_codegen.training.search import Backend
 
 

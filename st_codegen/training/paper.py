@@ -20,6 +20,7 @@ from st_codegen.campaign.harmonic_table import HarmonicTable, read_table
 from st_codegen.errors import Problems
 from st_codegen.files.csv_tables import read_csv
 from st_codegen.ir.arrays import ComplexArray
+from st_codegen.processes import Progress
 from st_codegen.te.harmonics import Direction
 from st_codegen.training.choice import Choice, choose
 from st_codegen.training.errors import Errors, errors_of
@@ -34,7 +35,7 @@ from st_codegen.training.learn import (
     repeated,
     split_rows,
 )
-from st_codegen.training.search import Backend, Progress
+from st_codegen.training.search import Backend
 from st_codegen.training.store import FitStore
 from st_codegen.training.study import SearchSettings, Study, study
 from st_codegen.training.targets import Coordinates

@@ -21,14 +21,13 @@ import numpy.typing as npt
 
 from st_codegen.errors import InputError, MissingExtraError
 from st_codegen.ir.arrays import FloatArray
-from st_codegen.processes import interruptible
+from st_codegen.processes import Progress, interruptible
 from st_codegen.threads import one_thread
 from st_codegen.training.cost import worst_case_us
 from st_codegen.training.families import Learner
 from st_codegen.training.store import FitStore
 
 #: Called with (number of tasks done, number of tasks, name of the next one).
-Progress = Callable[[int, int, str], None]
 #: How long a Dask scheduler may take to answer.
 TIMEOUT = "10s"
 #: What must be loaded before its threads are limited.

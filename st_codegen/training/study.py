@@ -10,9 +10,10 @@ import numpy as np
 from st_codegen.campaign.harmonic_table import HarmonicTable
 from st_codegen.errors import InputError
 from st_codegen.ir.arrays import ComplexArray
+from st_codegen.processes import Progress
 from st_codegen.training.errors import Errors, errors_of
 from st_codegen.training.families import Learner
-from st_codegen.training.search import Backend, FitOutcome, FitTask, Progress, run_tasks
+from st_codegen.training.search import Backend, FitOutcome, FitTask, run_tasks
 from st_codegen.training.store import FitStore
 from st_codegen.training.targets import Coordinates, combined, kinds, learned_values
 

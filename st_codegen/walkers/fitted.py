@@ -95,7 +95,7 @@ class Fitted:
         return int(self.integers(name, (), low=low, high=high))
 
     def flags(self, name: str, *shapes: Shape) -> BoolArray:
-        """Truth values."""
+        """An attribute of truth values, of one of some shapes. Raises UnsupportedModelError for anything else."""
         return self.flags_of(name, self.get(name), *shapes)
 
     def flags_of(self, name: str, value: Any, *shapes: Shape) -> BoolArray:

@@ -155,7 +155,7 @@ def test_orders_are_chosen_with_reasons():
     assert chosen == sorted([*ORDERS, 159])
     words = {reason.order: reason.reason for reason in reasons}
     assert "4 of 5 curves" in words[159]
-    assert "of the strongest (less than" in words[17]
+    assert "of the strongest (below" in words[17]
     assert words[300].startswith("only above the noise in 1 of 5 curves")
     assert sum(reason.share for reason in reasons) == pytest.approx(1.0, abs=1e-3)
     few = [reason.order for reason in choose_orders(fits, most=2, least_curves=0.5) if reason.chosen]

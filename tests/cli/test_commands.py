@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.cli.helpers import run
@@ -112,6 +113,22 @@ def test_predict_does_not_write_over_its_inputs(lone_folder, tmp_path, capsys):
     table.write_text("torque_Nm,speed_rpm,temperature_C\n300,500,27\n")
     assert run("predict", lone_folder, "--input", table, "--output", tmp_path / "." / "x.csv") == 2
     assert "is the table of inputs" in capsys.readouterr().err and table.read_text().endswith("300,500,27\n")
+
+
+def test_labels_of_a_model_file_do_not_act_on_the_terminal(tmp_path, capsys):
+    tree, skops = pytest.importorskip("sklearn.tree"), pytest.importorskip("skops.io")
+    labels = np.array(["low", "\x1b[31mred\x1b]0;title\x07"])
+    for name, turned in (("a", False), ("b", True)):
+        answers = labels[np.arange(40) % 2 if turned else np.arange(40) // 20]
+        model = tree.DecisionTreeClassifier(random_state=0).fit(np.arange(40.0)[:, None], answers)
+        (tmp_path / name).mkdir()
+        skops.dump(model, tmp_path / name / "state.skops")
+        assert run(tmp_path / name, "--target", "twincat", "--out", tmp_path / f"{name}.out", "-q") == 0
+    capsys.readouterr()
+    assert run("diff", tmp_path / "a.out", tmp_path / "b.out") == 1
+    shown = capsys.readouterr()
+    assert "\\x1b[31mred\\x1b]0;title\\x07" in shown.out
+    assert not {"\x1b", "\x07"} & {*shown.out, *shown.err}
 
 
 def test_diff_exits_with_1_on_a_difference(lone_folder, tmp_path, capsys):

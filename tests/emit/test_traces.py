@@ -184,6 +184,7 @@ def test_a_change_by_hand_that_the_generator_makes_too_is_kept(lone_folder, ligh
     other = generate(bundle, "twincat", tmp_path / "other").folder
     (folder / BLOCK).write_bytes((other / BLOCK).read_bytes())
     generate(bundle, "twincat", tmp_path / "one")
+    assert (folder / BLOCK).read_bytes() == (other / BLOCK).read_bytes()
 
 
 def test_a_long_change_is_cut_in_the_message(lone_folder, tmp_path):

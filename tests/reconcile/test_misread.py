@@ -290,10 +290,11 @@ def test_what_a_reading_takes_off_elsewhere_does_not_pay_for_a_change():
 def test_a_larger_gain_makes_the_noise_larger_and_explains_nothing_by_itself():
     data = measured(1e-4)
     target = FitData(data, np.full(data.values.shape, 1e-4), np.ones(len(AT), bool), groups_of(AT))
-    for reading in READINGS:
-        if reading.gain is not None:
-            read = _as_meant(target, reading, np.full(len(reading.steps), 20.0))
-            assert np.allclose(read.losses(read.data.values), target.losses(data.values))
+    gains = [reading for reading in READINGS if reading.gain is not None]
+    assert gains
+    for reading in gains:
+        read = _as_meant(target, reading, np.full(len(reading.steps), 20.0))
+        assert np.allclose(read.losses(read.data.values), target.losses(data.values))
 
 
 def test_near_the_right_size_a_narrow_peak_needs_no_change_of_its_own(monkeypatch):

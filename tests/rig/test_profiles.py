@@ -71,8 +71,8 @@ def test_a_file_with_semicolons_and_commas(tmp_path):
         ("t,theta_out,torque_Nm\n0,0,0\n1,1,0\n", "at least 4"),
         ("t,theta_out,torque_Nm\n0,0,0\n1,x,0\n2,1\n3,3,nan\n4,1,1\n", "line 4"),
         ("t,theta_out,torque_Nm\n0,0,0\n1,1,0\n1,2,0\n2,3,0\n", "line 4: the time must rise"),
-        ("t,theta_out,torque_Nm\n0,0,0\n1,1000,0\n2,1001,0\n3,1002,0\n", "rpm"),
-        ("t,theta_out,torque_Nm\n0,0,0\n1,1,9000\n2,2,0\n3,3,0\n", "9000"),
+        ("t,theta_out,torque_Nm\n0,0,0\n1,10000,0\n2,10001,0\n3,10002,0\n", "1667 rpm at the output: t is in s"),
+        ("t,theta_out,torque_Nm\n0,0,0\n1,1,9e6\n2,2,0\n3,3,0\n", "line 3: 9e+06 at the output: torque_Nm is in N m"),
         ("t,theta_out,torque_Nm\n0,0,0\n1000,1,0\n2000,2,0\n3000,3,0\n", "longest"),
         ("t,theta_out,torque_Nm\n0,0,0\n1e-6,0,0\n2e-6,0,0\n3e-6,0,0\n", "a cycle of the main task"),
     ],
@@ -84,6 +84,13 @@ def test_faulty_files(tmp_path, text, part):
         read_profile(path, CYCLE)
     assert part in str(caught.value)
     assert str(path) in str(caught.value)
+
+
+def test_a_profile_for_a_faster_and_stronger_reducer_than_the_papers_is_taken(tmp_path):
+    path = tmp_path / "p.csv"
+    path.write_text("t,theta_out,torque_Nm\n0,0,0\n1,300,9000\n2,600,9000\n3,900,0\n")
+    profile = read_profile(path, CYCLE)
+    assert (profile.angle_deg[-1], profile.torque_Nm.max()) == (900.0, 9000.0)
 
 
 def test_unknown_names_and_missing_files(tmp_path):

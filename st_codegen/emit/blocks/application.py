@@ -76,7 +76,7 @@ class ArrayAlias:
 
     @property
     def last(self) -> int:
-        """Upper bound."""
+        """The largest index of the array, which begins at 0."""
         return self.length - 1
 
 

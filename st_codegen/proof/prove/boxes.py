@@ -54,7 +54,7 @@ class Space:
         return other
 
     def keep(self, lanes: IntArray) -> None:
-        """Forget all other lanes."""
+        """Go on with these boxes alone, in this order."""
         self.low, self.high, self.nan = self.low[lanes], self.high[lanes], self.nan[lanes]
         self.parents.append(lanes)
 

@@ -179,7 +179,7 @@ class _Search:
         return np.asarray(found[(found >= low) & (found <= high)], np.float64)
 
     def first(self) -> FloatArray:
-        """The first look."""
+        """The numbers of each input that are tried first: those that the model and the text themselves compare with."""
         return self.base
 
     def changeovers(self) -> FloatArray:

@@ -34,7 +34,7 @@ def hull(one: Interval, other: Interval) -> Interval:
 
 
 def cut(one: Interval, other: Interval) -> Interval:
-    """What lies in two intervals."""
+    """The interval of what lies in both of two; NaN stays possible where it is in both."""
     return max(one[0], other[0]), min(one[1], other[1]), one[2] and other[2]
 
 

@@ -11,7 +11,8 @@ from st_codegen.emit.output import block_of
 from st_codegen.emit.targets import TARGETS
 from st_codegen.files.html_text import html_table
 from st_codegen.ir import ModelIR, TreeEnsemble
-from st_codegen.project.bundle import Bundle, Progress
+from st_codegen.processes import Progress
+from st_codegen.project.bundle import Bundle
 from st_codegen.proof.probes import probe_rows
 from st_codegen.proof.prove.arithmetic import prove_arithmetic
 from st_codegen.proof.prove.axis import NotProvedError

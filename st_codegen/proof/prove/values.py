@@ -64,7 +64,7 @@ def is_scalar(value: Value) -> bool:
 
 
 def parts_of(value: Value) -> dict[int, AxisValue]:
-    """A condition by input."""
+    """The parts of a condition by the number of the input that each one asks about."""
     if isinstance(value, All):
         return dict(value.parts)
     assert isinstance(value, AxisValue)

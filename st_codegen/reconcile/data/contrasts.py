@@ -87,20 +87,28 @@ def along_axes(at: Conditions, good: BoolArray) -> Iterator[tuple[str, Contrasts
     A run between two others is compared with the straight line through them. Where an axis has two levels the other
     run of the pair is all there is to compare with, so that kind holds where the axis does not matter.
     """
-    columns = (at.speed_rpm, at.torque_Nm, at.temperature_C)
-    for name, axis in (("repeats", None), ("speed", 0), ("torque", 1), ("temperature", 2)):
-        others = [at.sign, *(column for i, column in enumerate(columns) if i != axis)]
-        _, group = np.unique(np.stack(others), axis=1, return_inverse=True)
-        own = np.zeros(len(at)) if axis is None else columns[axis]
+    for name, order, same, own in _lines_along(at, good):
         index, weight, norm = np.zeros((len(at), 2), np.int64), np.zeros((len(at), 2)), np.full(len(at), np.inf)
-        order = np.lexsort((own, group.ravel()))
-        order = order[good[order]]
-        same = np.diff(group.ravel()[order]) == 0
-        _lines(order, same, own, index, weight, norm)
+        _write_lines(order, same, own, index, weight, norm)
         yield name, Contrasts(index, weight, norm)
 
 
-def _lines(
+def _lines_along(at: Conditions, good: BoolArray) -> Iterator[tuple[str, IntArray, BoolArray, FloatArray]]:
+    """For repeats and for each condition its name, the good rows in groups that differ in it alone, rising in it.
+
+    With them: of all rows but the last, whether the next one is of the same group, and the condition of each row.
+    """
+    columns = at.axes
+    for name, axis in (("repeats", None), ("speed", 0), ("torque", 1), ("temperature", 2)):
+        others = [at.sign, *(column for i, column in enumerate(columns) if i != axis)]
+        group = np.unique(np.stack(others), axis=1, return_inverse=True)[1].ravel()
+        own = np.zeros(len(at)) if axis is None else columns[axis]
+        order = np.lexsort((own, group))
+        order = order[good[order]]
+        yield name, order, np.diff(group[order]) == 0, own
+
+
+def _write_lines(
     rows: IntArray, same: BoolArray, own: FloatArray, index: IntArray, weight: FloatArray, norm: FloatArray
 ) -> None:
     """Contrasts of rows (rising along one axis) with the lines through their neighbours, written in place.
@@ -124,15 +132,7 @@ def neighbours(at: Conditions, good: BoolArray) -> Iterator[tuple[str, IntArray]
     """Pairs (pairs, 2) of good rows next to each other along one axis, all else the same; repeats among them.
 
     Off any grid each row has one of its ten nearest for a neighbour."""
-    columns = (at.speed_rpm, at.torque_Nm, at.temperature_C)
-    for name, axis in (("repeats", None), ("speed", 0), ("torque", 1), ("temperature", 2)):
-        others = [at.sign, *(column for i, column in enumerate(columns) if i != axis)]
-        _, group = np.unique(np.stack(others), axis=1, return_inverse=True)
-        group = group.ravel()
-        own = np.zeros(len(at)) if axis is None else columns[axis]
-        order = np.lexsort((own, group))
-        order = order[good[order]]
-        same = np.diff(group[order]) == 0
+    for name, order, same, _ in _lines_along(at, good):
         yield name, np.stack([order[:-1][same], order[1:][same]], axis=1).astype(np.int64)
     local = contrasts(at, good)
     rows = np.flatnonzero(good & local.usable)
@@ -177,17 +177,16 @@ def of_whole_levels(at: Conditions, bad: BoolArray) -> BoolArray:
 # --- which conditions go together
 
 #: names of the conditions, in the order of `Conditions`
-AXES = ("speed", "torque", "oil temperature")
+CONDITIONS = ("speed", "torque", "oil temperature")
 
 
 def axes_together(at: Conditions) -> list[tuple[str, str]]:
     """Pairs of conditions of which each is told by the other: what depends on the one may depend on the other."""
-    columns = (at.speed_rpm, at.torque_Nm, at.temperature_C)
-    found = []
+    columns, found = at.axes, []
     for one, other in itertools.combinations(range(3), 2):
         if np.ptp(columns[one]) > 0 and np.ptp(columns[other]) > 0:
             told = np.corrcoef(columns[one], columns[other])[0, 1] ** 2
-            found += [(AXES[one], AXES[other])] if told > SETTINGS.together else []
+            found += [(CONDITIONS[one], CONDITIONS[other])] if told > SETTINGS.together else []
     return found
 
 

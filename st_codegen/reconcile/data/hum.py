@@ -69,7 +69,7 @@ class Hum:
 
     @property
     def text(self) -> str:
-        """What is said of it."""
+        """The sentence on this wave: its frequency, its size, in how many curves it was found."""
         seen, of = self.curves
         if self.order:
             return (

@@ -178,7 +178,7 @@ def _take_of_laws(
     at, parts = data.at, np.where(data.orders == 0, 1, 2)
     y = np.where(data.orders == 0, residual.real, residual)
     least = np.full(len(data.orders), np.inf)
-    for columns in ((), (at.torque_Nm,), (at.speed_rpm, at.torque_Nm, at.temperature_C)):
+    for columns in ((), (at.torque_Nm,), at.axes):
         varied = [(x - x.mean()) / np.ptp(x) for x in columns if np.ptp(x) > 0.0]
         design, told, left, numbers, freedom = np.stack([np.ones(len(data)), *varied], axis=1), 0.0, 0.0, 0, 0
         for sign in np.unique(at.sign):

@@ -25,11 +25,14 @@ class Observations:
     """Measured coefficients.
 
     at: conditions (n,); labels: name of each row for messages; orders: int (K,), rising; values: complex128 (n, K),
-    deg. Samples over time are rows of their own, with the TE in the place of order 0: then `angle_rad` (n,) is the
-    angle of each and `inside` the orders of which its TE is the sum. run: int (n,), the number of each run in the order
-    of measuring, where that is known; sorted_by: the condition by which their list is sorted first, which may be the
-    time as well, where it is. samples: of each curve, where all have as many, else 0. hums: waves of a
-    frequency of their own that were taken out of the values. begins_rad: the angle at which each curve begins, (n,).
+    deg. spectral_deg: the noise of each value by its own curve's spectrum, (n, K), where that is known; seen: bool
+    (n, K), whether a curve tells the order at all; left_out: bool (n,), rows that the search does not look at;
+    not_looked_at: what was left aside, as sentences. Samples over time are rows of their own, with the TE in the place
+    of order 0: then `angle_rad` (n,) is the angle of each and `inside` the orders of which its TE is the sum. run: int
+    (n,), the number of each run in the order of measuring, where that is known; sorted_by: the condition by which
+    their list is sorted first, which may be the time as well, where it is. samples: of each curve, where all have as
+    many, else 0. hums: waves of a frequency of their own that were taken out of the values. begins_rad: the angle at
+    which each curve begins, (n,).
     """
 
     at: Conditions
@@ -106,8 +109,7 @@ class Observations:
         at, values = self.at, np.concatenate([self.at.sign[:, None], self.values.real, self.values.imag], axis=1)
         if self.angle_rad is not None:
             return self
-        points = np.stack([at.sign, at.speed_rpm, at.torque_Nm, at.temperature_C], axis=1)
-        rows = np.concatenate([points, self.values.real, self.values.imag], axis=1)
+        rows = np.concatenate([at.points, values], axis=1)
         first = np.sort(np.unique(rows, axis=0, return_index=True)[1])
         alike = np.unique(values[first], axis=0, return_inverse=True, return_counts=True)
         elsewhere = first[alike[2][alike[1].ravel()] > 1]
@@ -126,14 +128,12 @@ class Observations:
     @cached_property
     def few_points(self) -> bool:
         """Whether there are too few operating points to tell noise from what differs between them."""
-        points = np.stack([self.at.speed_rpm, self.at.torque_Nm, self.at.temperature_C])
-        return self.angle_rad is None and np.unique(points, axis=1).shape[1] < SETTINGS.least_contrasts
+        return self.angle_rad is None and len(np.unique(self.at.points, axis=0)) < SETTINGS.least_contrasts
 
     @cached_property
     def repeated(self) -> bool:
         """Whether an operating point was measured more than once in one direction."""
-        points = np.stack([self.at.sign, self.at.speed_rpm, self.at.torque_Nm, self.at.temperature_C])
-        return bool(np.unique(points, axis=1).shape[1] < len(self))
+        return len(np.unique(np.column_stack([self.at.sign, self.at.points]), axis=0)) < len(self)
 
     @cached_property
     def number_of_run(self) -> IntArray:
@@ -142,8 +142,7 @@ class Observations:
         A run is one or both directions: of one file, or of one place among those of a table.
         """
         at = self.at
-        points = np.stack([at.speed_rpm, at.torque_Nm, at.temperature_C])
-        point = np.unique(points, axis=1, return_inverse=True)[1].ravel()
+        point = np.unique(at.points, axis=0, return_inverse=True)[1].ravel()
         side = 2 * point + (at.sign > 0)
         order = np.argsort(side, kind="stable")
         place = np.empty(len(at), np.int64)
@@ -194,7 +193,7 @@ def sorted_by(at: Conditions) -> str:
     """The condition by which runs are sorted first (`speed`, `torque`, `temperature`); empty where they are not."""
     for sign in np.unique(at.sign):
         rows = at.sign == sign
-        columns = [np.round(column[rows], 9) for column in (at.speed_rpm, at.torque_Nm, at.temperature_C)]
+        columns = [np.round(column[rows], 9) for column in at.axes]
         for first in itertools.permutations(range(3)):
             listed = np.stack([columns[i] for i in first], axis=1)
             if (np.lexsort(listed.T[::-1]) == np.arange(len(listed))).all():
@@ -213,9 +212,9 @@ def labels(at: Conditions, files: Sequence[str] | None = None) -> tuple[str, ...
     return tuple(names)
 
 
-def rms_deg(values: ComplexArray, orders: IntArray, rows: FloatArray | None = None) -> float:
-    """RMS over angle and rows of curves with these coefficients, deg; `rows` are weights of the rows."""
+def rms_deg(values: ComplexArray, orders: IntArray) -> float:
+    """RMS over angle and rows of curves with these coefficients, deg."""
     power = np.where(orders == 0, 1.0, 0.5) * np.abs(values) ** 2
     if not power.size:
         return 0.0
-    return float(np.sqrt(np.average(power.sum(axis=1), weights=rows)))
+    return float(np.sqrt(power.sum(axis=1).mean()))

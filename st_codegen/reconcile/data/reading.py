@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,13 +17,13 @@ from st_codegen.campaign.reader import Campaign, MeasuredCurve, read_campaign
 from st_codegen.errors import InputError, Problems
 from st_codegen.files.csv_tables import read_csv
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from st_codegen.processes import Progress
 from st_codegen.reconcile.data.hum import without_hums, without_waves_between
 from st_codegen.reconcile.data.observations import Observations, from_table, labels, sorted_by
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects.wear import bump
 from st_codegen.rig.model import RigModel
 
-Progress = Callable[[int, int, str], None]
 _DEGREES = 57.29577951308232
 #: angles of a turn at which a bump is looked for
 _ANGLES = 2048
@@ -449,7 +449,7 @@ def check(data: Observations, rig: RigModel, path: Path, *, units: bool = True) 
             f"no overlap with the rig: measured are the orders {listed(data.orders.tolist())}, the rig has "
             f"{listed(list(rig.orders()))}; nothing can be compared"
         )
-    points = len({*zip(data.at.speed_rpm, data.at.torque_Nm, data.at.temperature_C, strict=True)})
+    points = len(np.unique(data.at.points, axis=0))
     if len(data) < SETTINGS.least_curves or points < SETTINGS.least_points:
         problems.add(
             f"too few conditions for a claim: {points} operating points in {len(data)} curves; at least "

@@ -55,7 +55,7 @@ _KEPT: dict[bytes, list[tuple[FloatArray, FloatArray]]] = {}
 
 def _spectra(at: Conditions) -> list[tuple[FloatArray, FloatArray]]:
     """For each choice of lengths the eigenvalues (n - 1,) and vectors (n, n - 1) of the kernel, the mean taken out."""
-    columns = (at.speed_rpm, at.torque_Nm, at.temperature_C)
+    columns = at.axes
     key = b"".join(column.tobytes() for column in columns)
     if key not in _KEPT:
         if len(_KEPT) >= 4:

@@ -306,7 +306,7 @@ def _elasticity(result: JointResult) -> JointFinding:
 
 
 def measurement(result: JointResult) -> list[str]:
-    """What is said of the measurement."""
+    """Sentences on how the joint was measured: what its reader noted, and a delay between torque and motion."""
     found = list(result.notes)
     if result.late_s:
         way = "later" if result.late_s > 0 else "earlier"

@@ -18,7 +18,7 @@ from st_codegen.report.picture import Draw, panels
 _SHOWN_POINTS = 1500
 
 #: the verdicts in words; the noise floor is a bound from above: what lies below it may be noise, and need not be
-VERDICT_TEXT = {
+JOINT_VERDICT_TEXT = {
     "explained": "What stands out beyond a rigid joint is named; the rest is so small that it may be noise.",
     "partly_explained": "Part of what a rigid joint leaves is named; the rest is more than noise.",
     "nothing_missing": "Nothing stands out beyond a rigid joint; what it leaves is so small that it may be noise.",
@@ -30,7 +30,7 @@ def joint_summary(content: Mapping[str, Any]) -> str:
     """The findings as lines."""
     lines = []
     for joint in content["joints"]:
-        lines.append(f"Joint {joint['joint']}: {VERDICT_TEXT[joint['verdict']]}")
+        lines.append(f"Joint {joint['joint']}: {JOINT_VERDICT_TEXT[joint['verdict']]}")
         lines += [f"- the measurement: {text}" for text in joint["measurement"]]
         lines += [f"- {_sentence(effect)}" for effect in joint["effects"]]
         lines += [f"- unexplained: {text}" for text in joint["unexplained"]]
@@ -62,7 +62,7 @@ def joint_texts(results: Sequence[JointResult], content: Mapping[str, Any]) -> d
             for key, value in effect["parameters"].items()
         ]
         columns = ["effect", "parameter", "value", "standard error", "unit"]
-        text = "\n\n".join([VERDICT_TEXT[joint["verdict"]], *found])
+        text = "\n\n".join([JOINT_VERDICT_TEXT[joint["verdict"]], *found])
         sections.append(PageSection(f"{head}: findings", text, PageTable(columns, values) if values else None))
         about = (
             "Torque less all other parts: points are samples where the joint moves, lines the fit. Waves: what is left "
@@ -81,7 +81,7 @@ def joint_texts(results: Sequence[JointResult], content: Mapping[str, Any]) -> d
         rows += [["cannot be shown", text] for text in joint["cannot_show"]]
         sections.append(PageSection(f"{head}: what these data cannot show", "", PageTable(["", ""], rows)))
     text = json.dumps(content, indent=1, allow_nan=False) + "\n"
-    summary = VERDICT_TEXT[content["verdict"]]
+    summary = JOINT_VERDICT_TEXT[content["verdict"]]
     return {"report.json": text, "report.html": page("What is in the torque of the joints", sections, summary=summary)}
 
 

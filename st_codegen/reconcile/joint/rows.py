@@ -52,7 +52,7 @@ class JointRows:
         return found
 
     def where(self, kept: np.ndarray) -> JointRows:
-        """Some of the rows."""
+        """The rows that a mask or an index array chooses, of every column."""
         own = {f.name: getattr(self, f.name) for f in fields(self)}
         return replace(self, **{name: x[kept] for name, x in own.items() if isinstance(x, np.ndarray)})
 

@@ -67,7 +67,7 @@ class JointResult:
 
     @property
     def left(self) -> FloatArray:
-        """What the parts leave, N m."""
+        """The measured torque less all parts that were chosen, N m (rows,)."""
         found: FloatArray = self.rows.torque - self.chosen.of(set(self.chosen.names()))
         return found
 

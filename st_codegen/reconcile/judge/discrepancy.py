@@ -58,7 +58,7 @@ def _root_of_kernel(at: Conditions) -> FloatArray:
 
     Squared exponential, its length the range of each condition; the directions have discrepancies of their own.
     """
-    axes = [axis / max(float(np.ptp(axis)), 1e-300) for axis in (at.speed_rpm, at.torque_Nm, at.temperature_C)]
+    axes = [axis / max(float(np.ptp(axis)), 1e-300) for axis in at.axes]
     points = np.stack(axes, axis=1)
     chosen = np.sort(np.random.default_rng(0).permutation(len(points))[: SETTINGS.most_of_kernel])
     square = ((points[:, None, :] - points[None, chosen, :]) ** 2).sum(axis=2)

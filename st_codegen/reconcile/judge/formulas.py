@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
-from st_codegen.reconcile.data.contrasts import AXES, axes_together, levels_of, speed_levels
+from st_codegen.reconcile.data.contrasts import CONDITIONS, axes_together, levels_of, speed_levels
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
@@ -99,12 +99,12 @@ class _Rows:
 
     @property
     def noise(self) -> float:
-        """The loss that noise alone leaves."""
+        """The loss to expect of these runs where noise of the known size is all there is: one a number."""
         return float(self.parts * self.count)
 
     @property
     def price(self) -> float:
-        """What a term must save."""
+        """The loss that a term must save to be added: more than noise would, of as many terms as are tried."""
         return float(SETTINGS.term_price * (np.log(max(self.count, 1)) + 2.0) * self.parts * len(self.gram))
 
 
@@ -141,7 +141,7 @@ class _Problem:
 
     @cached_property
     def all(self) -> _Rows:
-        """All runs."""
+        """The sums of products over all runs, none left out."""
         return self.rows(np.ones(len(self.y), bool))
 
     @cached_property
@@ -309,11 +309,11 @@ def _formula(problem: _Problem, chosen: list[int], as_well: dict[int, list[int]]
             f"keeps its size, {size.min():.3g} to {size[row]:.3g} deg, and turns its phase by {turns:.2g} rad over the "
             f"{' and the '.join(_CONDITIONS[i] for i in varying)} (in the terms of a formula it {' and '.join(parts)})"
         )
-    levels = [len(np.unique(axis)) for axis in (at.speed_rpm, at.torque_Nm, at.temperature_C)]
+    levels = [len(np.unique(axis)) for axis in at.axes]
     if few := [_CONDITIONS[i] for i in varying if levels[i] == 2]:
         text += f" (two {' and two '.join(few)} tell no law between them)"
     for one, other in axes_together(at):
-        if (AXES.index(one) in varying) != (AXES.index(other) in varying):
+        if (CONDITIONS.index(one) in varying) != (CONDITIONS.index(other) in varying):
             text += f" ({one} and {other} go together in these runs: it may depend on either)"
     if is_beyond:
         text += (

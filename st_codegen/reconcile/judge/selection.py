@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
+from st_codegen.processes import Progress
 from st_codegen.reconcile.data.noise import Noise, estimate
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.state import State
@@ -28,7 +28,6 @@ from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue
 
 #: Called with (steps done, steps at most, what is tried).
-Progress = Callable[[int, int, str], None]
 
 
 def search(

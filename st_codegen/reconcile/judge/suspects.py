@@ -145,7 +145,7 @@ def _scaled(data: Observations, residual: ComplexArray, sigma: FloatArray) -> Fl
 def _like_neighbours(data: Observations, residual: ComplexArray) -> BoolArray:
     """Where neighbours along speed, torque or temperature have a similar residual, bool (n, K)."""
     at = data.at
-    steps = np.stack([in_steps(values) for values in (at.speed_rpm, at.torque_Nm, at.temperature_C)], axis=1)
+    steps = np.stack([in_steps(values) for values in at.axes], axis=1)
     found = np.zeros(residual.shape, bool)
     for sign in (1.0, -1.0):
         rows = np.flatnonzero(at.sign == sign)

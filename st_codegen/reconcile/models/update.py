@@ -11,6 +11,7 @@ from st_codegen.driver import generate
 from st_codegen.emit.targets import target_named
 from st_codegen.errors import GeneratedCodeError, InputError, Problems
 from st_codegen.ir.arrays import FloatArray
+from st_codegen.processes import Progress
 from st_codegen.project.bundle import Bundle, load
 from st_codegen.proof.verify import VerifyReport, verify
 from st_codegen.reconcile.models.bundle_files import write_updated
@@ -25,7 +26,6 @@ from st_codegen.rig.tasks import TaskForm
 from st_codegen.te.bundle_file import BUNDLE_FILE, read_description
 from st_codegen.te.purpose import transmission_error
 
-Progress = Callable[[int, int, str], None]
 #: folders below the output
 MODELS, CODE = "models", "plc"
 LAW, FORM = "continuous", TaskForm.SPLIT

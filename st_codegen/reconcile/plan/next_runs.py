@@ -124,9 +124,7 @@ def _repeats(result: Reconciliation) -> list[NextRun]:
     power = (np.abs(result.conclusions.final.residual[:, columns] / result.target.sigma[:, columns]) ** 2).sum(axis=1)
     loudest = [rows[0] for rows in sorted(result.data.runs, key=lambda rows: -float(power[rows].sum()))]
     why = "repeats a run that was made: what differs again is noise, or changes from run to run"
-    points = [
-        OperatingPoint(*(float(x[row]) for x in (at.speed_rpm, at.torque_Nm, at.temperature_C))) for row in loudest
-    ]
+    points = [OperatingPoint(*at.points[row].tolist()) for row in loudest]
     return [NextRun(point, why, 0.0, repeats=True) for point in points[: SETTINGS.repeats]]
 
 

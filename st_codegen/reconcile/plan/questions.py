@@ -15,7 +15,7 @@ import numpy as np
 
 from st_codegen.campaign.conditions import CONDITION_COLUMNS
 from st_codegen.ir.arrays import FloatArray
-from st_codegen.reconcile.fit.fitting import Fit
+from st_codegen.reconcile.fit.fitting import AXES, Fit
 from st_codegen.reconcile.fit.parameters import Coordinate
 from st_codegen.reconcile.fit.propagation import Propagation
 from st_codegen.reconcile.fit.target import by_place
@@ -24,9 +24,8 @@ from st_codegen.reconcile.plan.points import Rows, summed
 from st_codegen.reconcile.plan.rivals import Rival
 from st_codegen.reconcile.run import Reconciliation
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Conditions, Effect
+from st_codegen.rig.effects import Effect
 
-_AXES = ("speed", "torque", "temperature")
 #: how many steps farther the correlation of a residual reaches along conditions on which it does not depend
 _FAR = 4.0
 #: correlation length of a residual along conditions on which it depends, in steps: between two levels it may do much
@@ -42,7 +41,7 @@ Name = tuple[str, tuple[int, ...], str]
 
 
 class Question(Protocol):
-    """Something open."""
+    """Something that runs not yet made could tell: how much each would, and what is left once one is taken."""
 
     def gains(self) -> FloatArray:
         """What each point would add beside those that were taken, (n,)."""
@@ -185,9 +184,9 @@ def unexplained(result: Reconciliation, rows: Rows) -> list[Question]:
         # what hides between levels is sharp in speed (a resonance) or in torque (flanks that seat)
         for along in (0, 1):
             length = np.array(steps) * [_NEAR if axis == along else _FAR for axis in range(3)]
-            measured, points = (_places(at) / length for at in (target.data.at, rows.data.at))
+            measured, points = (at.points / length for at in (target.data.at, rows.data.at))
             points = points[: len(points) // 2]
-            why = [f"lies far from all runs in {_AXES[along]}: what hides between them shows there first"] * len(points)
+            why = [f"lies far from all runs in {AXES[along]}: what hides between them shows there first"] * len(points)
             found.append(Unknown(np.ones(len(points)), np.unique(measured, axis=0), points, why))
     for signature in result.unexplained[: SETTINGS.most_open_orders]:
         if signature.order not in target.data.orders or "time" in signature.dependence:
@@ -196,8 +195,8 @@ def unexplained(result: Reconciliation, rows: Rows) -> list[Question]:
         k = int(np.searchsorted(target.data.orders, signature.order))
         parts = 1 if signature.order == 0 else 2
         power = np.maximum(np.abs(final.residual[:, k]) ** 2 - parts * target.sigma[:, k] ** 2, 0.0)[target.good]
-        measured = _places(target.data.at.rows(target.good)) / length
-        points = _places(rows.data.at)[: len(rows.data) // 2] / length
+        measured = target.data.at.rows(target.good).points / length
+        points = rows.data.at.points[: len(rows.data) // 2] / length
         near = _alike(points / 2, measured / 2)
         local = near @ power / np.maximum(near.sum(axis=1), 1e-12)
         # the noise, not the scatter about the model, which is what is asked about
@@ -269,14 +268,14 @@ def peaks_between(result: Reconciliation, rows: Rows) -> list[Question]:
     ]
     steps = np.array([_step(getattr(final.target.data.at, column)) for column in CONDITION_COLUMNS])
     length = steps * np.array([_INSIDE, _FAR, _FAR])
-    measured = np.unique(_places(final.target.data.at.rows(final.target.good)) / length, axis=0)
+    measured = np.unique(final.target.data.at.rows(final.target.good).points / length, axis=0)
     weight = summed((np.abs(missed) / rows.sigma) ** 2).sum(axis=1)
-    return [Unknown(weight, measured, _places(at)[:count] / length, why)]
+    return [Unknown(weight, measured, at.points[:count] / length, why)]
 
 
 def _lengths(dependence: Mapping[str, float]) -> list[float]:
     """How far a residual reaches along speed, torque and temperature, in steps, by how it depends on them."""
-    shares = [dependence.get(axis, 0.0) for axis in _AXES]
+    shares = [dependence.get(axis, 0.0) for axis in AXES]
     return [_FAR if share <= SETTINGS.cause else _NEAR if share == max(shares) else 1.0 for share in shares]
 
 
@@ -284,7 +283,3 @@ def _step(values: FloatArray) -> float:
     """The median step between levels, a twentieth of the range at least; 1 where the values never varied."""
     levels = np.unique(values)
     return max(float(np.median(np.diff(levels))), float(np.ptp(levels)) / 20) if len(levels) > 1 else 1.0
-
-
-def _places(at: Conditions) -> FloatArray:
-    return np.stack([at.speed_rpm, at.torque_Nm, at.temperature_C], axis=1)

@@ -17,7 +17,7 @@ from st_codegen.st.check.constants import NotConstantError, evaluate
 from st_codegen.st.dialects import IEC
 from st_codegen.st.errors import Problem
 from st_codegen.st.syntax import declarations as d
-from st_codegen.st.syntax.scan import Scanned
+from st_codegen.st.syntax.scan import CommentKind, Scanned
 from st_codegen.st.syntax.source import ParsedFiles
 from st_codegen.st.types import LREAL, REAL, ArrayType, Elementary, EnumType, Scalar, StructType, Type
 
@@ -27,7 +27,25 @@ _EXACT_FUNCTIONS = frozenset({"ABS", "MIN", "MAX"})
 _FLAGS = re.IGNORECASE | re.ASCII
 # What stands between quotes is no code
 _CODE = re.compile(r"'(?:[^'$\r\n]|\$.)*+'|\"(?:[^\"$\r\n]|\$.)*+\"")
-_REFUSED = tuple((re.compile(pattern, _FLAGS), reason) for pattern, reason in IEC.refused_text.items())
+#: Why a piece of text outside of comments and strings is refused, by its pattern; upper and lower case are alike.
+_REFUSED = tuple(
+    (re.compile(pattern, _FLAGS), reason)
+    for pattern, reason in {
+        r"\bEND_(?:IF|CASE|FOR|WHILE|REPEAT)\b(?!\s*;)": "is not followed by a semicolon",
+        r"(?<![0-9A-Z_#.])[0-9][0-9_]*E[+-]?[0-9]+": "is a real literal without a dot",
+        r"\*\*": "is not portable: multiply, or use EXPT",
+        r"\bCONTINUE\b": "is not portable: use IF",
+        r"\b(?:AND_THEN|OR_ELSE)\b": "is not portable: nest IF",
+        r"\b[A-Z0-9_]*__[A-Z0-9_]*\b": "has two underscores in a row",
+        r"\b(?:POINTER|REFERENCE)\s+TO\b": "is not portable",
+        r"\b(?:ADR|SIZEOF)\s*\(": "is not portable",
+        r"\b(?:THIS|SUPER)\s*\^": "is not portable",
+        r"\bEXTENDS\b": "is not portable",
+        r"\bUNION\b": "is not portable: test for NaN with x < 1.0 OR x > -1.0",
+        r"\b(?:TANH|FLOOR|CEIL|ATAN2)\b": "is no standard function",
+        r"%[IQM][XBWDL]?\*": "is not portable: an address needs a number",
+    }.items()
+)
 
 
 @dataclass(frozen=True)
@@ -110,10 +128,10 @@ def _problem(node: t.Node, message: str) -> Problem:
 
 
 def pieces_of_text(text: Text) -> Iterator[Problem]:
-    """Refuses comments, pragmas and pieces of text that the table of the dialect refuses."""
+    """Refuses comments, pragmas and pieces of text that the table refuses."""
     for scanned in text.source.scans:
         for comment in scanned.comments:
-            if comment.kind not in IEC.comments:
+            if comment.kind is not CommentKind.BLOCK:
                 yield _at(scanned, comment.start, f"a comment of the form {comment.kind.value}: use (* *), not nested")
         for pragma in scanned.pragmas:
             yield _at(scanned, pragma.start, "pragmas and attributes are not portable")

@@ -1,4 +1,4 @@
-"""The dialects of Structured Text: one table of rules each, in a file of its own."""
+"""The dialects of Structured Text: a table of rules each."""
 
 from __future__ import annotations
 
@@ -6,10 +6,8 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from st_codegen.errors import InputError
-from st_codegen.st.dialects.codesys import CODESYS
 from st_codegen.st.dialects.dialect import Dialect
-from st_codegen.st.dialects.iec import IEC
-from st_codegen.st.dialects.scl import SCL
+from st_codegen.st.dialects.iec import CODESYS, IEC, SCL
 from st_codegen.st.dialects.twincat import TWINCAT
 
 __all__ = ["CODESYS", "DIALECTS", "IEC", "SCL", "TWINCAT", "Dialect", "find_dialect"]

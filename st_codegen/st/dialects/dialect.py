@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
-from st_codegen.st.syntax.scan import CommentKind
 from st_codegen.st.types import Elementary
 
 
@@ -43,12 +42,6 @@ class Dialect:
 
     #: Why a function is refused, by a pattern of its upper-case name.
     refused_functions: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
-    #: Why a piece of text outside of comments and strings is refused, by its pattern; upper and lower case are alike.
-    refused_text: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
-    #: The kinds of comments that may be written.
-    comments: frozenset[CommentKind] = frozenset(CommentKind)
-    #: Whether pragmas and attributes may be written.
-    has_pragmas: bool = True
 
     def without_implicit_conversions(self) -> Dialect:
         """The same rules, but every conversion has to be written, and bit strings are not computed with."""

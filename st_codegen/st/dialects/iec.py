@@ -1,15 +1,14 @@
 """The portable subset of IEC 61131-3: what strict compilers of several vendors accept, no conversion left out.
 
-`refused_text`, `comments` and `has_pragmas` are asked by `check.portable` alone, which judges what is written for
-everybody; the checker reads such text, too.
+Pieces of text that are no more than spelling are judged by `check.portable`; the checker reads them, too.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import MappingProxyType
 
 from st_codegen.st.dialects.dialect import Dialect
-from st_codegen.st.syntax.scan import CommentKind
 from st_codegen.st.types import DINT, LTIME, NUMBERS, TIME_NS
 
 _BITS, _REALS = "(?:BYTE|WORD|DWORD|LWORD)", "L?REAL"
@@ -34,23 +33,7 @@ IEC = Dialect(
             ),
         }
     ),
-    refused_text=MappingProxyType(
-        {
-            r"\bEND_(?:IF|CASE|FOR|WHILE|REPEAT)\b(?!\s*;)": "is not followed by a semicolon",
-            r"(?<![0-9A-Z_#.])[0-9][0-9_]*E[+-]?[0-9]+": "is a real literal without a dot",
-            r"\*\*": "is not portable: multiply, or use EXPT",
-            r"\bCONTINUE\b": "is not portable: use IF",
-            r"\b(?:AND_THEN|OR_ELSE)\b": "is not portable: nest IF",
-            r"\b[A-Z0-9_]*__[A-Z0-9_]*\b": "has two underscores in a row",
-            r"\b(?:POINTER|REFERENCE)\s+TO\b": "is not portable",
-            r"\b(?:ADR|SIZEOF)\s*\(": "is not portable",
-            r"\b(?:THIS|SUPER)\s*\^": "is not portable",
-            r"\bEXTENDS\b": "is not portable",
-            r"\bUNION\b": "is not portable: test for NaN with x < 1.0 OR x > -1.0",
-            r"\b(?:TANH|FLOOR|CEIL|ATAN2)\b": "is no standard function",
-            r"%[IQM][XBWDL]?\*": "is not portable: an address needs a number",
-        }
-    ),
-    comments=frozenset({CommentKind.BLOCK}),
-    has_pragmas=False,
 )
+
+#: What is written for CODESYS, and SCL for S7-1500 once `syntax.scl` has taken its marks away.
+CODESYS, SCL = replace(IEC, name="codesys"), replace(IEC, name="scl")

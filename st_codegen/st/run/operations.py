@@ -92,7 +92,7 @@ def negation(w: Writer, type_: Elementary, overflow: Overflow, x: Operand, at: P
 
 
 def inversion(w: Writer, type_: Elementary, x: str) -> str:
-    """NOT."""
+    """NOT of a truth value or of the bits of an integer."""
     return w.value(f"xor {value_type(type_)} {x}, {'true' if type_ is BOOL else '-1'}")
 
 

@@ -24,7 +24,7 @@ class Place:
     constant: t.Variable | None = None
 
     def moved(self, offset: int, type_: Type) -> Place:
-        """Somewhere inside."""
+        """A place of another type, so many bytes farther on in the same memory."""
         return replace(self, type=type_, offset=self.offset + offset)
 
     def member(self, offset: int, variable: t.Variable) -> Place:
