@@ -55,11 +55,13 @@ def real(value: float) -> str:
 
 def reals(values: AnyArray) -> list[str]:
     """What `real` makes of each number, many at a time."""
-    numbers = np.asarray(values, np.float64).tolist()
-    return [
-        real(value) if "e" in text or "n" in text else text
-        for value, text in zip(numbers, texts_of(numbers), strict=True)
-    ]
+    numbers = np.asarray(values, np.float64)
+    texts = texts_of(numbers.tolist())
+    # all others are written with a point and without an exponent
+    size = np.abs(numbers)
+    for place in np.flatnonzero(~((size >= 1e-4) & (size < 1e16) | (size == 0.0))).tolist():
+        texts[place] = real(float(numbers[place]))
+    return texts
 
 
 def texts_of(numbers: list[Any]) -> list[str]:

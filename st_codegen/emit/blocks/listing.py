@@ -58,6 +58,10 @@ class BlockVariable:
 _DECLARATION_MARKS = 13
 
 
+#: From so many lines of a table on they are handed to the template.
+_LINES_AT_ONCE = 1000
+
+
 @dataclass(frozen=True)
 class ArrayElement:
     """One element of an array, which a template writes as `name[index]`."""
@@ -104,21 +108,27 @@ class Table:
     def n_bytes(self) -> int:
         return len(self.values) * SIZES[self.type]
 
-    def lines(self) -> Iterator[str]:
-        """The initialiser line by line, without brackets."""
-        left = len(self.values)
+    def lines(self) -> Iterator[list[str]]:
+        """The lines of the initialiser, without brackets: many at a time, since forests have hundreds of thousands."""
+        left, found = len(self.values), list[str]()
         step = min(self.per_line or _PER_LINE[self.type], _PER_LINE[self.type])
         for label, texts in self.labelled():
+            left -= len(texts)
             if label:
-                yield f"(* {label} *)"
-            for at in range(0, len(texts), step):
-                numbers = texts[at : at + step]
-                left -= len(numbers)
-                line = ", ".join(numbers) + ("," if left else "")
-                if len(line) + _INDENT <= LINE_LENGTH:
-                    yield line
-                else:
-                    yield from _halves(numbers, final=not left)
+                found.append(f"(* {label} *)")
+            own = [", ".join(texts[at : at + step]) + "," for at in range(0, len(texts), step)]
+            if not left:
+                own[-1] = own[-1][:-1]
+            if max(map(len, own), default=0) + _INDENT <= LINE_LENGTH:
+                found += own
+            else:
+                for number, line in enumerate(own):
+                    numbers = texts[number * step : (number + 1) * step]
+                    found += _halves(numbers, final=not line.endswith(","))
+            if left and len(found) >= _LINES_AT_ONCE:
+                yield found
+                found = []
+        yield found
 
     def labelled(self) -> Iterator[tuple[str, list[str]]]:
         """The label of each group (empty: none) and its numbers as text."""
