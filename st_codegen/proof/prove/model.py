@@ -322,8 +322,6 @@ class Ensemble:
     def _category(self, number: int, column: Column) -> AxisValue:
         """The code of a category column on an axis that is cut where it changes."""
         rule = self.op.columns[number]
-        if column.steps is not None:
-            raise NotProvedError("categories behind steps")
         axis = InputAxis(column.feature)
         if rule.categories is not None:
             points = np.array(sorted(set(rule.categories)))
@@ -331,10 +329,13 @@ class Ensemble:
             points = np.arange(-1.0, rule.n_categories + 1)
         if np.any(np.abs(points) >= 2.0**40):
             raise NotProvedError("category numbers of 2**40 and more")
-        gap = rule.missing_interval
-        points = points if gap is None else np.append(points, gap)
-        for strict in (True, False):
-            axis.cut(changes(column, points, strict, self.domain)[0])
+        if column.steps is not None:
+            axis.cut(column.steps)
+        else:
+            gap = rule.missing_interval
+            points = points if gap is None else np.append(points, gap)
+            for strict in (True, False):
+                axis.cut(changes(column, points, strict, self.domain)[0])
         value, missing = _read(rule, column.value(axis.low))
         with np.errstate(invalid="ignore"):
             inside = np.clip(value, -(2.0**40), 2.0**40)

@@ -101,8 +101,10 @@ class ValueOperations(Joining):
         if len(numbers) == len(values):
             return compute(name, *map(float, numbers))
         axis_values = [value for value in values if isinstance(value, AxisValue)]
-        # what is constant in each lane is the leaf of a tree or an element of a table: a term of a sum
-        terms = name in ("add", "min", "max") and any(value.chain is None for value in axis_values)
+        # what is constant in each lane is the leaf of a tree or an element of a table: a term of a sum; but a limit of
+        # it is still a number that trees compare
+        limited = name != "add" and len(numbers) == 1
+        terms = name in ("add", "min", "max") and not limited and any(value.chain is None for value in axis_values)
         if (
             not terms
             and len(axis_values) + sum(map(is_scalar, values)) == len(values)

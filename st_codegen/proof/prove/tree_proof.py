@@ -211,7 +211,8 @@ class TreeProof:
             # and inside, where linear models in leaves have their digits
             ends = [np.clip(from_keys(keys[lane]), -_NEAR, _NEAR) for keys in (space.low, space.high)]
             share = np.modf(np.outer(np.arange(1, _SPREAD), np.sqrt(np.arange(2, 2 + len(cuts)))))[0]
-            found.append(np.where(np.isnan(rows[1:]), np.nan, ends[0] + (ends[1] - ends[0]) * share))
+            with np.errstate(invalid="ignore"):  # a box of NaN alone has no ends
+                found.append(np.where(np.isnan(rows[1:]), np.nan, ends[0] + (ends[1] - ends[0]) * share))
         return np.concatenate(found)
 
     def _other_terms(self, value: Lanes | Slots, got: FloatArray, rows: IntArray, key: TreeKey) -> IntArray:

@@ -10,7 +10,13 @@ pytest.importorskip("sklearn")
 
 from sklearn.compose import ColumnTransformer
 from sklearn.decomposition import PCA
-from sklearn.ensemble import RandomForestClassifier, RandomForestRegressor, StackingClassifier, StackingRegressor
+from sklearn.ensemble import (
+    HistGradientBoostingRegressor,
+    RandomForestClassifier,
+    RandomForestRegressor,
+    StackingClassifier,
+    StackingRegressor,
+)
 from sklearn.impute import SimpleImputer
 from sklearn.linear_model import Ridge
 from sklearn.pipeline import make_pipeline
@@ -38,8 +44,16 @@ from st_codegen.proof.prove.tree_proof import CELLS, TAIL
 from st_codegen.walkers.base import LoadedModel
 from tests.classifiers import GAPS, RANDOM, SCORE, THREE, X, loaded
 
+UNKNOWN_IS_MISSING = OrdinalEncoder(handle_unknown="use_encoded_value", unknown_value=np.nan)
 KINDS = np.column_stack([X[:, 0], np.digitize(X[:, 1], [-3, 0, 2]), X[:, 2]])
 TREE = DecisionTreeRegressor(max_depth=4, random_state=0)
+KINDS_WITH_GAPS = np.where(np.isnan(GAPS), np.nan, KINDS)
+
+
+def boosted(categorical=None):
+    return HistGradientBoostingRegressor(
+        max_iter=2, min_samples_leaf=5, max_depth=3, categorical_features=categorical, random_state=0
+    )
 
 
 def encoded(encoder):
@@ -58,12 +72,21 @@ STEPS = {
         X,
     ),
     "truth values": (Binarizer(threshold=0.5), X),
+    "numbers of categories, or missing": (make_pipeline(encoded(UNKNOWN_IS_MISSING), boosted()), KINDS_WITH_GAPS),
+    "codes of categories": (make_pipeline(encoded(UNKNOWN_IS_MISSING), boosted([0])), KINDS),
+    "codes of categories, or missing": (make_pipeline(encoded(UNKNOWN_IS_MISSING), boosted([0])), KINDS_WITH_GAPS),
+    "one column a category, or missing": (
+        make_pipeline(encoded(OneHotEncoder(handle_unknown="ignore", sparse_output=False)), boosted()),
+        KINDS_WITH_GAPS,
+    ),
 }
 
 
 def generated(name, folder, layout=Layout.AUTO):
     before, x = STEPS[name]
-    model = loaded(make_pipeline(before, TREE).fit(x, SCORE + 9.0 * np.isnan(x).sum(axis=1)))
+    whole = before if hasattr(before, "predict") else make_pipeline(before, TREE)
+    kinds = 50.0 * (x[:, 1] == 1.0) if "of categories" in name else 0.0
+    model = loaded(whole.fit(x, SCORE + kinds + 9.0 * np.isnan(x).sum(axis=1)))
     model = LoadedModel(limit_inputs(model.ir), model.predict)
     generate(Bundle((model,)), "iec", folder, options=Options(layout=layout))
     return model, folder / "iec" / "FB_M.st"
@@ -116,6 +139,21 @@ CHANGES = {
     "a known category": ("numbers of known categories", r"(KNOT_REFUSED_4 : .*\n\s+0, )0", r"\g<1>1"),
     "a number of a known category": ("numbers of known categories", r"(KNOT_VALUE_4 : .*\n\s+0\.0, )1", r"\g<1>2"),
     "no category": ("one column a known category", r"(PIECE_REFUSED_\d+ : .*\n\s+1, 1, )1", r"\g<1>0"),
+    "a category that counts as missing": (
+        "numbers of categories, or missing",
+        r"(MISSING_LOW_\d+ : .*\n\s+4\.0, )4\.0",
+        r"\g<1>1.0",
+    ),
+    "an unknown category that counts as one": (
+        "codes of categories, or missing",
+        r"(CATEGORY_MISSING_0_\d+ : .*\n\s+)4\.0, 4\.0",
+        r"\g<1>0.0, 0.0",
+    ),
+    "a code of a category": (
+        "codes of categories, or missing",
+        r"(KNOT_VALUE_\d+ : .*\n\s+0\.0, )1\.0",
+        r"\g<1>3.0",
+    ),
     "a missing value that counts as there": ("flags of missing values", r"(FILL_[2-9] : .*\n\s+)1\.0", r"\g<1>0.0"),
 }
 
