@@ -21,7 +21,6 @@ from st_codegen.cli.codes import codes_of, show_codes
 from st_codegen.cli.lazy import Lazy, LazyGroup
 from st_codegen.errors import InputError, StCodegenError
 from st_codegen.files.made_by import set_command
-from st_codegen.files.text import inert
 
 _COMMANDS = {
     "train": Lazy("st_codegen.cli.train", "Learn from measured curves or a harmonic table; write a bundle of models."),
@@ -188,6 +187,8 @@ def _fail(message: str, code: int, codes: Sequence[str] = ()) -> NoReturn:
 
     The code is the same where the message cannot be written: the log may be on the disk that is full.
     """
+    from st_codegen.files.text import inert
+
     with contextlib.suppress(OSError):
         click.echo(f"{click.style('error:', fg='red', bold=True)} {inert(message)}", err=True)
         show_codes(codes)

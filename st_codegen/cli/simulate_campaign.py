@@ -58,4 +58,4 @@ def command(
     with progress_bar("simulating", quiet=quiet) as progress:
         simulate_campaign(model, points, out, Measuring(samples, noise, seed), progress)
     if not quiet:
-        console.print(f"{out}: {len(points)} runs, both directions")
+        console.print(f"{out}: {len(points)} run(s), both directions")

@@ -577,8 +577,8 @@ def _in_order(value: AnyArray) -> IntArray:
 
 def block_report(check: BlockCheck, target: str) -> ModelReport:
     """A block around the models against the models that it is made of."""
-    report = ModelReport(check.block, n=len(check.inputs), must_be_exact=False, targets=[target])
-    report.bound = float(np.max(check.bound, initial=0.0))
+    bound = float(np.max(check.bound, initial=0.0))
+    report = ModelReport(check.block, n=len(check.inputs), bound=bound, must_be_exact=not bound, targets=[target])
     _compare(report, f"models and {target}", check.inputs, check.expected, check.got, check.bound)
     answered = np.all(np.isfinite(check.expected) & np.isfinite(check.got), axis=1)
     report.exact = bool(np.array_equal(check.expected, check.got, equal_nan=True))

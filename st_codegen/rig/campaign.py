@@ -71,7 +71,8 @@ def simulate_run(rig: RigModel, conditions: OperatingPoint, measuring: Measuring
     """One run in both directions. The noise depends on the seed and the run's number alone."""
     count = measuring.count(conditions.speed_rpm, rig.constants.reduction_ratio)
     at = Conditions.of([1.0, -1.0], conditions.speed_rpm, conditions.torque_Nm, conditions.temperature_C)
-    te: FloatArray = rig.curve(at, count)
+    with np.errstate(all="ignore"):  # what is no number, or too large, is refused
+        te: FloatArray = rig.curve(at, count)
     angle = np.arange(count, dtype=np.float64) * (360.0 / count)
     white = rig.noise.white_deg if measuring.noise_deg is None else measuring.noise_deg
     random = np.random.default_rng([measuring.seed, number])

@@ -143,7 +143,7 @@ def test_the_limits_hold_in_every_call(target):
     limits = {limit.output: (limit.lower, limit.upper) for limit in found.limits}
     assert limits["fCorrection_deg"] == limits["fTE_deg"] == (-360.0, 360.0)
     (slew,) = found.slews
-    assert (slew.output, slew.step, slew.largest) == ("fCorrection_deg", "FSLEW * FCYCLE", 1e6)
+    assert (slew.output, slew.step, slew.largest) == ("fCorrection_deg", "fSlew * fCycle", 1e6)
 
 
 def test_a_play_needs_both_means():

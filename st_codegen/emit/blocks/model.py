@@ -236,7 +236,7 @@ def renamed(variable: BlockVariable) -> BlockVariable:
 
 def feature_text(feature: Feature) -> str:
     """Name, unit and range of a feature, for comments."""
-    text = feature.name if feature.name.isascii() else feature.variable
+    text = harmless(feature.name) if feature.name.isascii() else feature.variable
     if feature.unit:
         text += f", {unit_text(feature.unit, f'unit of feature {feature.name}')}"
     if feature.lower is not None and feature.upper is not None:

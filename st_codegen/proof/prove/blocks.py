@@ -225,11 +225,13 @@ def _limits(project: Project, block: str, run: Symbolic) -> tuple[Limit, ...]:
 def _slews(project: Project, block: str, run: Symbolic) -> tuple[Slew, ...]:
     """Outputs that are their last value y, moved towards a target by a step at most: MIN(MAX(t, y - s), y + s)."""
     found = []
+    names = {variable.key: variable.name for unit in project.pous.values() for variable in unit.variables}
     for variable in project.pous[block.upper()].section(t.Section.OUTPUT):
         held = run.held[_PATH, variable]
-        step = _step_of(run, held)
+        step, target = _step_of(run, held), _target(run, held)
         if step is not None:
-            found.append(Slew(variable.name, _text(step), run.terms.interval(step)[1], _target(run, held)))
+            toward = "" if target is None else _text(target, names)
+            found.append(Slew(variable.name, _text(step, names), run.terms.interval(step)[1], toward))
     return tuple(found)
 
 
@@ -246,28 +248,31 @@ def _step_of(run: Symbolic, value: Held) -> Value | None:
     return step if is_state and run.terms.interval(step)[0] >= 0 else None
 
 
-def _target(run: Symbolic, value: Held) -> str:
+def _target(run: Symbolic, value: Held) -> Value | None:
     """L where the number that an output moves towards is MIN(MAX(x, -L), L) with L of zero or more."""
-    target = _arguments(_arguments(value, "min")[0], "max")[0]  # type: ignore[index]
+    moved = _arguments(value, "min")
+    limited = _arguments(moved[0], "max") if moved else None
+    target = limited[0] if limited else None
     upper = _arguments(target, "min")
     lower = _arguments(upper[0], "max") if upper else None
     mirrored = _arguments(lower[1], "neg") if lower else None
     if not upper or not mirrored or mirrored[0] is not upper[1] or run.terms.interval(upper[1])[0] < 0:
-        return ""
-    return _text(upper[1])
+        return None
+    return upper[1]
 
 
 def _arguments(value: Held, operation: str) -> tuple[Value, ...] | None:
     return value.arguments if isinstance(value, Term) and value.operation == operation else None
 
 
-def _text(value: Value) -> str:
-    """A step in the words of its inputs."""
+def _text(value: object, names: Mapping[str, str]) -> str:
+    """A step in the words of its inputs; `names` has those of variables by their keys, as they are written."""
     if isinstance(value, Term) and value.operation == "mul":
-        return " * ".join(_text(argument) for argument in value.arguments)
+        return " * ".join(_text(argument, names) for argument in value.arguments)
     if isinstance(value, Term) and value.operation == "if":
-        return _text(value.arguments[1])
+        return _text(value.arguments[1], names)
     if isinstance(value, Term) and value.operation == "leaf":
         name = value.arguments[0]
-        return str(name[-2] if isinstance(name, tuple) else name)
+        key = str(name[-2] if isinstance(name, tuple) else name)
+        return names.get(key, key)
     return str(value)

@@ -25,7 +25,9 @@ from st_codegen.te.harmonics import Play, TransmissionError
 #: Input speeds beyond this are no measurement, rpm.
 _LARGEST_SPEED = 1e6
 #: With its sign, unlike the feature that the models take.
-SIGNED_LOAD = lreal("fSignedLoad", "load at the output, set point or measured, above 0 against forward motion")
+SIGNED_LOAD = lreal(
+    "fSignedLoad", "load at the output, set point or measured, above 0 against forward motion; always a number"
+)
 #: Loads are divided by the magnitude of the load, but by no less than this.
 LEAST_TORQUE = 1e-3
 #: Reduction ratios with which nothing overflows.

@@ -31,7 +31,7 @@ def predict_block(te: TransmissionError) -> Block:
         outputs=_outputs(te),
         variables=(
             boolean("bUsable", "nothing has gone wrong so far"),
-            boolean("bInside", "no input was found outside of its range"),
+            *([] if te.cycles else [boolean("bInside", "no input was found outside of its range")]),
             *_spread_variables(te),
             *instances.values(),
             lreal("fAmplitude", "A, deg"),
@@ -40,7 +40,11 @@ def predict_block(te: TransmissionError) -> Block:
             lreal("fSine", "A * sin(phi), deg"),
         ),
         sections=(
-            CodeSection("the operating point is checked once for all models", "te_inputs", {"inputs": _names(inputs)}),
+            CodeSection(
+                "the operating point is checked once for all models",
+                "te_inputs",
+                {"inputs": _names(inputs), "spread": bool(te.cycles)},
+            ),
             *_model_sections(te, inputs, {model: instance.name for model, instance in instances.items()}),
             CodeSection(
                 "amplitudes, phases and parts",
@@ -125,7 +129,7 @@ def _outputs(te: TransmissionError) -> tuple[BlockVariable, ...]:
     return (
         *polar,
         *set_variables(te),
-        boolean("bValid", "the outputs belong to the inputs of this call"),
+        boolean("bValid", f"the outputs belong to the inputs of {'an earlier' if te.cycles else 'this'} call"),
         boolean("bInRange", "no input had to be limited to its declared range"),
     )
 

@@ -36,7 +36,7 @@ def test_the_compensator_keeps_its_limits_and_its_slew(target, models):
     assert limits["fCorrection_deg"] == limits["fTE_deg"] == (-360.0, 360.0)
     assert limits["fWeight"] == (0.0, 1.0)
     (slew,) = found.slews
-    assert (slew.output, slew.step, slew.largest, slew.target) == ("fCorrection_deg", "FSLEW * FCYCLE", 1e6, "FLIMIT")
+    assert (slew.output, slew.step, slew.largest, slew.target) == ("fCorrection_deg", "fSlew * fCycle", 1e6, "fLimit")
     assert "no call stops the controller" in found.claims[0]
 
 
