@@ -8,7 +8,7 @@ def main() -> None:
     try:
         from st_codegen.cli.main import main as command
     except KeyboardInterrupt:
-        print("error: stopped", file=sys.stderr)
+        sys.stderr.write("error: stopped\n")
         sys.exit(130)  # as `cli.main` and shells have it
     command()
 
