@@ -198,6 +198,10 @@ def undone(values: FloatArray, steps: list[tuple[ir.Operator, bool, float]]) -> 
     return values[np.isfinite(values)]
 
 
+#: The farthest end of a range that nobody declared.
+_FARTHEST = 1e307
+
+
 def _suggested_range(model: ir.ModelIR) -> tuple[FloatArray, FloatArray]:
     """A range for features that declare none, from the numbers inside the model."""
     low, high = np.full(len(model.features), np.inf), np.full(len(model.features), -np.inf)
@@ -210,6 +214,8 @@ def _suggested_range(model: ir.ModelIR) -> tuple[FloatArray, FloatArray]:
                 high[feature] = max(high[feature], np.max(inputs))
     unknown = ~np.isfinite(low)
     low[unknown], high[unknown] = -1.0, 1.0
+    # what is drawn between the ends must not overflow
+    low, high = np.clip(low, -_FARTHEST, _FARTHEST), np.clip(high, -_FARTHEST, _FARTHEST)
     margin = np.where(high > low, 0.1 * (high - low), np.maximum(np.abs(low), 1.0))
     return low - margin, high + margin
 

@@ -99,6 +99,10 @@ class Settings:
     one_zero_deg: float = 0.01
     one_zero: float = 0.2
     column_factor: float = 1.1
+    #: a factor that so large a share of the orders has, each in both directions, is one of all TE, from such a size on:
+    #: smaller ones are told as readings that are too high or too low
+    nearly_all: float = 0.75
+    other_size: float = 1.25
     #: another unit of a column must take all but this part (power) off every order that it changes by so many times
     #: what the runs tell; an order of which this part (RMS) of the rig's is left, noise apart, was taken off
     left_of_unit: float = 0.04

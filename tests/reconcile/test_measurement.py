@@ -259,6 +259,32 @@ def test_a_drift_is_told_from_a_random_walk_where_there_is_noise_as_well():
     assert not ramps(wandering, noise, orders, 0.0).any()
 
 
+@pytest.mark.parametrize("factor", [12.0, 5.0, 1.4, 0.3])
+def test_one_factor_of_all_orders_is_asked_about_whatever_its_size(factor):
+    """It was fourteen parts of another size, with errors of a hundredth of a percent, or a filter over the angle."""
+    data = measured(1e-5).scaled(factor)
+    with pytest.raises(InputError, match=rf"{factor:.3g} times the rig's in nearly all orders alike.*--scale") as asked:
+        examine(data, RIG, PATH)
+    told = float(re.search(r"--scale ([0-9.]+)\.", str(asked.value))[1])
+    assert told * factor == pytest.approx(1.0, abs=0.01)
+    assert examine(data, RIG, PATH, scale=1.0).mistakes == ()
+    # a unit that is told wrong leaves a factor
+    with pytest.raises(InputError, match=r"with --scale 2 the measured TE is .* times the rig's in nearly all orders"):
+        examine(data, RIG, PATH, scale=2.0)
+
+
+@pytest.mark.parametrize("factor", [0.9, 1.15])
+def test_a_smaller_factor_of_all_orders_is_no_filter(factor):
+    assert all(mistake.name != "smoothing" for mistake in examine(measured(1e-5).scaled(factor), RIG, PATH).mistakes)
+
+
+def test_a_machine_whose_parts_are_all_of_another_size_is_no_unit():
+    sizes = np.exp(np.random.default_rng(3).normal(0.7, 0.4, len(ORDERS)))
+    data = measured(1e-5)
+    data = replace(data, values=data.values * sizes)
+    assert all(mistake.name != "unit" for mistake in examine(data, RIG, PATH, accept=("as_is",)).mistakes)
+
+
 @pytest.mark.parametrize(("factor", "word"), [(60.0, "arcmin"), (3600.0, "arcsec"), (np.pi / 180, "in rad")])
 def test_units_are_asked_about_with_the_factor_that_undoes_them(factor, word):
     with pytest.raises(InputError, match=word) as asked:

@@ -15,6 +15,7 @@ from st_codegen.errors import InputError, MissingExtraError
 from st_codegen.ir import Activation, Function, Operator, Scale, TreeEnsemble, reference
 from st_codegen.walkers.base import GraphBuilder, LoadedModel, walk_estimator
 from st_codegen.walkers.lightgbm import model as walker
+from st_codegen.walkers.objects import from_estimator
 from tests.examples import examples
 
 lgb = pytest.importorskip("lightgbm")
@@ -362,3 +363,20 @@ def test_random_small_models(
     booster = train({"min_data_in_leaf": 1, "max_bin": 15, "min_data_per_group": 1, **parameters}, data, 4)
     folder = request.getfixturevalue("tmp_path_factory").mktemp("random")
     request.getfixturevalue("assert_same")(saved(booster, folder))
+
+
+def test_in_a_sparse_matrix_the_lower_end_of_the_band_of_zero_is_a_number():
+    """What LightGBM does with rows of the pipeline: a threshold just below 0 is met by the float32 next to -1e-35."""
+    compose, preprocessing = pytest.importorskip("sklearn.compose"), pytest.importorskip("sklearn.preprocessing")
+    pipeline = pytest.importorskip("sklearn.pipeline")
+    random = np.random.default_rng(0)
+    x = np.column_stack([random.normal(size=400), np.arange(400) % 12])
+    x[::5, 0] = 0.0
+    front = compose.ColumnTransformer([("kinds", preprocessing.OneHotEncoder(), [1])], remainder="passthrough")
+    trees = lgb.LGBMRegressor(n_estimators=10, verbose=-1, n_jobs=1)
+    loaded = from_estimator(pipeline.make_pipeline(front, trees).fit(x, x[:, 0] + (x[:, 0] == 0.0)), "m")
+    end = float(np.float32(1e-35))
+    near = [0.0, *(sign * value for sign in (1.0, -1.0) for value in (end, 1e-35, 1e-36, 5e-324, np.nextafter(end, 1)))]
+    rows = np.column_stack([near, np.full(len(near), 4.0)])
+    assert np.array_equal(reference.evaluate(loaded.ir, rows), loaded.predict(rows))
+    assert loaded.predict(rows[[0]]) != loaded.predict(np.array([[-end, 4.0]]))

@@ -9,6 +9,7 @@ import pytest
 pytest.importorskip("sklearn")
 
 import sklearn
+from scipy import sparse
 from sklearn import (
     decomposition,
     discriminant_analysis,
@@ -24,11 +25,13 @@ from sklearn.frozen import FrozenEstimator
 from sklearn.impute import KNNImputer, MissingIndicator, SimpleImputer
 from sklearn.isotonic import IsotonicRegression
 from sklearn.kernel_approximation import Nystroem, RBFSampler
+from sklearn.naive_bayes import GaussianNB
 from sklearn.pipeline import FeatureUnion, make_pipeline
 from sklearn.preprocessing import (
     Binarizer,
     FunctionTransformer,
     KBinsDiscretizer,
+    MaxAbsScaler,
     MinMaxScaler,
     Normalizer,
     OneHotEncoder,
@@ -36,6 +39,7 @@ from sklearn.preprocessing import (
     PolynomialFeatures,
     PowerTransformer,
     QuantileTransformer,
+    RobustScaler,
     SplineTransformer,
     StandardScaler,
     TargetEncoder,
@@ -95,6 +99,7 @@ CODES_WITH_GAPS = np.where(np.isnan(GAPS), np.nan, CODES)
 #: Beside, between and far from categories.
 NEAR_CODES = np.vstack([CODES, np.nextafter(CODES, 9.0), CODES + 0.5, 100.0 - CODES, CODES_WITH_GAPS])
 
+INFINITE = np.where(SCORE[:, None] > 0.5, -np.inf, X)
 UNKNOWN_IS_MISSING = OrdinalEncoder(handle_unknown="use_encoded_value", unknown_value=np.nan)
 
 #: Estimator, training data, answers, rows to try.
@@ -215,8 +220,60 @@ def test_unknown_categories_are_missing_to_trees(precision, categorical, x, tmp_
 
 
 @pytest.mark.parametrize(
+    "trees", [RandomForestRegressor(3, random_state=0), make_pipeline(MaxAbsScaler(), DecisionTreeClassifier())]
+)
+def test_trees_take_no_missing_value_in_a_sparse_matrix(trees, tmp_path):
+    """The library takes NaN in dense rows only, and one-hot columns beside others are sparse where there are many."""
+    x = np.column_stack([X[:, 0], np.arange(len(X)) % 12])
+    front = ColumnTransformer([("kinds", OneHotEncoder(), [1])], remainder="passthrough")
+    model = loaded(fit(make_pipeline(front, trees), x, THREE))
+    assert model.ir.takes_nan(0) is False
+    assert verified(model, tmp_path, rows=300).exact
+
+
+@pytest.mark.parametrize(
+    "step",
+    [
+        StandardScaler(with_mean=False),
+        RobustScaler(with_centering=False),
+        MaxAbsScaler(),
+        PolynomialFeatures(3),
+        PolynomialFeatures(4, interaction_only=True),
+        Normalizer("max"),
+    ],
+)
+def test_steps_on_a_sparse_matrix_round_as_the_library_does(step, tmp_path):
+    """It multiplies by the reciprocal of a scale, and by columns in another order, where a dense array is divided."""
+    x = np.column_stack([X, np.arange(len(X)) % 12])
+    front = ColumnTransformer([("kinds", OneHotEncoder(), [3])], remainder="passthrough")
+    last = RandomForestRegressor(5, max_depth=6, random_state=0)
+    model = loaded(fit(make_pipeline(front, step, last), x, SCORE))
+    middle = fit(make_pipeline(front, step), x, SCORE)
+    assert sparse.issparse(middle.transform(x))
+    columns = loaded(middle)
+    rows = np.column_stack([np.vstack([X, X * 3.7, X[::-1] / 7.0]), np.arange(3 * len(X)) % 12])
+    dense = middle.transform(rows).toarray()
+    assert np.array_equal(reference.evaluate(columns.ir, rows), dense)
+    assert verified(model, tmp_path, rows=1000).exact
+
+
+@pytest.mark.parametrize("x", [X[:1], np.repeat(X[:1], 9, axis=0)], ids=["one row", "one number"])
+def test_quantiles_of_one_number(x, tmp_path):
+    model = loaded(QuantileTransformer(n_quantiles=5).fit(x))
+    verified(model, tmp_path, rows=300)
+    rows = np.vstack([X, x, np.nextafter(x, 9.0)])
+    usable, _ = agrees(model, rows)
+    assert usable.all()
+    assert np.array_equal(reference.evaluate(model.ir, rows), model.predict(rows))
+
+
+@pytest.mark.parametrize(
     ("estimator", "x", "message"),
     [
+        (decomposition.PCA(0), X, "PCA keeps no component"),
+        (GaussianNB(priors=[0.5, 0.5, 0.0]), X, "class number 2 has a prior of 0"),
+        (RobustScaler(quantile_range=(0, 100), unit_variance=True), X, "RobustScaler divides by 0"),
+        (HistGradientBoostingRegressor(max_iter=3), INFINITE, "a split at -infinity, as training data with infinities"),
         (SplineTransformer(extrapolation="periodic"), X, "extrapolation='periodic'"),
         (SplineTransformer(extrapolation="linear"), X, "extrapolation='linear' and degree=3"),
         (QuantileTransformer(n_quantiles=20, output_distribution="normal"), X, "supported is 'uniform'"),
@@ -229,7 +286,7 @@ def test_unknown_categories_are_missing_to_trees(precision, categorical, x, tmp_
 )
 def test_what_is_refused_says_why(estimator, x, message):
     with pytest.raises(UnsupportedModelError, match=message):
-        loaded(fit(estimator, x, SCORE))
+        loaded(fit(estimator, x, THREE if isinstance(estimator, GaussianNB) else SCORE))
 
 
 def fit(estimator, x, y):

@@ -476,17 +476,28 @@ def check_units(data: Observations, rig: RigModel, path: Path) -> None:
         raise InputError(f"{path}: {choices}")
 
 
-def unit_choices(factor: float, ratio: float) -> str:
-    """What to ask about data that are `factor` times as large as a rig: nothing, or which unit they may have."""
+def unit_choices(factor: float, ratio: float, *, agreed: bool = False) -> str:
+    """What to ask about data that are `factor` times as large as a rig: nothing, or which unit they may have.
+
+    agreed: nearly all orders have this very factor, so that the unit does too, or is none that is known here.
+    """
     known = {
         1 / _DEGREES: "in rad instead of deg (a factor of 57.3)",
         _DEGREES: "multiplied by 57.3, as if it had been in rad",
+        1000.0 / _DEGREES: "in mrad instead of deg (a factor of 17.5)",
         60.0: "in arcmin instead of deg (a factor of 60)",
         3600.0: "in arcsec instead of deg (a factor of 3600)",
         ratio: f"that of the motor side (a factor of {ratio:g})",
         1 / ratio: f"divided by the reduction ratio (a factor of {ratio:g})",
     }
-    near = sorted((f for f in known if abs(np.log(f / factor)) < 0.9), key=lambda f: abs(np.log(f / factor)))
+    reach = np.log(SETTINGS.column_factor) if agreed else 0.9
+    near = sorted((f for f in known if abs(np.log(f / factor)) < reach), key=lambda f: abs(np.log(f / factor)))
+    if not near and agreed:
+        return (
+            f"the measured TE is {factor:.3g} times the rig's in nearly all orders alike: another unit, or another "
+            f"gain? Then give --scale {1 / factor:.6g}. If all parts of the machine really are of another size, give "
+            "--scale 1"
+        )
     if not near:
         return ""
     choices = "; or ".join(f"{known[f]}: then give --scale {1 / f:.8g}" for f in near)

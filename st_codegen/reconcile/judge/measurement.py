@@ -358,7 +358,11 @@ def _common(data: Observations, rig: RigModel, scale: float | None) -> list[Mist
         mistakes.append(Mistake("column_scale", _COLUMN.format(which, factor), _times(*wrong), remedy="divide by it"))
     if not is_all:
         return mistakes
-    choices = unit_choices(both, rig.constants.reduction_ratio) if scale is None else ""
+    agreed = abs(np.log(both)) > np.log(SETTINGS.other_size) and _most_have_this(found.sums, both)
+    if scale is None:
+        choices = unit_choices(both, rig.constants.reduction_ratio, agreed=agreed)
+    else:  # 1: it is as it is
+        choices = _STILL.format(scale, both, scale / both) if scale != 1.0 and agreed else ""
     return [*mistakes, Mistake("unit", choices)] if choices else mistakes
 
 
@@ -387,6 +391,19 @@ def _most_have(sums: PowerSums, factor: float) -> bool:
     return near and (not tells.any() or bool((apart < np.abs(own))[tells].mean() > 0.5))
 
 
+def _most_have_this(sums: PowerSums, factor: float) -> bool:
+    """Whether nearly all orders that can tell have this factor in both directions, each as well as it tells it."""
+    size = np.maximum(np.abs(sums.product) / np.maximum(sums.model, 1e-300), 1e-12)
+    error = np.sqrt(sums.scatter / np.maximum(2 * sums.rows * sums.model, 1e-300)) / size
+    apart, tells = np.abs(np.log(size / factor)), SETTINGS.told * error < abs(np.log(factor))
+    near = apart < np.hypot(np.log(SETTINGS.column_factor), SETTINGS.told * error)
+    return bool(tells.sum() >= 2 * SETTINGS.least_votes and near[tells].mean() > SETTINGS.nearly_all)
+
+
+_STILL = (
+    "with --scale {:.6g} the measured TE is {:.3g} times the rig's in nearly all orders alike: give --scale {:.6g}; if "
+    "all parts of the machine really are of another size, take out the unit's factor from the files and give --scale 1"
+)
 _UNTOLD = (
     f"fewer than {SETTINGS.least_votes} orders of the rig stand above the noise in both directions: exchanged "
     "directions, another sign, another zero of the angle, or a factor on one column cannot be told from an effect"

@@ -65,6 +65,9 @@ def wrong_torques(data: Observations, rig: RigModel) -> list[Mistake]:
         return []
     noise, orders, every = noise_power(data), data.orders.tolist(), np.ones(len(data.orders), np.bool_)
     found: list[tuple[float, str, Conditions]] = []
+    # what scales all of TE, whether it depends on the load or not, is no torque
+    expected = expected_of(data, rig)
+    scaled = expected * (1.0 + _common_step(data.values - expected, expected, noise))
     for shape, text in ((torque, _GAIN), (np.full(len(data), reach), _ZERO_TORQUE)):
         size = 0.0
         # steps after the first are those of a model that is not linear in the torque
@@ -78,7 +81,7 @@ def wrong_torques(data: Observations, rig: RigModel) -> list[Mistake]:
         said = text.format(1.0 / (1.0 + size) if text is _GAIN else -size * reach)
         seen = rig.coefficients(right, orders)
         beyond = rig.coefficients(replace(right, torque_Nm=right.torque_Nm + SETTINGS.torque_step * shape), orders)
-        gain = agreed_gain(data, rig, seen, every)
+        gain = min(agreed_gain(data, rig, seen, every, plain) for plain in (None, scaled))
         alike = _orders_agree(data.values - seen, (beyond - seen) / SETTINGS.torque_step, noise, size)
         found.append((gain if alike else 0.0, said, right))
     gain, said, right = max(found, key=lambda one: one[0])
@@ -93,9 +96,8 @@ def wrong_torques(data: Observations, rig: RigModel) -> list[Mistake]:
         away = np.abs(its.torque_Nm - torque)
         most = away <= np.quantile(away, 1.0 - SETTINGS.most_labels)
         again = _told_by_others(data, plain, seen, most) if told > SETTINGS.most_labels else 0.0
-        # what scales all of TE, whether it depends on the load or not, is no torque
-        model = expected_of(data, rig)
-        scaled = model * (1.0 + own_steps(data.values - model, model, noise, number, SETTINGS.torque_step).others)
+        steps = own_steps(data.values - expected, expected, noise, number, SETTINGS.torque_step)
+        scaled = expected * (1.0 + steps.others)
         # nor is what one factor and one offset of all torques would tell as well: orders that the load moves by another
         # amount than the rig's need not agree on these
         off = its.torque_Nm - torque
@@ -225,7 +227,9 @@ def _filter_over(
     seen, every = model * np.stack(columns, axis=1), data.orders > 0
     turn = -2j * np.pi * data.at.sign[:, None] * at
     late = model * np.exp(turn * _fitted(data, model, noise, lambda by: np.exp(turn * by)))
-    gain = min(agreed_gain(data, rig, seen, every), agreed_gain(data, rig, seen, every, late))
+    # nor is one factor of all
+    alike = model * (1.0 + _common_step(data.values - model, model, noise))
+    gain = min(agreed_gain(data, rig, seen, every, plain) for plain in (None, late, alike))
     if gain < SETTINGS.vote:
         return None
 

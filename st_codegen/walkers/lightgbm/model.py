@@ -295,7 +295,7 @@ def _add(model: TextModel, builder: GraphBuilder, value: int, labels: tuple[Labe
         tree_output=np.tile(np.arange(model.n_outputs, dtype=np.int32), iterations),
         divisor=float(iterations) if model.average_output else 1.0,
     )
-    result = builder.add(_with_zero_band(ensemble))
+    result = builder.add(_with_zero_band(ensemble, sparse=builder.is_sparse(value)))
     if is_class:
         return _classified(model, builder, result, labels)
     if link is not Function.IDENTITY:
@@ -368,15 +368,17 @@ def _column(feature: int, reading: int, n_categories: int) -> TreeColumn:
     return TreeColumn(feature, nan=NanRule.ZERO, missing_interval=missing)
 
 
-def _with_zero_band(flat: TreeEnsemble) -> TreeEnsemble:
+def _with_zero_band(flat: TreeEnsemble, *, sparse: bool) -> TreeEnsemble:
     """Thresholds that do to x what the file's do to x with the band of zero taken out.
 
     For |x| <= z the library compares 0 <= t. With t in [-z, 0) that is false, so t moves just below -z; with t in
-    [0, z] it is true, so t moves up to z. Outside the band the answer is that of x itself.
+    [0, z] it is true, so t moves up to z. Outside the band the answer is that of x itself. In a `sparse` matrix -z
+    itself lies outside of it.
     """
     numeric = ~np.array([column.categorical for column in flat.columns] or [False])[flat.split] & (flat.split >= 0)
     t = flat.threshold
     below = numeric & (t >= -ZERO_MAGNITUDE) & (t < 0)
     above = numeric & (t >= 0) & (t <= ZERO_MAGNITUDE)
-    moved = np.where(below, np.nextafter(-ZERO_MAGNITUDE, -np.inf), np.where(above, ZERO_MAGNITUDE, t))
+    lowest = -ZERO_MAGNITUDE if sparse else np.nextafter(-ZERO_MAGNITUDE, -np.inf)
+    moved = np.where(below, lowest, np.where(above, ZERO_MAGNITUDE, t))
     return replace(flat, threshold=moved)

@@ -165,6 +165,8 @@ def walk_scaler(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     builder.refuse_magnitude(math.inf)
     width = builder.width(value)
     steps = _steps(fitted, width)
+    if builder.is_sparse(value):  # `inplace_column_scale` multiplies
+        steps = [("*", 1.0 / constant) if operator == "/" else (operator, constant) for operator, constant in steps]
     if not (hasattr(fitted.estimator, "clip") and fitted.flag("clip")):
         return _scaled(builder, value, fitted.kind, steps)
     low, high = (-1.0, 1.0) if fitted.kind == "MaxAbsScaler" else fitted.items("feature_range", 2)
@@ -238,11 +240,14 @@ _INVERSE = {"+": "-", "-": "+", "*": "/", "/": "*"}
 def _steps(scaler: Fitted, width: int) -> Steps:
     """Operators with their constants, but for those that a parameter of the scaler switches off."""
     scaler.get("n_features_in_")  # an array that is switched off is there only after `fit`
-    return [
+    steps = [
         (operator, scaler.floats(attribute, (width,)))
         for operator, attribute, switch in _SCALERS[scaler.kind]
         if not switch or scaler.flag(switch)
     ]
+    if any(operator == "/" and not constant.all() for operator, constant in steps):
+        raise UnsupportedModelError(f"{scaler.kind} divides by 0: a number of scale_ is 0")
+    return steps
 
 
 #: Functions of NumPy that are compiled. None: the product of a column with itself.

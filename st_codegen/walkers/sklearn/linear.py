@@ -145,6 +145,11 @@ def walk_gaussian_bayes(fitted: Fitted, builder: GraphBuilder, value: int) -> Cl
     means = fitted.floats("theta_", (None, width))
     variances = fitted.floats("var_", means.shape)
     prior = fitted.floats("class_prior_", (len(means),))
+    if np.any(prior == 0):
+        raise UnsupportedModelError(
+            f"{fitted.kind}: class number {int(np.argmin(prior))} has a prior of 0, so that it is never predicted: "
+            "train without it"
+        )
     if np.any(variances <= 0) or np.any(prior < 0):
         raise fitted.fail("var_", "a variance that is not above 0, or a negative prior")
     value = builder.select(np.tile(np.arange(width), len(means)), value)

@@ -274,7 +274,8 @@ def walk_quantiles(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
         low, high = references[first], references[first + count - 1]
         at = 0.5 * (low + high)
         at[-1], at[0] = 1.0, 0.0
-        columns.append((knots, at, _linear(knots, low, high, (0.0, 1.0)), math.nan))
+        # of a single quantile the only reference is 0
+        columns.append((knots, at, _linear(knots, low, high, (0.0, float(references[-1]))), math.nan))
     return add_pieces(builder, value, columns)
 
 

@@ -107,6 +107,8 @@ def walk_principal_components(fitted: Fitted, builder: GraphBuilder, value: int)
     width = builder.width(value)
     weights = fitted.floats("components_", (None, width))
     mean = fitted.floats("mean_", (width,))
+    if not len(weights):
+        raise UnsupportedModelError(f"{fitted.kind} keeps no component")
     # products of the mean that cancel in the sum err in the library as much as they are large
     lost = np.abs(weights) @ np.abs(mean)
     columns = builder.linear(value, weights, -(weights @ mean), bias_terms=lost)
@@ -125,20 +127,29 @@ def walk_principal_components(fitted: Fitted, builder: GraphBuilder, value: int)
 
 @transforms("PolynomialFeatures", finite=True)
 def walk_polynomial(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
-    """Products of columns, each the product of a shorter one and the column in front of it (`_polynomial.py`)."""
-    width = builder.width(value)
+    """Products of columns, each the product of a shorter one and the column in front of it (`_polynomial.py`).
+
+    In a sparse matrix it is the column behind it.
+    """
+    width, sparse = builder.width(value), builder.is_sparse(value)
     powers = fitted.integers_of("powers_", fitted.estimator.powers_, (None, width), low=0, high=100)
     products = [tuple(np.repeat(np.arange(width), row).tolist()) for row in powers]
-    needed = {product[start:] for product in products for start in range(len(product))}
+
+    def shortened(product: tuple[int, ...]) -> tuple[tuple[int, ...], int]:
+        return (product[:-1], product[-1]) if sparse else (product[1:], product[0])
+
+    needed, longest = set(products), max(map(len, products), default=0)
+    for degree in range(longest, 1, -1):
+        needed |= {shortened(product)[0] for product in needed if len(product) == degree}
     places: dict[tuple[int, ...], tuple[int, int]] = {(column,): (value, column) for column in range(width)}
-    for degree in range(2, max(map(len, products), default=0) + 1):
+    for degree in range(2, longest + 1):
         longer = sorted(product for product in needed if len(product) == degree)
-        shorter = places[longer[0][1:]][0]
+        shorter = places[shortened(longer[0])[0]][0]
         pairs = [
             builder.select(columns, source)
             for source, columns in (
-                (shorter, [places[product[1:]][1] for product in longer]),
-                (value, [product[0] for product in longer]),
+                (shorter, [places[shortened(product)[0]][1] for product in longer]),
+                (value, [shortened(product)[1] for product in longer]),
             )
         ]
         made = builder.combine(pairs[0], "*", pairs[1])
@@ -154,7 +165,10 @@ def walk_polynomial(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
 
 @transforms("Normalizer", finite=True)
 def walk_normalizer(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
-    """Columns divided by their norm; norms below ten units of rounding count as 1 (`_data.py: normalize`)."""
+    """Columns divided by their norm; norms below ten units of rounding count as 1 (`_data.py: normalize`).
+
+    In a sparse matrix only a norm of 0 does.
+    """
     width, kind = builder.width(value), fitted.choice("norm", {"l1": "l1", "l2": "l2", "max": "max"})
     parts = squares(builder, value) if kind == "l2" else builder.function(value, "leaky_relu", -1.0)
     if kind == "max":
@@ -167,7 +181,8 @@ def walk_normalizer(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
         norm = builder.linear(parts, np.ones((1, width)))
     if kind == "l2":
         norm = builder.function(norm, "sqrt")
-    large = builder.add(Exceeds((norm,), np.full(1, 10 * np.finfo(np.float64).eps), inclusive=True))
+    least = math.ulp(0.0) if builder.is_sparse(value) else 10 * np.finfo(np.float64).eps
+    large = builder.add(Exceeds((norm,), np.full(1, least), inclusive=True))
     kept = builder.combine(norm, "*", large)
     other = builder.scale(large, "-", 1.0, reverse=True)
     divisor = builder.combine(kept, "+", other)

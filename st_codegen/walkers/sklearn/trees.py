@@ -152,7 +152,8 @@ def add_float32_trees(
         wanted = fitted.integer("n_outputs_", 1, 2**31 - 1), 1
     if any(tree.value.shape[1:] != wanted for tree in structures):
         raise fitted.fail("tree_", f"leaves that do not hold {wanted[0] * wanted[1]} numbers")
-    if not fitted.estimator.__sklearn_tags__().input_tags.allow_nan:
+    # in a sparse matrix no tree of the library takes NaN
+    if builder.is_sparse(value) or not fitted.estimator.__sklearn_tags__().input_tags.allow_nan:
         builder.refuse_nan(value)
     builder.refuse_magnitude(FLOAT32_OVERFLOW)
 
@@ -224,6 +225,10 @@ def walk_hist_gradient_boosting(fitted: Fitted, builder: GraphBuilder, value: in
     left, right = (np.where(nodes["is_leaf"], -1, nodes[side].astype(np.int64)) for side in ("left", "right"))
     layout = side_by_side(sizes, left, right)
     nodes = nodes[layout.order]
+    if np.any((nodes["is_categorical"] == 0) & (nodes["is_leaf"] == 0) & (nodes["num_threshold"] == -np.inf)):
+        raise UnsupportedModelError(
+            f"{fitted.kind} has a split at -infinity, as training data with infinities give it: train on finite numbers"
+        )
     if value == 0:  # the encoder of categories refuses infinities
         builder.refuse_magnitude(np.inf, [column.column for column in columns if column.categorical])
     tree = np.repeat(np.arange(len(predictors)), sizes)[layout.order]
