@@ -312,6 +312,12 @@ def test_peaks_that_agree_say_more_the_more_speeds_and_orders_there_are(speeds, 
         assert 1 / 18 < chance < 3 / 18
 
 
+def test_a_resonance_that_lost_all_its_orders_has_no_peaks_that_agree():
+    at = Conditions.of(1.0, np.linspace(100, 1800, 18), 0.0, 30.0)
+    data = observed(RIG, at)
+    assert chance_of_bracket(FitData(data, np.ones(data.values.shape), np.ones(18, bool), groups_of(at)), ()) == 1.0
+
+
 def test_spread_of_a_frequency_in_a_bracket_is_that_of_an_equal_distribution():
     assert spread(54.0, (53.0, 55.0)) == pytest.approx(2 / np.sqrt(12))
     values = 53.0 + (np.arange(100_000) + 0.5) * 2e-5

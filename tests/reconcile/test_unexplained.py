@@ -53,6 +53,15 @@ def test_a_square_of_the_torque_has_its_size_cause_and_formula():
     assert "grows with the square of the torque" in one.text and "at 1800 N m" in one.text
 
 
+def test_a_term_that_takes_from_the_others_is_said_to():
+    """A part that falls with the speed was said to grow with the product of speed and torque."""
+    at = grid()
+    wave = 6e-4 * at.torque_Nm / 1800 * (1.0 - 0.4 * at.speed_rpm / 1800) * np.exp(0.3j)
+    (one,) = found(at, {53: wave}).values()
+    assert set(one.formula.terms) == {"torque", "speed_torque"}
+    assert "in proportion to the torque, less what grows with the product of speed and torque: " in one.text
+
+
 def test_two_temperatures_tell_no_law_between_them():
     at = grid()
     two = at.rows(at.temperature_C > 26)

@@ -249,7 +249,7 @@ def _over_its_limit(current: Fit, piece: Piece) -> float:
     """
     if bounds_met(piece) or not is_a_peak(piece):
         return np.inf
-    ratio, of_peaks = misfit(current, piece), piece.effect.stage is Stage.STRUCTURE
+    ratio, of_peaks = misfit(current, piece), has_a_frequency(piece.effect)
     limit = SETTINGS.misfit_of_peaks if of_peaks else SETTINGS.misfit
     if current.target.data.few_points and (of_peaks or current.target.data.spectral_deg is not None):
         # a dozen runs tell an effect by its form alone

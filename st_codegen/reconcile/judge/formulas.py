@@ -282,14 +282,15 @@ def _formula(problem: _Problem, chosen: list[int], as_well: dict[int, list[int]]
     at, names = problem.at, problem.names
     solved = problem.all.solved(chosen)
     place = np.searchsorted(np.unique(at.sign), at.sign)
-    values = (problem.columns[:, chosen] * solved[place]).sum(axis=1)
+    by_term = problem.columns[:, chosen] * solved[place]
+    values = by_term.sum(axis=1)
     size = np.abs(values)
     row = int(np.argmax(size))
     terms = {names[term]: (complex(solved[-1, i]), complex(solved[0, i])) for i, term in enumerate(chosen)}
-    parts = [
-        _words(names[term], [names[other] for other in as_well[term]])
-        for term in sorted(chosen, key=lambda term: names[term] == "constant")
-    ]
+    # what takes from the others in most runs is said to
+    takes = dict(zip(chosen, ((values.conj()[:, None] * by_term).sum(axis=0).real < 0.0).tolist(), strict=True))
+    listed = sorted(chosen, key=lambda term: (takes[term], names[term] == "constant"))
+    parts = [_words(names[term], [names[other] for other in as_well[term]]) for term in listed]
     powers = np.array([TERMS[name][0] for name in terms])
     varying = [int(axis) for axis in np.flatnonzero(powers.any(axis=0))]
     words = (f"{at.speed_rpm[row]:g} rpm", f"{at.torque_Nm[row]:g} N m", f"{at.temperature_C[row]:g} degC")
@@ -300,14 +301,16 @@ def _formula(problem: _Problem, chosen: list[int], as_well: dict[int, list[int]]
     where = "at " + ", ".join(words[i] for i in varying) if varying else "in the mean of the operating points"
     if not varying and not is_whole:
         parts = [part.replace("is constant", "is mostly constant", 1) for part in parts]
-    text = f"{' and '.join(parts)}: {size[row]:.3g} deg {where}"
+    law = " and ".join(f"less what {part}" if takes[term] else part for term, part in zip(listed, parts, strict=True))
+    law = law.replace(" and less what", ", less what")
+    text = f"{law}: {size[row]:.3g} deg {where}"
     keeps = varying and size.min() > (1.0 - SETTINGS.keeps_its_size) * size[row]
     turns = max(float(np.ptp(_turned(values[at.sign == sign]))) for sign in np.unique(at.sign)) if keeps else 0.0
     if turns > SETTINGS.least_turn_rad:
         # several terms may make up a wave that hardly grows
         text = (
             f"keeps its size, {size.min():.3g} to {size[row]:.3g} deg, and turns its phase by {turns:.2g} rad over the "
-            f"{' and the '.join(_CONDITIONS[i] for i in varying)} (in the terms of a formula it {' and '.join(parts)})"
+            f"{' and the '.join(_CONDITIONS[i] for i in varying)} (in the terms of a formula it {law})"
         )
     levels = [len(np.unique(axis)) for axis in at.axes]
     if few := [_CONDITIONS[i] for i in varying if levels[i] == 2]:

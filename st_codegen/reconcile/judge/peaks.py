@@ -51,7 +51,12 @@ def _edges(speed: FloatArray) -> FloatArray:
 
 
 def chance_of_bracket(target: FitData, orders: Sequence[int]) -> float:
-    """How often orders that are each loudest at any one of the measured speeds would agree on a frequency."""
+    """How often orders that are each loudest at any one of the measured speeds would agree on a frequency.
+
+    No order always does: a resonance that lost all of its own has no peaks that say something.
+    """
+    if not orders:
+        return 1.0
     speed = target.data.at.speed_rpm[target.good]
     level = speed_levels(speed)
     edges = _edges(np.array([float(np.median(speed[level == n])) for n in np.unique(level)]))

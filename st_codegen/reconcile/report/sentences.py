@@ -173,7 +173,9 @@ def left_text(result: Reconciliation) -> str:
         name = f"order {own[k].order}" if own[k].order else "the mean"
         text = f"{100 * shares[k]:.0f} % of its power is {name}, {own[k].held_out:.2g} deg RMS"
         if alike[k] > SETTINGS.most_of_gap * own[k].after:
-            moves = ": it moves from run to run by what no effect that was found follows" if own[k].order == 0 else ""
+            # what is known of an unexplained mean stands there
+            is_open = own[k].order == 0 and all(one.order != 0 for one in result.unexplained)
+            moves = ": it moves from run to run by what no effect that was found follows" if is_open else ""
             text += f" (of the {own[k].after:.2g} deg of the fitted runs both directions share {alike[k]:.2g}{moves})"
         parts.append(text)
     return f"The gap on held-out runs is {times:.3g} floors: {'; '.join(parts)}."
