@@ -23,8 +23,6 @@ def parse_number(text: str, *, decimal_comma: bool = False, is_finite: bool = Tr
         return float(stripped)
     if decimal_comma:
         stripped = stripped.replace(",", ".")
-    if not stripped:
-        raise ValueError("no number; write nan where one is missing" if not is_finite else "no number")
     if not _NUMBER.fullmatch(stripped):
         raise ValueError(f"{text!r} is not a number")
     value = float(stripped)

@@ -212,6 +212,9 @@ class Settings:
     #: the gap of levels that were left out counts in place of that of unseen runs from so many times on, and so many
     #: times the floor are more than noise: these gaps scatter
     clearly_larger: float = 1.25
+    #: power above the orders that are looked at is told where it is so many times that of noise as below: noise that
+    #: rises with the order, as of encoders whose errors repeat, may have twice as much there
+    beyond_band: float = 4.0
     #: a power that is normal in eight runs of two curves has fewer carriers than one in five of these once in 80 times
     carried_by_one_in: float = 5.0
     #: resampled data sets, and the share of them in which an effect must keep its size

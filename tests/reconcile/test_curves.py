@@ -151,3 +151,22 @@ def test_single_samples_that_are_far_off_are_left_out_and_named(tmp_path, monkey
     (text,) = (text for text in found.not_looked_at if "single samples" in text)
     assert text.startswith("24 single samples of 12 curves, at most 2 of one, that lie up to 0.2 deg off")
     assert not any("single samples" in text for text in whole.not_looked_at)
+
+
+def test_what_curves_hold_above_the_orders_that_are_told_is_said(tmp_path, monkeypatch):
+    """A wave of 500 noises above a quarter of the samples, and nothing was found missing."""
+    quiet = read(tmp_path, monkeypatch, lambda _, angle, te: (angle, te), TORQUES * 3)
+    assert quiet.beyond_deg == 0.0
+    assert any(text == "orders above 250" for text in quiet.not_looked_at)
+    loud = read(
+        tmp_path,
+        monkeypatch,
+        lambda _, angle, te: (angle, te + 2e-3 * np.cos(np.deg2rad(380 * angle) + 1.0)),
+        TORQUES * 3,
+    )
+    assert loud.beyond_deg == pytest.approx(2e-3 / np.sqrt(2), rel=0.01)
+    assert loud.scaled(-60.0).beyond_deg == 60.0 * loud.beyond_deg
+    assert any("hold 0.0014 deg RMS there in the median, which is more than" in text for text in loud.not_looked_at)
+    # what the rig has there is none of it
+    gap = read(tmp_path, monkeypatch, with_gap, TORQUES * 3)
+    assert gap.beyond_deg == 0.0

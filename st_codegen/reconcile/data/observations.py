@@ -32,7 +32,8 @@ class Observations:
     (n,), the number of each run in the order of measuring, where that is known; sorted_by: the condition by which
     their list is sorted first, which may be the time as well, where it is. samples: of each curve, where all have as
     many, else 0. hums: waves of a frequency of their own that were taken out of the values. begins_rad: the angle at
-    which each curve begins, (n,).
+    which each curve begins, (n,). beyond_deg: RMS that the curves hold above all orders that are looked at, where that
+    is more than the noise below lets expect; else 0.
     """
 
     at: Conditions
@@ -50,6 +51,7 @@ class Observations:
     hums: tuple[Hum, ...] = ()
     sorted_by: str = ""
     begins_rad: FloatArray | None = None
+    beyond_deg: float = 0.0
 
     def model_orders(self) -> tuple[int, ...]:
         """The orders whose coefficients a model must give."""
@@ -163,8 +165,8 @@ class Observations:
     def scaled(self, factor: float) -> Observations:
         """The values times a factor (units)."""
         spectral = None if self.spectral_deg is None else self.spectral_deg * abs(factor)
-        hums = tuple(hum.scaled(abs(factor)) for hum in self.hums)
-        return replace(self, values=self.values * factor, spectral_deg=spectral, hums=hums)
+        hums, beyond = tuple(hum.scaled(abs(factor)) for hum in self.hums), self.beyond_deg * abs(factor)
+        return replace(self, values=self.values * factor, spectral_deg=spectral, hums=hums, beyond_deg=beyond)
 
 
 def from_table(table: HarmonicTable) -> Observations:

@@ -92,6 +92,7 @@ def _campaign(folder: Path, rig: RigModel, progress: Progress | None, skip_bad: 
     spectral /= np.where(np.array(orders) == 0, 1.0, np.sqrt(2.0))
     run, listed_by = _listed_runs(folder, campaign)
     counts = {curve.sums.in_turn for curve in campaign.curves}
+    unseen = _beyond(campaign, fits, bands, beyond)
     files = [_file(campaign, curve) for curve in campaign.curves]
     return Observations(
         campaign.at,
@@ -104,13 +105,34 @@ def _campaign(folder: Path, rig: RigModel, progress: Progress | None, skip_bad: 
         seen=None if seen.all() else seen,
         not_looked_at=(
             *clipped,
-            *_not_looked_at(folder, campaign, rig, bands, files),
+            *_not_looked_at(folder, campaign, rig, bands, files, unseen),
             *_mistaken_text(campaign, mistaken, bands, files),
         ),
         samples=counts.pop() if len(counts) == 1 else 0,
         hums=(*between, *hums),
         begins_rad=np.array([curve.sums.begin for curve in campaign.curves]),
+        beyond_deg=unseen,
     )
+
+
+def _beyond(
+    campaign: Campaign, fits: Sequence[OrderFit], bands: IntArray, expected: ComplexArray | FloatArray
+) -> float:
+    """RMS (deg) above the bands of the curves, where it is more than noise as below lets expect in the median; else 0.
+
+    expected: what the rig has there, (curves, orders), which is taken off.
+    """
+    found, noise = np.zeros(len(fits)), np.zeros(len(fits))
+    for row, (fit, curve, band) in enumerate(zip(fits, campaign.curves, bands.tolist(), strict=True)):
+        samples = curve.sums.samples
+        others = np.setdiff1d(np.arange(band + 1), np.array(fit.orders))
+        found[row] = fit.residual_rms_deg**2 - (np.abs(fit.waves[others]) ** 2).sum() / 2
+        # an amplitude has 4/N of the variance of a sample
+        white = samples * float(np.median(fit.spectrum_floor[SETTINGS.wander_orders + 1 :])) ** 2 / 4
+        noise[row] = white * max(1.0 - 2 * band / samples, 0.0)
+    found -= (np.abs(expected) ** 2).sum(axis=1) / 2
+    loud = np.median(found) > SETTINGS.beyond_band * np.median(noise)
+    return float(np.sqrt(np.median(found - noise))) if loud else 0.0
 
 
 def _colour(fits: Sequence[OrderFit], orders: Sequence[int], band: int) -> FloatArray:
@@ -245,9 +267,9 @@ def _some(files: list[str]) -> str:
 
 
 def _not_looked_at(
-    folder: Path, campaign: Campaign, rig: RigModel, bands: IntArray, files: list[str]
+    folder: Path, campaign: Campaign, rig: RigModel, bands: IntArray, files: list[str], unseen: float
 ) -> tuple[str, ...]:
-    """Files that were left out, orders above what curves can tell."""
+    """Files that were left out, orders above what curves can tell, and how much (`unseen`, deg) these hold."""
     found = [f"{error.path.relative_to(folder).as_posix()} was left out: {error}" for error in campaign.bad]
     found += [campaign.spikes] if campaign.spikes else []
     least = int(bands.min())
@@ -259,6 +281,8 @@ def _not_looked_at(
         found.append(f"orders {listed(above)} of the rig: a quarter of the samples of a turn is {int(bands.max())}")
     else:
         found.append(f"orders above {int(bands.max())}")
+    if unseen:
+        found[-1] += f"; the curves hold {unseen:.2g} deg RMS there in the median, which is more than their noise"
     return tuple(found)
 
 

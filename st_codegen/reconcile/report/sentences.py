@@ -45,6 +45,12 @@ def verdict_text(result: Reconciliation) -> str:
         named = "What differs is named; runs" if result.verdict == "partly_explained" else "Runs"
         known = "that is known" if result.data.spectral_deg is None else "within their curves"
         return f"{named} differ by more than the noise {known}, without a pattern: more noise, or something missing."
+    # what a correction takes from the orders it takes above them as well
+    if result.data.beyond_deg and not result.mistakes and result.verdict in ("explained", "nothing_missing"):
+        said, beyond = VERDICT_TEXT[result.verdict].removesuffix("."), result.data.beyond_deg
+        return (
+            f"{said}; but above the orders that were looked at the curves hold {beyond:.2g} deg RMS, more than noise."
+        )
     return VERDICT_TEXT[result.verdict]
 
 
