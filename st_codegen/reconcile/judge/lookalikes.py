@@ -109,6 +109,16 @@ def told_sides(piece: Piece, stderr: dict[str, float]) -> set[str]:
     return {key.partition("_")[0] for key in sizes if piece.effect.scalar(key) > SETTINGS.told * stderr[key]}
 
 
+#: Constant waves once or twice a turn: the weight of an arm that hangs on the output, how a machine is mounted, or an
+#: encoder makes such, too.
+_OF_THE_TURN = frozenset({"output_shaft_eccentricity", "output_shaft_ovality"})
+
+
+def may_be_of_the_turn(effect: Effect) -> bool:
+    """Whether an effect is a constant wave that other things make once or twice a turn as well."""
+    return effect.name in _OF_THE_TURN
+
+
 def by_order_alone(final: Fit, number: int) -> bool:
     """Whether nothing but its order ties a wave to the part that it is named after.
 
