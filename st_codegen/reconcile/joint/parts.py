@@ -420,6 +420,8 @@ def _judged(rows: JointRows, parts: list[TorquePart], not_told: set[str], moves:
                 # beside a curved part dry friction is what is left at high speed: another number
                 forms = [instead[n].part for n in alike if {n, part.name} == {"viscous_friction", "square_friction"}]
                 of_forms = np.maximum(of_forms, _of_another(rows, parts, part, forms, fit))
+                beside = [instead[n].part for n in alike if not {n, part.name} <= set(OVER_SPEED)]
+                of_forms = np.maximum(of_forms, _of_one_more(rows, parts, part, beside, fit))
         weak = [name for name, gain in gains.items() if not gain.passed or not _is_sure(now, name)]
         if not weak:
             # what is left beyond the noise may be of any form: as much of it may belong to each part
@@ -457,6 +459,22 @@ def _of_another(
     for other in instead:
         moved = np.abs(crossed(stacked([other if one is part else one for one in parts]), rows).values - fit.values)
         found = np.maximum(found, np.where(own, 0.0, moved))
+    return found
+
+
+def _of_one_more(
+    rows: JointRows, parts: list[TorquePart], part: TorquePart, more: list[TorquePart], fit: Crossed
+) -> FloatArray:
+    """By how much the coefficients of a part move when one of `more`, which would do in its place, stands beside it.
+
+    Both may be there: then the part that was taken has of the other one what its own form can hold.
+    """
+    found = np.zeros(len(fit.values))
+    own = [part is one for one in parts for _ in range(one.columns.shape[1])]
+    for other in more:
+        moved = np.abs(crossed(stacked([*parts, other]), rows).values[: len(found)] - fit.values)
+        # all of it may be the other's; that it is there, or the other is, stays said
+        found = np.maximum(found, np.where(own, np.minimum(moved, 0.95 * np.abs(fit.values)), 0.0))
     return found
 
 

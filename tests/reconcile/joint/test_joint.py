@@ -248,3 +248,26 @@ def test_one_speed_does_not_tell_dry_from_viscous(tmp_path):
     found = named(joint)
     assert "dry_friction" not in found
     assert found["friction"]["parameters"]["friction_Nm"]["value"] == pytest.approx(1.4, rel=0.05)
+
+
+@pytest.mark.parametrize("seed", [0, 11, 12])
+def test_a_part_that_may_hold_another_one_has_an_error_that_says_so(tmp_path, seed):
+    """Of 0.08 of the load beside dry friction it said 0.221 +- 0.06, or 2.23 +- 0.5 N m of dry friction alone."""
+    random, time = np.random.default_rng(seed), np.arange(0, 60, 1 / 500)
+    angle, speed, change = np.zeros((3, len(time)))
+    for harmonic in range(1, 7):
+        rate, size, phase = 0.2 * np.pi * harmonic, 0.8 * random.uniform(0.5, 1) / harmonic, random.uniform(0, 6.28)
+        angle += size * np.sin(rate * time + phase)
+        speed += size * rate * np.cos(rate * time + phase)
+        change -= size * rate**2 * np.sin(rate * time + phase)
+    load = 1.5 * change + 12 * np.cos(angle + 0.3)
+    torque = load + np.tanh(speed / 0.005) * (1.0 + 0.08 * np.abs(load)) + 0.7 * speed
+    noise = np.random.default_rng(1).standard_normal((3, len(time))) * [[1e-5], [1e-3], [0.02]]
+    columns = {"t": time, "q": angle + noise[0], "dq": speed + noise[1], "tau": torque + noise[2]}
+    (joint,) = report(columns, tmp_path)
+    found = named(joint)
+    truth = {"dry_friction": 1.0, "load_dependent_friction": 0.08, "viscous_friction": 0.7}
+    for name in truth.keys() & found.keys():
+        (number,) = found[name]["parameters"].values()
+        assert abs(number["value"] - truth[name]) < 2.5 * number["stderr"], (name, number)
+    assert found.keys() & {"dry_friction", "load_dependent_friction"}
