@@ -67,7 +67,10 @@ def test_what_reaches_many_orders_may_have_changed_any():
     data = curves(replace(WHOLE, effects=tuple(changed), zero_offset_deg=-0.02), AT, ORDERS, 1e-5)
     found = reconcile_observations(WHOLE, data, KNOWN).conclusions
     (one,) = found.retuned
-    assert found.offset_changed and one.after.orders == (80,) and not one.is_open and not found.of_offset
+    assert found.offset_changed and one.after.orders == (80,) and not found.of_offset
+    # a constant wave of that order from elsewhere would look the same; without that doubt
+    assert one.is_open
+    found = replace(found, retuned=(replace(one, is_open=False),))
     foreign = [k for k in range(4, 60, 2) if k not in WHOLE.orders()]
     for few in (foreign[:7], [k for k in range(4, 30, 2) if k not in WHOLE.orders()]):
         assert not doubted(found, few, [], WHOLE.orders()).retuned[0].is_open

@@ -392,11 +392,15 @@ def _most_have(sums: PowerSums, factor: float) -> bool:
 
 
 def _most_have_this(sums: PowerSums, factor: float) -> bool:
-    """Whether nearly all orders that can tell have this factor in both directions, each as well as it tells it."""
+    """Whether nearly all orders that can tell have this factor in both directions, each as well as it tells it.
+
+    And in nearly all runs: of runs that differ in sign a factor of all leaves most of an order.
+    """
     size = np.maximum(np.abs(sums.product) / np.maximum(sums.model, 1e-300), 1e-12)
     error = np.sqrt(sums.scatter / np.maximum(2 * sums.rows * sums.model, 1e-300)) / size
     apart, tells = np.abs(np.log(size / factor)), SETTINGS.told * error < abs(np.log(factor))
     near = apart < np.hypot(np.log(SETTINGS.column_factor), SETTINGS.told * error)
+    near &= sums.scatter < 0.5 * sums.measured
     return bool(tells.sum() >= 2 * SETTINGS.least_votes and near[tells].mean() > SETTINGS.nearly_all)
 
 
