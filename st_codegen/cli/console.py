@@ -97,7 +97,7 @@ def _with_defaults(context: click.Context, _: click.Parameter, models: Path) -> 
 #: The argument MODELS; the [build] table beside the models gives the options of the command their defaults.
 models_argument = click.argument("models", type=PLACE, is_eager=True, callback=_with_defaults)
 #: The option --quiet.
-quiet_option = click.option("-q", "--quiet", is_flag=True, help="No progress, no summary: errors only.")
+quiet_option = click.option("-q", "--quiet", is_flag=True, help="No progress, no summary: errors and warnings only.")
 
 
 def generated_option(text: str) -> Callable[[Command], Command]:

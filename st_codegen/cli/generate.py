@@ -225,7 +225,7 @@ def command(
     with one_reader():
         with progress_bar("loading", quiet=quiet) as progress:
             bundle = load(models, trust_pickle=trust_pickle, outputs=outputs, progress=progress, real=real, **names)
-        for name, text in ({} if quiet else real_remarks(bundle.irs)).items():
+        for name, text in real_remarks(bundle.irs).items():
             say(f"{name}: {text}")
         pricing = {t.name: Pricing(t, limits_for(t, wished["max_array"]), machine) for t in chosen}
         for target in chosen if profile is not None else ():
