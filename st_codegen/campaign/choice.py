@@ -71,10 +71,8 @@ def choose_orders(
         elif above[order] < least_curves * len(fits):
             verdict, why = False, f"only {where}"
         elif relative < _LEAST_SIZE:
-            verdict, why = (
-                False,
-                f"{where}, but {size} is {relative:.2%} of the strongest (below {_LEAST_SIZE:.2%})",
-            )
+            why = f"{where}, but {size} is {relative:.2%} of the strongest (below {_LEAST_SIZE:.2%})"
+            verdict = False
         elif chosen >= most:
             verdict, why = False, f"{where}, {size}; {most} stronger orders are chosen already"
         else:

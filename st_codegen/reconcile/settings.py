@@ -103,6 +103,8 @@ class Settings:
     #: smaller ones are told as readings that are too high or too low
     nearly_all: float = 0.75
     other_size: float = 1.25
+    #: and that leaves less than this share of an order's power: of runs that differ in sign it leaves most
+    left_of_factor: float = 0.5
     #: another unit of a column must take all but this part (power) off every order that it changes by so many times
     #: what the runs tell; an order of which this part (RMS) of the rig's is left, noise apart, was taken off
     left_of_unit: float = 0.04
@@ -462,6 +464,8 @@ class Settings:
     #: of a large part counts
     joint_better: float = 3.0
     joint_most: float = 0.7
+    #: of a part that another one would do in place of, so much may be the other's: that one of them is there stays said
+    joint_of_another: float = 0.95
     joint_errors: float = 6.0
     joint_share: float = 0.01
     #: a motion repeats where all angles come back to this share of their power: left-out stretches then are parts of a

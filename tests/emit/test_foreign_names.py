@@ -8,7 +8,7 @@ import pytest
 
 from st_codegen.emit.blocks.application import Application
 from st_codegen.emit.blocks.listing import Block, BlockVariable
-from st_codegen.emit.blocks.model import Limits, input_variables, model_block
+from st_codegen.emit.blocks.model import Limits, feature_text, header_lines, input_variables, model_block
 from st_codegen.emit.foreign_names import is_foreign
 from st_codegen.errors import InputError
 from st_codegen.ir import Feature
@@ -65,6 +65,12 @@ def test_every_macro_of_the_headers_is_recognised(header):
 def test_inputs_of_such_names_are_renamed():
     names = [variable.name for variable in input_variables((Feature("lt_max"), Feature("p_nan"), Feature("speed")))]
     assert names == ["fInput_Lt_max", "fInput_P_nan", "fSpeed"]
+
+
+@pytest.mark.parametrize(("name", "shown"), [("x]]>y", r"x\x5d]>y"), ("*) a", r"\x2a) a"), ("speed", "speed")])
+def test_a_feature_whose_name_would_end_a_comment_stands_escaped_in_the_header(name, shown):
+    assert feature_text(Feature(name)) == shown
+    assert header_lines([f"Input 1: {feature_text(Feature(name))}"]) == (f"Input 1: {shown}",)
 
 
 def test_two_inputs_of_one_name_are_refused():

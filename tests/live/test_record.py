@@ -105,6 +105,18 @@ def at_rest(running):
     assert signals["GVL_Experiment.eState"] == EXPERIMENT_STATE["IDLE"].value
 
 
+@pytest.mark.parametrize(("count", "after"), [(-5, -5), (-(2**31), -(2**31)), (0, 1), (2_000_000_000, 2_000_000_000)])
+def test_a_count_that_others_wrote_leads_to_no_place_outside_of_the_arrays(bundle, count, after):
+    machine = soft_plc(bundle[1], speed=0.0).machine
+    program, signals = machine.program("PRG_Record"), machine.globals
+    signals["GVL_Experiment.bBusy"] = True
+    program()
+    signals["GVL_Experiment.bDataValid"] = True
+    signals["GVL_Record.nSamples"] = count
+    program()
+    assert signals["GVL_Record.nSamples"] == after
+
+
 @pytest.fixture(scope="module")
 def project(bundle):
     return recorded_project(bundle[1])

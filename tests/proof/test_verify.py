@@ -275,6 +275,16 @@ def test_a_model_is_tried_on_both_sides_of_its_numbers_of_a_single_one_too(cuts,
     assert np.ravel(operating_range(model(*steps, features=1))) == pytest.approx(expected)
 
 
+def test_a_range_of_the_largest_numbers_is_one_that_a_manifest_can_hold(tmp_path):
+    """It had an end at infinity, which no reader of the manifest takes: verify and generate refused the folder."""
+    whole = model(Exceeds((0,), np.array([-1.7e308, 1.7e308]), inclusive=False), features=2)
+    assert np.isfinite(np.diff(operating_range(whole))).all()
+    bundle = Bundle((LoadedModel(whole, lambda x: reference.evaluate(whole, x)),), None)
+    for _ in range(2):
+        generate(bundle, "iec", tmp_path)
+        assert verify(bundle, tmp_path, rows=100).passed
+
+
 def test_a_proof_takes_the_place_of_rows_for_every_threshold(tmp_path, monkeypatch):
     """With many trees: the rows that are left are a sample, special values among them, and the report says so."""
     trees = random_trees(

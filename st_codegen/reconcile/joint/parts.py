@@ -473,8 +473,8 @@ def _of_one_more(
     own = [part is one for one in parts for _ in range(one.columns.shape[1])]
     for other in more:
         moved = np.abs(crossed(stacked([*parts, other]), rows).values[: len(found)] - fit.values)
-        # all of it may be the other's; that it is there, or the other is, stays said
-        found = np.maximum(found, np.where(own, np.minimum(moved, 0.95 * np.abs(fit.values)), 0.0))
+        most = SETTINGS.joint_of_another * np.abs(fit.values)
+        found = np.maximum(found, np.where(own, np.minimum(moved, most), 0.0))
     return found
 
 

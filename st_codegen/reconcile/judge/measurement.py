@@ -400,7 +400,7 @@ def _most_have_this(sums: PowerSums, factor: float) -> bool:
     error = np.sqrt(sums.scatter / np.maximum(2 * sums.rows * sums.model, 1e-300)) / size
     apart, tells = np.abs(np.log(size / factor)), SETTINGS.told * error < abs(np.log(factor))
     near = apart < np.hypot(np.log(SETTINGS.column_factor), SETTINGS.told * error)
-    near &= sums.scatter < 0.5 * sums.measured
+    near &= sums.scatter < SETTINGS.left_of_factor * sums.measured
     return bool(tells.sum() >= 2 * SETTINGS.least_votes and near[tells].mean() > SETTINGS.nearly_all)
 
 
