@@ -464,10 +464,10 @@ class Settings:
     #: of a large part counts
     joint_better: float = 3.0
     joint_most: float = 0.7
-    #: of a part that another one would do in place of, so much may be the other's: that one of them is there stays said
-    joint_of_another: float = 0.95
     joint_errors: float = 6.0
     joint_share: float = 0.01
+    #: of a part that another one would do in place of, so much may be the other's: that one of them is there stays said
+    joint_of_another: float = 0.95
     #: a motion repeats where all angles come back to this share of their power: left-out stretches then are parts of a
     #: round, in every round
     joint_repeats: float = 1e-3
