@@ -188,6 +188,10 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float
     what = "what orders beside it differ by" if target.data.spectral_deg is None else "the noise within the curves"
     if differ < own:
         own, what = differ, "what both directions of a run differ by"
+    # what one direction alone has is what both differ by
+    direction, quiet = _direction(target, residual[:, k]), _quietest_direction(target, residual[:, k])
+    if direction != "both" and quiet / (2 if order else 1) < own:
+        own, what = max(quiet / (2 if order else 1), SETTINGS.least_noise_deg**2), "what the other direction has"
     if not order and own < floor**2:
         own, what = floor**2, "what the means of runs near each other differ by"
     of_runs = bool(floor**2 < own and not np.isclose(floor**2, own))
@@ -208,6 +212,7 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float
         if size
         else f"{name}: no louder than {what} over all runs, but single runs that are not called bad are far off in it"
     )
+    text += "" if direction == "both" else f", {direction} only"
     text += "" if target.data.repeated or is_common else "; repeat some runs"
     share = min(1.0, size**2 / max(gap_power, 1e-300))
     return Signature(
@@ -215,7 +220,7 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float
         size,
         share,
         {"constant" if is_common else "scatter": 1.0},
-        _direction(target, residual[:, k]),
+        direction,
         text,
         size * (np.sqrt(2) if order else 1.0),
         # what runs differ by may be more of it
@@ -233,7 +238,8 @@ def _is_common(target: FitData, r: ComplexArray, order: int, beyond: float) -> b
     if (np.abs(means) ** 2).mean() / parts < SETTINGS.same_in_runs * beyond:
         return False
     # both directions of a run may share what they differ by: what they have alike, and what turns with them
-    pairs = np.array([rows for rows in target.data.runs if len(rows) == 2 and good[rows].all()]).reshape(-1, 2)
+    both = [rows for rows in target.data.runs if len(rows) == 2 and good[rows].all()]
+    pairs = np.array(both, dtype=np.int64).reshape(-1, 2)
     first, second = own[pairs].T
     tested: list[ComplexArray] = [(first + second) / 2.0, (first - second) / 2.0] if len(pairs) else [own[good]]
     # where noise lasts over runs their mean is told by fewer of them
@@ -350,12 +356,21 @@ def _signature(
 
 
 def _direction(target: FitData, r: ComplexArray) -> str:
-    power = {}
-    for name, sign in (("forward", 1.0), ("backward", -1.0)):
-        rows = target.good & (target.data.at.sign == sign)
-        power[name] = float((np.abs(r[rows]) ** 2).mean()) if rows.any() else 0.0
+    """Which direction a residual (n,) is in: one with three times the RMS of the other, else both; both of one alone."""
+    power = _by_direction(target, r)
     loud = max(power, key=lambda name: power[name])
-    return loud if power[loud] > 9 * min(power.values()) else "both"
+    return loud if len(power) == 2 and power[loud] > 9 * min(power.values()) else "both"
+
+
+def _quietest_direction(target: FitData, r: ComplexArray) -> float:
+    """The least mean power of a residual (n,) in a direction: the noise there, and as much in the other, is no more."""
+    return min(_by_direction(target, r).values())
+
+
+def _by_direction(target: FitData, r: ComplexArray) -> dict[str, float]:
+    """Mean power of a residual (n,) in each direction in which there are curves."""
+    rows = {name: target.good & (target.data.at.sign == sign) for name, sign in (("forward", 1.0), ("backward", -1.0))}
+    return {name: float((np.abs(r[own]) ** 2).mean()) for name, own in rows.items() if own.any()}
 
 
 _CAUSE = {
