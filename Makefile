@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 RACE := .venv-race
 INSTALLED := $(VENV)/.installed
 
-.PHONY: run test pictures site real blark soak soak-long fuzz sbom audit lint sizes nightly bench clean tables train-long blind blind-form mutate mutants example commissioning race bound kills peers pythons
+.PHONY: run test thorough pictures site real blark soak soak-long fuzz sbom audit lint sizes nightly bench clean tables train-long blind blind-form mutate mutants example commissioning race bound kills peers pythons
 
 run: $(INSTALLED)  ## compile the example bundle, verify the result
 	$(BIN)/st-codegen examples/rv160n/models/ --target twincat --out build/rv160n
@@ -17,8 +17,11 @@ run: $(INSTALLED)  ## compile the example bundle, verify the result
 # and each command that a test starts, would compile the package anew.
 TESTS := PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal -q
 
-test: $(INSTALLED)  ## the test suite, but for the tests marked slow
+test: $(INSTALLED)  ## the quick tests, some 8 minutes of two cores: all but those marked slow or thorough
 	$(TESTS)
+
+thorough: $(INSTALLED)  ## the tests marked thorough, as many minutes again: CI runs them after the quick ones
+	$(TESTS) -m 'thorough and not slow'
 
 real: $(INSTALLED)  ## the models of the real rig on 100,000 inputs each, reconcile on its table, motions with it; needs the measured data
 	$(BIN)/python -m pytest -q -m slow tests/proof/test_real_rig.py tests/reconcile/test_real_data.py tests/rig/test_example.py
@@ -43,7 +46,7 @@ pythons:  ## this suite on Python 3.13 and 3.14, those of Debian's trixie and si
 	.ci/pythons
 
 nightly: $(INSTALLED)  ## the property tests with twenty times as many examples, new ones each time
-	HYPOTHESIS_PROFILE=nightly $(TESTS)
+	HYPOTHESIS_PROFILE=nightly $(TESTS) -m 'not slow'
 
 fuzz: $(INSTALLED)  ## damaged files of every kind for ten minutes of all cores, in processes with limits; build/fuzz/ keeps what fails
 	$(BIN)/python -m tests.fuzz --seconds 600

@@ -215,6 +215,7 @@ def test_the_installed_libraries_still_give_these_outputs(lone):
         assert np.all(np.abs(model.predict(x) - library) <= bounds.difference_bound(model.ir, x)), name
 
 
+@pytest.mark.thorough
 def test_the_committed_text_of_each_project_passes_verification(project):
     name, bundle = project
     report = verify(bundle, GOLDEN / name / "generated", rows=400)

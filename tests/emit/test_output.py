@@ -292,6 +292,7 @@ for line in sys.stdin:
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")
 def test_a_killed_run_leaves_a_whole_project(lone_folder, lightgbm_text, tmp_path):
     """Two projects overwrite each other; wherever the writer is killed, one of them is there, whole."""

@@ -12,6 +12,7 @@ pytest.importorskip("polars")
 pytest.importorskip("skops")
 
 
+@pytest.mark.thorough
 def test_a_killed_writer_leaves_the_old_files_or_the_new_ones(tmp_path):
     program = [sys.executable, "-W", "ignore", "-m", "tests.files.kills", str(tmp_path)]
     ended = subprocess.run(program, cwd=Path(__file__).parents[2], capture_output=True, text=True, check=False)

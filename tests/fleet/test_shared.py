@@ -100,6 +100,7 @@ def test_the_blocks_of_the_models_are_the_same_for_all_that_take_them(done):
     assert len(blocks) == 1
 
 
+@pytest.mark.thorough
 def test_the_same_with_two_processes_and_not_learned_again(done, inputs, tmp_path):
     out, _ = done
     axes = read_fleet(inputs)

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.thorough
+
 pytest.importorskip("polars")
 pytest.importorskip("xgboost")
 pytest.importorskip("onnxruntime")

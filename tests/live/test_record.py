@@ -207,6 +207,7 @@ def test_a_measurement_that_ends_early_says_why_and_nothing_is_written(
     assert [path.name for path in (tmp_path / "c").rglob("*") if path.is_file()] == ["record.json"]
 
 
+@pytest.mark.thorough
 def test_what_was_finished_before_a_fault_stays(controller, project, plc, tmp_path):
     runs = planned([POINT, dataclasses.replace(POINT, torque_Nm=100.0)])
 

@@ -73,7 +73,8 @@ def _measure_one(path: Path, folder: Path) -> tuple[str, float]:
     if not target.exists():
         partial = target.with_suffix(".part")
         command = [sys.executable, "-m", "coverage", "run", "--source=st_codegen", f"--data-file={partial}"]
-        command += ["-m", "pytest", "-q", "-p", "tests.mutation.contexts", "-p", "no:cacheprovider", str(path)]
+        command += ["-m", "pytest", "-q", "-m", "not slow", "-p", "tests.mutation.contexts", "-p", "no:cacheprovider"]
+        command.append(str(path))
         subprocess.run(command, cwd=ROOT, check=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         Path(f"{partial}.seconds").rename(f"{target}.seconds")
         partial.rename(target)
@@ -100,7 +101,7 @@ def try_mutant(mutant: Mutant, tests: list[str], copy: Path, limit: int) -> Verd
     source = file.read_text(encoding="utf-8")
     file.write_text(mutant.apply(source), encoding="utf-8")
     try:
-        command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests]
+        command = [sys.executable, "-m", "pytest", "-q", "-x", "-m", "not slow", "-p", "no:cacheprovider", *tests]
         environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1", "PYTHONPATH": str(copy)}
         done = subprocess.run(
             command,

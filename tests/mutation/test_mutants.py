@@ -113,6 +113,7 @@ def test_whole_texts_are_compared_first(measured):
     assert found.tests(Mutant("st_codegen/emit/a.py", 1, 0, 1, "1", "2")) == [golden, own]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("changed", "limit", "verdict"),
     [("2", 3, "too slow"), ("3", 600, "survived"), ("4", 600, "noticed")],

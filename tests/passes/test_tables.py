@@ -244,6 +244,7 @@ def test_a_table_longer_than_an_array_is_cut(target, tmp_path):
     assert np.array_equal(reference.evaluate(trees, x), got, equal_nan=True)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("target", ["iec", "twincat"])
 def test_many_columns_are_searched_in_a_loop(target, tmp_path):
     random = np.random.default_rng(6)

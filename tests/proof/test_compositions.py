@@ -84,6 +84,7 @@ CASES = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", CASES)
 def test_the_text_of_a_composition_is_verified(name, tmp_path):
     estimator, x, y = CASES[name]

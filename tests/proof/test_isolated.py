@@ -99,6 +99,7 @@ except ChildProcessError:
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="a thread answers on this system")
 def test_a_library_that_ends_its_process_is_one_line_and_the_next_model_is_asked(lone_folder):
     program = [sys.executable, "-c", PROGRAM, str(lone_folder / "te.txt")]

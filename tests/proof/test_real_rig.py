@@ -31,6 +31,7 @@ pytest.importorskip("xgboost")
 TREES = {"rf", "dt", "et", "ert", "gbm", "hgbm", "lgbm", "xgbm"}
 
 
+@pytest.mark.thorough
 # few rows in the quick suite; `make real` takes the many
 @pytest.mark.parametrize("rows", [2_000, pytest.param(100_000, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("family", sorted(TREES | {"svr", "mlp"}))

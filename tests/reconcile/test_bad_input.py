@@ -55,6 +55,7 @@ def grid():
     return layout.conditions(np.random.default_rng(2), "grid", "dense")
 
 
+@pytest.mark.thorough
 def test_the_same_data_in_good_order_pass(tmp_path, rig):
     """The refusals below are about what is wrong with them, not about this rig."""
     code, message = reconcile(tmp_path, measured(tmp_path / "h.csv", rig, grid()))

@@ -13,6 +13,8 @@ from st_codegen.rig.effects import Conditions, catalogue
 from st_codegen.rig.model import read_rig
 from tests.examples import examples
 
+pytestmark = pytest.mark.thorough
+
 KNOWN = catalogue()
 RIG = read_rig(Path(__file__).resolve().parents[2] / "examples" / "rv160n" / "rig.toml", KNOWN)
 ORDERS = (0, 1, 2, 39, 40, 78, 81)

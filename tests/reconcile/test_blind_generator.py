@@ -228,6 +228,7 @@ BOUNDS = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("split", ["heldout"])
 def test_what_is_hidden_can_be_found_within_the_bounds(split, tmp_path, monkeypatch):
     """A round without its files: no size needs a value out of bounds (weak ones may)."""

@@ -4,6 +4,8 @@ import pytest
 
 from .blind import cases, run
 
+pytestmark = pytest.mark.thorough
+
 #: one of each kind that has a clear-cut answer; the slower ones with `-m slow`
 SAMPLE = (
     ("single", ("torsional_compliance",), 10.0, "table"),

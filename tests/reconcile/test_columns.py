@@ -44,6 +44,7 @@ READINGS = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("said", READINGS)
 def test_conditions_in_another_unit_are_asked_about_and_read_so(said):
     data = observed(RICH, grid())

@@ -12,6 +12,8 @@ from st_codegen.rig.model import RigModel
 
 from .test_measurement import ORDERS, PATH, RIG, RUNS, measured, smoothed
 
+pytestmark = pytest.mark.thorough
+
 WRITTEN = {
     "with phases of sines": lambda c: 1j * c,
     "with phases 90 deg less": lambda c: -1j * c,

@@ -267,12 +267,14 @@ def test_a_missing_effect_is_named_added_and_the_page_says_so(tmp_path):
     assert '+name = "torsional_compliance"' in (tmp_path / "o" / "rig.diff").read_text()
 
 
+@pytest.mark.thorough
 def test_nothing_is_said_where_nothing_is_missing(tmp_path):
     report = run(tmp_path, RIG, grid(), RIG)
     assert (report["verdict"], report["effects"], report["unexplained"]) == ("nothing_missing", [], [])
     assert (tmp_path / "o" / "rig.toml").read_text() == RIG.text()
 
 
+@pytest.mark.thorough
 def test_an_effect_of_the_users_own_is_found(tmp_path):
     own = ROOT / "examples" / "effects" / "motor_cogging.py"
     at = grid()

@@ -15,6 +15,8 @@ from st_codegen.reconcile.run import reconcile_observations
 from st_codegen.rig.effects import Conditions, catalogue
 from st_codegen.rig.model import parse_rig
 
+pytestmark = pytest.mark.thorough
+
 KNOWN = catalogue()
 SIGMA = 2e-6
 HEAD = """[rig]

@@ -35,6 +35,8 @@ from st_codegen.rig.model import RigModel, read_rig
 
 from .test_core import effect
 
+pytestmark = pytest.mark.thorough
+
 KNOWN = catalogue()
 ROOT = Path(__file__).resolve().parents[2]
 RIG = read_rig(ROOT / "examples" / "rv160n" / "rig.toml", KNOWN)

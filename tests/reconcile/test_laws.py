@@ -96,6 +96,7 @@ def curves_of(at):
     return Observations(at, labels(at), ORDERS, np.zeros((len(at), 3), complex))
 
 
+@pytest.mark.thorough
 def test_runs_that_were_repeated_are_not_said_to_be_missing():
     """A campaign whose torque went up and down was told that no run was repeated, and to repeat some."""
     at, orders = grid(), [0, 39, 40, 78]
@@ -213,6 +214,7 @@ def behind(oil, runs):
     return body
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("lag", [1.5, 6.0])
 def test_a_body_that_lags_behind_the_oil_is_no_drift_with_the_oil(lag):
     """Runs in any order: half of what the body does follows the oil of the run, and was named as a drift with it."""
@@ -372,6 +374,7 @@ def test_a_dozen_runs_change_no_two_parameters_of_the_mean(seed):
     assert len(result.conclusions.retuned) < 2 and result.unexplained
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", range(2))
 def test_the_mean_of_noise_that_lasts_is_no_faint_pattern(seed):
     """Each order and direction has a constant of its own, of a third of the noise of a run."""

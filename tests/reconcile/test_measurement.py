@@ -149,6 +149,7 @@ MADE = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", MADE)
 def test_a_mistake_is_asked_about_and_corrected(name):
     made, (name, *how) = MADE[name](measured(3e-6)), name.split(maxsplit=1)
@@ -259,6 +260,7 @@ def test_a_drift_is_told_from_a_random_walk_where_there_is_noise_as_well():
     assert not ramps(wandering, noise, orders, 0.0).any()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("factor", [12.0, 5.0, 1.4, 0.3])
 def test_one_factor_of_all_orders_is_asked_about_whatever_its_size(factor):
     """It was fourteen parts of another size, with errors of a hundredth of a percent, or a filter over the angle."""
@@ -375,6 +377,7 @@ def wandering(values, orders, sigma, knee, seed):
     return values + np.where(orders > 0, sigma * np.hypot(1, knee / np.maximum(orders, 1)) * noise, 0.0)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", range(3))
 def test_a_ramp_that_begins_at_some_angle_is_told_by_all_orders_together(seed):
     """Noise hid it in most orders: its jump was called a damaged tooth at that angle, and the rest another zero."""
@@ -402,6 +405,7 @@ LOUD = [("home_offset", 1e-3), ("direction", 1e-3), ("column_scale", 2e-4), ("ho
 LOUD += [("column_scale", 2e-3)]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("name", "sigma"), LOUD)
 def test_orders_that_are_noise_have_no_vote(name, sigma):
     """In loud noise the largest orders tell a mistake, and in the loudest all together: no order outvotes another."""
@@ -516,6 +520,7 @@ def test_loads_of_the_other_sign_may_bear_on_the_other_flanks():
         assert ("the other flanks may bear there" in mistake.text) == said
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("gone", sorted({effect.name for effect in RIG.effects}))
 @pytest.mark.parametrize("sigma", [3e-5, 3e-4, 5e-3])
 def test_a_missing_effect_is_no_mistake_of_measuring(gone, sigma):
@@ -596,6 +601,7 @@ def test_a_rig_whose_numbers_are_all_a_little_wrong_makes_no_mistake_of_measurin
     assert examine(of_curves(1e-5 if seed % 2 else 1e-6), wrong, PATH).mistakes == ()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", [5, 13, 17, 26, 35, 37])
 def test_a_machine_whose_rig_is_a_little_wrong_makes_no_mistake_of_measuring(seed, tmp_path):
     """Of 60 such machines seven were asked about torques, zeros of the angle, or a factor on one column."""
@@ -708,6 +714,7 @@ def test_a_label_is_no_matter_of_one_order():
     assert all(mistake.name != "labels" for mistake in examine(replace(data, values=values), RIG, PATH).mistakes)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("angle", [0.2, 1.0, 2.0])
 def test_the_zero_of_the_angle_is_told_between_the_steps_of_its_grid(angle):
     """1.00 deg was said to be 1.12, and what that is off by made eleven parameters of the rig "changed"."""
@@ -789,6 +796,7 @@ def test_a_louder_order_that_the_rig_lacks_hides_no_wave_between_orders():
     assert wave.order == pytest.approx(17.3, abs=0.02)
 
 
+@pytest.mark.thorough
 def test_whole_waves_one_beside_the_other_and_bursts_are_no_wave_between_them():
     for periods in ([17.0], [17.0, 18.0], range(12, 30)):
         assert without_waves_between(turning([list(periods)] * 20, 1e-5), [0, 1, 40])[1] == ()

@@ -23,6 +23,8 @@ from st_codegen.reconcile.run import _reread, reconcile_observations
 from st_codegen.rig.effects import Conditions, catalogue
 from st_codegen.rig.model import read_rig
 
+pytestmark = pytest.mark.thorough
+
 KNOWN = catalogue()
 WHOLE = read_rig(Path(__file__).resolve().parents[2] / "examples" / "rv160n" / "rig.toml", KNOWN)
 PARTS = (

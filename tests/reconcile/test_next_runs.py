@@ -208,6 +208,7 @@ def test_the_file_is_one_of_conditions(resonance, tmp_path):
     assert NextRuns().csv_text().splitlines() == ["file,speed_rpm,torque_Nm,temperature_C,purpose"]
 
 
+@pytest.mark.thorough
 def test_from_the_command_line_to_the_next_campaign(resonance, coarse, tmp_path):
     data = resonance.data
     at = data.at

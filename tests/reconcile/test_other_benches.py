@@ -26,6 +26,8 @@ from st_codegen.rig.model import RigModel
 from .test_core import RIG, effect, grid
 from .test_misread import AT, KNOWN, PATH, WHOLE
 
+pytestmark = pytest.mark.thorough
+
 ORDERS = np.array(WHOLE.orders())
 
 

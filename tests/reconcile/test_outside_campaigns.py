@@ -28,6 +28,8 @@ from .test_core import KNOWN, RIG, effect, grid, observed
 from .test_misread import measured as read_as
 from .test_unexplained import TURN, curves_over_runs, found
 
+pytestmark = pytest.mark.thorough
+
 
 def retuned(result):
     return {entry.after.name: entry for entry in result.conclusions.retuned}

@@ -93,6 +93,7 @@ def test_a_gap_between_temperatures_that_does_not_move_the_whole_is_not_worth_a_
     assert between_text(replace(result, between_deg=1e-3 * result.held_out.after)) == between_text(result)
 
 
+@pytest.mark.thorough
 def test_a_hum_stands_with_its_frequency(result):
     hum = Hum(50.0, 2e-3, (40, 60), np.full(200, 1e-5))
     found = replace(result, unexplained=(of_a_hum(hum, 1e-6), *result.unexplained))

@@ -17,6 +17,8 @@ from .blind_form.files import write_curves
 from .blind_form.measuring import plainly
 from .blind_form.points import Points
 
+pytestmark = pytest.mark.thorough
+
 KNOWN = catalogue()
 SAMPLES = 240
 THETA = np.arange(SAMPLES) * 2 * np.pi / SAMPLES

@@ -124,6 +124,7 @@ def test_samples_have_the_waves_that_were_put_in(tmp_path):
     }
 
 
+@pytest.mark.thorough
 def test_a_step_in_the_middle_of_a_recording_is_no_order_and_no_changed_parameter(tmp_path):
     for number, torque in enumerate((200.0, 800.0)):
         t, turns = np.arange(1200) * 6.7e-3, 1.6

@@ -158,6 +158,7 @@ def test_sizes_that_are_rounded_to_nothing_are_no_orders(tmp_path):
     assert "reaches in at most one of 100 spectra" in spectrum_summary(found)
 
 
+@pytest.mark.thorough
 @needs_data
 def test_what_the_ten_orders_of_the_paper_lack(tmp_path):
     """On the measured spectrum itself: sidebands of +-3, harmonics of the pins, the output shaft's second."""

@@ -490,7 +490,7 @@ def test_what_all_runs_have_is_said_to_be_the_same_in_them(size, is_common):
 
 
 def _few_curves_are_far_off(signs, sign):
-    """Signature of order 53 of 3,000 noises in one of 30 runs of these directions, where no curve tells its own noise."""
+    """Signature of order 53 of 40 noises in one of 30 runs, where no curve tells its noise; and its true RMS."""
     at = grid()
     at = at.rows(np.flatnonzero(np.isin(at.sign, signs)))
     random = np.random.default_rng(5)

@@ -26,6 +26,8 @@ linear_model = pytest.importorskip("sklearn.linear_model")
 from tests.rig.conftest import LINEAR_RIG  # noqa: E402
 from tests.rig.conftest import write_bundle as write_linear  # noqa: E402
 
+pytestmark = pytest.mark.thorough
+
 # the orders that the resonance feeds, constant in the rig
 KNOWN = "".join(
     f'\n[[effect]]\nname = "{name}"\norder = {order}\namplitude_deg = {size}\nphase_rad = {phase}\n'

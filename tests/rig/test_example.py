@@ -16,6 +16,8 @@ from st_codegen.campaign.harmonic_table import HarmonicTable, read_table, write_
 from st_codegen.errors import InputError
 from st_codegen.rig.model import read_rig
 
+pytestmark = pytest.mark.thorough
+
 pytest.importorskip("numba")
 pytest.importorskip("sklearn")
 pytest.importorskip("matplotlib")

@@ -113,6 +113,7 @@ def test_the_page_in_a_browser(out, tmp_path):
     assert (abs(colours - (0x99, 0x99, 0x99)).max(axis=1) < 12).sum() > 200
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("target", DIALECTS)
 def test_each_dialect_that_is_offered_moves_the_axis_alike(files, linear_folder, out, target, capsys):
     """plcopen and beckhoff-ml were offered, and refused as unknown dialects."""

@@ -17,6 +17,7 @@ ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 
 
+@pytest.mark.thorough
 def test_the_site_is_built_with_every_link_checked_and_loads_nothing_from_elsewhere(tmp_path):
     pytest.importorskip("mkdocstrings")
     pytest.importorskip("material")

@@ -61,6 +61,7 @@ def at(instance: Instance, path: str) -> Any:
     return value
 
 
+@pytest.mark.thorough
 @examples(suppress_health_check=list(HealthCheck))
 @given(programs(), INPUTS, INPUTS)
 def test_the_engine_does_what_the_tree_says(program: str, first: list[Any], second: list[Any]) -> None:

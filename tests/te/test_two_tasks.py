@@ -215,6 +215,7 @@ def test_no_torn_set_is_used_in_any_of_many_schedules(stepped):
                 assert not is_torn(number, used), schedule
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "change",
     [

@@ -181,6 +181,7 @@ def test_tables_without_the_measured_data(tmp_path, capsys):
     assert "make tables DATA=FOLDER" in message
 
 
+@pytest.mark.thorough
 def test_tables_of_made_up_data(tmp_path, monkeypatch):
     searched = []
 

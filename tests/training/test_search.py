@@ -105,6 +105,7 @@ def test_out_of_fold_predictions_never_saw_their_row():
         assert np.array_equal(outcome.folds[out], model.predict(task.x[out]))
 
 
+@pytest.mark.thorough
 def test_two_processes_and_any_order_give_the_same_bits():
     tasks = the_tasks()
     with FitStore(None) as store:

@@ -157,6 +157,7 @@ def rows_for(model, x):
     return rows[reference.valid_rows(model.ir, rows)]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", IN_SINGLE)
 def test_what_scikit_learn_computes_in_float32_lies_within_the_bound(name, tmp_path):
     estimator, x, y = IN_SINGLE[name]
@@ -213,6 +214,7 @@ SPARSE = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", SPARSE)
 def test_zeros_that_a_sparse_matrix_does_not_store_are_missing_to_xgboost(name, tmp_path):
     estimator, y = SPARSE[name]

@@ -138,6 +138,7 @@ def rows_of(model):
     return np.vstack([X, drawn, 3 * X[::-1, ::-1]])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", EXACT)
 def test_what_trees_decide_together_is_exact(name):
     model = loaded(fit(*EXACT[name]))

@@ -77,6 +77,7 @@ def agrees(model, rows):
     return usable, bound[usable]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", REGRESSORS)
 def test_regressors_agree_with_the_library_where_it_has_one_answer(name, tmp_path):
     estimator, x, y = REGRESSORS[name]
@@ -200,6 +201,7 @@ def test_of_a_voting_over_processes_there_is_only_the_mean():
     agrees(loaded(fit(search, X[:40], SCORE[:40])), X)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("weights", ["uniform", "distance"])
 @pytest.mark.parametrize("method", ["brute", "kd_tree", "ball_tree"])
 def test_neighbours_of_classes_leave_a_label_open_only_where_ties_can_turn_it(weights, method, tmp_path):

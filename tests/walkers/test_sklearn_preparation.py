@@ -143,6 +143,7 @@ PIECES = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", PIECES)
 def test_functions_in_pieces(name, tmp_path):
     estimator, x, rows = PIECES[name]
@@ -231,6 +232,7 @@ def test_trees_take_no_missing_value_in_a_sparse_matrix(trees, tmp_path):
     assert verified(model, tmp_path, rows=300).exact
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "step",
     [
@@ -312,6 +314,7 @@ def test_transformers_in_front_of_a_model(name):
     assert usable.all() and np.max(bound) < 1e-11
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", [name for name, (e, _) in TRANSFORMERS.items() if not hasattr(e, "predict")])
 def test_transformers_alone_are_verified(name, tmp_path):
     estimator, y = TRANSFORMERS[name]
@@ -321,6 +324,7 @@ def test_transformers_alone_are_verified(name, tmp_path):
     assert np.array_equal(loaded(fitted).predict(X)[:, : columns.shape[1]], columns)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("function", [np.negative, np.deg2rad, np.radians, np.rad2deg, np.degrees, np.reciprocal])
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_functions_of_one_operation_are_exact(function, dtype):

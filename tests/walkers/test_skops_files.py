@@ -16,6 +16,8 @@ from st_codegen.walkers import limits, skops_file
 from st_codegen.walkers.files import load_model
 from tests.cli.helpers import run
 
+pytestmark = pytest.mark.thorough
+
 skops = pytest.importorskip("skops.io")
 lightgbm = pytest.importorskip("lightgbm")
 xgboost = pytest.importorskip("xgboost")

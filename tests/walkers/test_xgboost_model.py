@@ -429,6 +429,7 @@ def loads_or_is_refused(path: Path) -> None:
             reference.evaluate(model.ir, np.zeros((2, len(model.ir.features))))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.name.removeprefix("xgboost-"))
 @FUZZ
 @given(data=st.data())
@@ -438,6 +439,7 @@ def test_damaged_bytes_load_or_are_refused(path: Path, data: Any, mutated: Any, 
     loads_or_is_refused(damaged)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("path", [path for path in FILES if path.suffix == ".json"], ids=lambda path: path.stem[8:])
 @FUZZ
 @given(data=st.data())

@@ -30,6 +30,7 @@ def test_golden_models_are_proved(target):
 LINKED = {"xgboost_poisson", "lightgbm_linear"}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("ranks", [True, False])
 def test_trees_are_proved_tree_by_tree(ranks, tmp_path):
     bundle = load(GOLDEN / "lone" / "models")

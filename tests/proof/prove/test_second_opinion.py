@@ -231,6 +231,7 @@ def written(name, layout, folder):
     return model, estimator, output
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("layout", [Layout.TREES, Layout.RANKED, Layout.TABLE])
 def test_a_solver_agrees_that_text_and_library_are_equal(name, layout, tmp_path):

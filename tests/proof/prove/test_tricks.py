@@ -282,6 +282,7 @@ def test_signals_of_the_machine_have_addresses(made):
         path.unlink()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("trick", TRICKS)
 def test_a_text_that_means_something_else_is_accepted_by_nobody(trick, made):
     tried = 0

@@ -318,6 +318,7 @@ def test_calibration_of_kept_results_is_printed(tmp_path, capsys):
     assert "| 0.9 to 1.0 | 40 | 0.98 | 0.95 | 0.83 to 0.99 |" in capsys.readouterr().out
 
 
+@pytest.mark.thorough
 def test_errors_are_judged_by_what_endless_data_would_give():
     chosen = coverage.cases(8)
     assert sorted(case.kind for case in chosen) == sorted(coverage.KINDS)

@@ -8,6 +8,8 @@ from st_codegen.reconcile.joint.reading import JointRecording
 from st_codegen.reconcile.joint.rows import rows_of
 from st_codegen.reconcile.joint.run import reconcile_joints
 
+pytestmark = pytest.mark.thorough
+
 STEP, SECONDS, GRAVITY = 2e-3, 40.0, 9.81
 #: kg, m, m, kg m^2 of the links; kg m^2 of the motors; dry (N m), viscous (N m s), ripple (N m, per revolution)
 FIRST = {"dry": 6.0, "viscous": 5.0, "ripple": 1.2, "order": 200}

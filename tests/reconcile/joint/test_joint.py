@@ -18,6 +18,8 @@ from tests.cli.helpers import run
 
 from .machine import Joint, Measured, simulate, write
 
+pytestmark = pytest.mark.thorough
+
 COUNT, STEP = 4000, 0.005
 
 
