@@ -356,7 +356,7 @@ def _signature(
 
 
 def _direction(target: FitData, r: ComplexArray) -> str:
-    """Which direction a residual (n,) is in: that with three times the RMS of the other, else (or of one alone) both."""
+    """Which direction a residual (n,) is in: that with three times the RMS of the other, else (or of one) both."""
     power = _by_direction(target, r)
     loud = max(power, key=lambda name: power[name])
     return loud if len(power) == 2 and power[loud] > 9 * min(power.values()) else "both"
