@@ -439,7 +439,69 @@ def test_whole_numbers_of_what_is_rounded_may_be_the_next_ones(tmp_path):
     loaded = build.load(graph_model(nodes, [info("x", (None, 3))], [info("y", None)], [weights]), tmp_path)
     bound = agree(loaded, np.random.default_rng(0).integers(-9, 9, (400, 3)))
     assert not loaded.ir.exact
-    assert np.all((bound >= 1.0) & np.isfinite(bound))
+    assert set(np.round(bound, 12).ravel().tolist()) == {0.0, 1.0}  # 0 away from ties
+
+
+#: Numbers around the ends of integers, and what is done with them once they are cut: nodes from I to Y, constants.
+AFTER_CUTTING = {
+    "the integers": ([("Identity", ["I"])], []),
+    "numbers again": ([("Cast", ["I"])], []),
+    "equal integers": ([("Equal", ["I", "k"]), ("Cast", ["T"])], [("k", [-1, 0, 3])]),
+    "integers below": ([("Less", ["I", "k"]), ("Cast", ["T"])], [("k", [-1, 0, 3])]),
+    "categories": ([("OneHotEncoder", ["I"])], []),
+    "labels": ([("LabelEncoder", ["I"])], []),
+    "together": ([("Concat", ["I", "k"]), ("Cast", ["T"])], [("k", [[5, -7]])]),
+    "the truth of each": ([("Cast", ["I"]), ("Cast", ["T"])], []),
+}
+
+
+@DTYPES
+@pytest.mark.parametrize(
+    ("name", "whole"),
+    [(name, INT64) for name in AFTER_CUTTING]
+    + [(name, TensorProto.INT32) for name in AFTER_CUTTING if name not in ("categories", "labels")],
+)
+def test_numbers_cut_to_integers(tmp_path, name, whole, elem_type):
+    """Of numbers that do not fit, for which machines differ, there is no answer."""
+    steps, given = AFTER_CUTTING[name]
+    attributes = {
+        "Concat": {"axis": 1},
+        "OneHotEncoder": {"domain": "ai.onnx.ml", "cats_int64s": [-2, 0, 3]},
+        "LabelEncoder": {"domain": "ai.onnx.ml", "keys_int64s": [0, -1, 7], "values_floats": [0.5, 2.0, -3.0]},
+    }
+    nodes = [helper.make_node("Cast", ["X"], ["I"], to=whole)]
+    for number, (op_type, inputs) in enumerate(steps):
+        last = number == len(steps) - 1
+        to = elem_type if last else TensorProto.BOOL
+        more = {"to": to} if op_type == "Cast" else attributes.get(op_type, {})
+        nodes.append(helper.make_node(op_type, inputs, ["Y" if last else "T"], **more))
+    kind = {"the integers": whole, "categories": FLOAT, "labels": FLOAT}.get(name, elem_type)
+    constants = [constant(word, numbers, helper.tensor_dtype_to_np_dtype(whole)) for word, numbers in given]
+    model = graph_model(nodes, [info("X", (None, 3), elem_type)], [info("Y", None, kind)], constants)
+    loaded = build.load(model, tmp_path)
+    bits = 63 if whole == INT64 else 31
+    ends = np.array([2.0**bits, 2.0**bits - 64, 2.0**bits - 129, 2.0 ** (bits - 1), 2.0**bits - 2.0 ** (bits - 24)])
+    near = np.concatenate([ends, np.nextafter(ends, 0), -ends])
+    rng = np.random.default_rng(3)
+    x = np.vstack([_with_fractions(rng), rng.choice(np.append(near, [0.5, -0.25, 7.0]), (300, 3)), rows(rng)])
+    assert not agree(loaded, x).any()
+    assert loaded.ir.exact and not loaded.ir.accepts_nan
+    taken = reference.valid_rows(loaded.ir, near[:, None].repeat(3, axis=1))
+    assert taken[np.abs(near) <= 2.0 ** (bits - 1)].all() and not taken[0]
+
+
+def test_computed_numbers_that_do_not_fit_integers_have_no_answer(tmp_path):
+    nodes = [
+        helper.make_node("Mul", ["X", "large"], ["L"]),
+        helper.make_node("Cast", ["L"], ["I"], to=TensorProto.INT32),
+        helper.make_node("Cast", ["I"], ["Y"], to=FLOAT),
+    ]
+    model = graph_model(nodes, [info("X", (None, 1))], [info("Y", None)], [constant("large", 1e6)])
+    loaded = build.load(model, tmp_path)
+    x = np.array([[0.5e-6], [-7.25e-6], [2000.0], [2147.0], [2148.0], [-2148.0]])
+    ours = reference.evaluate(loaded.ir, x)
+    np.testing.assert_array_equal(np.isnan(ours[:, 0]), np.abs(x[:, 0]) > 2147.5)
+    np.testing.assert_array_equal(ours[:4], loaded.predict(x[:4]))
 
 
 def test_whole_numbers_stay_so_in_real(tmp_path):

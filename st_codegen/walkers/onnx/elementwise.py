@@ -11,11 +11,13 @@ import math
 import numpy as np
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import Exceeds, Function, Operator
+from st_codegen.ir import Exceeds, Function, Operator, Towards, Whole
 from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, operator
 from st_codegen.walkers.onnx.operands import (
     FLOAT32,
     FLOAT64,
+    INTEGERS,
+    MAX_WHOLE,
     TRUTH,
     ConstantOperand,
     LabelOperand,
@@ -152,33 +154,16 @@ def _power(call: NodeCall) -> Operand:
     return result
 
 
-#: From here on a number of a type has no fraction, and a sum with what is smaller is rounded to a whole one, ties to
-#: even.
-_NO_FRACTION = {FLOAT32: 2.0**23, FLOAT64: 2.0**52}
+_TOWARDS = {"Round": Towards.NEAREST, "Floor": Towards.BELOW, "Ceil": Towards.ABOVE}
 
 
 def _whole(call: NodeCall) -> Operand:
-    """The nearest whole number, of a tie the even one, or from there the next one below or above.
-
-    Floor and Ceil are its corrections by 1 where it lies on the other side. -0 becomes 0.
-    """
-    tensor, builder = call.computed(), call.walk.builder
-    call.walk.refuse_special(tensor)
-    builder.open_zeros = True
-    x, end = call.walk.settle(tensor), _NO_FRACTION[tensor.dtype]
-    size = builder.function(x, "abs")
-    large = builder.add(Exceeds((size,), np.full(tensor.size, end), inclusive=True))
-    small = builder.combine(size, "*", _opposite(call.walk, large))
-    moved = builder.scale(small, "+", end, precision=tensor.precision)
-    rounded = builder.scale(moved, "-", end, precision=tensor.precision)
-    whole = builder.combine(rounded, "+", builder.combine(size, "*", large))
-    positive = builder.add(Exceeds((x,), np.zeros(tensor.size), inclusive=True))
-    found = builder.combine(whole, "*", builder.chain(positive, ("*", 2.0), ("-", 1.0)))
-    if call.node.op_type != "Round":
-        pair, code = ((found, x), "-") if call.node.op_type == "Floor" else ((x, found), "+")
-        beyond = builder.add(Exceeds((builder.combine(pair[0], "-", pair[1]),), np.zeros(tensor.size)))
-        found = builder.combine(found, code, beyond)
-    return call.walk.computed(found, tensor.shape, tensor.dtype)
+    """The nearest whole number, of a tie the even one, or the next one below or above. -0 becomes 0."""
+    tensor, walk = call.computed(), call.walk
+    walk.refuse_special(tensor)
+    walk.builder.open_zeros = True
+    found = Whole((walk.settle(tensor),), tensor.size, _TOWARDS[call.node.op_type])
+    return walk.computed(found, tensor.shape, tensor.dtype)
 
 
 operator("Floor", 6, 13)(_whole)
@@ -212,13 +197,17 @@ def _opposite(walk: GraphWalk, truths: int) -> int:
     return walk.builder.scale(truths, "-", 1.0, reverse=True)
 
 
-def _as_number(operand: Operand) -> Operand:
-    """A label that is its own number as that number, and integers to compare it with."""
+def as_number(walk: GraphWalk, operand: Operand) -> Operand:
+    """A label that is its own number as that number, computed integers as such, and integers to compare them with."""
     if isinstance(operand, LabelOperand) and operand.labels == tuple(range(len(operand.labels))):
         zeros = np.zeros(operand.shape, np.int64)
         return Tensor(zeros + operand.value, zeros, FLOAT64, special=False)
-    if isinstance(operand, ConstantOperand) and operand.dtype in (np.int64, np.int32):
+    if isinstance(operand, ConstantOperand) and operand.dtype in INTEGERS:
+        if np.any(np.abs(operand.array.astype(np.float64)) > MAX_WHOLE):
+            raise UnsupportedModelError("compares or chooses integers of more than 53 bits")
         return ConstantOperand(operand.array.astype(np.float64))
+    if isinstance(operand, Tensor) and operand.dtype in INTEGERS and not operand.given:
+        return walk.as_type(operand, FLOAT64)
     return operand
 
 
@@ -240,7 +229,8 @@ def _spread(walk: GraphWalk, operand: Operand, shape: tuple[int, ...]) -> int:
 
 
 def _comparison(call: NodeCall) -> Operand:
-    left, right, walk = _as_number(call.required()), _as_number(call.required(1)), call.walk
+    walk = call.walk
+    left, right = (as_number(walk, call.required(number)) for number in (0, 1))
     if isinstance(left, ConstantOperand) and isinstance(right, ConstantOperand):
         return ConstantOperand(np.asarray(_COMPARISONS[call.node.op_type][0](left.array, right.array)))
     shape = np.broadcast_shapes(left.shape, right.shape)
@@ -331,7 +321,7 @@ def choice_of(call: NodeCall) -> Operand:
     For a condition that is computed.
     """
     condition, walk = _logical(call.required()), call.walk
-    sides = [_as_number(call.required(number)) for number in (1, 2)]
+    sides = [as_number(walk, call.required(number)) for number in (1, 2)]
     shape = np.broadcast_shapes(condition.shape, *(side.shape for side in sides))
     check_size(shape)
     dtype = sides[0].dtype
