@@ -155,9 +155,7 @@ class Piecewise(ColumnFunction):
                 low, _ = self.place(x[:, column] - moved, column)
                 high, on = self.place(x[:, column] + moved, column)
                 jumps = self._jumps(column)
-                finite = np.isfinite(
-                    jumps
-                )  # beside a number without an answer; it counts where it is within reach only
+                finite = np.isfinite(jumps)  # others lie beside a number without an answer, and count within reach
                 total = np.concatenate([[0.0], np.cumsum(np.where(finite, jumps, 0.0))])
                 refused = np.concatenate([[0], np.cumsum(~finite)])
                 ends = high + on - first, low - first

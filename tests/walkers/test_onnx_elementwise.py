@@ -50,11 +50,15 @@ UNARY = {
     "ThresholdedRelu": {},
     "ThresholdedRelu 2": {"alpha": -1.0},
     "ThresholdedRelu 3": {"alpha": 0.1},
+    "Shrink": {},
+    "Shrink 2": {"bias": 0.25, "lambd": 1.0},
+    "Shrink 3": {"bias": -1.7, "lambd": 0.0},
+    "Hardmax": {},
     "Swish": {},
     "Swish 2": {"alpha": 1.7},
 }
-EXACT = {"Abs", "Sign", "Sqrt", "Reciprocal", "HardSigmoid", "HardSwish", "ThresholdedRelu"}
-FLOAT_ONLY = {"Erf", "Celu", "Gelu", "Mish", "ThresholdedRelu"}
+EXACT = {"Abs", "Sign", "Sqrt", "Reciprocal", "HardSigmoid", "HardSwish", "ThresholdedRelu", "Shrink", "Hardmax"}
+FLOAT_ONLY = {"Erf", "Celu", "Gelu", "Mish", "ThresholdedRelu", "Shrink", "Hardmax"}
 
 
 @DTYPES
@@ -100,9 +104,21 @@ def test_powers_by_a_logarithm(tmp_path, exponent, elem_type):
     assert np.all(np.isfinite(bound)) and np.all(bound > 0)
 
 
-@pytest.mark.parametrize("exponent", [0.0, 100.0, np.nan, np.inf])
+@DTYPES
+@pytest.mark.parametrize("exponents", [[1.0, 2.0, 3.0], [0.5, 2.0, 0.5], [[3.0, -1.0, 3.0]]])
+def test_powers_of_columns(tmp_path, exponents, elem_type):
+    """onnxruntime multiplies for one exponent only."""
+    dtype = helper.tensor_dtype_to_np_dtype(elem_type)
+    loaded = compiled(build.load(single("Pow", 3, [constant("E", exponents, dtype)], elem_type), tmp_path))
+    x = rows(np.random.default_rng(2))
+    x = x[np.all((np.abs(x) < 1e6) & (np.abs(x) > 1e-6), axis=1)]
+    x[::2] = np.abs(x[::2])
+    assert np.all(np.isfinite(agree(loaded, x)))
+
+
+@pytest.mark.parametrize("exponent", [0.0, 100.0, np.nan, np.inf, [1.0, 0.0, 2.0]])
 def test_powers_that_are_refused(tmp_path, exponent):
-    with pytest.raises(UnsupportedModelError, match="one constant other than 0 and of magnitude up to 64"):
+    with pytest.raises(UnsupportedModelError, match="constants other than 0 and of magnitude up to 64"):
         build.load(single("Pow", 3, [constant("E", exponent, np.float32)]), tmp_path)
 
 
@@ -318,6 +334,31 @@ def test_missing_numbers_filled_in(tmp_path):
     loaded = build.load(model, tmp_path)
     assert np.all(np.isfinite(reference.evaluate(loaded.ir, np.array([[np.nan, 1.0, np.nan]]))))
     assert verified(compiled(loaded), tmp_path / "net", rows=300).passed
+
+
+@DTYPES
+def test_whether_inputs_are_missing(tmp_path, elem_type):
+    nodes = [
+        helper.make_node("IsNaN", ["X"], ["T"]),
+        helper.make_node("Not", ["T"], ["N"]),
+        helper.make_node("Cast", ["N"], ["Y"], to=elem_type),
+    ]
+    loaded = build.load(graph_model(nodes, [info("X", (None, 3), elem_type)], [info("Y", None, elem_type)]), tmp_path)
+    assert loaded.ir.exact and loaded.ir.accepts_nan
+    agree(loaded, rows(np.random.default_rng(9)))
+    assert verified(compiled(loaded), tmp_path / "text", rows=300).exact
+
+
+@pytest.mark.parametrize("op_type", ["Imputer", "IsNaN"])
+def test_nan_that_a_graph_makes_is_not_looked_for(tmp_path, op_type):
+    """Such rows have no answer in the block, and had it that an imputer gives them in the library."""
+    given = {"domain": "ai.onnx.ml", "imputed_value_floats": [0.0], "replaced_value_float": np.nan}
+    last = [helper.make_node("Imputer", ["L"], ["Y"], **given)]
+    if op_type == "IsNaN":
+        last = [helper.make_node("IsNaN", ["L"], ["T"]), helper.make_node("Cast", ["T"], ["Y"], to=FLOAT)]
+    nodes = [helper.make_node("Log", ["X"], ["L"]), *last]
+    with pytest.raises(UnsupportedModelError, match=r"looks for NaN that an operator before it makes.*\.skops"):
+        build.load(graph_model(nodes, [info("X", (None, 3))], [info("Y", None)]), tmp_path)
 
 
 def test_thresholds_and_categories(tmp_path):

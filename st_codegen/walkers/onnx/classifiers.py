@@ -16,6 +16,7 @@ from st_codegen import ir
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray
 from st_codegen.walkers.classes import above, largest, pair_coefficients, pair_votes, whole_sums
+from st_codegen.walkers.onnx.elementwise import equals
 from st_codegen.walkers.onnx.file import GraphNode
 from st_codegen.walkers.onnx.forest import Forest, NumberType
 from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, Result, operator
@@ -252,6 +253,20 @@ def _number_of_the(best: Literal["largest", "smallest"], *versions: int) -> None
 
 _number_of_the("largest", 1, 11, 12, 13)
 _number_of_the("smallest", 1, 11, 12, 13)
+
+
+@operator("Hardmax", 1, 11, 13)
+def _first_of_the_largest(call: NodeCall) -> Operand:
+    """1 for the first of the largest numbers, 0 for all others."""
+    tensor, walk = call.computed(), call.walk
+    axis = axis_of(call.node.integer("axis", -1 if call.node.version >= 13 else 1), len(tensor.shape))
+    taken = math.prod(tensor.shape[axis : axis + 1] if call.node.version >= 13 else tensor.shape[axis:])
+    if taken != tensor.size:
+        raise UnsupportedModelError(f"axis {axis} of shape {tensor.shape} (for one row) does not hold all columns")
+    walk.refuse_special(tensor)
+    index = largest(walk.builder, walk.settle(tensor))
+    each = walk.builder.select(np.zeros(tensor.size, np.int32), index)
+    return walk.computed(equals(walk, each, np.arange(float(tensor.size))), tensor.shape, tensor.dtype)
 
 
 def _shares(name: str, logarithm: bool) -> None:

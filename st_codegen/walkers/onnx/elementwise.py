@@ -7,11 +7,13 @@ core/providers/cpu/math/element_wise_ops.cc, core/providers/cpu/nn/layer_norm_im
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import Exceeds, Function, Operator, Towards, Whole
+from st_codegen.ir import FLOAT32_OVERFLOW, Exceeds, Function, Operator, Piecewise, Towards, Whole
 from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, operator
 from st_codegen.walkers.onnx.operands import (
     FLOAT32,
@@ -108,6 +110,25 @@ def _celu(call: NodeCall) -> Operand:
     return with_constant(walk, apply_activation(walk, scaled, Function.ELU), Operator.MULTIPLY, alpha)
 
 
+@operator("Shrink", 9)
+def _shrink(call: NodeCall) -> Operand:
+    """x + bias below -lambd, x - bias above lambd, 0 between (core/providers/cpu/nn/shrink.cc)."""
+    tensor, walk = call.computed(), call.walk
+    bias, reach = call.node.number("bias"), call.node.number("lambd", 0.5)
+    if tensor.dtype == FLOAT64:
+        raise UnsupportedModelError("onnxruntime computes Shrink of doubles in float; cast the input to float")
+    if reach < 0:
+        raise UnsupportedModelError(f"lambd {reach} is negative, so that a number may lie below and above")
+    walk.refuse_special(tensor)
+    walk.builder.open_zeros = True
+    value, cut, parts = walk.settle(tensor), np.full(tensor.size, reach), []
+    for sign, code in ((-1.0, Operator.ADD), (1.0, Operator.SUBTRACT)):
+        beyond = walk.builder.add(Exceeds((walk.builder.scale(value, "*", sign),), cut))
+        moved = walk.settle(with_constant(walk, tensor, code, bias))
+        parts.append(walk.builder.combine(moved, "*", beyond))
+    return walk.computed(walk.builder.combine(parts[0], "+", parts[1]), tensor.shape, tensor.dtype)
+
+
 def _hard_sigmoid(walk: GraphWalk, tensor: Tensor, alpha: float, beta: float) -> Tensor:
     walk.refuse_special(tensor)
     line = with_constant(walk, with_constant(walk, tensor, Operator.MULTIPLY, alpha), Operator.ADD, beta)
@@ -139,19 +160,34 @@ _MAX_EXPONENT = 64.0
 
 @operator("Pow", 7, 12, 13, 15)
 def _power(call: NodeCall) -> Operand:
+    """Products for one exponent that is 1, 2 or 3; else, and for a list of exponents, by a logarithm."""
     tensor, exponent = call.computed(), call.constant(1, "the exponent")
-    number = float(exponent.ravel()[0]) if exponent is not None and exponent.size == 1 else 0.0
-    if not number or not abs(number) <= _MAX_EXPONENT:
+    exponents = np.zeros(1) if exponent is None else exponent.astype(np.float64)
+    if exponent is not None and exponent.dtype not in (FLOAT32, FLOAT64, *INTEGERS):
+        raise UnsupportedModelError(f"exponents of {exponent.dtype}, which onnxruntime does not take")
+    if not np.all((exponents != 0.0) & (np.abs(exponents) <= _MAX_EXPONENT)):
         raise UnsupportedModelError(
-            f"the exponent is one constant other than 0 and of magnitude up to {_MAX_EXPONENT:g}; "
+            f"exponents are constants other than 0 and of magnitude up to {_MAX_EXPONENT:g}; "
             "write others with Exp and Log"
         )
-    if number not in (1.0, 2.0, 3.0):
-        return apply_activation(call.walk, tensor, Function.POWER, number)
-    result = tensor
-    for _ in range(int(number) - 1):
-        result = product_of(call.walk, result, tensor)
-    return result
+    shape = np.broadcast_shapes(tensor.shape, exponents.shape)
+    check_size(shape)
+    wide = tensor.moved(lambda array: np.broadcast_to(array, shape))
+    if exponents.size == 1 and exponents.ravel()[0] in (1.0, 2.0, 3.0):
+        result = wide
+        for _ in range(int(exponents.ravel()[0]) - 1):
+            result = product_of(call.walk, result, wide)
+        return result
+    each, value, column = np.broadcast_to(exponents, shape), np.zeros(shape, np.int64), np.zeros(shape, np.int64)
+    for number in np.unique(exponents):
+        own = each == number
+        found = apply_activation(call.walk, wide.moved(partial(_where, own=own)), Function.POWER, float(number))
+        value[own], column[own] = found.value, found.column
+    return replace(found, value=value, column=column)
+
+
+def _where(array: np.ndarray, own: np.ndarray) -> np.ndarray:
+    return array[own]
 
 
 _TOWARDS = {"Round": Towards.NEAREST, "Floor": Towards.BELOW, "Ceil": Towards.ABOVE}
@@ -262,11 +298,48 @@ operator("LessOrEqual", 12, 16)(_comparison)
 operator("Equal", 7, 11, 13, 19)(_comparison)
 
 
+def equals(walk: GraphWalk, value: int, numbers: np.ndarray) -> int:
+    """1 in each column that is equal to its number, else 0."""
+    return _compared(walk, "Equal", value, numbers)
+
+
 def is_not_zero(walk: GraphWalk, tensor: Tensor) -> Tensor:
     """The truth value of each number."""
     walk.refuse_special(tensor)
     equal = _compared(walk, "Equal", walk.settle(tensor), np.zeros(tensor.size))
     return _truths(walk, _opposite(walk, equal), tensor.shape)
+
+
+def refuse_made_nan(walk: GraphWalk, tensor: Tensor) -> None:
+    """Raise UnsupportedModelError where an operator before makes NaN of numbers: such rows have no answer here."""
+    todo, seen = set(np.ravel(tensor.value).tolist()), set[int]()
+    while todo:
+        value = todo.pop()
+        if not value or value in seen:
+            continue
+        seen.add(value)
+        op = walk.builder.ops[value - 1]
+        if getattr(op, "refuses", False):
+            raise UnsupportedModelError(
+                "looks for NaN that an operator before it makes (a logarithm, a root, a power or a quotient), as in a "
+                "PowerTransformer; rows have no answer where one arises: compile the model from a .skops file"
+            )
+        todo.update(op.inputs)
+
+
+@operator("IsNaN", 9, 13, 20)
+def _is_nan(call: NodeCall) -> Operand:
+    """Whether an input is missing; infinite ones are refused."""
+    tensor, walk = call.computed(), call.walk
+    refuse_made_nan(walk, tensor)
+    walk.builder.refuse_magnitude(FLOAT32_OVERFLOW if walk.narrows else math.inf)
+    value = walk.gathered(np.ravel(tensor.value), np.ravel(tensor.column))
+    start, none, missing = np.zeros(tensor.size + 1, np.int64), np.zeros(0), np.ones(tensor.size)
+    return _truths(
+        walk,
+        walk.builder.add(Piecewise((value,), start, none, none, np.zeros((tensor.size, 1)), missing)),
+        tensor.shape,
+    )
 
 
 def _logical(operand: Operand) -> Tensor:

@@ -15,7 +15,7 @@ import numpy as np
 from st_codegen import ir
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir.arrays import AnyArray, FloatArray
-from st_codegen.walkers.onnx.elementwise import as_number
+from st_codegen.walkers.onnx.elementwise import as_number, refuse_made_nan
 from st_codegen.walkers.onnx.file import GraphNode
 from st_codegen.walkers.onnx.forest import MAX_ID, Forest, NumberType, read_post_transform
 from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, operator
@@ -216,7 +216,11 @@ def _imputer(call: NodeCall) -> Operand:
     if len(fills) not in (1, tensor.size) or not np.all(np.isfinite(fills)):
         raise InputError(f"{len(fills)} imputed values, or such that are not finite, for {tensor.size} columns")
     fills = np.broadcast_to(fills, tensor.size)
+    if math.isinf(replaced):  # no number that has an answer is infinite
+        walk.refuse_special(tensor)
+        return tensor
     if math.isnan(replaced):
+        refuse_made_nan(walk, tensor)
         walk.builder.refuse_magnitude(ir.FLOAT32_OVERFLOW if walk.narrows else math.inf)
         value, sentinel = walk.gathered(np.ravel(tensor.value), np.ravel(tensor.column)), None
     else:

@@ -25,6 +25,7 @@ from st_codegen.walkers.onnx import (  # noqa: F401  (they register operators)
     ml,
     nearest,
     operators,
+    quantized,
     recurrent,
     shapes,
     sums,

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import onnx
 from onnx import TensorProto
+from onnx.helper import np_dtype_to_tensor_dtype
 
 from st_codegen.errors import InputError, Problems, UnsupportedModelError
 from st_codegen.ir import Softmax
@@ -14,7 +15,7 @@ from st_codegen.walkers.base import Classified
 from st_codegen.walkers.classes import largest
 from st_codegen.walkers.onnx.file import plain, printable, type_name
 from st_codegen.walkers.onnx.graph import GraphWalk
-from st_codegen.walkers.onnx.operands import ConstantOperand, LabelOperand, PickedOperand, Tensor
+from st_codegen.walkers.onnx.operands import TRUTH, ConstantOperand, LabelOperand, PickedOperand, Tensor
 from st_codegen.walkers.onnx.ranges import are_shares
 from st_codegen.walkers.onnx.session import Reader, read_label, read_largest, read_map
 
@@ -76,17 +77,9 @@ def _checked(walk: GraphWalk, info: onnx.ValueInfoProto, problems: Problems) -> 
             yield operand
 
 
-_TYPES = {
-    np.dtype(np.float32): TensorProto.FLOAT,
-    np.dtype(np.float64): TensorProto.DOUBLE,
-    np.dtype(np.int32): TensorProto.INT32,
-    np.dtype(np.int64): TensorProto.INT64,
-}
-
-
 def _check_type(info: onnx.ValueInfoProto, name: str, tensor: Tensor) -> None:
     declared = info.type.tensor_type.elem_type
-    computed = _TYPES.get(tensor.dtype)
+    computed = None if tensor.dtype == TRUTH else np_dtype_to_tensor_dtype(tensor.dtype)
     if computed is None or tensor.given:
         kind = "the integers of an input" if tensor.given else "truth values"
         raise UnsupportedModelError(f"the output '{name}' holds {kind}; leave it out of the graph")
