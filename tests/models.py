@@ -39,7 +39,7 @@ from st_codegen.ir import (
     TreeColumn,
     TreeEnsemble,
     WeightedMedian,
-    Whole,
+    WholeNumber,
 )
 from st_codegen.ir.preorder import preorder
 
@@ -307,7 +307,7 @@ SMALL_MODELS = {
     "clip": model(Clip((0,), [-1.0, 0.0, -2.0], [1.0, 0.5, 2.0])),
     "exceeds": model(Exceeds((0,), [0.5, 0.0, -1.0])),
     "exceeds or equals": model(Exceeds((0,), [0.5, 0.0, -1.0], inclusive=True)),
-    **{f"whole, {towards.value}": model(Whole((0,), 3, towards)) for towards in Towards},
+    **{f"whole, {towards.value}": model(WholeNumber((0,), 3, towards)) for towards in Towards},
     "argmax": model(ArgMax((0,), 3)),
     "argmax of two": model(Select((0,), [1, 0]), ArgMax((1,), 2)),
     "argmax of one": model(Select((0,), [1]), ArgMax((1,), 1)),

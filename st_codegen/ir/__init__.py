@@ -45,7 +45,7 @@ from st_codegen.ir.operations import (
     Scale,
     Select,
     SlidingLinear,
-    Whole,
+    WholeNumber,
 )
 from st_codegen.ir.pieces import Piecewise
 from st_codegen.ir.scan import Scan
@@ -113,7 +113,7 @@ __all__ = [
     "TreeColumn",
     "TreeEnsemble",
     "WeightedMedian",
-    "Whole",
+    "WholeNumber",
     "depth_of",
     "digest",
 ]

@@ -188,7 +188,7 @@ class Clip(ColumnFunction):
 
 
 @dataclass(frozen=True)
-class Whole(ColumnFunction):
+class WholeNumber(ColumnFunction):
     """The whole number beside each number, -0 as 0: ONNX Round, Floor, Ceil, a cast to integers, quantization."""
 
     inputs: tuple[int, ...]

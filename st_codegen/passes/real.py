@@ -39,7 +39,7 @@ from st_codegen.ir import (
     SummationOrder,
     TreeColumn,
     TreeEnsemble,
-    Whole,
+    WholeNumber,
 )
 from st_codegen.passes.domain import limit_inputs
 
@@ -96,7 +96,7 @@ def _(op: Round) -> Operation:
 
 
 @_operation.register
-def _(op: Whole) -> Operation:
+def _(op: WholeNumber) -> Operation:
     return op  # the whole number beside a REAL is a REAL
 
 

@@ -112,7 +112,7 @@ def _critical_points(model: ir.ModelIR) -> list[tuple[FloatArray, FloatArray]]:
     near: list[list[FloatArray]] = [[] for _ in model.features]
     changeover: list[list[FloatArray]] = [[] for _ in model.features]
     for op in model.ops:
-        if isinstance(op, ir.Exceeds | ir.Piecewise | ir.Whole):
+        if isinstance(op, ir.Exceeds | ir.Piecewise | ir.WholeNumber):
             for place, values in enumerate(_typical(op)):
                 feature, steps = origin(model, op.inputs[0], place)
                 if feature is not None:
@@ -246,7 +246,7 @@ def _(op: ir.Exceeds) -> list[FloatArray]:
 
 
 @_typical.register
-def _(op: ir.Whole) -> list[FloatArray]:
+def _(op: ir.WholeNumber) -> list[FloatArray]:
     return [np.arange(-4.0, 4.5, 0.5)] * op.width
 
 

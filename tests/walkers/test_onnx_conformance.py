@@ -32,7 +32,7 @@ _NAMES += " batchnorm ceil floor round hardmax shrink"
 PREFIXES = tuple(f"test_{name}" for name in _NAMES.split())
 #: What the walker turns down: batches and stacks of matrices, integers, sequences, strings, random numbers,
 #: a norm whose mean is an output.
-REFUSED_ONLY = {"Gemm", "Dropout", "Shape", "Constant", "ConstantOfShape", "LayerNormalization"}
+REFUSED_ONLY = {"Gemm", "Dropout", "Shape", "Constant", "ConstantOfShape", "LayerNormalization", "MatMulInteger"}
 
 
 def cases():

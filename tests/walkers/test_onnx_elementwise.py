@@ -116,6 +116,23 @@ def test_powers_of_columns(tmp_path, exponents, elem_type):
     assert np.all(np.isfinite(agree(loaded, x)))
 
 
+@DTYPES
+@pytest.mark.parametrize("base", [2.0, 0.25, 1.0, [1.5, 10.0, 0.9]])
+def test_powers_of_a_constant(tmp_path, base, elem_type):
+    node = helper.make_node("Pow", ["B", "X"], ["Y"])
+    constants = [constant("B", base, helper.tensor_dtype_to_np_dtype(elem_type))]
+    model = graph_model([node], [info("X", (None, 3), elem_type)], [info("Y", None, elem_type)], constants)
+    loaded = compiled(build.load(model, tmp_path))
+    x = rows(np.random.default_rng(2))
+    assert np.all(np.isfinite(agree(loaded, x[np.all(np.abs(x) < 30, axis=1)])))
+
+
+def test_a_power_of_a_negative_constant_is_refused(tmp_path):
+    node = helper.make_node("Pow", ["B", "X"], ["Y"])
+    with pytest.raises(UnsupportedModelError, match="not above 0"):
+        build.load(graph_model([node], [info("X", (None, 3))], [info("Y", None)], [constant("B", -2.0)]), tmp_path)
+
+
 @pytest.mark.parametrize("exponent", [0.0, 100.0, np.nan, np.inf, [1.0, 0.0, 2.0]])
 def test_powers_that_are_refused(tmp_path, exponent):
     with pytest.raises(UnsupportedModelError, match="constants other than 0 and of magnitude up to 64"):
@@ -529,6 +546,26 @@ def test_numbers_cut_to_integers(tmp_path, name, whole, elem_type):
     assert loaded.ir.exact and not loaded.ir.accepts_nan
     taken = reference.valid_rows(loaded.ir, near[:, None].repeat(3, axis=1))
     assert taken[np.abs(near) <= 2.0 ** (bits - 1)].all() and not taken[0]
+
+
+@pytest.mark.parametrize("to", [INT64, TensorProto.INT32])
+def test_arithmetic_of_integers_that_stay_small(tmp_path, to):
+    """-1 and 1 of a truth value, as exporters of detectors write it; what may be large is refused."""
+    kind = helper.tensor_dtype_to_np_dtype(to)
+    nodes = [
+        helper.make_node("Less", ["X", "cut"], ["T"]),
+        helper.make_node("Cast", ["T"], ["I"], to=to),
+        helper.make_node("Mul", ["I", "two"], ["D"]),
+        helper.make_node("Add", ["D", "one"], ["E"]),
+        helper.make_node("Sub", ["E", "I"], ["Y"]),
+    ]
+    constants = [constant("cut", [0.5, 0.0, -1.0]), constant("two", -2, kind), constant("one", 1, kind)]
+    loaded = build.load(graph_model(nodes, [info("X", (None, 3))], [info("Y", None, to)], constants), tmp_path)
+    assert loaded.ir.exact
+    assert not agree(loaded, rows(np.random.default_rng(6))).any()
+    nodes[1].input[0] = "X"
+    with pytest.raises(UnsupportedModelError, match="of which it is not known that they stay small"):
+        build.load(graph_model(nodes, [info("X", (None, 3))], [info("Y", None, to)], constants), tmp_path)
 
 
 def test_computed_numbers_that_do_not_fit_integers_have_no_answer(tmp_path):

@@ -12,6 +12,7 @@ from sklearn.ensemble import (
     ExtraTreesRegressor,
     GradientBoostingRegressor,
     HistGradientBoostingRegressor,
+    IsolationForest,
     RandomForestRegressor,
     StackingRegressor,
     VotingRegressor,
@@ -306,6 +307,15 @@ def test_detectors_give_their_side_beside_the_score(tmp_path, model):
     assert loaded.ir.outputs == ("out1", "out2")
     assert_within_bound(loaded, ROWS)
     assert np.mean(reference.evaluate(loaded.ir, ROWS)[:, 0] == model.predict(ROWS)) > 0.98
+
+
+def test_isolation_of_rows(tmp_path):
+    model = IsolationForest(n_estimators=10, random_state=0).fit(X)
+    loaded = build.load(export(model, target_opset={"": 17, "ai.onnx.ml": 3}), tmp_path)
+    assert_within_bound(loaded, ROWS)
+    ours = reference.evaluate(loaded.ir, ROWS)
+    assert np.mean(ours[:, 0] == model.predict(ROWS)) > 0.98
+    np.testing.assert_allclose(ours[:, 1], model.decision_function(ROWS), atol=1e-4)
 
 
 @pytest.mark.parametrize("method", ["yeo-johnson", "box-cox"])

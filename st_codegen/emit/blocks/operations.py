@@ -41,7 +41,7 @@ from st_codegen.ir import (
     SummationOrder,
     Towards,
     WeightedMedian,
-    Whole,
+    WholeNumber,
 )
 from st_codegen.ir.base import COS_REACH
 
@@ -238,7 +238,7 @@ _WHOLE_TITLES = {
 
 
 @_column_by_column
-def _(op: Whole, step: Step, listing: Listing) -> Section:
+def _(op: WholeNumber, step: Step, listing: Listing) -> Section:
     listing.locals("LREAL", "fX", "fY")
     own: dict[str, object] = {"towards": op.towards.value, "end": real(_NO_FRACTION[step.type])}
     return _WHOLE_TITLES[op.towards], "whole", own

@@ -175,7 +175,7 @@ class Demand:
         return [self.terms.branch(name, x, cut, 1.0, 0.0) for x, cut in pairs]
 
     @value.register
-    def _(self, op: ir.Whole, given: list[list[Value]]) -> list[Value]:
+    def _(self, op: ir.WholeNumber, given: list[list[Value]]) -> list[Value]:
         terms, end = self.terms, 2.0**52
         result = []
         for x in given[0]:

@@ -13,7 +13,8 @@ from functools import partial
 import numpy as np
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import FLOAT32_OVERFLOW, Exceeds, Function, Operator, Piecewise, Towards, Whole
+from st_codegen.ir import FLOAT32_OVERFLOW, Exceeds, Function, Operator, Piecewise, Towards, WholeNumber
+from st_codegen.ir.arrays import AnyArray, BoolArray
 from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, operator
 from st_codegen.walkers.onnx.operands import (
     FLOAT32,
@@ -161,6 +162,8 @@ _MAX_EXPONENT = 64.0
 @operator("Pow", 7, 12, 13, 15)
 def _power(call: NodeCall) -> Operand:
     """Products for one exponent that is 1, 2 or 3; else, and for a list of exponents, by a logarithm."""
+    if isinstance(base := call.required(), ConstantOperand):
+        return _power_of_constant(call.walk, base, call.computed(1))
     tensor, exponent = call.computed(), call.constant(1, "the exponent")
     exponents = np.zeros(1) if exponent is None else exponent.astype(np.float64)
     if exponent is not None and exponent.dtype not in (FLOAT32, FLOAT64, *INTEGERS):
@@ -186,8 +189,22 @@ def _power(call: NodeCall) -> Operand:
     return replace(found, value=value, column=column)
 
 
-def _where(array: np.ndarray, own: np.ndarray) -> np.ndarray:
-    return array[own]
+def _power_of_constant(walk: GraphWalk, base: ConstantOperand, exponent: Tensor) -> Tensor:
+    """An exponential of the exponent times the logarithm of the base, which is rounded once."""
+    if base.dtype != exponent.dtype or not np.all((base.array > 0) & np.isfinite(base.array)):
+        raise UnsupportedModelError("a power of a constant that is not above 0, or of another type than the exponent")
+    shape = np.broadcast_shapes(base.shape, exponent.shape)
+    check_size(shape)
+    walk.refuse_special(exponent)
+    value = walk.settle(exponent.moved(lambda array: np.broadcast_to(array, shape)))
+    logarithm = np.log(np.broadcast_to(base.array.astype(np.float64), shape).ravel())
+    moved = walk.builder.scale(value, "*", logarithm, doubt=np.abs(logarithm) * 2.0**-50)
+    return apply_activation(walk, walk.computed(moved, shape, exponent.dtype), Function.EXP)
+
+
+def _where(array: AnyArray, own: BoolArray) -> AnyArray:
+    """What an array has where a condition holds."""
+    return np.asarray(array[own])
 
 
 _TOWARDS = {"Round": Towards.NEAREST, "Floor": Towards.BELOW, "Ceil": Towards.ABOVE}
@@ -198,7 +215,7 @@ def _whole(call: NodeCall) -> Operand:
     tensor, walk = call.computed(), call.walk
     walk.refuse_special(tensor)
     walk.builder.open_zeros = True
-    found = Whole((walk.settle(tensor),), tensor.size, _TOWARDS[call.node.op_type])
+    found = WholeNumber((walk.settle(tensor),), tensor.size, _TOWARDS[call.node.op_type])
     return walk.computed(found, tensor.shape, tensor.dtype)
 
 

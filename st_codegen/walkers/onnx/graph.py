@@ -16,7 +16,7 @@ import numpy as np
 import onnx
 
 from st_codegen.errors import InputError, Problems, UnsupportedModelError, errors_name
-from st_codegen.ir import FLOAT32_OVERFLOW, AnyArray, Clip, IntArray, Label, Operation, Round, Towards, Whole
+from st_codegen.ir import FLOAT32_OVERFLOW, AnyArray, Clip, IntArray, Label, Operation, Round, Towards, WholeNumber
 from st_codegen.walkers.base import GraphBuilder
 from st_codegen.walkers.onnx.file import GraphNode, domain_of, node_label, printable, read_tensor
 from st_codegen.walkers.onnx.operands import (
@@ -150,7 +150,7 @@ class GraphWalk:
             if tensor.unrounded:
                 number = self.builder.add(Round(inputs=(number,), width=len(column)))
             if tensor.uncut:
-                number = self.builder.add(Whole((number,), len(column), Towards.ZERO))
+                number = self.builder.add(WholeNumber((number,), len(column), Towards.ZERO))
             self._settled[key] = number
         return self._settled[key]
 

@@ -72,7 +72,7 @@ def _quantized(walk: GraphWalk, tensor: Tensor, zero: FloatArray, dtype: np.dtyp
     """Quotients limited, rounded and moved by the zero point."""
     ends, moved = np.iinfo(dtype), np.ravel(zero)
     clipped = walk.builder.add(ir.Clip((walk.settle(tensor),), ends.min - moved, ends.max - moved))
-    rounded = walk.builder.add(ir.Whole((clipped,), tensor.size))
+    rounded = walk.builder.add(ir.WholeNumber((clipped,), tensor.size))
     return walk.computed(walk.builder.scale(rounded, "+", moved) if np.any(moved) else rounded, tensor.shape, dtype)
 
 
@@ -139,7 +139,7 @@ def _quantize_by_range(call: NodeCall) -> Result:
     quotient = require_tensor(combined(walk, ir.Operator.DIVIDE, tensor, step))
     # limited to what is left beside the zero point: rounded first it is the same, since both ends are whole
     limited = walk.builder.add(ir.Clip((walk.settle(quotient),), *(np.full(tensor.size, end) for end in (-256, 256))))
-    whole = walk.computed(walk.builder.add(ir.Whole((limited,), tensor.size)), tensor.shape, FLOAT32)
+    whole = walk.computed(walk.builder.add(ir.WholeNumber((limited,), tensor.size)), tensor.shape, FLOAT32)
     moved = require_tensor(combined(walk, ir.Operator.ADD, whole, walk.as_type(zero, FLOAT32)))
     ends = (np.full(tensor.size, end) for end in (0.0, 255.0))
     found = walk.computed(ir.Clip((walk.settle(moved),), *ends), tensor.shape, zero.dtype)
@@ -183,8 +183,9 @@ def _check_pairs(weights: AnyArray) -> None:
     ordered = np.sort(weights.astype(np.int64), axis=0)
     if 255 * max(np.max(ordered[-2:].sum(axis=0)), -np.min(ordered[:2].sum(axis=0))) > _LARGEST_PAIR:
         raise UnsupportedModelError(
-            "signed weights beyond 64, of whose products with unsigned numbers onnxruntime keeps 16 bits a pair on "
-            "machines with AVX2 and all on others; quantize with weight_type=QUInt8 or reduce_range=True, or as QDQ"
+            "signed weights beyond 64: of their products with unsigned numbers onnxruntime keeps 16 bits a pair on "
+            "machines with AVX2 but without VNNI, and all bits on others; quantize with weight_type=QUInt8 or "
+            "reduce_range=True, or in the QDQ format"
         )
 
 

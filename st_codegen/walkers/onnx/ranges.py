@@ -18,13 +18,18 @@ def are_shares(builder: GraphBuilder, tensor: Tensor) -> bool:
     return all(low >= -1e-5 and high <= 1.0 + 1e-5 for low, high in ranges)
 
 
+def stays_below(builder: GraphBuilder, tensor: Tensor, limit: float) -> bool:
+    """Whether all numbers of a tensor are known to stay below a magnitude, with room for roundings."""
+    return all(_magnitude(builder, *place) < limit / 2 for place in _places(tensor))
+
+
 def keep_below(walk: GraphWalk, tensor: Tensor, limit: float) -> Tensor:
     """The numbers of a tensor, of which those of magnitude `limit` (a power of two) and above have no answer.
 
     Numbers that come from the inputs as they are narrow what the inputs may be.
     """
     walk.refuse_special(tensor)
-    if all(_magnitude(walk.builder, *place) < limit / 2 for place in _places(tensor)):
+    if stays_below(walk.builder, tensor, limit):
         return tensor
     features = [_feature(walk.builder, *place) for place in _places(tensor)]
     known = [feature for feature in features if feature is not None]
