@@ -35,9 +35,11 @@ from st_codegen.ir import (
     Softmax,
     Source,
     SummationOrder,
+    Towards,
     TreeColumn,
     TreeEnsemble,
     WeightedMedian,
+    WholeNumber,
 )
 from st_codegen.ir.preorder import preorder
 
@@ -305,6 +307,7 @@ SMALL_MODELS = {
     "clip": model(Clip((0,), [-1.0, 0.0, -2.0], [1.0, 0.5, 2.0])),
     "exceeds": model(Exceeds((0,), [0.5, 0.0, -1.0])),
     "exceeds or equals": model(Exceeds((0,), [0.5, 0.0, -1.0], inclusive=True)),
+    **{f"whole, {towards.value}": model(WholeNumber((0,), 3, towards)) for towards in Towards},
     "argmax": model(ArgMax((0,), 3)),
     "argmax of two": model(Select((0,), [1, 0]), ArgMax((1,), 2)),
     "argmax of one": model(Select((0,), [1]), ArgMax((1,), 1)),

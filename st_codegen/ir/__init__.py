@@ -25,6 +25,7 @@ from st_codegen.ir.base import (
     Precision,
     Quotient,
     SummationOrder,
+    Towards,
 )
 from st_codegen.ir.cells import CellTable, Rank, RankColumn, TableAxis
 from st_codegen.ir.decisions import MAX_DEVIATION_ROWS, ArgMax, Classes, Exceeds, Label, OutputKind, Softmax
@@ -44,6 +45,7 @@ from st_codegen.ir.operations import (
     Scale,
     Select,
     SlidingLinear,
+    WholeNumber,
 )
 from st_codegen.ir.pieces import Piecewise
 from st_codegen.ir.scan import Scan
@@ -107,9 +109,11 @@ __all__ = [
     "Source",
     "SummationOrder",
     "TableAxis",
+    "Towards",
     "TreeColumn",
     "TreeEnsemble",
     "WeightedMedian",
+    "WholeNumber",
     "depth_of",
     "digest",
 ]

@@ -104,6 +104,15 @@ class Kernel(StrEnum):
     SIGMOID = "sigmoid"  # tanh(gamma * u.v + coef0)
 
 
+class Towards(StrEnum):
+    """Which whole number is taken for a number that lies between two."""
+
+    NEAREST = "nearest"  # of a tie the even one
+    BELOW = "below"
+    ABOVE = "above"
+    ZERO = "zero"  # the fraction is cut off
+
+
 class Norm(StrEnum):
     """Norms by which a vector is divided."""
 

@@ -22,6 +22,7 @@ from st_codegen.ir.base import (
     ReadsColumns,
     ReadsWhole,
     SummationOrder,
+    Towards,
     check_columns,
     freeze,
     require_finite,
@@ -184,6 +185,34 @@ class Clip(ColumnFunction):
 
     def largest(self, magnitude: FloatArray) -> FloatArray:
         return np.minimum(magnitude, np.maximum(np.abs(self.lower), np.abs(self.upper)))
+
+
+@dataclass(frozen=True)
+class WholeNumber(ColumnFunction):
+    """The whole number beside each number, -0 as 0: ONNX Round, Floor, Ceil, a cast to integers, quantization."""
+
+    inputs: tuple[int, ...]
+    width: int
+    towards: Towards = Towards.NEAREST
+    computes: ClassVar[bool] = False
+
+    def value(self, x: FloatArray) -> FloatArray:
+        return np.asarray(_WHOLE[self.towards](x) + 0.0, np.float64)
+
+    def slope(self, x: FloatArray, difference: FloatArray) -> FloatArray:
+        """The whole numbers within `difference` that the function may jump to, for each unit of it."""
+        with np.errstate(all="ignore"):
+            here = self.value(x)
+            high = self.value(np.nextafter(x + difference, np.inf)) - here
+            low = here - self.value(np.nextafter(x - difference, -np.inf))
+            steepest = np.maximum(high, low) / difference * (1.0 + 4 * np.finfo(np.float64).eps)
+        return np.where(difference > 0, np.where(np.isnan(steepest), np.inf, steepest), 0.0)
+
+    def largest(self, magnitude: FloatArray) -> FloatArray:
+        return np.ceil(magnitude)
+
+
+_WHOLE = {Towards.NEAREST: np.rint, Towards.BELOW: np.floor, Towards.ABOVE: np.ceil, Towards.ZERO: np.trunc}
 
 
 @dataclass(frozen=True)

@@ -154,8 +154,13 @@ class Piecewise(ColumnFunction):
                 moved, first, stop = difference[:, column], self.start[column], self.start[column + 1]
                 low, _ = self.place(x[:, column] - moved, column)
                 high, on = self.place(x[:, column] + moved, column)
-                total = np.concatenate([[0.0], np.cumsum(self._jumps(column))])
-                jump = np.where(moved > 0, total[high + on - first] - total[low - first], 0.0)
+                jumps = self._jumps(column)
+                finite = np.isfinite(jumps)  # others lie beside a number without an answer, and count within reach
+                total = np.concatenate([[0.0], np.cumsum(np.where(finite, jumps, 0.0))])
+                refused = np.concatenate([[0], np.cumsum(~finite)])
+                ends = high + on - first, low - first
+                jump = np.where(refused[ends[0]] > refused[ends[1]], np.inf, total[ends[0]] - total[ends[1]])
+                jump = np.where(moved > 0, jump, 0.0)
                 steepest = np.zeros(len(x))
                 for knot in range(first, stop + 1):
                     here = (low <= knot) & (knot <= high + on) & (moved > 0)

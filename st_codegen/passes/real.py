@@ -39,6 +39,7 @@ from st_codegen.ir import (
     SummationOrder,
     TreeColumn,
     TreeEnsemble,
+    WholeNumber,
 )
 from st_codegen.passes.domain import limit_inputs
 
@@ -92,6 +93,11 @@ def _(op: Select) -> Operation:
 @_operation.register
 def _(op: Round) -> Operation:
     return Select(op.inputs, np.arange(op.width, dtype=np.int32))  # a REAL is rounded already
+
+
+@_operation.register
+def _(op: WholeNumber) -> Operation:
+    return op  # the whole number beside a REAL is a REAL
 
 
 @_operation.register

@@ -112,7 +112,7 @@ def _critical_points(model: ir.ModelIR) -> list[tuple[FloatArray, FloatArray]]:
     near: list[list[FloatArray]] = [[] for _ in model.features]
     changeover: list[list[FloatArray]] = [[] for _ in model.features]
     for op in model.ops:
-        if isinstance(op, ir.Exceeds | ir.Piecewise):
+        if isinstance(op, ir.Exceeds | ir.Piecewise | ir.WholeNumber):
             for place, values in enumerate(_typical(op)):
                 feature, steps = origin(model, op.inputs[0], place)
                 if feature is not None:
@@ -243,6 +243,11 @@ def _(op: ir.Scale) -> list[FloatArray]:
 @_typical.register
 def _(op: ir.Exceeds) -> list[FloatArray]:
     return list(op.cut[:, None])
+
+
+@_typical.register
+def _(op: ir.WholeNumber) -> list[FloatArray]:
+    return [np.arange(-4.0, 4.5, 0.5)] * op.width
 
 
 @_typical.register

@@ -50,11 +50,15 @@ UNARY = {
     "ThresholdedRelu": {},
     "ThresholdedRelu 2": {"alpha": -1.0},
     "ThresholdedRelu 3": {"alpha": 0.1},
+    "Shrink": {},
+    "Shrink 2": {"bias": 0.25, "lambd": 1.0},
+    "Shrink 3": {"bias": -1.7, "lambd": 0.0},
+    "Hardmax": {},
     "Swish": {},
     "Swish 2": {"alpha": 1.7},
 }
-EXACT = {"Abs", "Sign", "Sqrt", "Reciprocal", "HardSigmoid", "HardSwish", "ThresholdedRelu"}
-FLOAT_ONLY = {"Erf", "Celu", "Gelu", "Mish", "ThresholdedRelu"}
+EXACT = {"Abs", "Sign", "Sqrt", "Reciprocal", "HardSigmoid", "HardSwish", "ThresholdedRelu", "Shrink", "Hardmax"}
+FLOAT_ONLY = {"Erf", "Celu", "Gelu", "Mish", "ThresholdedRelu", "Shrink", "Hardmax"}
 
 
 @DTYPES
@@ -100,9 +104,38 @@ def test_powers_by_a_logarithm(tmp_path, exponent, elem_type):
     assert np.all(np.isfinite(bound)) and np.all(bound > 0)
 
 
-@pytest.mark.parametrize("exponent", [0.0, 100.0, np.nan, np.inf])
+@DTYPES
+@pytest.mark.parametrize("exponents", [[1.0, 2.0, 3.0], [0.5, 2.0, 0.5], [[3.0, -1.0, 3.0]]])
+def test_powers_of_columns(tmp_path, exponents, elem_type):
+    """onnxruntime multiplies for one exponent only."""
+    dtype = helper.tensor_dtype_to_np_dtype(elem_type)
+    loaded = compiled(build.load(single("Pow", 3, [constant("E", exponents, dtype)], elem_type), tmp_path))
+    x = rows(np.random.default_rng(2))
+    x = x[np.all((np.abs(x) < 1e6) & (np.abs(x) > 1e-6), axis=1)]
+    x[::2] = np.abs(x[::2])
+    assert np.all(np.isfinite(agree(loaded, x)))
+
+
+@DTYPES
+@pytest.mark.parametrize("base", [2.0, 0.25, 1.0, [1.5, 10.0, 0.9]])
+def test_powers_of_a_constant(tmp_path, base, elem_type):
+    node = helper.make_node("Pow", ["B", "X"], ["Y"])
+    constants = [constant("B", base, helper.tensor_dtype_to_np_dtype(elem_type))]
+    model = graph_model([node], [info("X", (None, 3), elem_type)], [info("Y", None, elem_type)], constants)
+    loaded = compiled(build.load(model, tmp_path))
+    x = rows(np.random.default_rng(2))
+    assert np.all(np.isfinite(agree(loaded, x[np.all(np.abs(x) < 30, axis=1)])))
+
+
+def test_a_power_of_a_negative_constant_is_refused(tmp_path):
+    node = helper.make_node("Pow", ["B", "X"], ["Y"])
+    with pytest.raises(UnsupportedModelError, match="not above 0"):
+        build.load(graph_model([node], [info("X", (None, 3))], [info("Y", None)], [constant("B", -2.0)]), tmp_path)
+
+
+@pytest.mark.parametrize("exponent", [0.0, 100.0, np.nan, np.inf, [1.0, 0.0, 2.0]])
 def test_powers_that_are_refused(tmp_path, exponent):
-    with pytest.raises(UnsupportedModelError, match="one constant other than 0 and of magnitude up to 64"):
+    with pytest.raises(UnsupportedModelError, match="constants other than 0 and of magnitude up to 64"):
         build.load(single("Pow", 3, [constant("E", exponent, np.float32)]), tmp_path)
 
 
@@ -320,6 +353,31 @@ def test_missing_numbers_filled_in(tmp_path):
     assert verified(compiled(loaded), tmp_path / "net", rows=300).passed
 
 
+@DTYPES
+def test_whether_inputs_are_missing(tmp_path, elem_type):
+    nodes = [
+        helper.make_node("IsNaN", ["X"], ["T"]),
+        helper.make_node("Not", ["T"], ["N"]),
+        helper.make_node("Cast", ["N"], ["Y"], to=elem_type),
+    ]
+    loaded = build.load(graph_model(nodes, [info("X", (None, 3), elem_type)], [info("Y", None, elem_type)]), tmp_path)
+    assert loaded.ir.exact and loaded.ir.accepts_nan
+    agree(loaded, rows(np.random.default_rng(9)))
+    assert verified(compiled(loaded), tmp_path / "text", rows=300).exact
+
+
+@pytest.mark.parametrize("op_type", ["Imputer", "IsNaN"])
+def test_nan_that_a_graph_makes_is_not_looked_for(tmp_path, op_type):
+    """Such rows have no answer in the block, and had it that an imputer gives them in the library."""
+    given = {"domain": "ai.onnx.ml", "imputed_value_floats": [0.0], "replaced_value_float": np.nan}
+    last = [helper.make_node("Imputer", ["L"], ["Y"], **given)]
+    if op_type == "IsNaN":
+        last = [helper.make_node("IsNaN", ["L"], ["T"]), helper.make_node("Cast", ["T"], ["Y"], to=FLOAT)]
+    nodes = [helper.make_node("Log", ["X"], ["L"]), *last]
+    with pytest.raises(UnsupportedModelError, match=r"looks for NaN that an operator before it makes.*\.skops"):
+        build.load(graph_model(nodes, [info("X", (None, 3))], [info("Y", None)]), tmp_path)
+
+
 def test_thresholds_and_categories(tmp_path):
     loaded = build.load(ml("Binarizer", 3, threshold=0.5), tmp_path)
     assert loaded.ir.exact
@@ -439,7 +497,89 @@ def test_whole_numbers_of_what_is_rounded_may_be_the_next_ones(tmp_path):
     loaded = build.load(graph_model(nodes, [info("x", (None, 3))], [info("y", None)], [weights]), tmp_path)
     bound = agree(loaded, np.random.default_rng(0).integers(-9, 9, (400, 3)))
     assert not loaded.ir.exact
-    assert np.all((bound >= 1.0) & np.isfinite(bound))
+    assert set(np.round(bound, 12).ravel().tolist()) == {0.0, 1.0}  # 0 away from ties
+
+
+#: Numbers around the ends of integers, and what is done with them once they are cut: nodes from I to Y, constants.
+AFTER_CUTTING = {
+    "the integers": ([("Identity", ["I"])], []),
+    "numbers again": ([("Cast", ["I"])], []),
+    "equal integers": ([("Equal", ["I", "k"]), ("Cast", ["T"])], [("k", [-1, 0, 3])]),
+    "integers below": ([("Less", ["I", "k"]), ("Cast", ["T"])], [("k", [-1, 0, 3])]),
+    "categories": ([("OneHotEncoder", ["I"])], []),
+    "labels": ([("LabelEncoder", ["I"])], []),
+    "together": ([("Concat", ["I", "k"]), ("Cast", ["T"])], [("k", [[5, -7]])]),
+    "the truth of each": ([("Cast", ["I"]), ("Cast", ["T"])], []),
+}
+
+
+@DTYPES
+@pytest.mark.parametrize(
+    ("name", "whole"),
+    [(name, INT64) for name in AFTER_CUTTING]
+    + [(name, TensorProto.INT32) for name in AFTER_CUTTING if name not in ("categories", "labels")],
+)
+def test_numbers_cut_to_integers(tmp_path, name, whole, elem_type):
+    """Of numbers that do not fit, for which machines differ, there is no answer."""
+    steps, given = AFTER_CUTTING[name]
+    attributes = {
+        "Concat": {"axis": 1},
+        "OneHotEncoder": {"domain": "ai.onnx.ml", "cats_int64s": [-2, 0, 3]},
+        "LabelEncoder": {"domain": "ai.onnx.ml", "keys_int64s": [0, -1, 7], "values_floats": [0.5, 2.0, -3.0]},
+    }
+    nodes = [helper.make_node("Cast", ["X"], ["I"], to=whole)]
+    for number, (op_type, inputs) in enumerate(steps):
+        last = number == len(steps) - 1
+        to = elem_type if last else TensorProto.BOOL
+        more = {"to": to} if op_type == "Cast" else attributes.get(op_type, {})
+        nodes.append(helper.make_node(op_type, inputs, ["Y" if last else "T"], **more))
+    kind = {"the integers": whole, "categories": FLOAT, "labels": FLOAT}.get(name, elem_type)
+    constants = [constant(word, numbers, helper.tensor_dtype_to_np_dtype(whole)) for word, numbers in given]
+    model = graph_model(nodes, [info("X", (None, 3), elem_type)], [info("Y", None, kind)], constants)
+    loaded = build.load(model, tmp_path)
+    bits = 63 if whole == INT64 else 31
+    ends = np.array([2.0**bits, 2.0**bits - 64, 2.0**bits - 129, 2.0 ** (bits - 1), 2.0**bits - 2.0 ** (bits - 24)])
+    near = np.concatenate([ends, np.nextafter(ends, 0), -ends])
+    rng = np.random.default_rng(3)
+    x = np.vstack([_with_fractions(rng), rng.choice(np.append(near, [0.5, -0.25, 7.0]), (300, 3)), rows(rng)])
+    assert not agree(loaded, x).any()
+    assert loaded.ir.exact and not loaded.ir.accepts_nan
+    taken = reference.valid_rows(loaded.ir, near[:, None].repeat(3, axis=1))
+    assert taken[np.abs(near) <= 2.0 ** (bits - 1)].all() and not taken[0]
+
+
+@pytest.mark.parametrize("to", [INT64, TensorProto.INT32])
+def test_arithmetic_of_integers_that_stay_small(tmp_path, to):
+    """-1 and 1 of a truth value, as exporters of detectors write it; what may be large is refused."""
+    kind = helper.tensor_dtype_to_np_dtype(to)
+    nodes = [
+        helper.make_node("Less", ["X", "cut"], ["T"]),
+        helper.make_node("Cast", ["T"], ["I"], to=to),
+        helper.make_node("Mul", ["I", "two"], ["D"]),
+        helper.make_node("Add", ["D", "one"], ["E"]),
+        helper.make_node("Sub", ["E", "I"], ["Y"]),
+    ]
+    constants = [constant("cut", [0.5, 0.0, -1.0]), constant("two", -2, kind), constant("one", 1, kind)]
+    loaded = build.load(graph_model(nodes, [info("X", (None, 3))], [info("Y", None, to)], constants), tmp_path)
+    assert loaded.ir.exact
+    assert not agree(loaded, rows(np.random.default_rng(6))).any()
+    nodes[1].input[0] = "X"
+    with pytest.raises(UnsupportedModelError, match="of which it is not known that they stay small"):
+        build.load(graph_model(nodes, [info("X", (None, 3))], [info("Y", None, to)], constants), tmp_path)
+
+
+def test_computed_numbers_that_do_not_fit_integers_have_no_answer(tmp_path):
+    nodes = [
+        helper.make_node("Mul", ["X", "large"], ["L"]),
+        helper.make_node("Cast", ["L"], ["I"], to=TensorProto.INT32),
+        helper.make_node("Cast", ["I"], ["Y"], to=FLOAT),
+    ]
+    model = graph_model(nodes, [info("X", (None, 1))], [info("Y", None)], [constant("large", 1e6)])
+    loaded = build.load(model, tmp_path)
+    x = np.array([[0.5e-6], [-7.25e-6], [2000.0], [2147.0], [2148.0], [-2148.0]])
+    ours = reference.evaluate(loaded.ir, x)
+    np.testing.assert_array_equal(np.isnan(ours[:, 0]), np.abs(x[:, 0]) > 2147.5)
+    np.testing.assert_array_equal(ours[:4], loaded.predict(x[:4]))
 
 
 def test_whole_numbers_stay_so_in_real(tmp_path):

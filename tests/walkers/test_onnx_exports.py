@@ -6,18 +6,20 @@ import numpy as np
 import pytest
 from sklearn.compose import ColumnTransformer
 from sklearn.ensemble import (
+    AdaBoostClassifier,
     AdaBoostRegressor,
     BaggingRegressor,
     ExtraTreesRegressor,
     GradientBoostingRegressor,
     HistGradientBoostingRegressor,
+    IsolationForest,
     RandomForestRegressor,
     StackingRegressor,
     VotingRegressor,
 )
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, WhiteKernel
-from sklearn.linear_model import Lasso, LinearRegression, Ridge
+from sklearn.linear_model import Lasso, LinearRegression, Ridge, SGDOneClassSVM
 from sklearn.neighbors import KNeighborsClassifier, KNeighborsRegressor, LocalOutlierFactor
 from sklearn.neural_network import MLPRegressor
 from sklearn.pipeline import make_pipeline
@@ -27,12 +29,15 @@ from sklearn.preprocessing import (
     MaxAbsScaler,
     MinMaxScaler,
     Normalizer,
+    OneHotEncoder,
+    OrdinalEncoder,
     PolynomialFeatures,
+    PowerTransformer,
     RobustScaler,
     StandardScaler,
 )
-from sklearn.svm import SVR, LinearSVR, NuSVR
-from sklearn.tree import DecisionTreeRegressor, ExtraTreeRegressor
+from sklearn.svm import SVR, LinearSVR, NuSVR, OneClassSVM
+from sklearn.tree import DecisionTreeClassifier, DecisionTreeRegressor, ExtraTreeRegressor
 
 from st_codegen.errors import UnsupportedModelError
 from st_codegen.ir import TreeEnsemble, reference
@@ -239,6 +244,85 @@ def test_tree_exports_with_double_inputs_are_refused_with_advice(tmp_path):
     model = TREES["decision tree"].fit(X, SINGLE)
     with pytest.raises(UnsupportedModelError, match=r"'variable' is declared as DOUBLE.*FloatTensorType"):
         build.load(export(model, DoubleTensorType), tmp_path)
+
+
+#: Whole numbers as categories, and what reads the codes of them.
+CODES = np.round(X * 2).astype(np.float32)
+UNKNOWN = {"handle_unknown": "use_encoded_value", "unknown_value": -1}
+ENCODED = {
+    "one column each": OneHotEncoder(handle_unknown="ignore", sparse_output=False),
+    "codes": OrdinalEncoder(**UNKNOWN),
+    "codes in a tree": make_pipeline(OrdinalEncoder(**UNKNOWN), seeded(DecisionTreeRegressor, max_depth=5)),
+    "one column each in a sum": make_pipeline(OneHotEncoder(handle_unknown="ignore"), Ridge()),
+    "of one of the columns": make_pipeline(
+        ColumnTransformer([("c", OneHotEncoder(handle_unknown="ignore"), [0]), ("n", StandardScaler(), [1, 2])]),
+        Ridge(),
+    ),
+    "bins": make_pipeline(KBinsDiscretizer(4, encode="onehot-dense"), Ridge()),
+}
+
+
+@pytest.mark.parametrize("name", ENCODED)
+@pytest.mark.parametrize("tensor_type", [FloatTensorType, Int64TensorType])
+def test_categories_that_are_numbers(tmp_path, name, tensor_type):
+    if name in ("bins", "of one of the columns") and tensor_type is Int64TensorType:
+        return  # skl2onnx casts these to float
+    model = ENCODED[name].fit(CODES if tensor_type is FloatTensorType else CODES.astype(np.int64), SINGLE)
+    loaded = build.load(export(model, tensor_type), tmp_path)
+    x = np.vstack([CODES[:100], CODES[:100] + 6.0, np.full((1, 3), 99.0), np.full((1, 3), -99.0)]).astype(np.float64)
+    if name in ("one column each", "codes", "codes in a tree"):
+        assert_equal_bits(loaded, np.vstack([x, ROWS]))
+    else:
+        assert_within_bound(loaded, np.vstack([x, ROWS]))
+    ours = reference.evaluate(loaded.ir, CODES.astype(np.float64))
+    wanted = model.predict(CODES) if hasattr(model, "predict") else model.transform(CODES)
+    np.testing.assert_allclose(ours, np.reshape(wanted, ours.shape), rtol=1e-4, atol=1e-4)
+
+
+BOOSTED = {
+    "two classes": (AdaBoostClassifier(n_estimators=5, random_state=0), [0.0]),
+    "three classes": (AdaBoostClassifier(n_estimators=5, random_state=0), [-0.5, 0.8]),
+    "three classes of trees": (
+        AdaBoostClassifier(DecisionTreeClassifier(max_depth=3), n_estimators=5, random_state=0),
+        [-0.5, 0.8],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BOOSTED)
+def test_boosted_classifiers(tmp_path, name):
+    kind, cuts = BOOSTED[name]
+    model = kind.fit(X, np.digitize(SINGLE, cuts))
+    loaded = build.load(export(model), tmp_path)
+    ours, bound = reference.evaluate(loaded.ir, ROWS), difference_bound(loaded.ir, ROWS)
+    assert np.all(np.abs(ours - loaded.predict(ROWS)) <= bound)
+    assert np.mean(bound[:, 1:] < 1e-5) > 0.98
+    assert np.mean(ours[:, 0] == model.predict(ROWS)) > 0.98
+
+
+@pytest.mark.parametrize("model", [OneClassSVM(), SGDOneClassSVM(random_state=0)], ids=["kernels", "sums"])
+def test_detectors_give_their_side_beside_the_score(tmp_path, model):
+    model = model.fit(X)
+    loaded = build.load(export(model), tmp_path)
+    assert loaded.ir.outputs == ("out1", "out2")
+    assert_within_bound(loaded, ROWS)
+    assert np.mean(reference.evaluate(loaded.ir, ROWS)[:, 0] == model.predict(ROWS)) > 0.98
+
+
+def test_isolation_of_rows(tmp_path):
+    model = IsolationForest(n_estimators=10, random_state=0).fit(X)
+    loaded = build.load(export(model, target_opset={"": 17, "ai.onnx.ml": 3}), tmp_path)
+    assert_within_bound(loaded, ROWS)
+    ours = reference.evaluate(loaded.ir, ROWS)
+    assert np.mean(ours[:, 0] == model.predict(ROWS)) > 0.98
+    np.testing.assert_allclose(ours[:, 1], model.decision_function(ROWS), atol=1e-4)
+
+
+@pytest.mark.parametrize("method", ["yeo-johnson", "box-cox"])
+def test_a_graph_that_imputes_what_it_made_nan_is_refused(tmp_path, method):
+    model = make_pipeline(PowerTransformer(method), Ridge()).fit(np.abs(X) + 0.1, SINGLE)
+    with pytest.raises(UnsupportedModelError, match=r"in a PowerTransformer.*from a \.skops file"):
+        build.load(export(model), tmp_path)
 
 
 def test_a_weighted_median_is_refused_with_what_it_needs(tmp_path):

@@ -39,7 +39,9 @@ from st_codegen.ir import (
     SlidingLinear,
     Softmax,
     SummationOrder,
+    Towards,
     WeightedMedian,
+    WholeNumber,
 )
 from st_codegen.ir.base import COS_REACH
 
@@ -223,6 +225,23 @@ def _(op: Exceeds, step: Step, listing: Listing) -> Section:
     title = f"1.0 where {'the cut is reached' if op.inclusive else 'above the cut'}, else 0.0"
     cut = listing.table(step.table("CUT"), "LREAL", op.cut)
     return title, "exceeds", {"cut": cut, "comparison": ">=" if op.inclusive else ">"}
+
+
+#: From here on a number of a type has no fraction, and a sum with a smaller one is rounded to a whole one.
+_NO_FRACTION = {"LREAL": 2.0**52, "REAL": 2.0**23}
+_WHOLE_TITLES = {
+    Towards.NEAREST: "the nearest whole number, of a tie the even one",
+    Towards.BELOW: "the whole number that is not above",
+    Towards.ABOVE: "the whole number that is not below",
+    Towards.ZERO: "the fraction cut off",
+}
+
+
+@_column_by_column
+def _(op: WholeNumber, step: Step, listing: Listing) -> Section:
+    listing.locals("LREAL", "fX", "fY")
+    own: dict[str, object] = {"towards": op.towards.value, "end": real(_NO_FRACTION[step.type])}
+    return _WHOLE_TITLES[op.towards], "whole", own
 
 
 @_column_by_column

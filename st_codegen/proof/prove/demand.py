@@ -174,6 +174,28 @@ class Demand:
         pairs = zip(given[0], op.cut.tolist(), strict=True)
         return [self.terms.branch(name, x, cut, 1.0, 0.0) for x, cut in pairs]
 
+    @value.register
+    def _(self, op: ir.WholeNumber, given: list[list[Value]]) -> list[Value]:
+        terms, end = self.terms, 2.0**52
+        result = []
+        for x in given[0]:
+            size = terms.real("abs", x)
+
+            def near(size: Value = size) -> Value:
+                found = terms.real("sub", terms.real("add", size, end), end)
+                if op.towards is not ir.Towards.ZERO:
+                    return found
+                return terms.branch("GT", found, size, lambda: terms.real("sub", found, 1.0), found)
+
+            y = terms.branch("LT", size, end, near, size)
+            y = terms.branch("LT", x, 0.0, partial(terms.real, "sub", 0.0, y), y)
+            if op.towards is ir.Towards.BELOW:
+                y = terms.branch("GT", y, x, partial(terms.real, "sub", y, 1.0), y)
+            elif op.towards is ir.Towards.ABOVE:
+                y = terms.branch("LT", y, x, partial(terms.real, "add", y, 1.0), y)
+            result.append(y)
+        return result
+
     def _largest(self, columns: list[Value]) -> tuple[Value, Value]:
         """The largest of some numbers and its place, of equal ones the first."""
         largest: Value = columns[0]

@@ -186,7 +186,7 @@ def _step(op: ir.Operation, number: int, *, monotone: bool) -> ir.Operation | No
     """One column of an operation that keeps a column monotone, or in steps; None where it does not."""
     if (
         (isinstance(op, ir.Scale) and not (monotone and op.reverse and op.operator is ir.Operator.DIVIDE))
-        or isinstance(op, ir.Round | ir.Clip | ir.Exceeds)
+        or isinstance(op, ir.Round | ir.Clip | ir.Exceeds | ir.WholeNumber)
         or (isinstance(op, ir.FillMissing) and op.sentinel is None)
     ):
         step: ir.Operation = one_column(op, number)

@@ -15,8 +15,8 @@ import numpy as np
 from st_codegen import ir
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray
-from st_codegen.walkers.base import GraphBuilder
 from st_codegen.walkers.classes import above, largest, pair_coefficients, pair_votes, whole_sums
+from st_codegen.walkers.onnx.elementwise import equals
 from st_codegen.walkers.onnx.file import GraphNode
 from st_codegen.walkers.onnx.forest import Forest, NumberType
 from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, Result, operator
@@ -255,6 +255,20 @@ _number_of_the("largest", 1, 11, 12, 13)
 _number_of_the("smallest", 1, 11, 12, 13)
 
 
+@operator("Hardmax", 1, 11, 13)
+def _first_of_the_largest(call: NodeCall) -> Operand:
+    """1 for the first of the largest numbers, 0 for all others."""
+    tensor, walk = call.computed(), call.walk
+    axis = axis_of(call.node.integer("axis", -1 if call.node.version >= 13 else 1), len(tensor.shape))
+    taken = math.prod(tensor.shape[axis : axis + 1] if call.node.version >= 13 else tensor.shape[axis:])
+    if taken != tensor.size:
+        raise UnsupportedModelError(f"axis {axis} of shape {tensor.shape} (for one row) does not hold all columns")
+    walk.refuse_special(tensor)
+    index = largest(walk.builder, walk.settle(tensor))
+    each = walk.builder.select(np.zeros(tensor.size, np.int32), index)
+    return walk.computed(equals(walk, each, np.arange(float(tensor.size))), tensor.shape, tensor.dtype)
+
+
 def _shares(name: str, logarithm: bool) -> None:
     def handler(call: NodeCall) -> Operand:
         tensor = call.computed()
@@ -271,39 +285,3 @@ def _shares(name: str, logarithm: bool) -> None:
 
 _shares("Softmax", logarithm=False)
 _shares("LogSoftmax", logarithm=True)
-
-
-def are_shares(builder: GraphBuilder, tensor: Tensor) -> bool:
-    """Whether all numbers of a tensor are known to lie between 0 and 1, but for rounding."""
-    places = zip(np.ravel(tensor.value).tolist(), np.ravel(tensor.column).tolist(), strict=True)
-    return all(low >= -1e-5 and high <= 1.0 + 1e-5 for low, high in (_range(builder, *place) for place in places))
-
-
-def _range(builder: GraphBuilder, value: int, column: int) -> tuple[float, float]:
-    """The least and the largest number in a column of a value, as far as its operations tell."""
-    op = builder.ops[value - 1] if value else None
-    if isinstance(op, ir.Select | ir.Round):
-        places = [(one, at) for one in op.inputs for at in range(builder.width(one))]
-        return _range(builder, *places[op.columns[column] if isinstance(op, ir.Select) else column])
-    if isinstance(op, ir.Scale) and op.reverse and op.operator is ir.Operator.SUBTRACT:
-        low, high = _range(builder, op.inputs[0], column)
-        return float(op.constant[column]) - high, float(op.constant[column]) - low
-    if isinstance(op, ir.TreeEnsemble):
-        return _range_of_trees(op, column)
-    shares = isinstance(op, ir.Softmax) and not op.logarithm
-    shares |= isinstance(op, ir.Activation) and op.function is ir.Function.LOGISTIC
-    if isinstance(op, ir.Normalize):
-        shares = all(_range(builder, op.inputs[0], other)[0] >= 0.0 for other in range(op.width))
-    return (0.0, 1.0) if shares else (-math.inf, math.inf)
-
-
-def _range_of_trees(op: ir.TreeEnsemble, column: int) -> tuple[float, float]:
-    leaves = np.flatnonzero(op.split < 0)
-    of_tree = np.searchsorted(op.roots, leaves, side="right") - 1
-    value = op.leaf_value[op.leaf[leaves]]
-    low, high = np.full((op.n_trees, value.shape[1]), np.inf), np.full((op.n_trees, value.shape[1]), -np.inf)
-    np.minimum.at(low, of_tree, value)
-    np.maximum.at(high, of_tree, value)
-    taken = op.tree_output == column if value.shape[1] < op.width or op.width == 1 else np.ones(op.n_trees, np.bool_)
-    at = column if value.shape[1] == op.width else 0
-    return tuple(float(np.sum(end[taken, at]) + op.base[column]) / op.divisor for end in (low, high))  # type: ignore

@@ -7,15 +7,20 @@ core/providers/cpu/math/element_wise_ops.cc, core/providers/cpu/nn/layer_norm_im
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import Exceeds, Function, Operator
+from st_codegen.ir import FLOAT32_OVERFLOW, Exceeds, Function, Operator, Piecewise, Towards, WholeNumber
+from st_codegen.ir.arrays import AnyArray, BoolArray
 from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, operator
 from st_codegen.walkers.onnx.operands import (
     FLOAT32,
     FLOAT64,
+    INTEGERS,
+    MAX_WHOLE,
     TRUTH,
     ConstantOperand,
     LabelOperand,
@@ -106,6 +111,25 @@ def _celu(call: NodeCall) -> Operand:
     return with_constant(walk, apply_activation(walk, scaled, Function.ELU), Operator.MULTIPLY, alpha)
 
 
+@operator("Shrink", 9)
+def _shrink(call: NodeCall) -> Operand:
+    """x + bias below -lambd, x - bias above lambd, 0 between (core/providers/cpu/nn/shrink.cc)."""
+    tensor, walk = call.computed(), call.walk
+    bias, reach = call.node.number("bias"), call.node.number("lambd", 0.5)
+    if tensor.dtype == FLOAT64:
+        raise UnsupportedModelError("onnxruntime computes Shrink of doubles in float; cast the input to float")
+    if reach < 0:
+        raise UnsupportedModelError(f"lambd {reach} is negative, so that a number may lie below and above")
+    walk.refuse_special(tensor)
+    walk.builder.open_zeros = True
+    value, cut, parts = walk.settle(tensor), np.full(tensor.size, reach), []
+    for sign, code in ((-1.0, Operator.ADD), (1.0, Operator.SUBTRACT)):
+        beyond = walk.builder.add(Exceeds((walk.builder.scale(value, "*", sign),), cut))
+        moved = walk.settle(with_constant(walk, tensor, code, bias))
+        parts.append(walk.builder.combine(moved, "*", beyond))
+    return walk.computed(walk.builder.combine(parts[0], "+", parts[1]), tensor.shape, tensor.dtype)
+
+
 def _hard_sigmoid(walk: GraphWalk, tensor: Tensor, alpha: float, beta: float) -> Tensor:
     walk.refuse_special(tensor)
     line = with_constant(walk, with_constant(walk, tensor, Operator.MULTIPLY, alpha), Operator.ADD, beta)
@@ -137,48 +161,62 @@ _MAX_EXPONENT = 64.0
 
 @operator("Pow", 7, 12, 13, 15)
 def _power(call: NodeCall) -> Operand:
+    """Products for one exponent that is 1, 2 or 3; else, and for a list of exponents, by a logarithm."""
+    if isinstance(base := call.required(), ConstantOperand):
+        return _power_of_constant(call.walk, base, call.computed(1))
     tensor, exponent = call.computed(), call.constant(1, "the exponent")
-    number = float(exponent.ravel()[0]) if exponent is not None and exponent.size == 1 else 0.0
-    if not number or not abs(number) <= _MAX_EXPONENT:
+    exponents = np.zeros(1) if exponent is None else exponent.astype(np.float64)
+    if exponent is not None and exponent.dtype not in (FLOAT32, FLOAT64, *INTEGERS):
+        raise UnsupportedModelError(f"exponents of {exponent.dtype}, which onnxruntime does not take")
+    if not np.all((exponents != 0.0) & (np.abs(exponents) <= _MAX_EXPONENT)):
         raise UnsupportedModelError(
-            f"the exponent is one constant other than 0 and of magnitude up to {_MAX_EXPONENT:g}; "
+            f"exponents are constants other than 0 and of magnitude up to {_MAX_EXPONENT:g}; "
             "write others with Exp and Log"
         )
-    if number not in (1.0, 2.0, 3.0):
-        return apply_activation(call.walk, tensor, Function.POWER, number)
-    result = tensor
-    for _ in range(int(number) - 1):
-        result = product_of(call.walk, result, tensor)
-    return result
+    shape = np.broadcast_shapes(tensor.shape, exponents.shape)
+    check_size(shape)
+    wide = tensor.moved(lambda array: np.broadcast_to(array, shape))
+    if exponents.size == 1 and exponents.ravel()[0] in (1.0, 2.0, 3.0):
+        result = wide
+        for _ in range(int(exponents.ravel()[0]) - 1):
+            result = product_of(call.walk, result, wide)
+        return result
+    each, value, column = np.broadcast_to(exponents, shape), np.zeros(shape, np.int64), np.zeros(shape, np.int64)
+    for number in np.unique(exponents):
+        own = each == number
+        found = apply_activation(call.walk, wide.moved(partial(_where, own=own)), Function.POWER, float(number))
+        value[own], column[own] = found.value, found.column
+    return replace(found, value=value, column=column)
 
 
-#: From here on a number of a type has no fraction, and a sum with what is smaller is rounded to a whole one, ties to
-#: even.
-_NO_FRACTION = {FLOAT32: 2.0**23, FLOAT64: 2.0**52}
+def _power_of_constant(walk: GraphWalk, base: ConstantOperand, exponent: Tensor) -> Tensor:
+    """An exponential of the exponent times the logarithm of the base, which is rounded once."""
+    if base.dtype != exponent.dtype or not np.all((base.array > 0) & np.isfinite(base.array)):
+        raise UnsupportedModelError("a power of a constant that is not above 0, or of another type than the exponent")
+    shape = np.broadcast_shapes(base.shape, exponent.shape)
+    check_size(shape)
+    walk.refuse_special(exponent)
+    value = walk.settle(exponent.moved(lambda array: np.broadcast_to(array, shape)))
+    logarithm = np.log(np.broadcast_to(base.array.astype(np.float64), shape).ravel())
+    moved = walk.builder.scale(value, "*", logarithm, doubt=np.abs(logarithm) * 2.0**-50)
+    return apply_activation(walk, walk.computed(moved, shape, exponent.dtype), Function.EXP)
+
+
+def _where(array: AnyArray, own: BoolArray) -> AnyArray:
+    """What an array has where a condition holds."""
+    return np.asarray(array[own])
+
+
+_TOWARDS = {"Round": Towards.NEAREST, "Floor": Towards.BELOW, "Ceil": Towards.ABOVE}
 
 
 def _whole(call: NodeCall) -> Operand:
-    """The nearest whole number, of a tie the even one, or from there the next one below or above.
-
-    Floor and Ceil are its corrections by 1 where it lies on the other side. -0 becomes 0.
-    """
-    tensor, builder = call.computed(), call.walk.builder
-    call.walk.refuse_special(tensor)
-    builder.open_zeros = True
-    x, end = call.walk.settle(tensor), _NO_FRACTION[tensor.dtype]
-    size = builder.function(x, "abs")
-    large = builder.add(Exceeds((size,), np.full(tensor.size, end), inclusive=True))
-    small = builder.combine(size, "*", _opposite(call.walk, large))
-    moved = builder.scale(small, "+", end, precision=tensor.precision)
-    rounded = builder.scale(moved, "-", end, precision=tensor.precision)
-    whole = builder.combine(rounded, "+", builder.combine(size, "*", large))
-    positive = builder.add(Exceeds((x,), np.zeros(tensor.size), inclusive=True))
-    found = builder.combine(whole, "*", builder.chain(positive, ("*", 2.0), ("-", 1.0)))
-    if call.node.op_type != "Round":
-        pair, code = ((found, x), "-") if call.node.op_type == "Floor" else ((x, found), "+")
-        beyond = builder.add(Exceeds((builder.combine(pair[0], "-", pair[1]),), np.zeros(tensor.size)))
-        found = builder.combine(found, code, beyond)
-    return call.walk.computed(found, tensor.shape, tensor.dtype)
+    """The nearest whole number, of a tie the even one, or the next one below or above. -0 becomes 0."""
+    tensor, walk = call.computed(), call.walk
+    walk.refuse_special(tensor)
+    walk.builder.open_zeros = True
+    found = WholeNumber((walk.settle(tensor),), tensor.size, _TOWARDS[call.node.op_type])
+    return walk.computed(found, tensor.shape, tensor.dtype)
 
 
 operator("Floor", 6, 13)(_whole)
@@ -212,13 +250,17 @@ def _opposite(walk: GraphWalk, truths: int) -> int:
     return walk.builder.scale(truths, "-", 1.0, reverse=True)
 
 
-def _as_number(operand: Operand) -> Operand:
-    """A label that is its own number as that number, and integers to compare it with."""
+def as_number(walk: GraphWalk, operand: Operand) -> Operand:
+    """A label that is its own number as that number, computed integers as such, and integers to compare them with."""
     if isinstance(operand, LabelOperand) and operand.labels == tuple(range(len(operand.labels))):
         zeros = np.zeros(operand.shape, np.int64)
         return Tensor(zeros + operand.value, zeros, FLOAT64, special=False)
-    if isinstance(operand, ConstantOperand) and operand.dtype in (np.int64, np.int32):
+    if isinstance(operand, ConstantOperand) and operand.dtype in INTEGERS:
+        if np.any(np.abs(operand.array.astype(np.float64)) > MAX_WHOLE):
+            raise UnsupportedModelError("compares or chooses integers of more than 53 bits")
         return ConstantOperand(operand.array.astype(np.float64))
+    if isinstance(operand, Tensor) and operand.dtype in INTEGERS and not operand.given:
+        return walk.as_type(operand, FLOAT64)
     return operand
 
 
@@ -240,7 +282,8 @@ def _spread(walk: GraphWalk, operand: Operand, shape: tuple[int, ...]) -> int:
 
 
 def _comparison(call: NodeCall) -> Operand:
-    left, right, walk = _as_number(call.required()), _as_number(call.required(1)), call.walk
+    walk = call.walk
+    left, right = (as_number(walk, call.required(number)) for number in (0, 1))
     if isinstance(left, ConstantOperand) and isinstance(right, ConstantOperand):
         return ConstantOperand(np.asarray(_COMPARISONS[call.node.op_type][0](left.array, right.array)))
     shape = np.broadcast_shapes(left.shape, right.shape)
@@ -272,11 +315,48 @@ operator("LessOrEqual", 12, 16)(_comparison)
 operator("Equal", 7, 11, 13, 19)(_comparison)
 
 
+def equals(walk: GraphWalk, value: int, numbers: np.ndarray) -> int:
+    """1 in each column that is equal to its number, else 0."""
+    return _compared(walk, "Equal", value, numbers)
+
+
 def is_not_zero(walk: GraphWalk, tensor: Tensor) -> Tensor:
     """The truth value of each number."""
     walk.refuse_special(tensor)
     equal = _compared(walk, "Equal", walk.settle(tensor), np.zeros(tensor.size))
     return _truths(walk, _opposite(walk, equal), tensor.shape)
+
+
+def refuse_made_nan(walk: GraphWalk, tensor: Tensor) -> None:
+    """Raise UnsupportedModelError where an operator before makes NaN of numbers: such rows have no answer here."""
+    todo, seen = set(np.ravel(tensor.value).tolist()), set[int]()
+    while todo:
+        value = todo.pop()
+        if not value or value in seen:
+            continue
+        seen.add(value)
+        op = walk.builder.ops[value - 1]
+        if getattr(op, "refuses", False):
+            raise UnsupportedModelError(
+                "looks for NaN that an operator before it makes (a logarithm, a root, a power or a quotient), as in a "
+                "PowerTransformer; rows have no answer where one arises: compile the model from a .skops file"
+            )
+        todo.update(op.inputs)
+
+
+@operator("IsNaN", 9, 13, 20)
+def _is_nan(call: NodeCall) -> Operand:
+    """Whether an input is missing; infinite ones are refused."""
+    tensor, walk = call.computed(), call.walk
+    refuse_made_nan(walk, tensor)
+    walk.builder.refuse_magnitude(FLOAT32_OVERFLOW if walk.narrows else math.inf)
+    value = walk.gathered(np.ravel(tensor.value), np.ravel(tensor.column))
+    start, none, missing = np.zeros(tensor.size + 1, np.int64), np.zeros(0), np.ones(tensor.size)
+    return _truths(
+        walk,
+        walk.builder.add(Piecewise((value,), start, none, none, np.zeros((tensor.size, 1)), missing)),
+        tensor.shape,
+    )
 
 
 def _logical(operand: Operand) -> Tensor:
@@ -331,7 +411,7 @@ def choice_of(call: NodeCall) -> Operand:
     For a condition that is computed.
     """
     condition, walk = _logical(call.required()), call.walk
-    sides = [_as_number(call.required(number)) for number in (1, 2)]
+    sides = [as_number(walk, call.required(number)) for number in (1, 2)]
     shape = np.broadcast_shapes(condition.shape, *(side.shape for side in sides))
     check_size(shape)
     dtype = sides[0].dtype

@@ -16,7 +16,7 @@ import numpy as np
 import onnx
 
 from st_codegen.errors import InputError, Problems, UnsupportedModelError, errors_name
-from st_codegen.ir import FLOAT32_OVERFLOW, AnyArray, Clip, IntArray, Label, Operation, Round
+from st_codegen.ir import FLOAT32_OVERFLOW, AnyArray, Clip, IntArray, Label, Operation, Round, Towards, WholeNumber
 from st_codegen.walkers.base import GraphBuilder
 from st_codegen.walkers.onnx.file import GraphNode, domain_of, node_label, printable, read_tensor
 from st_codegen.walkers.onnx.operands import (
@@ -131,7 +131,7 @@ class GraphWalk:
         self.narrows = False
         self.rounds = 0
         self._numbers = 0
-        self._settled: dict[tuple[bytes, bytes, bool], int] = {}
+        self._settled: dict[tuple[bytes, bytes, bool, bool], int] = {}
 
     def charge(self, count: int) -> None:
         """Count numbers that the walk keeps; raises UnsupportedModelError when a graph asks for too many."""
@@ -142,13 +142,15 @@ class GraphWalk:
             )
 
     def settle(self, tensor: Tensor) -> int:
-        """The value of the representation whose columns are the elements of a tensor in order, rounded."""
+        """The value of the representation whose columns are the elements of a tensor in order, rounded and cut."""
         value, column = np.ravel(tensor.value), np.ravel(tensor.column)
-        key = (value.tobytes(), column.tobytes(), tensor.unrounded)
+        key = (value.tobytes(), column.tobytes(), tensor.unrounded, tensor.uncut)
         if key not in self._settled:
             number = self.gathered(value, column)
             if tensor.unrounded:
                 number = self.builder.add(Round(inputs=(number,), width=len(column)))
+            if tensor.uncut:
+                number = self.builder.add(WholeNumber((number,), len(column), Towards.ZERO))
             self._settled[key] = number
         return self._settled[key]
 
@@ -206,12 +208,17 @@ class GraphWalk:
             self.builder.refuse_nan()
             self.builder.refuse_magnitude(FLOAT32_OVERFLOW if self.narrows else math.inf)
 
+    def cut(self, tensor: Tensor) -> Tensor:
+        """A tensor whose integers are no longer to be cut."""
+        return self.computed(self.settle(tensor), tensor.shape, tensor.dtype) if tensor.uncut else tensor
+
     def as_type(self, tensor: Tensor, dtype: np.dtype[Any]) -> Tensor:
         """A tensor cast to float32 or float64."""
+        tensor = self.cut(tensor)
         if dtype == FLOAT64 or tensor.dtype == FLOAT32:
-            return replace(tensor, dtype=dtype)
+            return replace(tensor, dtype=dtype, given=False)
         self.narrows = True
-        return replace(tensor, dtype=dtype, unrounded=True)
+        return replace(tensor, dtype=dtype, unrounded=True, given=False)
 
 
 def run_nodes(walk: GraphWalk, graph: onnx.GraphProto, opsets: dict[str, int], problems: Problems) -> None:

@@ -14,13 +14,15 @@ import numpy as np
 
 from st_codegen import ir
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir.arrays import FloatArray
+from st_codegen.ir.arrays import AnyArray, FloatArray
+from st_codegen.walkers.onnx.elementwise import as_number, refuse_made_nan
 from st_codegen.walkers.onnx.file import GraphNode
 from st_codegen.walkers.onnx.forest import MAX_ID, Forest, NumberType, read_post_transform
 from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, operator
 from st_codegen.walkers.onnx.operands import (
     FLOAT32,
     FLOAT64,
+    MAX_WHOLE,
     ConstantOperand,
     LabelOperand,
     Operand,
@@ -214,7 +216,11 @@ def _imputer(call: NodeCall) -> Operand:
     if len(fills) not in (1, tensor.size) or not np.all(np.isfinite(fills)):
         raise InputError(f"{len(fills)} imputed values, or such that are not finite, for {tensor.size} columns")
     fills = np.broadcast_to(fills, tensor.size)
+    if math.isinf(replaced):  # no number that has an answer is infinite
+        walk.refuse_special(tensor)
+        return tensor
     if math.isnan(replaced):
+        refuse_made_nan(walk, tensor)
         walk.builder.refuse_magnitude(ir.FLOAT32_OVERFLOW if walk.narrows else math.inf)
         value, sentinel = walk.gathered(np.ravel(tensor.value), np.ravel(tensor.column)), None
     else:
@@ -227,7 +233,9 @@ def _imputer(call: NodeCall) -> Operand:
 @operator("OneHotEncoder", 1, domain=_DOMAIN)
 def _one_hot_encoder(call: NodeCall) -> Operand:
     """1 in the column of the category that the number is, cut to an integer (cpu/ml/onehotencoder.cc)."""
-    tensor, walk = require_tensor(call.required()), call.walk
+    walk, operand = call.walk, call.required()
+    tensor = require_tensor(as_number(walk, operand) if isinstance(operand, LabelOperand) else operand)
+    tensor = replace(tensor, uncut=False)  # the categories cut what is not cut yet
     categories = call.node.integers("cats_int64s").astype(np.float64)
     if not len(categories) or len(np.unique(categories)) < len(categories) or np.any(np.abs(categories) > MAX_ID):
         raise UnsupportedModelError("categories are different integers of 32 bits")
@@ -264,32 +272,44 @@ def _label_encoder(call: NodeCall) -> Operand:
 
 def _encoded_numbers(call: NodeCall) -> Tensor:
     """What a list has for each number, of equal keys the first, and a default for all others."""
-    tensor, node, given = call.computed(), call.node, []
-    for word in ("keys", "values", "default"):
-        found = node.tensor(f"{word}_tensor")
-        single = node.number("default_float", -0.0)
-        if found is None:
-            found = np.array([single], np.float32) if word == "default" else node.floats(f"{word}_floats")
-            found = found.astype(np.float32)
-        given.append(np.ravel(found))
-    keys, values, default = given
-    if not len(keys) or len(keys) != len(values) or len(default) != 1 or keys.dtype != tensor.dtype:
+    tensor, walk = require_tensor(call.required()), call.walk
+    keys, values, default = (_listed(call.node, word) for word in ("keys", "values", "default"))
+    if not len(keys) or len(keys) != len(values) or len(default) != 1 or keys.dtype != tensor.dtype or tensor.given:
         raise UnsupportedModelError(
             f"{len(keys)} keys of {keys.dtype} and {len(values)} values for numbers of {tensor.dtype}; "
-            "lists of floating-point numbers of one length are supported"
+            "lists of numbers of one length are supported, and keys of the type of what is read"
         )
-    if values.dtype != keys.dtype:
-        raise UnsupportedModelError(f"numbers of {keys.dtype} become {values.dtype}; export with floating-point values")
     if not np.all(np.isfinite(keys)):
         raise UnsupportedModelError("NaN or infinity among the keys; impute them before")
-    call.walk.refuse_special(tensor)
+    if any(numbers.dtype.kind == "i" and np.any(np.abs(numbers) > MAX_WHOLE) for numbers in (keys, values, default)):
+        raise UnsupportedModelError("integers of more than 53 bits")
+    walk.refuse_special(tensor)
     knots, first = np.unique(keys.astype(np.float64), return_index=True)
     count, width = len(knots), tensor.size
     op = ir.Piecewise(
-        inputs=(call.walk.settle(tensor),),
+        inputs=(walk.settle(tensor),),
         start=np.arange(width + 1) * count,
         knots=np.tile(knots, width),
         at=np.tile(values[first].astype(np.float64), width),
         pieces=np.full((width * (count + 1), 1), float(default[0])),
     )
-    return call.walk.computed(op, tensor.shape, tensor.dtype)
+    return walk.computed(op, tensor.shape, values.dtype)
+
+
+#: The attributes that hold keys, values or a default, and the default where none does.
+_LISTED = {"floats": (np.float32, -0.0), "int64s": (np.int64, -1)}
+
+
+def _listed(node: GraphNode, word: str) -> AnyArray:
+    """The keys or the values of an encoder, or the default that is of the type of its values."""
+    found = node.tensor(f"{word}_tensor")
+    if found is not None:
+        return np.ravel(found)
+    if word == "default":
+        values = _listed(node, "values")
+        kind = next((kind for kind, (dtype, _) in _LISTED.items() if values.dtype == dtype), "floats")
+        dtype, usual = _LISTED[kind]
+        given = node.number("default_float", usual) if kind == "floats" else node.integer("default_int64", int(usual))
+        return np.array([given]).astype(dtype if values.dtype in (np.float32, np.int64) else values.dtype)
+    whole = node.integers(f"{word}_int64s")
+    return whole if len(whole) else node.floats(f"{word}_floats").astype(np.float32)

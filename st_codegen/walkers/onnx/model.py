@@ -25,6 +25,7 @@ from st_codegen.walkers.onnx import (  # noqa: F401  (they register operators)
     ml,
     nearest,
     operators,
+    quantized,
     recurrent,
     shapes,
     sums,
@@ -32,9 +33,10 @@ from st_codegen.walkers.onnx import (  # noqa: F401  (they register operators)
 from st_codegen.walkers.onnx.external import embed
 from st_codegen.walkers.onnx.file import check_names, domain_of, plain, printable, type_name
 from st_codegen.walkers.onnx.graph import GraphWalk, read_initializers, run_nodes
-from st_codegen.walkers.onnx.operands import FLOAT32, MAX_COLUMNS, Tensor
+from st_codegen.walkers.onnx.operands import FLOAT32, FLOAT64, MAX_COLUMNS, Tensor
 from st_codegen.walkers.onnx.outputs import finish
 from st_codegen.walkers.onnx.session import MOST_ROWS, GraphInput, predictor
+from st_codegen.walkers.onnx.shapes import as_integers
 from st_codegen.walkers.onnx.wire import check_messages
 
 #: Operators that only move numbers about, left out of the description of a model.
@@ -129,11 +131,22 @@ def _inputs(graph: onnx.GraphProto, problems: Problems) -> list[GraphInput]:
             if start + given.size > MAX_COLUMNS:
                 raise UnsupportedModelError(f"input '{name}': at most {MAX_COLUMNS} features are supported")
             inputs.append(given)
+    if _reads_integers(graph):
+        inputs = [replace(given, cut=given.dtype == np.int64) for given in inputs]
     if len(inputs) > 1 and stated_features() not in (None, sum(given.size for given in inputs)):
         problems.add(f"--features {stated_features()}: {len(inputs)} inputs have more; export them with fixed shapes")
     if not inputs and not problems.errors:
         problems.add("the graph has no inputs; the model file is damaged")
     return inputs
+
+
+def _reads_integers(graph: onnx.GraphProto) -> bool:
+    """Whether an encoder has integers as keys: it reads no other numbers, so that inputs have to be integers."""
+    attributes = [one for node in graph.node if node.op_type == "LabelEncoder" for one in node.attribute]
+    return any(
+        (one.name == "keys_int64s" and one.ints) or (one.name == "keys_tensor" and one.t.data_type == TensorProto.INT64)
+        for one in attributes
+    )
 
 
 def _row_shape(info: onnx.ValueInfoProto, name: str) -> tuple[tuple[int, ...], int]:
@@ -179,8 +192,12 @@ def _walk(graph: onnx.GraphProto, inputs: list[GraphInput], opsets: dict[str, in
     for given in inputs:
         narrow = given.dtype == FLOAT32
         walk.narrows |= narrow
-        walk.values[given.name] = Tensor(
-            np.zeros(given.shape, np.int64), given.columns, given.dtype, unrounded=narrow, special=True
+        numbers = Tensor(np.zeros(given.shape, np.int64), given.columns, given.dtype, unrounded=narrow, special=True)
+        whole = given.dtype == np.int64
+        walk.values[given.name] = (
+            as_integers(walk, replace(numbers, dtype=FLOAT64), given.dtype)
+            if given.cut
+            else replace(numbers, given=whole)
         )
     read_initializers(walk, graph, problems)
     run_nodes(walk, graph, opsets, problems)
@@ -206,10 +223,13 @@ def _source(
     domains = ", ".join(f"{plain(domain) or 'ai.onnx'} {version}" for domain, version in sorted(opsets.items()))
     computing = [node.op_type for node in model.graph.node if node.op_type not in _PLUMBING]
     shown = ", ".join(computing[:8]) + (f" and {len(computing) - 8} more" if len(computing) > 8 else "")
-    whole = [plain(given.name) for given in inputs if given.dtype == np.int64]
+    whole = [plain(given.name) for given in inputs if given.dtype == np.int64 and not given.cut]
+    cut = [plain(given.name) for given in inputs if given.cut]
     notes = ["evaluated as onnxruntime does, one row at a time, with one thread and no graph optimizations"]
     if whole:
         notes.append(f"integer inputs are read as numbers, not cut to integers: {', '.join(whole)}")
+    if cut:
+        notes.append(f"integer inputs are read without fractions that they may have: {', '.join(cut)}")
     return Source(
         library="ONNX",
         version=f"file by {plain(producer)}; opsets: {domains}",

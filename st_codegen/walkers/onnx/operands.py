@@ -45,8 +45,9 @@ class ConstantOperand:
 class Tensor:
     """A tensor computed from the inputs: each element is column `column` of value `value` of the representation.
 
-    `dtype` is int64 for all integer inputs. `unrounded`: the elements still have to be rounded to float32.
-    `special`: NaN and infinite inputs come through to this tensor.
+    `dtype` is int64 for all integer inputs. `unrounded`: the elements still have to be rounded to float32, `uncut`: the
+    fractions to be cut off. `special`: NaN and infinite inputs come through to this tensor. `given`: integers of an
+    input, which onnxruntime is given as numbers that may have fractions.
     """
 
     value: IntArray
@@ -54,6 +55,8 @@ class Tensor:
     dtype: np.dtype[Any]
     unrounded: bool = False
     special: bool = True
+    uncut: bool = False
+    given: bool = False
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -124,6 +127,12 @@ def together(parts: Sequence[Tensor], join: Callable[[Sequence[AnyArray]], AnyAr
     """Tensors of one type as one, by what joins arrays."""
     value, column = (join([getattr(part, name) for part in parts]) for name in ("value", "column"))
     return replace(parts[0], value=value, column=column, special=any(part.special for part in parts))
+
+
+#: Integers of these types are computed, each as a number that has no fraction.
+INTEGERS = (np.dtype(np.int64), np.dtype(np.int32))
+#: From here on not every whole number is a double.
+MAX_WHOLE = 2**53
 
 
 def require_float(tensor: Tensor) -> Tensor:

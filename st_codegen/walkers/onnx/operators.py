@@ -21,6 +21,7 @@ from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, operator
 from st_codegen.walkers.onnx.operands import (
     FLOAT32,
     FLOAT64,
+    INTEGERS,
     MAX_FOLDED,
     ConstantOperand,
     Operand,
@@ -32,6 +33,7 @@ from st_codegen.walkers.onnx.operands import (
     require_tensor,
     together,
 )
+from st_codegen.walkers.onnx.ranges import stays_below
 
 #: Operations that one Softmax of a matrix may become: one a row.
 _MAX_SHARES = 64
@@ -41,7 +43,29 @@ _SYMBOLS = {"Add": ir.Operator.ADD, "Sub": ir.Operator.SUBTRACT, "Mul": ir.Opera
 
 
 def _arithmetic(call: NodeCall) -> Operand:
-    return combined(call.walk, _SYMBOLS[call.node.op_type], call.required(), call.required(1))
+    code, pair = _SYMBOLS[call.node.op_type], [call.required(), call.required(1)]
+    if any(isinstance(side, Tensor) and side.dtype in INTEGERS and not side.given for side in pair):
+        return _of_integers(call.walk, code, pair)
+    return combined(call.walk, code, *pair)
+
+
+def _of_integers(walk: GraphWalk, code: ir.Operator, pair: list[Operand]) -> Operand:
+    """Sums and products of computed integers, as long as these stay small enough for a double."""
+    dtype = pair[0].dtype
+    if code is ir.Operator.DIVIDE or any(side.dtype != dtype for side in pair):
+        raise UnsupportedModelError("divides computed integers, or mixes types of them; cast them to float")
+    sides = [
+        side.moved(lambda array: array.astype(np.float64))
+        if isinstance(side, ConstantOperand)
+        else walk.as_type(require_tensor(side), FLOAT64)
+        for side in pair
+    ]
+    found = require_tensor(combined(walk, code, *sides))
+    if not stays_below(walk.builder, found, 2.0 ** (31 if dtype == np.int32 else 53)):
+        raise UnsupportedModelError(
+            "computes with integers of which it is not known that they stay small; cast to float"
+        )
+    return replace(found, dtype=dtype)
 
 
 for _name in _SYMBOLS:

@@ -7,15 +7,16 @@ from collections.abc import Iterator
 import numpy as np
 import onnx
 from onnx import TensorProto
+from onnx.helper import np_dtype_to_tensor_dtype
 
 from st_codegen.errors import InputError, Problems, UnsupportedModelError
 from st_codegen.ir import Softmax
 from st_codegen.walkers.base import Classified
 from st_codegen.walkers.classes import largest
-from st_codegen.walkers.onnx.classifiers import are_shares
 from st_codegen.walkers.onnx.file import plain, printable, type_name
 from st_codegen.walkers.onnx.graph import GraphWalk
-from st_codegen.walkers.onnx.operands import ConstantOperand, LabelOperand, PickedOperand, Tensor
+from st_codegen.walkers.onnx.operands import TRUTH, ConstantOperand, LabelOperand, PickedOperand, Tensor
+from st_codegen.walkers.onnx.ranges import are_shares
 from st_codegen.walkers.onnx.session import Reader, read_label, read_largest, read_map
 
 #: What a graph computes (None: all numbers of the last value), how each of its outputs is read, and notes on them.
@@ -78,9 +79,10 @@ def _checked(walk: GraphWalk, info: onnx.ValueInfoProto, problems: Problems) -> 
 
 def _check_type(info: onnx.ValueInfoProto, name: str, tensor: Tensor) -> None:
     declared = info.type.tensor_type.elem_type
-    computed = {"float32": TensorProto.FLOAT, "float64": TensorProto.DOUBLE}.get(tensor.dtype.name)
-    if computed is None:
-        raise UnsupportedModelError(f"the output '{name}' holds integers; leave it out of the graph")
+    computed = None if tensor.dtype == TRUTH else np_dtype_to_tensor_dtype(tensor.dtype)
+    if computed is None or tensor.given:
+        kind = "the integers of an input" if tensor.given else "truth values"
+        raise UnsupportedModelError(f"the output '{name}' holds {kind}; leave it out of the graph")
     if declared not in (computed, TensorProto.UNDEFINED):  # onnxruntime infers a type that is not declared
         raise UnsupportedModelError(
             f"the output '{name}' is declared as {type_name(declared)}, its operator computes {type_name(computed)}, "

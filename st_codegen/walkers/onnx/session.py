@@ -29,7 +29,8 @@ class GraphInput:
     """An input of the graph: its shape for one row, its type, and the first of its features.
 
     `batch` is the number of rows with which a batch is tried: the declared one, 2 where the file leaves it open, and 1
-    where the input holds one row or has no dimension for rows.
+    where the input holds one row or has no dimension for rows. `cut`: integers that the graph reads without the
+    fractions that a number may have.
     """
 
     name: str
@@ -37,6 +38,7 @@ class GraphInput:
     dtype: np.dtype[Any]
     start: int
     batch: int = 1
+    cut: bool = False
 
     @property
     def size(self) -> int:
@@ -183,9 +185,24 @@ def _given_type(given: GraphInput) -> type[np.floating[Any]]:
 
 
 def _with_double_inputs(model: onnx.ModelProto, inputs: list[GraphInput]) -> bytes:
-    """The model with double in place of integer inputs, which only casts to float or double read."""
-    whole = {given.name for given in inputs if given.dtype == np.int64}
+    """The model with double in place of integer inputs, which only casts to float or double read, or which are cast."""
+    whole = {given.name: given.cut for given in inputs if given.dtype == np.int64}
     for info in model.graph.input:
-        if info.name in whole:
-            info.type.tensor_type.elem_type = TensorProto.DOUBLE
+        if info.name not in whole:
+            continue
+        declared = info.type.tensor_type.elem_type
+        info.type.tensor_type.elem_type = TensorProto.DOUBLE
+        if whole[info.name]:
+            _read_cut(model.graph, info.name, declared)
     return bytes(model.SerializeToString())
+
+
+def _read_cut(graph: onnx.GraphProto, name: str, elem_type: int) -> None:
+    """Put a cast to integers behind an input that is given as numbers."""
+    used = {*(one for node in graph.node for one in (*node.input, *node.output)), *(one.name for one in graph.input)}
+    own = next(f"{name}_whole{n or ''}" for n in range(len(used) + 1) if f"{name}_whole{n or ''}" not in used)
+    for node in graph.node:
+        for number, read in enumerate(node.input):
+            if read == name:
+                node.input[number] = own
+    graph.node.insert(0, onnx.helper.make_node("Cast", [name], [own], to=elem_type))

@@ -19,6 +19,7 @@ from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, Result, operator
 from st_codegen.walkers.onnx.operands import (
     FLOAT32,
     FLOAT64,
+    INTEGERS,
     MAX_COLUMNS,
     MAX_FOLDED,
     TRUTH,
@@ -33,6 +34,7 @@ from st_codegen.walkers.onnx.operands import (
     require_tensor,
     together,
 )
+from st_codegen.walkers.onnx.ranges import keep_below
 
 _SHAPE_VERSIONS = (13, 21, 23, 24, 25)
 _CASTS: dict[int, type[np.generic]] = {
@@ -80,21 +82,38 @@ def _converted(call: NodeCall, dtype: np.dtype[Any]) -> Operand:
     if isinstance(operand, PickedOperand):
         raise UnsupportedModelError("casts what TopK picks")
     if isinstance(operand, Tensor):
-        if operand.dtype == TRUTH:
-            return replace(operand, dtype=dtype)
-        if dtype == TRUTH:
-            return is_not_zero(call.walk, operand)
-        if dtype in (FLOAT32, FLOAT64):
-            return call.walk.as_type(operand, dtype)
-        if operand.dtype not in (FLOAT32, FLOAT64) and dtype.kind != "O":
-            return operand
-        raise UnsupportedModelError("casts numbers to integers, which has no exact counterpart; leave the cast out")
+        return _converted_tensor(call.walk, operand, dtype)
     if np.issubdtype(dtype, np.integer) and not np.issubdtype(operand.dtype, np.integer):
         raise UnsupportedModelError("casts constants to integers; fold constants when exporting")
     if "O" in (operand.dtype.kind, dtype.kind):
         raise UnsupportedModelError("casts constants from or to text; fold constants when exporting")
     with np.errstate(over="ignore"):
         return ConstantOperand(operand.array.astype(dtype))
+
+
+def _converted_tensor(walk: GraphWalk, tensor: Tensor, dtype: np.dtype[Any]) -> Tensor:
+    """Computed numbers or truth values as those of a type."""
+    if tensor.dtype == TRUTH:
+        return replace(tensor, dtype=dtype)
+    if dtype == TRUTH:
+        return is_not_zero(walk, tensor)
+    if dtype in (FLOAT32, FLOAT64):
+        return walk.as_type(tensor, dtype)
+    if dtype not in INTEGERS:
+        raise UnsupportedModelError("casts numbers to text; leave the cast out")
+    return tensor if tensor.given else as_integers(walk, tensor, dtype)
+
+
+def as_integers(walk: GraphWalk, tensor: Tensor, dtype: np.dtype[Any]) -> Tensor:
+    """Numbers without their fractions, as integers of a type; those that do not fit have no answer.
+
+    What onnxruntime makes of those depends on the machine.
+    """
+    if tensor.dtype == dtype:
+        return tensor
+    bits = 63 if dtype == np.int64 else 31
+    fits = keep_below(walk, replace(tensor, uncut=False), 2.0**bits)
+    return replace(fits, dtype=dtype, uncut=tensor.uncut or tensor.dtype in (FLOAT32, FLOAT64), special=False)
 
 
 def _cast_labels(choice: LabelOperand, dtype: np.dtype[Any]) -> LabelOperand:
@@ -254,6 +273,8 @@ def joined(walk: GraphWalk, parts: Sequence[Operand], axis: int) -> Operand:
         ]
         if len({tensor.unrounded for tensor in tensors}) > 1:
             tensors = [_rounded(walk, tensor) for tensor in tensors]
+        if any(tensor.uncut for tensor in tensors):
+            tensors = [walk.cut(tensor) for tensor in tensors]
         return together(tensors, partial(np.concatenate, axis=axis))
     except ValueError:
         shapes = ", ".join(str(part.shape) for part in parts)
