@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from st_codegen.ir.arrays import FloatArray
+from st_codegen.ir.arrays import BoolArray, FloatArray
 from st_codegen.te.harmonics import Direction
 
 #: The numbers of an operating point, as columns of files are called.
 CONDITION_COLUMNS = ("speed_rpm", "torque_Nm", "temperature_C")
+#: The oil of gears is no colder and no hotter, degC.
+_COLDEST_C, _HOTTEST_C = -80.0, 250.0
 
 
 @dataclass(frozen=True, order=True)
@@ -83,3 +85,9 @@ class Conditions:
         """Speed of the output, rad/s, with the sign of the direction."""
         speed: FloatArray = self.sign * self.speed_rpm * (2 * np.pi / 60 / reduction_ratio)
         return speed
+
+
+def temperatures_of_no_oil(temperature_C: FloatArray) -> BoolArray:
+    """Which temperatures (n,) no oil has, of a sensor or of writing; none where most are so, as in another unit."""
+    wrong: BoolArray = (temperature_C < _COLDEST_C) | (temperature_C > _HOTTEST_C)
+    return wrong if 2 * wrong.sum() < len(wrong) else np.zeros_like(wrong)

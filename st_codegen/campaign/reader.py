@@ -7,15 +7,17 @@ again. Memory is a worker's one file and the sums. Workers may be those of a clu
 
 from __future__ import annotations
 
+import math
 import os
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from statistics import median
 
 import numpy as np
 
-from st_codegen.campaign.conditions import Conditions, OperatingPoint
+from st_codegen.campaign.conditions import Conditions, OperatingPoint, temperatures_of_no_oil
 from st_codegen.campaign.curves import BadFileError, RunFile, read_run, scan
 from st_codegen.campaign.harmonic_table import HarmonicTable
 from st_codegen.campaign.orders import BAND, OrderFit, Sums, curve_sums, fit_orders
@@ -30,6 +32,10 @@ from st_codegen.te.harmonics import Direction
 MOST_JOBS = 4
 #: in place of a number: wherever the work of joblib is done around the call (`joblib.parallel_config`)
 AROUND = -1
+#: TE that scatters over a turn by this times the median of all curves is none; a resonance lifts a curve some 50 times
+_APART = 100.0
+#: with fewer curves no median tells what is usual
+_LEAST_CURVES = 5
 #: seconds between two writes of what is read so far
 _KEEP_EVERY = 30.0
 
@@ -134,6 +140,9 @@ def read_campaign(
             started = time.monotonic()
     if cache and new:
         kept.write(cache)
+    for fault in _apart([file for file in files if file.path in results], results):
+        faults.append(fault)
+        del results[fault.path]
     if faults and not skip_bad:
         problems = Problems(f"{folder}: bad curve files (leave them out with --skip-bad; in a fleet: skip_bad = true)")
         faults.sort(key=lambda error: (error.path, error.line or 0))
@@ -148,6 +157,28 @@ def read_campaign(
     if not curves:
         raise InputError(f"{folder}: no usable curve files; the first of {len(faults)} problems: {faults[0]}")
     return _with_repeated_spikes(Campaign(folder, tuple(curves), tuple(faults)))
+
+
+def _apart(files: Sequence[RunFile], results: Mapping[Path, Mapping[Direction, Sums]]) -> Iterator[BadFileError]:
+    """Files that cannot be what they say: a temperature that no oil has beside others, TE of another size than all."""
+    scatter = {
+        file.path: max(math.sqrt(max(_variance(sums), 0.0)) for sums in results[file.path].values()) for file in files
+    }
+    usual = median(scatter.values()) if len(files) >= _LEAST_CURVES else math.inf
+    oil = np.array([file.conditions.temperature_C for file in files])
+    for file, wrong in zip(files, temperatures_of_no_oil(oil), strict=True):
+        if wrong:
+            reason = f"a temperature of {file.conditions.temperature_C:g} degC, in the median run {np.median(oil):g}"
+        elif scatter[file.path] > _APART * usual > 0.0:
+            reason = f"TE scatters by {scatter[file.path]:.2g} deg in the turn, in the median run by {usual:.2g}"
+        else:
+            continue
+        yield BadFileError(file.path, None, f"{reason}: an error code, or another unit? Correct it or leave it out")
+
+
+def _variance(sums: Sums) -> float:
+    """The variance of TE over the samples of a curve, deg^2."""
+    return sums.te_square / sums.samples - float(abs(sums.te[0] / sums.samples)) ** 2
 
 
 def _with_repeated_spikes(campaign: Campaign) -> Campaign:

@@ -12,7 +12,7 @@ pytest.importorskip("polars")
 pytest.importorskip("joblib")
 
 from st_codegen.campaign import reader
-from st_codegen.campaign.conditions import OperatingPoint
+from st_codegen.campaign.conditions import OperatingPoint, temperatures_of_no_oil
 from st_codegen.campaign.curves import Curve, Run, write_run
 from st_codegen.campaign.orders import BAND
 from st_codegen.campaign.reader import AROUND, read_campaign
@@ -236,3 +236,25 @@ def test_a_single_bad_file_is_an_input_error_like_many(tmp_path):
     (tmp_path / "900rpm1Nm25deg.csv").write_text("x")
     with pytest.raises(InputError, match=r"leave them out with --skip-bad.*900rpm1Nm25deg.csv, line 1: unknown column"):
         read_campaign(tmp_path)
+
+
+def test_files_that_cannot_be_what_they_say_are_bad_ones(folder, tmp_path):
+    """A temperature of a broken sensor took the drift out of the rig; an error code among samples became an order."""
+    files = sorted(folder.rglob("*.csv"))
+    files[0].rename(files[0].with_name("100.0rpm100.0Nm850.0deg.csv"))
+    lines = files[1].read_text().splitlines()
+    for number in range(100, 130):
+        cells = lines[number].split(",")
+        lines[number] = ",".join((cells[0], "9999", *cells[2:]))
+    files[1].write_text("\n".join(lines))
+    with pytest.raises(InputError, match="2 problems") as error:
+        read_campaign(folder, jobs=1)
+    assert "a temperature of 850 degC, in the median run 25" in str(error.value)
+    assert "TE scatters by 1.2e+03 deg in the turn, in the median run by 0.0" in str(error.value)
+    assert len(read_campaign(folder, jobs=1, skip_bad=True).curves) == 8
+
+
+def test_temperatures_that_are_all_in_another_unit_are_no_single_labels():
+    kelvin = np.array([298.0, 299.0, 300.0])
+    assert not temperatures_of_no_oil(kelvin).any()
+    assert temperatures_of_no_oil(np.array([25.0, 26.0, -273.15, 30.0, 9999.0])).tolist() == [0, 0, 1, 0, 1]

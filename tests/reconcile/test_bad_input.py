@@ -117,3 +117,22 @@ def test_a_rig_with_an_unknown_effect(tmp_path, rig):
     path = measured(tmp_path / "h.csv", rig, grid())
     (tmp_path / "rig.toml").write_text(text)
     refused(tmp_path, path, "magic")
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "said"),
+    [
+        (1, "0", "a speed of 0 rpm or less"),
+        (1, "-500", "with -500 rpm"),
+        (3, "-273.15", "a temperature that no oil has"),
+    ],
+)
+def test_a_label_of_no_machine_is_refused(tmp_path, rig, column, value, said):
+    """A speed of 0 ended in a division by it, one temperature of an error code in a drift that was not there."""
+    path = measured(tmp_path / "h.csv", rig, grid())
+    lines = path.read_text().splitlines()
+    cells = lines[3].split(",")
+    cells[column] = value
+    lines[3] = ",".join(cells)
+    path.write_text("\n".join(lines))
+    refused(tmp_path, path, "1 curves have", said)

@@ -10,7 +10,7 @@ from st_codegen.errors import InputError
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.data.recordings import ANGLES, is_recording, observations, read_recordings
 from st_codegen.reconcile.fit.target import FitData, groups_of
-from st_codegen.reconcile.judge.lines import _slow, lines_in_samples, stand_out, waves_of_angle
+from st_codegen.reconcile.judge.lines import _slow, lines_in_samples, rest_that_lasts, stand_out, waves_of_angle
 from st_codegen.reconcile.judge.links import _judged, _noise
 from st_codegen.reconcile.report.sentences import left_text
 from st_codegen.reconcile.run import reconcile_files, reconcile_recordings
@@ -139,7 +139,8 @@ def test_a_step_in_the_middle_of_a_recording_is_no_order_and_no_changed_paramete
     result = reconcile_files(parse_rig(RIG), tmp_path, catalogue(()))
     assert not result.conclusions.claims
     assert all(entry.before.name == "coupling_compliance" for entry in result.conclusions.retuned)
-    assert all(one.order == 0 for one in result.unexplained)
+    # the step itself lasts over samples
+    assert all(one.order <= 0 for one in result.unexplained)
     assert "floors; only waves of the angle that stand out of it are listed" in left_text(result)
     assert result.verdict != "explained" and result.held_out.after > 5 * result.held_out.noise_floor
 
@@ -221,3 +222,25 @@ def test_a_mean_that_wanders_has_few_waves_and_none_of_what_lies_between_two_fil
     angle, files = np.linspace(0.0, 4 * np.pi, 3000), np.repeat([0, 1], 1500)
     jumps = _slow(angle + 100.0 * files, np.ones(3000), files)
     assert jumps.shape[1] == 2 and np.isfinite(_slow(np.zeros(3000), np.ones(3000), files)).all()
+
+
+@pytest.mark.parametrize(("waves", "is_left"), [({}, False), ({39.77: 5e-4}, True), ({40.0: 5e-4}, False)])
+def test_what_lasts_over_samples_is_no_noise_from_sample_to_sample(waves, is_left, tmp_path):
+    """A wave of 39.77 periods a turn was noise: "nothing was found missing", with a floor of 13 times the noise."""
+    rig = recorded(tmp_path / "r.csv")
+    lines = (tmp_path / "r.csv").read_text().splitlines()
+    values = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]])
+    out, random = np.deg2rad(values[:, 4]), np.random.default_rng(1)
+    values[:, 4] += sum(size * np.cos(order * out) for order, size in waves.items()) + 1e-4 * random.normal(size=4000)
+    np.savetxt(tmp_path / "r.csv", values, "%.12g", ",", header=lines[0], comments="")
+    data = observations(read_recordings([tmp_path / "r.csv"]), rig)
+    assert data.neighbours_deg == pytest.approx(1e-4, rel=0.05)
+    residual = data.values - 0.01 * np.cos(data.angle_rad)[:, None]
+    target = FitData(data, np.full((len(data), 1), 1e-4), np.ones(len(data), bool), groups_of(data.at))
+    told = lines_in_samples(target, residual, 1.0)
+    found = rest_that_lasts(target, residual, told, 1.0)
+    assert bool(found) is is_left
+    for one in found:
+        # half a turn does not tell it from the order beside it, which has the rest
+        whole = np.linalg.norm([each.rms_deg for each in (one, *told)])
+        assert whole == pytest.approx(5e-4 / np.sqrt(2), rel=0.05) and "deg from one to the next" in one.text

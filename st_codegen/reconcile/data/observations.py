@@ -33,7 +33,8 @@ class Observations:
     their list is sorted first, which may be the time as well, where it is. samples: of each curve, where all have as
     many, else 0. hums: waves of a frequency of their own that were taken out of the values. begins_rad: the angle at
     which each curve begins, (n,). beyond_deg: RMS that the curves hold above all orders that are looked at, where that
-    is more than the noise below lets expect; else 0.
+    is more than the noise below lets expect; else 0. neighbours_deg: of samples over time the noise by what each has
+    beside those right before and after it, before any were left out; inf where it is not known.
     """
 
     at: Conditions
@@ -52,6 +53,7 @@ class Observations:
     sorted_by: str = ""
     begins_rad: FloatArray | None = None
     beyond_deg: float = 0.0
+    neighbours_deg: float = np.inf
 
     def model_orders(self) -> tuple[int, ...]:
         """The orders whose coefficients a model must give."""

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from st_codegen.campaign.conditions import Conditions
+from st_codegen.campaign.conditions import Conditions, temperatures_of_no_oil
 from st_codegen.campaign.curves import CONDITIONS_FILE
 from st_codegen.campaign.harmonic_table import read_table
 from st_codegen.campaign.orders import BAND, OrderFit, Sums, fit_orders, listed
@@ -53,6 +53,9 @@ def _campaign(folder: Path, rig: RigModel, progress: Progress | None, skip_bad: 
     # a wave that does not come back looks like a ramp
     campaign = _with_sums(campaign, sums)
     _check_ratio(campaign, rig)
+    problems = Problems(str(folder))
+    _check_speeds(campaign.at, [curve.path.name for curve in campaign.curves], problems)
+    problems.raise_if_any()
     turns = campaign.at.speed_rpm / (60.0 * rig.constants.reduction_ratio)
     sums, hums = without_hums(sums, turns, rig.orders())
     campaign = _with_sums(campaign, sums)
@@ -467,6 +470,13 @@ def check(data: Observations, rig: RigModel, path: Path, *, units: bool = True) 
     if not np.isfinite(data.values).all():
         rows = np.flatnonzero(~np.isfinite(data.values).all(axis=1))
         problems.add(f"{len(rows)} curves have values that are not finite, the first is {data.labels[rows[0]]}")
+    _check_speeds(data.at, data.labels, problems)
+    wrong = np.flatnonzero(temperatures_of_no_oil(data.at.temperature_C))
+    if len(wrong):
+        problems.add(
+            f"{len(wrong)} curves have a temperature that no oil has, the first is {data.labels[wrong[0]]} with "
+            f"{data.at.temperature_C[wrong[0]]:g} degC: an error code? Correct it or leave these curves out"
+        )
     overlap = bool(set(data.orders.tolist()) & set(rig.orders())) and bool(np.abs(data.values).any())
     if not overlap:
         problems.add(
@@ -483,6 +493,16 @@ def check(data: Observations, rig: RigModel, path: Path, *, units: bool = True) 
         with problems.collect():
             check_units(data, rig, path)
     problems.raise_if_any()
+
+
+def _check_speeds(at: Conditions, names: Sequence[str], problems: Problems) -> None:
+    """Add to problems the curves in which nothing turns: their conditions, or how speeds are given, are wrong."""
+    rows = np.flatnonzero(at.speed_rpm <= 0.0)
+    if len(rows):
+        problems.add(
+            f"{len(rows)} curves have a speed of 0 rpm or less, the first is {names[rows[0]]} with "
+            f"{at.speed_rpm[rows[0]]:g} rpm: speeds are above 0, and the direction has a column of its own"
+        )
 
 
 def check_units(data: Observations, rig: RigModel, path: Path) -> None:

@@ -108,7 +108,7 @@ def _directions(speed: FloatArray) -> FloatArray:
 
 def observations(recordings: Sequence[Recording], rig: RigModel) -> Observations:
     """The transmission error of recordings as samples for the common core."""
-    parts = []
+    parts, bends = [], [np.zeros(0)]
     for r in recordings:
         if "theta_out" in r.angles:
             out = r.angles["theta_out"]
@@ -120,6 +120,7 @@ def observations(recordings: Sequence[Recording], rig: RigModel) -> Observations
         # standstill says nothing of the direction, and little of anything else
         moving = r.at.speed_rpm > 0.02 * r.at.speed_rpm.max()
         parts.append((r, out, te, np.flatnonzero(moving)))
+        bends.append(np.diff(te, n=2)[moving[2:] & moving[1:-1] & moving[:-2]])
     step = max(1, -(-sum(len(rows) for *_, rows in parts) // SETTINGS.most_samples))
     labels, values, angles, conditions = [], [], [], []
     for r, out, te, rows in parts:
@@ -135,7 +136,11 @@ def observations(recordings: Sequence[Recording], rig: RigModel) -> Observations
     sides = [k + d for k in mesh for d in (-constants.cranks, constants.cranks)]
     inside = tuple(sorted({0, 1, 2, constants.cranks, *rig.orders(), *mesh, *sides, *range(13)}))
     column = np.concatenate(values).astype(np.complex128)[:, None]
-    return Observations(at, tuple(labels), np.zeros(1, np.int64), column, np.concatenate(angles), inside)
+    # second differences of white noise have six times its variance; what is smooth over samples hardly has any
+    squares = np.concatenate(bends) ** 2
+    neighbours = float(np.sqrt(squares.mean() / 6.0)) if len(squares) else np.inf
+    orders, places = np.zeros(1, np.int64), np.concatenate(angles)
+    return Observations(at, tuple(labels), orders, column, places, inside, neighbours_deg=neighbours)
 
 
 def _input_angle(r: Recording, rig: RigModel) -> FloatArray:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 import numpy as np
 
 from st_codegen.campaign.moments import moments
@@ -81,6 +84,22 @@ def lines_in_samples(target: FitData, residual: ComplexArray, gap_power: float, 
         text = f"{name}: {sizes[order]:.2g} deg RMS over the recordings"
         out.append(Signature(order, sizes[order], share, {"constant": 1.0}, "both", text))
     return out
+
+
+def rest_that_lasts(
+    target: FitData, residual: ComplexArray, told: Sequence[Signature], gap_power: float
+) -> list[Signature]:
+    """The signature of what samples hold beyond the noise of neighbours and the waves that were told; or none."""
+    noise = target.data.neighbours_deg
+    left = float((residual[:, 0].real ** 2).mean()) - sum(one.rms_deg**2 for one in told)
+    if left <= (SETTINGS.clearly_larger * noise) ** 2:
+        return []
+    size = math.sqrt(left - noise**2)
+    text = (
+        f"the samples lie {size:.2g} deg RMS off beside noise of {noise:.2g} deg from one to the next: something that "
+        "lasts over samples and is no wave of a whole number of periods a turn, or noise that lasts"
+    )
+    return [Signature(-1, size, min(1.0, size**2 / max(gap_power, 1e-300)), {"combination": 1.0}, "both", text)]
 
 
 def _slow(angle: FloatArray, sign: FloatArray, files: IntArray) -> FloatArray:
