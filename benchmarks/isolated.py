@@ -38,7 +38,9 @@ def isolated(work: Callable[[], Any], seconds: float) -> Any:
         if process.is_alive():
             process.join(5.0)
         if process.is_alive() and process.pid is not None:
-            os.killpg(process.pid, signal.SIGKILL)  # with the compilers that it started
+            with suppress(ProcessLookupError):  # where it did not come as far as a group of its own
+                os.killpg(process.pid, signal.SIGKILL)  # with the compilers that it started
+            process.kill()
         process.join()
         here.close()
     if error:

@@ -114,6 +114,7 @@ def test_the_same_with_two_processes_and_not_learned_again(done, inputs, tmp_pat
         assert both[0][key] == both[1][key]
 
 
+@pytest.mark.thorough
 def test_an_axis_of_other_physics_keeps_its_own_and_one_that_cannot_be_read_stops_none(inputs, tmp_path):
     for name in ("like", "third"):
         shutil.copy(inputs.parent / f"{name}.csv", tmp_path)

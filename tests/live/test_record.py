@@ -122,6 +122,7 @@ def project(bundle):
     return recorded_project(bundle[1])
 
 
+@pytest.mark.thorough
 def test_a_campaign_is_what_the_rig_is_and_another_client_is_turned_away(controller, project, plc, rig_file, tmp_path):
     told, refused = [], []
     runs = planned([POINT])
@@ -151,6 +152,7 @@ def test_a_campaign_is_what_the_rig_is_and_another_client_is_turned_away(control
     assert controller.read(Signal("GVL_Experiment.fHomingSpeed_rpm")) == 50.0
 
 
+@pytest.mark.thorough
 def test_a_measurement_may_begin_between_two_requests(controller, project, plc, tmp_path, monkeypatch):
     """What was not busy before the controller has begun is no end without a result."""
     read, write, late = controller.read_all, controller.write_all, []
@@ -174,6 +176,7 @@ def test_a_measurement_may_begin_between_two_requests(controller, project, plc, 
     assert record(controller, project, planned([POINT]), tmp_path / "c", QUICK) == 1
 
 
+@pytest.mark.thorough
 def test_conditions_that_repeat_have_numbered_files_and_a_campaign_goes_on(controller, project, tmp_path):
     runs = planned([POINT, POINT])
     record(controller, project, planned([]), tmp_path / "other", QUICK)

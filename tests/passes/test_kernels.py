@@ -33,6 +33,7 @@ def kernel_on_grid(random, shape, outputs=1, kept=1.0, gamma=0.4, **options):
     )
 
 
+@pytest.mark.thorough
 @examples(suppress_health_check=SLOW)
 @given(
     seed=st.integers(0, 2**31),

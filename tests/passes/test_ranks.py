@@ -50,6 +50,7 @@ def test_ranks_and_pruning_keep_every_bit(model, seed):
         assert digest(pruned(on_ranks)) == digest(small)
 
 
+@pytest.mark.thorough
 @examples(40, suppress_health_check=SLOW)
 @given(
     model=ranged(tree_models(thresholds_only=True)),

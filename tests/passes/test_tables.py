@@ -186,6 +186,7 @@ def test_equal_slices_and_constant_outputs_take_no_room():
         assert len(np.unique(slices, axis=0)) == edges or not np.any(np.all(slices[1:] == slices[:-1], axis=1))
 
 
+@pytest.mark.thorough
 @examples(40, suppress_health_check=SLOW)
 @given(seed=st.integers(0, 2**31), accepts_nan=st.booleans(), target=st.sampled_from(["iec", "twincat"]))
 def test_one_search_serves_several_models(seed, accepts_nan, target, tmp_path_factory):

@@ -70,6 +70,7 @@ def test_trees_have_the_library_s_labels_and_scores(name, tmp_path):
     assert len(np.unique(model.predict(rows)[:, 0])) == len(np.unique(y))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("target", ["iec", "twincat", "plcopen"])
 def test_every_target_gives_the_class_and_the_numbers_beside_it(target, tmp_path):
     model = loaded(HistGradientBoostingClassifier(max_iter=5, random_state=0).fit(X, WORDS))

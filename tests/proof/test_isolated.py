@@ -111,6 +111,7 @@ def test_a_library_that_ends_its_process_is_one_line_and_the_next_model_is_asked
 on_linux = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="a thread answers on this system")
 
 
+@pytest.mark.thorough
 @on_linux
 def test_libraries_that_have_computed_with_many_threads_answer_in_a_copy():
     """The copy has none of these threads, and must not wait for them."""

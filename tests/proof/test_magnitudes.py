@@ -38,6 +38,7 @@ def answers(model, x):
     return found
 
 
+@pytest.mark.thorough
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("name", sorted(path.name for path in LONE.iterdir()))
 def test_a_block_refuses_only_what_its_library_or_its_header_refuses(name):

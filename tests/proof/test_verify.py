@@ -58,6 +58,7 @@ def change(path, pattern, by):
     path.write_text(changed, encoding="utf-8")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("pattern", "by"),
     [
@@ -80,6 +81,7 @@ def test_tables_pass_where_nothing_is_changed(lone_folder, generated_once):
     assert verify(load(lone_folder), generated_once("lone", layout=Layout.TABLE), rows=300).passed
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("pattern", "by"),
     [

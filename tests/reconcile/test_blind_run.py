@@ -102,6 +102,7 @@ def test_who_always_says_wear_is_nearly_always_wrong(stand_in):
     assert found["weak_not_claimed"] == found["foreign_not_misnamed"] == found["confounded_reported"] == 0.0
 
 
+@pytest.mark.thorough
 def test_an_interrupted_run_goes_on_and_a_changed_program_starts_anew(stand_in, monkeypatch):
     install, summary, state = stand_in
     install(truth)
@@ -114,6 +115,7 @@ def test_an_interrupted_run_goes_on_and_a_changed_program_starts_anew(stand_in, 
     assert state["calls"] == 2 * CASES
 
 
+@pytest.mark.thorough
 def test_a_crash_counts_against_the_program(stand_in, monkeypatch):
     _, summary, _ = stand_in
     failed = subprocess.CompletedProcess([], 1, "", "Traceback")

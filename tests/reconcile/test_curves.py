@@ -153,6 +153,7 @@ def test_single_samples_that_are_far_off_are_left_out_and_named(tmp_path, monkey
     assert not any("single samples" in text for text in whole.not_looked_at)
 
 
+@pytest.mark.thorough
 def test_what_curves_hold_above_the_orders_that_are_told_is_said(tmp_path, monkeypatch):
     """A wave of 500 noises above a quarter of the samples, and nothing was found missing."""
     quiet = read(tmp_path, monkeypatch, lambda _, angle, te: (angle, te), TORQUES * 3)

@@ -27,6 +27,7 @@ from .test_unexplained import ORDERS, SIGMA, curves, found, grid, white
 TURN = np.exp(0.3j)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "law",
     [
@@ -250,6 +251,7 @@ def test_a_run_that_was_stored_twice_counts_once():
     assert len(replace(both, values=np.concatenate([once.values, again.values])).without_copies()) == 2 * len(at)
 
 
+@pytest.mark.thorough
 def test_a_changed_parameter_at_its_bound_is_no_finding():
     """Friction whose viscosity falls faster with the oil than any oil's: 0.04 was said to have become 0.1 1/K."""
     at, orders = forms_grid(np.linspace(100, 1800, 6), 4, (20.0, 25.0, 30.0, 35.0, 40.0)), [0, 39, 40, 78]
@@ -308,6 +310,7 @@ def test_an_order_that_follows_the_torque_is_not_an_encoders():
     assert scatter_of_encoder(target, left + wave) == ()
 
 
+@pytest.mark.thorough
 def test_lowest_orders_that_jump_are_said_to_count_as_noise():
     """Counts that an encoder lost within some turns were said to be nothing that these data show, and no more."""
     at, orders = forms_grid(np.linspace(100, 1800, 6)), [0, 1, 2, 3, 4, 5, 39, 40, 78]

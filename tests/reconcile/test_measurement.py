@@ -180,6 +180,7 @@ def test_of_curves_sampled_at_a_rate_nothing_is_asked(hertz):
     assert examine(at_a_rate(measured(3e-6), hertz), RIG, PATH).mistakes == ()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["home_offset", "sign", "direction", "column_scale", "ratio", "torque 9.81 times"])
 def test_of_curves_sampled_at_a_rate_a_mistake_is_asked_about_as_of_others(name):
     with pytest.raises(InputError, match=f"--accept {name.split()[0]}") as asked:
@@ -434,6 +435,7 @@ def test_where_few_orders_tell_mistakes_are_said_not_to_be_told():
     assert "exchanged directions" in said and "a factor on one column" in said
 
 
+@pytest.mark.thorough
 def test_where_noise_hides_a_misread_angle_that_is_said():
     """With ten times the noise, the sidebands of an angle that is off by ten times as much; in little it is silent."""
     assert examine(of_curves(1e-5), RIG, PATH).untold == ()
@@ -567,6 +569,7 @@ def test_a_dent_is_no_ramp_and_no_misread_angle():
     assert examine(made, RIG, PATH).mistakes == ()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("on", [(78, 162), tuple(int(k) for k in ORDERS if k > 30)])
 @pytest.mark.parametrize("sigma", [1e-5, 3e-4])
 def test_sizes_that_are_modulated_once_a_turn_are_no_misread_angle(on, sigma):
@@ -594,6 +597,7 @@ def a_little_wrong(rig, random):
     return rig.with_effects(effects)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", [6, 11, 35, 45, 85, 98])
 def test_a_rig_whose_numbers_are_all_a_little_wrong_makes_no_mistake_of_measuring(seed):
     """The frequency of its resonance as well: columns with factors of 0.4 and 1e-12, runs with zeros of their own."""
@@ -744,6 +748,7 @@ def turning(periods, sigma, samples=400):
     return [curve_sums(Curve(np.rad2deg(phi), row), 100) for row in te]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("sigma", [1e-6, 1e-4])
 def test_a_wave_of_no_whole_number_of_periods_is_taken_out_of_all_curves(sigma):
     """In its place the jump where curves begin and end was called a burst there, with a probability of 0.98."""

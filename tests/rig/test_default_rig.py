@@ -69,6 +69,7 @@ def test_medians_of_all_orders_are_near_those_of_the_real_rig(measured):
             assert row["speed_correlation"] > 0.8, row
 
 
+@pytest.mark.thorough
 def test_the_picture_shows_every_order(measured, tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
     few = measured.rows((measured.at.temperature_C == 30) & (measured.at.torque_Nm % 600 == 0))

@@ -65,6 +65,7 @@ def made(name, changes):
     return effect(values | changes, Constants())
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", sorted(catalogue()))
 def test_values_at_a_bound_are_taken_and_those_beyond_refused(name):
     from st_codegen.errors import InputError

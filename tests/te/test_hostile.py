@@ -9,6 +9,7 @@ from tests.te.hostile import KINDS, run_compensator, run_year
 from tests.te.projects import PLAY
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("target", ["twincat", "iec"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_no_input_whatever_breaks_a_limit(kind, target):

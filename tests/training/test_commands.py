@@ -65,6 +65,7 @@ def test_a_table_becomes_a_bundle_that_compiles(tmp_path):
             assert np.array_equal(one.predict(x), other.predict(x))
 
 
+@pytest.mark.thorough
 def test_a_campaign_becomes_a_bundle(tmp_path):
     write_campaign(tmp_path / "c", [a_table(speeds=5, torques=5)])
     (tmp_path / "c" / "broken.csv").write_text("1,2")

@@ -212,6 +212,7 @@ def test_what_cannot_be_compiled_is_not_chosen(table):
         choose(searched)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("form", ["native", "skops"])
 def test_the_bundle_compiles_and_predicts_the_same(lessons, tmp_path, form):
     both, learned = lessons
@@ -282,6 +283,7 @@ def test_a_bundle_replaces_only_a_bundle(lessons, tmp_path):
     assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("family", "params"),
     [

@@ -102,6 +102,7 @@ def test_a_sigmoid_that_rounds_to_a_half_decides_as_the_library(tmp_path):
     assert np.any((library[:, 0] == 0) & (library[:, -1] > 0))  # a positive score, and yet the first class
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("objective", "y", "parameters"),
     [

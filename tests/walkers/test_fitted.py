@@ -98,6 +98,7 @@ def check(estimator, mutants):
     return seen == {"accepted", "refused"}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", list(ESTIMATORS))
 def test_changed_estimators_are_refused_or_predicted_as_the_library_does(fitted, name):
     random = np.random.default_rng(1)

@@ -94,6 +94,7 @@ def run(name, tmp_path):
     return np.allclose(ours[0], expected, rtol=1e-5, atol=1e-6, equal_nan=True)
 
 
+@pytest.mark.thorough
 def test_cases_of_the_standard(tmp_path):
     results = {name: run(name, tmp_path) for name in cases()}
     assert [name for name, equal in results.items() if equal is False] == []

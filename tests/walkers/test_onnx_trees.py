@@ -26,6 +26,7 @@ def trees_of(loaded):
     return op
 
 
+@pytest.mark.thorough
 @TYPES
 @pytest.mark.parametrize("builder", [build.regressor, build.ensemble])
 @pytest.mark.parametrize("missing", [False, True])

@@ -90,6 +90,7 @@ def test_regressors_agree_with_the_library_where_it_has_one_answer(name, tmp_pat
     assert np.min(beside) < 1e-9 if "grid" in name else np.median(beside) < 1e-9
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", KERNELS)
 def test_gaussian_processes(name, tmp_path):
     process = GaussianProcessRegressor(KERNELS[name], normalize_y=name == "sum", optimizer=None, alpha=1e-3)

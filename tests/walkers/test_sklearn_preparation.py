@@ -203,6 +203,7 @@ def test_what_an_imputer_takes_is_refused_beside_it(tmp_path):
     assert np.array_equal(usable, ~np.isnan(GAPS[:, 1:]).any(axis=1))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("precision", [np.float64, np.float32])
 @pytest.mark.parametrize("categorical", [None, [0, 1]])
 @pytest.mark.parametrize("x", [CODES, CODES_WITH_GAPS], ids=["complete", "gaps"])

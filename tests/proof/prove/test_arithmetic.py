@@ -58,6 +58,7 @@ NOT_FOLLOWED |= {
 CONSTANT = {"kernel polynomial degree 0", "argmax of one"}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", [*ARITHMETIC, *MISSING_BEHIND])
 def test_each_operation_is_the_expression_that_its_model_demands(name, tmp_path):
     model = limit_inputs((SMALL_MODELS | MISSING_BEHIND)[name])
@@ -126,6 +127,7 @@ CHANGES = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", CHANGES)
 def test_a_text_changed_by_hand_is_not_proved(name, tmp_path):
     model, pattern, change = CHANGES[name]

@@ -19,6 +19,7 @@ from st_codegen.proof.prove.tree_proof import SUMS, TAIL
 GOLDEN = Path(__file__).resolve().parents[3] / "golden"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("target", ["iec", "twincat"])
 def test_golden_models_are_proved(target):
     report = prove(load(GOLDEN / "lone" / "models"), GOLDEN / "lone" / "generated" / target)

@@ -155,6 +155,7 @@ TREES = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", TREES)
 @pytest.mark.parametrize("layout", [Layout.TREES, Layout.AUTO])
 def test_labels_and_numbers_of_trees_are_followed_to_the_end(name, layout, tmp_path):
@@ -187,6 +188,7 @@ def booster(name):
     return fitted(getattr(library, kind)(**options), y.astype(int) if "Classifier" in kind else y, GAPS)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", BOOSTERS)
 @pytest.mark.parametrize("layout", [Layout.TREES, Layout.AUTO])
 def test_labels_and_numbers_of_boosters_are_followed_to_the_end(name, layout, tmp_path):

@@ -92,6 +92,7 @@ def generated(name, folder, layout=Layout.AUTO):
     return model, folder / "iec" / "FB_M.st"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", STEPS)
 def test_trees_behind_steps_are_proved(name, tmp_path):
     model, _ = generated(name, tmp_path)
@@ -158,6 +159,7 @@ CHANGES = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", CHANGES)
 def test_a_step_that_was_changed_is_refuted(name, tmp_path):
     steps, pattern, change = CHANGES[name]
@@ -287,6 +289,7 @@ STACK_CHANGES = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", STACK_CHANGES)
 def test_a_stack_that_was_changed_is_not_proved(name, tmp_path):
     bundle, path = behind("passthrough", tmp_path, STACKS["trees"], layout=Layout.TREES)
@@ -322,6 +325,7 @@ BEFORE_GAPS = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["lightgbm", "xgboost"])
 @pytest.mark.parametrize("name", BEFORE_GAPS)
 def test_numbers_that_count_as_missing_are_followed(name, kind, tmp_path):

@@ -281,6 +281,7 @@ def test_list_has_each_kind_and_three_noises_of_one_machine():
     assert {0.1, 100.0} <= {case.noise for case in held_out}
 
 
+@pytest.mark.thorough
 def test_cases_are_the_same_each_time(tmp_path):
     case = next(case for case in cases.listed("dev", 3) if case.kind == "foreign_multiple")
     case = replace(case, layout="twelve")
