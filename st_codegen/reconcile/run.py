@@ -16,7 +16,7 @@ from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.processes import Progress
 from st_codegen.reconcile.data.noise import Noise, estimate
 from st_codegen.reconcile.data.observations import Observations, rms_deg
-from st_codegen.reconcile.data.reading import check, read_measured
+from st_codegen.reconcile.data.reading import check, check_channels, read_measured
 from st_codegen.reconcile.data.recordings import (
     Recording,
     is_recording,
@@ -183,6 +183,7 @@ def reconcile_files(
     data = read_measured(measured, rig, progress, skip_bad=skip_bad, scale=scale or 1.0).without_copies()
     if scale is not None:
         data = data.scaled(scale)
+    check_channels(data, measured)
     problems, examined = Problems(str(measured)), Examined(data)
     with problems.collect():
         check(data, rig, measured, units=False)

@@ -136,3 +136,17 @@ def test_a_label_of_no_machine_is_refused(tmp_path, rig, column, value, said):
     lines[3] = ",".join(cells)
     path.write_text("\n".join(lines))
     refused(tmp_path, path, "1 curves have", said)
+
+
+def test_a_channel_that_is_dead_is_no_column_of_another_scale(tmp_path, rig):
+    """It was "1e-12 times what the other one lets expect", to be divided by that."""
+    path = measured(tmp_path / "h.csv", rig, grid())
+    lines = path.read_text().splitlines()
+    names = lines[0].split(",")
+    values = [names.index(name) for name in names if name.startswith("A")]
+    for number, line in enumerate(lines[1:], 1):
+        cells = line.split(",")
+        if cells[names.index("direction")] == lines[1].split(",")[names.index("direction")]:
+            lines[number] = ",".join("0" if at in values else cell for at, cell in enumerate(cells))
+    path.write_text("\n".join(lines))
+    refused(tmp_path, path, "TE is 0 in all runs: a dead channel?")

@@ -461,6 +461,14 @@ def _of_a_place(
     return best[1]
 
 
+def check_channels(data: Observations, path: Path) -> None:
+    """Refuse data of which one direction is 0 throughout: nothing can be asked about it. Raises InputError."""
+    for sign, name in ((1.0, "forward"), (-1.0, "backward")):
+        own = data.at.sign == sign
+        if own.any() and np.abs(data.values).any() and not np.abs(data.values[own]).any():
+            raise InputError(f"{path}: the {name} TE is 0 in all runs: a dead channel? Leave that column out")
+
+
 def check(data: Observations, rig: RigModel, path: Path, *, units: bool = True) -> None:
     """Refuse data that cannot be compared with the rig; `units`: sizes that look like other units too.
 
