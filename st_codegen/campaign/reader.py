@@ -32,8 +32,9 @@ from st_codegen.te.harmonics import Direction
 MOST_JOBS = 4
 #: in place of a number: wherever the work of joblib is done around the call (`joblib.parallel_config`)
 AROUND = -1
-#: TE that scatters over a turn by this times the median of all curves is none; a resonance lifts a curve some 50 times
-_APART = 100.0
+#: TE that scatters over a turn by this times the median of all curves is none, nor is one of a degree and more: a
+#: resonance lifts a curve some 50 times, and the TE of reducers is some hundredths of a degree
+_APART, _NO_TE_DEG = 100.0, 1.0
 #: with fewer curves no median tells what is usual
 _LEAST_CURVES = 5
 #: seconds between two writes of what is read so far
@@ -169,7 +170,7 @@ def _apart(files: Sequence[RunFile], results: Mapping[Path, Mapping[Direction, S
     for file, wrong in zip(files, temperatures_of_no_oil(oil), strict=True):
         if wrong:
             reason = f"a temperature of {file.conditions.temperature_C:g} degC, in the median run {np.median(oil):g}"
-        elif scatter[file.path] > _APART * usual > 0.0:
+        elif scatter[file.path] > max(_APART * usual, _NO_TE_DEG):
             reason = f"TE scatters by {scatter[file.path]:.2g} deg in the turn, in the median run by {usual:.2g}"
         else:
             continue

@@ -40,7 +40,7 @@ from st_codegen.reconcile.judge.evidence import Evidence
 from st_codegen.reconcile.judge.faint import faint
 from st_codegen.reconcile.judge.held_out import between_states, held_out_rms
 from st_codegen.reconcile.judge.in_time import wander_over_runs
-from st_codegen.reconcile.judge.lines import lines_in_samples, rest_that_lasts
+from st_codegen.reconcile.judge.lines import lines_in_samples
 from st_codegen.reconcile.judge.links import coupling_link, servo_link, with_unmeasured_links
 from st_codegen.reconcile.judge.lookalikes import unlike_friction
 from st_codegen.reconcile.judge.measurement import Examined, examine
@@ -507,11 +507,10 @@ def _unexplained(
     """The noise floor (K,) and what is left of a gap; before: what the rig leaves, (n, K)."""
     data, after = target.data, final.residual
     if data.angle_rad is not None:
-        waves = lines_in_samples(target, after, gap_power)
-        last = rest_that_lasts(target, after, waves, gap_power)
-        # what is left holds what lasts: then noise is no more than what neighbours differ by
-        floor = np.minimum(noise.floor_rms, data.neighbours_deg) if last else noise.floor_rms
-        return floor, [*last, *waves]
+        lines = lines_in_samples(target, after, gap_power)
+        # the samples that were looked at are so far apart that waves change from one to the next
+        rest = float((after.real**2).mean()) - sum(one.rms_deg**2 for one in lines)
+        return np.minimum(noise.floor_rms, np.sqrt(max(rest, data.neighbours_deg**2))), lines
     floor_rms = floors(target, after, noise.floor_rms)
     kept = excused(data, after, noise, is_lacking(target, after))
     kept |= loud_and_foreign(target, after, final.state.rig.orders())

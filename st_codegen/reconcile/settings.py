@@ -367,6 +367,12 @@ class Settings:
     #: so many standard errors (8) of them, less than the 10 that are asked of what is told
     most_lines: int = 8
     most_waves_of_mean: int = 64
+    #: turns of a recording from which on a wave between two orders is told from these (one over the turns tells orders
+    #: apart), how far from a whole order it lies at least, and the part of the RMS of all that is left that it has:
+    #: a quarter of the power in one of some thousand lines is no chance, and no noise that is some lines wide
+    least_turns_between: float = 3.0
+    off_order: float = 0.05
+    part_of_rest: float = 0.5
 
     #: torque (N m) below which a run tells backlash from dry friction: the least that seats the flanks
     near_no_load_Nm: float = 30.0
@@ -516,7 +522,7 @@ CHOSEN_ON: dict[str, tuple[str, ...]] = {
         "one_zero", "one_zero_deg", "bends", "at_once", "beside_reading", "changes_tried", "of_a_filter",
         "least_between", "one_slope", "beyond_labels", "nothing_left", "keeps_its_size", "least_turn_rad",
         "same_in_runs", "same_ramp", "told_order", "told_decay", "rings",
-        "reach_of_start_deg", "left_of_rest", "begins_to_do", "clear_cause",
+        "reach_of_start_deg", "left_of_rest", "off_order", "part_of_rest", "begins_to_do", "clear_cause",
     ),
     "all counted cases of other physics, development and held out": (
         "names_by_order", "names_by_more",

@@ -10,7 +10,7 @@ from st_codegen.errors import InputError
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.data.recordings import ANGLES, is_recording, observations, read_recordings
 from st_codegen.reconcile.fit.target import FitData, groups_of
-from st_codegen.reconcile.judge.lines import _slow, lines_in_samples, rest_that_lasts, stand_out, waves_of_angle
+from st_codegen.reconcile.judge.lines import _slow, lines_in_samples, stand_out, waves_of_angle
 from st_codegen.reconcile.judge.links import _judged, _noise
 from st_codegen.reconcile.report.sentences import left_text
 from st_codegen.reconcile.run import reconcile_files, reconcile_recordings
@@ -139,8 +139,7 @@ def test_a_step_in_the_middle_of_a_recording_is_no_order_and_no_changed_paramete
     result = reconcile_files(parse_rig(RIG), tmp_path, catalogue(()))
     assert not result.conclusions.claims
     assert all(entry.before.name == "coupling_compliance" for entry in result.conclusions.retuned)
-    # the step itself lasts over samples
-    assert all(one.order <= 0 for one in result.unexplained)
+    assert all(one.order == 0 for one in result.unexplained)
     assert "floors; only waves of the angle that stand out of it are listed" in left_text(result)
     assert result.verdict != "explained" and result.held_out.after > 5 * result.held_out.noise_floor
 
@@ -224,23 +223,43 @@ def test_a_mean_that_wanders_has_few_waves_and_none_of_what_lies_between_two_fil
     assert jumps.shape[1] == 2 and np.isfinite(_slow(np.zeros(3000), np.ones(3000), files)).all()
 
 
-@pytest.mark.parametrize(("waves", "is_left"), [({}, False), ({39.77: 5e-4}, True), ({40.0: 5e-4}, False)])
-def test_what_lasts_over_samples_is_no_noise_from_sample_to_sample(waves, is_left, tmp_path):
-    """A wave of 39.77 periods a turn was noise: "nothing was found missing", with a floor of 13 times the noise."""
+def _left_of_two_recordings(wave, last=1):
+    """A target of two recordings of 6 turns, and a residual: noise of 1e-4 deg that lasts over samples, and a wave."""
+    random, count = np.random.default_rng(1), 3000
+    noise = np.convolve(random.standard_normal(2 * count + last - 1), np.ones(last) / np.sqrt(last), "valid")
+    angle = np.tile(np.linspace(0.0, 12.0 * np.pi, count), 2)
+    phase = np.repeat([0.3, 2.0], count)
+    samples = 1e-4 * noise + 5e-4 * (np.cos(wave * angle + phase) if wave else 0.0)
+    at = Conditions.of(np.ones(2 * count), 600.0, 400.0, 30.0)
+    labels = tuple(f"{name}.csv, t = {n} s" for name in "ab" for n in range(count))
+    data = Observations(at, labels, np.zeros(1, np.int64), samples[:, None].astype(complex), angle, (0, 1))
+    return FitData(data, np.full((len(data), 1), 1e-4), np.ones(len(data), bool), groups_of(at)), data.values
+
+
+@pytest.mark.parametrize("wave", [39.77, 23.41, 57.3, 39.5])
+def test_a_wave_between_two_orders_is_found_once_and_by_its_own_number(wave):
+    """It was noise: "nothing was found missing", with a floor of 13 times the noise."""
+    (one,) = lines_in_samples(*_left_of_two_recordings(wave), 1.0)
+    assert one.periods == pytest.approx(wave, abs=0.01) and f"about {wave:.1f} periods a turn" in one.text
+    assert one.rms_deg == pytest.approx(5e-4 / np.sqrt(2), rel=0.02)
+
+
+@pytest.mark.parametrize("last", [1, 4, 20, 100])
+def test_noise_that_lasts_over_samples_is_no_wave(last):
+    """As behind a low pass, of any width."""
+    assert lines_in_samples(*_left_of_two_recordings(0.0, last), 1.0) == []
+
+
+def test_a_whole_order_is_none_between_two():
+    (one,) = lines_in_samples(*_left_of_two_recordings(40.0), 1.0)
+    assert one.order == 40 and one.periods == 0.0
+
+
+def test_the_noise_of_neighbours_is_that_of_all_samples(tmp_path):
+    """By the samples beside each other, not by those that were looked at; the machine's own waves are none of it."""
     rig = recorded(tmp_path / "r.csv")
     lines = (tmp_path / "r.csv").read_text().splitlines()
     values = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]])
-    out, random = np.deg2rad(values[:, 4]), np.random.default_rng(1)
-    values[:, 4] += sum(size * np.cos(order * out) for order, size in waves.items()) + 1e-4 * random.normal(size=4000)
+    values[:, 4] += 1e-4 * np.random.default_rng(1).standard_normal(len(values))
     np.savetxt(tmp_path / "r.csv", values, "%.12g", ",", header=lines[0], comments="")
-    data = observations(read_recordings([tmp_path / "r.csv"]), rig)
-    assert data.neighbours_deg == pytest.approx(1e-4, rel=0.05)
-    residual = data.values - 0.01 * np.cos(data.angle_rad)[:, None]
-    target = FitData(data, np.full((len(data), 1), 1e-4), np.ones(len(data), bool), groups_of(data.at))
-    told = lines_in_samples(target, residual, 1.0)
-    found = rest_that_lasts(target, residual, told, 1.0)
-    assert bool(found) is is_left
-    for one in found:
-        # half a turn does not tell it from the order beside it, which has the rest
-        whole = np.linalg.norm([each.rms_deg for each in (one, *told)])
-        assert whole == pytest.approx(5e-4 / np.sqrt(2), rel=0.05) and "deg from one to the next" in one.text
+    assert observations(read_recordings([tmp_path / "r.csv"]), rig).neighbours_deg == pytest.approx(1e-4, rel=0.05)

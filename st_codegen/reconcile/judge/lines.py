@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-
 import numpy as np
 
 from st_codegen.campaign.moments import moments
@@ -14,6 +11,13 @@ from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.judge.structure import orthogonal_basis
 from st_codegen.reconcile.judge.unexplained import Signature
 from st_codegen.reconcile.settings import SETTINGS
+
+#: the least distance of orders that are tried between whole ones
+_FINEST_STEP = 0.02
+#: how often waves of whole orders and those between are told from each other
+_ROUNDS = 3
+#: orders whose waves are made at once: some 50 MB
+_AT_ONCE = 512
 
 
 def waves_of_angle(data: Observations, samples: FloatArray, highest: int) -> ComplexArray:
@@ -51,9 +55,23 @@ def lines_in_samples(target: FitData, residual: ComplexArray, gap_power: float, 
     All that was found is fitted together with a mean that wanders slowly: where turns are not whole, each of them leaks
     into other orders.
     """
-    left, sigma, angle = residual[:, 0].real, float(target.sigma[0, 0]), target.data.angle_rad
-    assert angle is not None
     files = np.unique([label.rpartition(", t = ")[0] for label in target.data.labels], return_inverse=True)[1]
+    between, made = list[Signature](), np.zeros(len(files))
+    # each of both leaks into the other where turns are not whole: what is sure of one is taken from the other
+    for _ in range(_ROUNDS):
+        whole, rest = _whole_orders(target, residual[:, 0].real - made, files, gap_power, highest)
+        between, made = _between_orders(target, rest + made, files, gap_power, highest)
+        if not between:
+            break
+    return [*whole, *between]
+
+
+def _whole_orders(
+    target: FitData, left: FloatArray, files: IntArray, gap_power: float, highest: int
+) -> tuple[list[Signature], FloatArray]:
+    """Signatures of waves of whole orders in samples (n,), largest first, and the samples without them."""
+    sigma, angle = float(target.sigma[0, 0]), target.data.angle_rad
+    assert angle is not None
     mean = _slow(angle, target.data.at.sign, files)
     own, found = left - mean @ (mean.T @ left), list[int]()
     everywhere = np.ones(highest + 1, np.bool_)
@@ -83,23 +101,61 @@ def lines_in_samples(target: FitData, residual: ComplexArray, gap_power: float, 
         name = f"order {order}" if order else "the mean"
         text = f"{name}: {sizes[order]:.2g} deg RMS over the recordings"
         out.append(Signature(order, sizes[order], share, {"constant": 1.0}, "both", text))
-    return out
+    return out, own - beside @ values
 
 
-def rest_that_lasts(
-    target: FitData, residual: ComplexArray, told: Sequence[Signature], gap_power: float
-) -> list[Signature]:
-    """The signature of what samples hold beyond the noise of neighbours and the waves that were told; or none."""
-    noise = target.data.neighbours_deg
-    left = float((residual[:, 0].real ** 2).mean()) - sum(one.rms_deg**2 for one in told)
-    if left <= (SETTINGS.clearly_larger * noise) ** 2:
-        return []
-    size = math.sqrt(left - noise**2)
-    text = (
-        f"the samples lie {size:.2g} deg RMS off beside noise of {noise:.2g} deg from one to the next: something that "
-        "lasts over samples and is no wave of a whole number of periods a turn, or noise that lasts"
-    )
-    return [Signature(-1, size, min(1.0, size**2 / max(gap_power, 1e-300)), {"combination": 1.0}, "both", text)]
+def _between_orders(
+    target: FitData, left: FloatArray, files: IntArray, gap_power: float, highest: int
+) -> tuple[list[Signature], FloatArray]:
+    """Signatures of waves between whole orders in samples (n,) that have nothing else left, largest first; the waves.
+
+    They do not come back after a turn, so that each recording has a phase of its own. Where a recording is no longer
+    than some turns, they have to lie as far from whole orders as its length tells apart. Noise that lasts over samples,
+    as behind a low pass, has no line.
+    """
+    angle, numbers = target.data.angle_rad, np.unique(files)
+    assert angle is not None
+    turns = np.array([np.ptp(angle[files == n]) for n in numbers]) / (2.0 * np.pi)
+    if turns.max() < SETTINGS.least_turns_between:
+        return [], np.zeros(len(left))
+    step = max(0.5 / float(turns.max()), _FINEST_STEP)
+    dense = float(np.median([(files == n).sum() / max(turn, 1e-9) for n, turn in zip(numbers, turns, strict=True)]))
+    tried = np.arange(SETTINGS.wander_orders + 1.0, min(highest, dense / 2.0), step)
+    apart = np.abs(tried - np.round(tried)) > max(1.0 / float(turns.max()), SETTINGS.off_order)
+    out, rest, size = list[Signature](), left.copy(), float(np.sqrt((left**2).mean()))
+    while len(out) < SETTINGS.most_lines and len(tried):
+        power = _power_at(tried, angle, rest, files)
+        stands = apart & stand_out(power, power, np.ones(len(tried), np.bool_))
+        coarse = tried[int(np.argmax(np.where(stands, power, 0.0)))]
+        near = coarse + step * np.linspace(-1.0, 1.0, 41)
+        best = float(near[int(np.argmax(_power_at(near, angle, rest, files)))])
+        made = np.zeros(len(rest))
+        for n in numbers:
+            own = files == n
+            columns = np.stack([np.cos(best * angle[own]), np.sin(best * angle[own])], axis=1)
+            made[own] = columns @ np.linalg.lstsq(columns, rest[own], rcond=None)[0]
+        rms = float(np.sqrt((made**2).mean()))
+        if not stands.any() or rms < SETTINGS.part_of_rest * size:
+            return out, left - rest
+        rest, size = rest - made, float(np.sqrt(((rest - made) ** 2).mean()))
+        text = (
+            f"a wave of about {best:.1f} periods a turn, {rms:.2g} deg RMS over the recordings: it does not come back "
+            "after a turn, as of a bearing, a belt, another shaft, or of a frequency of its own at one speed"
+        )
+        share = min(1.0, rms**2 / max(gap_power, 1e-300))
+        out.append(Signature(-1, rms, share, {"constant": 1.0}, "both", text, rms * np.sqrt(2), periods=best))
+    return out, left - rest
+
+
+def _power_at(tried: FloatArray, angle: FloatArray, samples: FloatArray, files: IntArray) -> FloatArray:
+    """Power of samples (n,) at orders (m,) that need not be whole, whatever the phase in each recording, (m,)."""
+    power = np.zeros(len(tried))
+    for n in np.unique(files):
+        own = files == n
+        for part in range(0, len(tried), _AT_ONCE):
+            waves = np.exp(-1j * np.outer(tried[part : part + _AT_ONCE], angle[own]))
+            power[part : part + _AT_ONCE] += np.abs(waves @ samples[own]) ** 2 / own.sum()
+    return power
 
 
 def _slow(angle: FloatArray, sign: FloatArray, files: IntArray) -> FloatArray:

@@ -70,7 +70,13 @@ _FLOOR = {
 def floor_text(result: Reconciliation) -> str:
     """What the noise floor is made of, and so what it cannot tell from noise."""
     if result.data.angle_rad is not None:
-        return "The floor is the noise from sample to sample."
+        floor, near = result.held_out.noise_floor, result.data.neighbours_deg
+        if floor <= SETTINGS.clearly_larger * near:
+            return "The floor is the noise from sample to sample."
+        return (
+            f"The floor is the rest of the samples; from one to the next they differ as noise of {near:.2g} deg would "
+            "at most: it holds noise that lasts over samples, or what lasts and has no line of its own."
+        )
     kinds = list(dict.fromkeys(result.noise.kinds))
     parts = []
     for kind in kinds:

@@ -146,8 +146,8 @@ def _quantize_by_range(call: NodeCall) -> Result:
     return found, step.moved(lambda array: array.reshape(())), zero.moved(lambda array: array.reshape(()))
 
 
-def _sums(call: NodeCall, a: int, a_zero: int, b: int, b_zero: int) -> tuple[Tensor, FloatArray]:
-    """The sums of products of integers with constant ones, each less its zero point, and their weights."""
+def _sums(call: NodeCall, a: int, a_zero: int, b: int, b_zero: int) -> Tensor:
+    """The sums of products of integers with constant ones, each less its zero point."""
     left, walk = require_tensor(call.required(a)), call.walk
     weights = call.constant(b, "the second matrix")
     eight = (np.dtype(np.uint8), np.dtype(np.int8))
@@ -173,7 +173,7 @@ def _sums(call: NodeCall, a: int, a_zero: int, b: int, b_zero: int) -> tuple[Ten
         value = walk.builder.scale(value, "-", float(numbers.ravel()[0])) if np.any(numbers) else value
     walk.charge(own.size)
     total = walk.builder.linear(value, own.T, order=ir.SummationOrder.SEQUENTIAL)
-    return walk.computed(total, (*left.shape[:-1], weights.shape[1]), _SUMS), own
+    return walk.computed(total, (*left.shape[:-1], weights.shape[1]), _SUMS)
 
 
 def _check_pairs(weights: AnyArray) -> None:
@@ -191,13 +191,13 @@ def _check_pairs(weights: AnyArray) -> None:
 
 @operator("MatMulInteger", 10)
 def _integer_product(call: NodeCall) -> Operand:
-    return _sums(call, 0, 2, 1, 3)[0]
+    return _sums(call, 0, 2, 1, 3)
 
 
 @operator("QLinearMatMul", 10, 21)
 def _quantized_product(call: NodeCall) -> Operand:
     """Sums times a factor in float, rounded as quotients are (core/mlas/lib/quantize.cpp: MlasRequantizeOutput)."""
-    totals, _ = _sums(call, 0, 2, 3, 5)
+    totals = _sums(call, 0, 2, 3, 5)
     zero = call.required(7)
     scales = []
     for number in (1, 4, 6):
