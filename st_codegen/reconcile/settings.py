@@ -43,6 +43,11 @@ class Settings:
     #: curves that are asked first, and orders around a wave that must hold nothing else: what lies farther off is small
     curves_that_tell: int = 8
     orders_beside_wave: float = 2.6
+    #: part of the power beside its order by which what leaks from a wave may be another, standard deviations of the
+    #: noise that it must explain there, and orders to each side that tell this noise
+    left_beside_wave: float = 0.05
+    sure_beside_wave: float = 5.0
+    noise_beside_wave: int = 40
     loud_line: float = 30.0
     orders_of_line: int = 8
     #: -log of the chance of what the slow curves, and the fast ones, say by themselves of a hum that none of them shows
@@ -520,7 +525,7 @@ CHOSEN_ON: dict[str, tuple[str, ...]] = {
     ),
     "campaigns of other generators (filters, gaps, sensors that drift, zeros of the angle, laws of no catalogue)": (
         "one_zero", "one_zero_deg", "bends", "at_once", "beside_reading", "changes_tried", "of_a_filter",
-        "least_between", "one_slope", "beyond_labels", "nothing_left", "keeps_its_size", "least_turn_rad",
+        "least_between", "left_beside_wave", "one_slope", "beyond_labels", "nothing_left", "keeps_its_size", "least_turn_rad",
         "same_in_runs", "same_ramp", "told_order", "told_decay", "rings",
         "reach_of_start_deg", "left_of_rest", "off_order", "part_of_rest", "begins_to_do", "clear_cause",
     ),

@@ -807,6 +807,16 @@ def test_whole_waves_one_beside_the_other_and_bursts_are_no_wave_between_them():
         assert without_waves_between(turning([list(periods)] * 20, 1e-5), [0, 1, 40])[1] == ()
 
 
+@pytest.mark.parametrize("sigma", [1e-5, 1e-4])
+def test_sidebands_of_an_order_whose_phase_another_wave_moves_are_no_wave_between_them(sigma):
+    """Two of them beside each other were a wave of 79.9 periods, as of a bearing, in little noise and not in more."""
+    phi = 2 * np.pi * np.arange(1000) / 1000
+    noise = sigma * np.random.default_rng(3).standard_normal((48, 1000))
+    te = 1e-3 * np.cos(41 * phi) + 8e-4 * np.cos(82 * phi + 1.2 * np.sin(phi) + 0.2) + noise
+    made = [curve_sums(Curve(np.rad2deg(phi), row), 250) for row in te]
+    assert without_waves_between(made, [0, 1, 41, 81, 82, 83, 84])[1] == ()
+
+
 def test_a_run_whose_torque_alone_is_read_wrong_has_the_label_of_no_other_run():
     """Where torques scatter one run is near the torque of another one, whose speed has no part in it."""
     data, random = of_curves(), np.random.default_rng(2)

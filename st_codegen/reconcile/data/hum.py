@@ -171,7 +171,7 @@ def without_waves_between(sums: Sequence[Sums], known: Collection[int]) -> tuple
         ]
         sizes = np.array([fit[0] for fit in told])
         seen = sizes > 0.0
-        if seen.mean() < SETTINGS.most_orders:
+        if seen.mean() < SETTINGS.most_orders or not _leaks_as_it_should(lines, told, free, middle):
             free[top] = False
             continue
         kept = [_less(one, wave) for one, (_, _, wave) in zip(kept, told, strict=True)]
@@ -215,6 +215,33 @@ def _between(
         is_one = near.sum() > 2 and left - int(near.sum()) * floor < SETTINGS.left_of_unit * whole
         found.append((size, order, wave) if is_one else (0.0, order, np.zeros_like(wave)))
     return found
+
+
+def _leaks_as_it_should(
+    lines: ComplexArray, told: Sequence[tuple[float, float, ComplexArray]], free: BoolArray, order: float
+) -> bool:
+    """Whether the orders beside the one next to a wave hold what leaks from it, in the mean of the curves.
+
+    A jump falls as one over the distance from its order; sidebands of whole orders (a mesh whose phase another wave
+    moves) fall faster, and two of them beside each other look like one wave between them. What noise could be is no
+    leak. lines: (n, band + 1).
+    """
+    places = np.arange(len(free))
+    beside = free & (np.abs(places - order) <= SETTINGS.orders_of_line) & (places != round(order))
+    waves = np.stack([wave[: len(free)] for size, _, wave in told if size > 0.0])
+    lines = lines[[size > 0.0 for size, _, _ in told]]
+    left = np.abs(lines - waves) ** 2
+    near = free & (np.abs(places - order) <= SETTINGS.noise_beside_wave)
+    noise = float((np.median(left[:, near], axis=1) / np.log(2.0)).mean())
+    whole, leaks, rest = (
+        float(power[:, beside].sum(axis=1).mean()) for power in (np.abs(lines) ** 2, np.abs(waves) ** 2, left)
+    )
+    # of exponential powers the deviation is their mean
+    by_chance = noise * float(np.sqrt(beside.sum() / len(lines)))
+    return (
+        rest - int(beside.sum()) * noise < SETTINGS.left_beside_wave * leaks
+        and whole - rest > SETTINGS.sure_beside_wave * by_chance
+    )
 
 
 def _by_order(sums: Sequence[Sums], waves: Sequence[ComplexArray]) -> FloatArray:
