@@ -525,8 +525,8 @@ CHOSEN_ON: dict[str, tuple[str, ...]] = {
     ),
     "campaigns of other generators (filters, gaps, sensors that drift, zeros of the angle, laws of no catalogue)": (
         "one_zero", "one_zero_deg", "bends", "at_once", "beside_reading", "changes_tried", "of_a_filter",
-        "least_between", "left_beside_wave", "one_slope", "beyond_labels", "nothing_left", "keeps_its_size", "least_turn_rad",
-        "same_in_runs", "same_ramp", "told_order", "told_decay", "rings",
+        "least_between", "left_beside_wave", "one_slope", "beyond_labels", "nothing_left", "keeps_its_size",
+        "least_turn_rad", "same_in_runs", "same_ramp", "told_order", "told_decay", "rings",
         "reach_of_start_deg", "left_of_rest", "off_order", "part_of_rest", "begins_to_do", "clear_cause",
     ),
     "all counted cases of other physics, development and held out": (

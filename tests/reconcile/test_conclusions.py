@@ -442,10 +442,16 @@ def test_what_a_motion_excites_is_no_force_beside_a_changed_wave():
     rig = fitted(RIG, data)
     joint = fit(rig.target, rig.state.with_piece(piece_of(forced, added=True)))
     assert [joint.state.pieces[i].effect.name for i in changes(joint)[0]] == ["cycloid_tooth_error"]
-    found = conclude(RIG, joint, KNOWN)
-    assert not found.retuned
-    (claim,) = found.claims
-    assert "static_share" not in claim.piece.effect.values
+    # the constant of an order that the rig has no wave of was called an error of the pins
+    constant = effect("pin_error", order=40, amplitude_deg=2e-3 * 2 * 0.03, phase_rad=2.0)
+    both = fit(
+        rig.target, rig.state.with_piece(piece_of(forced, added=True)).with_piece(piece_of(constant, added=True))
+    )
+    for one in (joint, both):
+        found = conclude(RIG, one, KNOWN)
+        assert not found.retuned
+        (claim,) = found.claims
+        assert "static_share" not in claim.piece.effect.values
 
 
 def test_a_changed_parameter_names_what_would_do_in_its_place():

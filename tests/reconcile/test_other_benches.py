@@ -15,7 +15,7 @@ from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.conclusions import Retuned, doubted
 from st_codegen.reconcile.judge.in_time import wander_over_runs
 from st_codegen.reconcile.judge.measurement import examine
-from st_codegen.reconcile.judge.states import in_one_state
+from st_codegen.reconcile.judge.states import in_one_piece
 from st_codegen.reconcile.judge.surroundings import is_of_its_place, may_be_a_start, told_order
 from st_codegen.reconcile.judge.suspects import excused
 from st_codegen.reconcile.judge.unexplained import main_cause
@@ -262,11 +262,31 @@ def test_two_states_that_have_come_to_be_the_same_are_one(warm, is_one):
     pieces = (*(piece_of(one, added=False, origin=one).held() for one in RIG.effects),
               *(piece_of(one, added=True) for one in (cold, hot)))  # fmt: skip
     joint = fit(target, State(RIG, 0.0, pieces))
-    found = in_one_state(joint)
+    found = in_one_piece(joint)
     assert (found is not None) == is_one
     if found is not None:
         (one,) = (piece.effect for piece in found.state.pieces if piece.added)
         assert not {"above_C", "below_C"} & one.values.keys()
+        assert one.scalar("frequency_Hz") == pytest.approx(25.0, abs=0.01)
+
+
+@pytest.mark.parametrize(("other_Hz", "is_one"), [(25.0, True), (25.5, False)])
+def test_a_resonance_that_was_found_twice_on_orders_of_its_own_is_one(other_Hz, is_one):
+    """The report had two findings of one oscillator, each with a part of its orders."""
+    at, orders = grid(18, 4, 2), np.array([0, 39, 78, 80])
+    shape = {"damping_ratio": 0.04, "phase_rad": (0.3,)}
+    first = effect("structural_resonance", frequency_Hz=25.0, orders=(80,), amplitude_deg=(1e-3,), **shape)
+    second = effect("structural_resonance", frequency_Hz=other_Hz, orders=(78,), amplitude_deg=(5e-4,), **shape)
+    data = curves(RigModel(effects=(*RIG.effects, first, second)), at, orders, 1e-6)
+    target = FitData(data, np.full(data.values.shape, 1e-6), np.ones(len(at), bool), groups_of(at))
+    pieces = (*(piece_of(one, added=False, origin=one).held() for one in RIG.effects),
+              *(piece_of(one, added=True) for one in (first, second)))  # fmt: skip
+    found = in_one_piece(fit(target, State(RIG, 0.0, pieces)))
+    assert (found is not None) == is_one
+    if found is not None:
+        (one,) = (piece.effect for piece in found.state.pieces if piece.added)
+        assert one.orders == (78, 80)
+        assert one.values["amplitude_deg"] == pytest.approx((5e-4, 1e-3), rel=0.01)
         assert one.scalar("frequency_Hz") == pytest.approx(25.0, abs=0.01)
 
 

@@ -19,6 +19,7 @@ from st_codegen.reconcile.judge.held_out import unmeasured_states
 from st_codegen.reconcile.judge.lookalikes import (
     by_order_alone,
     gains_one_sideband,
+    is_a_constant_wave,
     is_a_knee,
     left_of_a_delay,
     left_of_a_smoothing,
@@ -50,7 +51,7 @@ from st_codegen.reconcile.judge.retuned import (
     without_misfits,
 )
 from st_codegen.reconcile.judge.selection import founded
-from st_codegen.reconcile.judge.states import in_forms_as_good, in_one_state
+from st_codegen.reconcile.judge.states import in_forms_as_good, in_one_piece
 from st_codegen.reconcile.judge.surroundings import left_of_place, may_be_a_start, told_order
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Effect, Form, Stage
@@ -268,8 +269,8 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
     free, changed, offset_changed = _told_apart(joint)
     if free is not joint:
         again, kept = settled(free)
-        # a form in which an effect does not stand is none that does as well
-        if len(kept) == len(standing):
+        # a form in which an effect does not stand is none that does as well, but for constants that the other form has
+        if len(kept) - len(_constants_beside(again)) == len(standing) - len(_constants_beside(joint)):
             joint, standing = again, kept
         else:
             changed, offset_changed = changes(joint)
@@ -293,7 +294,7 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
         # what is smaller than its error leaves open is no part of what is named
         if _top_is_unsure(joint, i) and (simpler := _simpler(joint.state.pieces[i])) is not None:
             return conclude(rig, fit(joint.target, joint.state.replaced(i, simpler)), known)
-    if (alike := in_one_state(joint)) is not None:
+    if (alike := in_one_piece(joint)) is not None:
         return conclude(rig, alike, known)
     wrong = misread(final, changed, offset_changed)
     claims = tuple(_claim(rig, joint, final, i, one, known, wrong) for i, one in standing.items())
@@ -403,13 +404,13 @@ def _told_apart(joint: Fit) -> tuple[Fit, dict[int, float], bool]:
     """The fit, and what the data refuse of the rig, where no form of an added resonance does as well.
 
     One excited by a force differs from one excited by a motion by a constant on each of its orders, which the rig's own
-    waves would take up.
+    waves would take up, or waves that were added.
     """
     changed, offset_changed = changes(joint)
     found = [i for i, piece in enumerate(joint.state.pieces) if piece.added and has_a_frequency(piece.effect)]
     orders = {order for i in found for order in joint.state.pieces[i].effect.orders}
     beside = [i for i in changed if orders & set(joint.state.pieces[i].effect.touched_orders())]
-    if not beside:
+    if not beside and not _constants_beside(joint):
         return joint, changed, offset_changed
     state = joint.state
     for i in beside:
@@ -419,6 +420,13 @@ def _told_apart(joint: Fit) -> tuple[Fit, dict[int, float], bool]:
     power = sum(float((np.abs(explained(held, held.state.pieces[i])[good][:, at]) ** 2).sum()) for i in found)
     lost = float((np.abs(held.residual[good][:, at]) ** 2 - np.abs(joint.residual[good][:, at]) ** 2).sum())
     return (held, *changes(held)) if lost < SETTINGS.form**2 * power else (joint, changed, offset_changed)
+
+
+def _constants_beside(joint: Fit) -> list[int]:
+    """The added waves that are the same at all conditions, on orders of an added resonance."""
+    added = [(i, piece.effect) for i, piece in enumerate(joint.state.pieces) if piece.added]
+    orders = {order for _, effect in added if has_a_frequency(effect) for order in effect.orders}
+    return [i for i, effect in added if is_a_constant_wave(effect) and orders & set(effect.orders)]
 
 
 def _excited(state: State, numbers: Sequence[int], static_share: float) -> State:

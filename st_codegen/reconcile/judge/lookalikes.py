@@ -119,6 +119,11 @@ def may_be_of_the_turn(effect: Effect) -> bool:
     return effect.name in _OF_THE_TURN
 
 
+def is_a_constant_wave(effect: Effect) -> bool:
+    """Whether an effect is a wave of one order, the same at all conditions."""
+    return effect.orders_key == "order" and effect.stage is Stage.ADDITIVE and effect.name != "load_dependent_mesh"
+
+
 def by_order_alone(final: Fit, number: int) -> bool:
     """Whether nothing but its order ties a wave to the part that it is named after.
 
@@ -128,12 +133,11 @@ def by_order_alone(final: Fit, number: int) -> bool:
     piece = final.state.pieces[number]
     if piece.effect.stage is Stage.MODULATION:
         return len(followers(piece)) < 2
-    if piece.effect.orders_key != "order" or piece.effect.stage is not Stage.ADDITIVE:
+    if not is_a_constant_wave(piece.effect):
         return False
-    depends = piece.effect.name == "load_dependent_mesh"
     company = any(
         other.effect.name in ("load_dependent_mesh", "carrier_modulation")
         and other.effect.orders == piece.effect.orders
         for other in final.state.pieces
     )
-    return not depends and not company
+    return not company

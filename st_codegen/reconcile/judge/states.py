@@ -21,7 +21,8 @@ from st_codegen.reconcile.judge.peaks import has_a_frequency
 from st_codegen.reconcile.judge.plausible import at_nobodys_expense, bounds_met, is_a_peak
 from st_codegen.reconcile.judge.structure import is_lacking
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Form
+from st_codegen.rig.effects import Effect, Form
+from st_codegen.rig.effects.base import Value
 
 _SIDES = ("above_C", "below_C")
 
@@ -142,24 +143,48 @@ def _split(current: Fit, number: int) -> Fit | None:
     return found if evidence.passed and sound else None
 
 
-def in_one_state(joint: Fit) -> Fit | None:
-    """The fit with one resonance in place of two states that have come to be the same; None where none have.
+def in_one_piece(joint: Fit) -> Fit | None:
+    """The fit with one resonance in place of two that are the same; None where none are.
 
-    The data must not refuse it, by the chance that takes to say that something has changed.
+    Two states have come to be the same, or one resonance was found on some of its orders and on the others later. The
+    data must not refuse it, by the chance that takes to say that something has changed.
     """
-    pieces = joint.state.pieces
-    for (i, one), (j, other) in combinations(enumerate(pieces), 2):
-        edges = [one.effect.values.get(key, other.effect.values.get(key)) for key in _SIDES]
-        are_states = all(piece.added and set(_SIDES) & piece.effect.values.keys() for piece in (one, other))
-        if not are_states or one.effect.orders != other.effect.orders or edges[0] != edges[1]:
+    added = [(i, piece) for i, piece in enumerate(joint.state.pieces) if piece.added and has_a_frequency(piece.effect)]
+    for (i, one), (j, other) in combinations(added, 2):
+        values = _of_both_states(one.effect, other.effect) or _of_both_orders(one.effect, other.effect)
+        if values is None:
             continue
-        values = {key: x for key, x in one.effect.values.items() if key not in _SIDES}
         state = joint.state.replaced(i, replace(one, effect=one.effect.with_values(values))).without(j)
         found = fit(joint.target, state, steps=SETTINGS.long_steps)
         fewer = len(joint.prior) - len(found.prior)
         if chi_square_tail(max(found.loss - joint.loss, 0.0), fewer) > SETTINGS.p_changed:
             return found
     return None
+
+
+def _of_both_states(one: Effect, other: Effect) -> dict[str, Value] | None:
+    """What is set of the first of two states that meet at one temperature, without the state."""
+    edges = [one.values.get(key, other.values.get(key)) for key in _SIDES]
+    are_states = all(set(_SIDES) & effect.values.keys() for effect in (one, other))
+    if not are_states or one.orders != other.orders or edges[0] != edges[1]:
+        return None
+    return {key: x for key, x in one.values.items() if key not in _SIDES}
+
+
+def _of_both_orders(one: Effect, other: Effect) -> dict[str, Value] | None:
+    """What is set of the first of two resonances of one frequency, with the orders of both."""
+    apart = abs(one.scalar("frequency_Hz") / other.scalar("frequency_Hz") - 1.0)
+    fixed = [[effect.values.get(s.key) for s in effect.scalars if s.form is Form.FIXED] for effect in (one, other)]
+    # the damping ratio is half the width of a peak, as part of its frequency
+    are_one = apart < one.scalar("damping_ratio") and fixed[0] == fixed[1] and one.values.keys() == other.values.keys()
+    if not are_one or set(one.orders) & set(other.orders):
+        return None
+    values, rising = dict(one.values), np.argsort([*one.orders, *other.orders])
+    for key, value in one.values.items():
+        if isinstance(value, tuple):
+            both = (*value, *other.values[key])  # type: ignore[misc]
+            values[key] = tuple(both[place] for place in rising)
+    return values
 
 
 def _at_its_edge(split: Fit, two: tuple[int, int]) -> Fit:
