@@ -494,6 +494,21 @@ def test_a_block_of_runs_with_a_factor_is_left_out():
     assert "block of 40 runs is 0.5 times" in examined.mistakes[0].text
 
 
+@pytest.mark.parametrize("share", [0.02, 0.1, 0.3])
+@pytest.mark.parametrize("of", [measured, of_curves])
+def test_curves_with_another_sign_are_left_out(share, of):
+    """The mean of these and the others was smaller, and their column was asked to be divided by that."""
+    data = of()
+    wrong = np.arange(RUNS, 2 * RUNS)[np.random.default_rng(3).random(RUNS) < share]
+    values = data.values.copy()
+    values[wrong] *= -1.0
+    examined = examine(replace(data, values=values), RIG, PATH)
+    assert examined.left_out == tuple(wrong)
+    (mistake,) = examined.mistakes
+    assert "opposite sign of the rig's in most orders" in mistake.text
+    assert not examine(data, RIG, PATH).mistakes
+
+
 @pytest.mark.parametrize("share", [0.02, 0.33, 0.45])
 def test_runs_with_exchanged_directions_are_left_out(share):
     """A third of the campaign, at one temperature, made 13 orders depend on the temperature."""

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from st_codegen.errors import Problems
-from st_codegen.ir.arrays import FloatArray
+from st_codegen.ir.arrays import BoolArray, FloatArray
 from st_codegen.reconcile.data.noise import MEDIAN_1
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.data.reading import (
@@ -350,6 +350,7 @@ def _common(data: Observations, rig: RigModel, scale: float | None) -> list[Mist
     # two orders have the same factor by a mistake, hardly by two effects
     differ = _directions_differ(found.sums) or found.sums.gap_falls(alike, found.gap, effects=1)
     differ = differ and _most_have(found.sums, forward / backward)
+    differ = differ and _median_run_has(_swapped(data) if swapped else data, rig, loud, found, forward / backward)
     if abs(np.log(forward / backward)) > np.log(SETTINGS.column_factor) and differ:
         louder = abs(np.log(forward)) > abs(np.log(backward))
         which, factor, both = ("forward", forward / backward, backward) if louder else (
@@ -389,6 +390,22 @@ def _most_have(sums: PowerSums, factor: float) -> bool:
     apart, tells = np.abs(own - whole), SETTINGS.told * error < abs(whole)
     near = bool((apart < np.hypot(np.log(SETTINGS.column_factor), SETTINGS.told * error)).mean() > 0.5)
     return near and (not tells.any() or bool((apart < np.abs(own))[tells].mean() > 0.5))
+
+
+def _median_run_has(data: Observations, rig: RigModel, loud: BoolArray, found: _Common, factor: float) -> bool:
+    """Whether the median runs of the two directions have this factor of forward over backward, rather than none.
+
+    The mean of runs of which a few have the other sign is smaller, by a factor that no run has.
+    """
+    known, turn = expected_of(data, rig)[:, loud], np.exp(1j * found.angle * data.orders[loud])
+    power = np.maximum(np.abs(known) ** 2, 1e-300)
+    along = found.sign * (data.values[:, loud] * known.conj() * turn).real / power
+    # one vote an order, as far as it tells a factor
+    worth = 1.0 / (noise_power(data)[:, loud] / (2 * power) + np.log(SETTINGS.column_factor) ** 2)
+    each = np.quantile(along, 0.5, axis=1, method="inverted_cdf", weights=worth)
+    forward, backward = (float(np.median(each[data.at.sign == sign])) for sign in SIGNS)
+    own = float(np.log(max(forward, 1e-12) / max(backward, 1e-12)))
+    return bool(abs(own - np.log(factor)) < abs(own))
 
 
 def _most_have_this(sums: PowerSums, factor: float) -> bool:

@@ -43,13 +43,18 @@ class Mistake:
 
 
 def mistaken_runs(data: Observations, rig: RigModel) -> list[Mistake] | None:
-    """Runs with exchanged directions, a block with a factor of its own, and runs that agree with the rig under another
-    label than theirs.
+    """Curves of the other sign, runs with exchanged directions, a block with a factor of its own, and runs that agree
+    with the rig under another label than theirs.
 
     None where too few orders tell.
     """
     seen = np.ones(data.values.shape, bool) if data.seen is None else data.seen
-    exchanged = _exchanged(data, rig, seen)
+    turned_over = _turned_over(data, rig, seen)
+    for mistake in turned_over:
+        data = replace(
+            data, values=data.values * np.where(np.isin(np.arange(len(data)), mistake.rows), -1.0, 1.0)[:, None]
+        )
+    exchanged = [*turned_over, *_exchanged(data, rig, seen)]
     out = {row for mistake in exchanged for row in mistake.rows}
     # how others scatter, and what they are, is told with those in their own directions
     data = _with_exchanged(data, list(out))
@@ -69,6 +74,33 @@ def mistaken_runs(data: Observations, rig: RigModel) -> list[Mistake] | None:
     out |= {row for mistake in blocks for row in mistake.rows}
     rest = np.array([row not in out for row in range(len(data))])
     return [*blocks, *_labels(data, rig, sure, rest, known, weight)]
+
+
+def _turned_over(data: Observations, rig: RigModel, seen: BoolArray) -> list[Mistake]:
+    """Curves of which nearly all orders that tell have the other sign than the rig, and most other curves its own.
+
+    No effect turns all orders; a column whose sign was changed does.
+    """
+    model = expected_of(data, rig)
+    power = np.abs(model) ** 2
+    tells = seen & (power > SETTINGS.loud_order * noise_power(data))
+    along = (data.values * model.conj()).real / np.maximum(power, 1e-300)
+    enough = tells[:, data.orders > 0].sum(axis=1) >= SETTINGS.least_votes
+    each = np.array([np.median(row[told]) if told.any() else 0.0 for row, told in zip(along, tells, strict=True)])
+    own, other = (
+        enough
+        & ~_far_from(each, sign)
+        & ((tells & (along * sign > 0.0)).sum(axis=1) > SETTINGS.most_orders * tells.sum(axis=1))
+        for sign in (1.0, -1.0)
+    )
+    if not other.any() or other.sum() > SETTINGS.most_of_block * len(data) or own.sum() < other.sum():
+        return []
+    rows = np.flatnonzero(other)
+    shown = "; ".join(data.labels[row] for row in rows[:6]) + ("; .." if len(rows) > 6 else "")
+    said = f"{len(rows)} curves have" if len(rows) > 1 else "a curve has"
+    return [
+        Mistake("block", f"{said} the opposite sign of the rig's in most orders: {shown}", rows=tuple(map(int, rows)))
+    ]
 
 
 def _exchanged(data: Observations, rig: RigModel, seen: BoolArray) -> list[Mistake]:
