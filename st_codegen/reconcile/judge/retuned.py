@@ -79,6 +79,7 @@ def not_there(joint: Fit) -> dict[int, float]:
 
     What the fit leaves of such a piece, at whatever frequency, angle or width suits the noise, is no change of it:
     without the piece nothing more is left than noise leaves of so many parameters. Together with those found before.
+    Where its orders keep much of what that takes off, something else is there that may hide it.
     """
     found: dict[int, float] = {}
     for i in _own_pieces(joint):
@@ -90,10 +91,12 @@ def not_there(joint: Fit) -> dict[int, float]:
         state = replace(joint.state, pieces=tuple(one for n, one in enumerate(joint.state.pieces) if n not in gone))
         without = fit(joint.target, state, steps=SETTINGS.quick_steps)
         numbers = sum(len(joint.state.pieces[n].coordinates()) for n in gone)
-        p = chi_square_tail(with_piece_held(joint, i).loss - without.loss, len(piece.coordinates()))
+        held = with_piece_held(joint, i)
+        p = chi_square_tail(held.loss - without.loss, len(piece.coordinates()))
         # of a piece that is hardly there noise may take more, by choosing its shape
         chance = SETTINGS.p_chance if left < SETTINGS.form else SETTINGS.p_wander
-        if p < SETTINGS.p_changed and chi_square_tail(without.loss - joint.loss, numbers) > chance:
+        is_nothing = chi_square_tail(without.loss - joint.loss, numbers) > chance
+        if p < SETTINGS.p_changed and is_nothing and is_its_own(joint, piece, held):
             found[i] = p
     return found
 
