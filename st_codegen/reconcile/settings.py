@@ -113,6 +113,7 @@ class Settings:
     #: another unit of a column must take all but this part (power) off every order that it changes by so many times
     #: what the runs tell; an order of which this part (RMS) of the rig's is left, noise apart, was taken off
     left_of_unit: float = 0.04
+    part_of_measured: float = 0.5
     acts_of_unit: float = 50.0
     taken_off: float = 0.02
     #: a run has a factor of its own from here on; so many runs make a block, and more than that share is none
@@ -519,7 +520,7 @@ CHOSEN_ON: dict[str, tuple[str, ...]] = {
         "least_constant", "off", "suspect_distance", "similar", "coherent", "comparable", "across", "misfit", "stable",
         "worse", "expense", "block_factor", "label_loss", "label_gain", "form", "acts", "tails", "varies", "vote",
         "clearly_larger", "misfit_of_peaks", "least_excess", "least_excess_in_time", "beyond_spectral", "told",
-        "left_of_unit", "acts_of_unit", "taken_off",
+        "left_of_unit", "part_of_measured", "acts_of_unit", "taken_off",
         "beyond_beside", "left_of_place", "part_of_change", "most_orders", "column_factor", "changed_gain", "clear",
         "state_reach", "formula_explains", "formula_whole", "term_price", "term_share", "hidden_turn",
     ),

@@ -10,7 +10,7 @@ from st_codegen.errors import InputError
 from st_codegen.reconcile.judge.measurement import examine
 from st_codegen.rig.model import RigModel
 
-from .test_measurement import ORDERS, PATH, RIG, RUNS, measured, smoothed
+from .test_measurement import ORDERS, PATH, RIG, RUNS, measured, of_curves, smoothed
 
 pytestmark = pytest.mark.thorough
 
@@ -75,6 +75,31 @@ def test_runs_in_another_unit_or_of_the_other_sign_are_a_block_whatever_their_sh
     (one,) = found.mistakes
     assert one.name == "block" and f"is {factor:.3g} times as large" in one.text and "run to" not in one.text
     assert set(found.left_out) == set(np.flatnonzero(late))
+
+
+@pytest.mark.parametrize(
+    ("key", "wrong", "words"),
+    [
+        (
+            "temperature_C",
+            lambda column: 1.8 * column + 32.0,
+            "the temperatures of run 13. to run 2.. seem to be in degF",
+        ),
+        ("torque_Nm", lambda column: 1e-3 * column, "the torques of run 13. to run 2.. seem to be in kN m"),
+        ("torque_Nm", lambda column: 1e3 * column, "the torques of run 13. to run 2.. seem to be in N mm"),
+    ],
+)
+def test_conditions_of_some_runs_in_another_unit_are_asked_about(key, wrong, words):
+    """A logger that was set otherwise from a run on made an effect of the rig one of which the data show nothing."""
+    data = of_curves()
+    late = data.number_of_run >= 130
+    column = np.where(late, wrong(getattr(data.at, key)), getattr(data.at, key))
+    made = replace(data, at=replace(data.at, **{key: column}))
+    with pytest.raises(InputError, match=words):
+        examine(made, RIG, PATH)
+    read = examine(made, RIG, PATH, accept=["conditions"]).data
+    # a run without a load, first or last of these, says nothing of it and is what it was
+    assert getattr(read.at, key) == pytest.approx(getattr(data.at, key))
 
 
 def test_half_of_the_runs_with_a_factor_that_an_effect_may_make_are_no_block():

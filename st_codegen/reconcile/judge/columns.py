@@ -11,7 +11,8 @@ from functools import partial
 
 import numpy as np
 
-from st_codegen.ir.arrays import ComplexArray, FloatArray
+from st_codegen.campaign.conditions import CONDITION_COLUMNS
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.reconcile.data.noise import MEDIAN_1
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.judge.mistakes import Mistake
@@ -29,7 +30,9 @@ from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 from st_codegen.rig.model import RigModel
 
-_UNIT = "the {} seem to be {}: with that the rig predicts every order on which it matters, and as they are it does not"
+_UNIT = (
+    "the {}{} seem to be {}: with that the rig predicts every order on which it matters, and as they are it does not"
+)
 _TAKEN_OFF = (
     "hardly anything is left of {} in the runs, where the rig has {:.2g} deg RMS: {} seems to have been taken off the "
     "curves"
@@ -47,22 +50,57 @@ _COPIED = (
 def other_conditions(data: Observations, rig: RigModel) -> list[Mistake]:
     """Speeds, torques or temperatures in another unit, of the other shaft, or of the other sign; at most one of them.
 
-    Only what takes nearly all that the rig leaves off all orders on which it matters, together.
+    Only what takes nearly all that the rig leaves off all orders on which it matters, together: in all runs, or in
+    those that it brings nearer to the rig by far, as where a logger was set otherwise in the course of the campaign.
     """
     orders, noise = data.orders.tolist(), noise_power(data)
     plain = expected_of(data, rig)
     best: tuple[float, list[Mistake]] = (SETTINGS.order_gain, [])
     for column, text, changed in _readings(rig.constants.reduction_ratio):
-        right = changed(data.at)
-        gain = _gain(data, noise, plain, rig.coefficients(right, orders))
-        if gain > best[0]:
-            said = _UNIT.format(column, text)
-            best = (gain, [Mistake("conditions", said, partial(_with_conditions, changed), remedy="read them so")])
+        seen = rig.coefficients(changed(data.at), orders)
+        some = _nearer(data, noise, plain, seen)
+        for rows in (np.ones(len(data), bool), some) if some.any() else (np.ones(len(data), bool),):
+            gain = _gain(data, noise, plain, np.where(rows[:, None], seen, plain))
+            if gain > best[0]:
+                said = _UNIT.format(column, "" if rows.all() else _of_runs(data, rows), text)
+                corrected = partial(_with_conditions, changed, rows)
+                best = (gain, [Mistake("conditions", said, corrected, remedy="read them so")])
     return best[1]
 
 
-def _with_conditions(changed: Callable[[Conditions], Conditions], given: Observations) -> Observations:
-    return replace(given, at=changed(given.at))
+def _with_conditions(changed: Callable[[Conditions], Conditions], rows: BoolArray, given: Observations) -> Observations:
+    meant = changed(given.at)
+    columns = {key: np.where(rows, getattr(meant, key), getattr(given.at, key)) for key in CONDITION_COLUMNS}
+    return replace(given, at=replace(given.at, **columns))
+
+
+def _nearer(data: Observations, noise: FloatArray, plain: ComplexArray, seen: ComplexArray) -> BoolArray:
+    """The rows of runs that another model brings nearer by more than chance, where they are some and not most, (n,)."""
+    found = np.zeros(len(data), bool)
+    before, after = (
+        (np.abs(data.values - model) ** 2 / np.maximum(noise, 1e-300)).sum(axis=1) for model in (plain, seen)
+    )
+    gains = np.array([before[rows].sum() - after[rows].sum() for rows in data.runs])
+    chosen = gains > SETTINGS.order_gain
+    if not SETTINGS.least_block <= chosen.sum() <= SETTINGS.most_of_block * len(chosen):
+        return found
+    if data.run is not None:
+        # a run that tells nothing of it, as one without a load, is what those around it are
+        first, *_, last = np.flatnonzero(chosen)
+        around = slice(first, last + 1)
+        if (chosen | (np.abs(gains) <= SETTINGS.order_gain))[around].all():
+            chosen[around] = True
+    for number in np.flatnonzero(chosen):
+        found[data.runs[number]] = True
+    return found
+
+
+def _of_runs(data: Observations, rows: BoolArray) -> str:
+    """How many runs some rows are of, and where in the order of the campaign if they follow each other."""
+    numbers = [number for number, of in enumerate(data.runs, 1) if rows[of].all()]
+    if data.run is not None and numbers[-1] - numbers[0] + 1 == len(numbers):
+        return f" of run {numbers[0]} to run {numbers[-1]}"
+    return f" of {len(numbers)} of {len(data.runs)} runs"
 
 
 def _readings(ratio: float) -> list[tuple[str, str, Callable[[Conditions], Conditions]]]:
@@ -81,6 +119,7 @@ def _readings(ratio: float) -> list[tuple[str, str, Callable[[Conditions], Condi
         ("torques", "those of the input", scaled("torque_Nm", ratio)),
         ("torques", "of the other sign", scaled("torque_Nm", -1.0)),
         ("torques", "in kN m", scaled("torque_Nm", 1000.0)),
+        ("torques", "in N mm", scaled("torque_Nm", 1e-3)),
     ]
 
 
@@ -95,14 +134,18 @@ def _gain(data: Observations, noise: FloatArray, plain: ComplexArray, seen: Comp
         rows = data.at.sign == sign
         if not rows.any():
             continue
-        before, after, changes = (
+        before, after, changes, measured = (
             (np.abs(part[rows] - mean * part[rows].mean(axis=0)) ** 2).mean(axis=0)
-            for part in (data.values - plain, data.values - seen, seen - plain)
+            for part in (data.values - plain, data.values - seen, seen - plain, data.values)
         )
         least = told_power(noise[rows])
         left, right = (np.maximum(power - noise[rows].mean(axis=0), 0.0) + least for power in (before, after))
         asked = changes > SETTINGS.acts_of_unit * least
         if (right > SETTINGS.left_of_unit * left)[asked].any():
+            return 0.0
+        # a load that is read as hardly any leaves little of a far too large one, and all that is measured
+        most = int(np.argmax(np.where(asked, changes / np.maximum(measured, 1e-300), 0.0)))
+        if asked[most] and right[most] > SETTINGS.part_of_measured * measured[most]:
             return 0.0
         gain += float(rows.sum() * np.log(left[asked] / right[asked]).sum())
     return gain
@@ -183,7 +226,8 @@ def taken_off(data: Observations, rig: RigModel) -> list[Mistake]:
     """The mean, and the lowest orders above it, that no run has though the rig makes them: processing took them off."""
     model = expected_of(data, rig)
     noise = noise_power(data)
-    measured, known = ((np.abs(part) ** 2).mean(axis=0) for part in (data.values, model))
+    # the rig's is none of the data's where a few labels are a thousand times too large
+    measured, known = (np.median(np.abs(part) ** 2, axis=0) for part in (data.values, model))
     made = np.flatnonzero(known > 0.0)
     # in the unit of the data, whatever it is; what the runs could tell must be far below the rig's as well
     unit = float(np.median(measured[made] / known[made])) if len(made) else 0.0

@@ -96,6 +96,10 @@ def _turned_over(data: Observations, rig: RigModel, seen: BoolArray) -> list[Mis
     if not other.any() or other.sum() > SETTINGS.most_of_block * len(data) or own.sum() < other.sum():
         return []
     rows = np.flatnonzero(other)
+    touched = [of for of in data.runs if other[of].any()]
+    if len(touched) >= SETTINGS.least_block and all(other[of].all() for of in touched):
+        # a block of whole runs is said to be one
+        return []
     shown = "; ".join(data.labels[row] for row in rows[:6]) + ("; .." if len(rows) > 6 else "")
     said = f"{len(rows)} curves have" if len(rows) > 1 else "a curve has"
     return [
