@@ -163,8 +163,9 @@ def _feature_vectorizer(call: NodeCall) -> Operand:
     parts = [one_row(call.computed(number)) for number in range(len(call.operands))]
     widths = call.node.integers("inputdimensions").tolist()
     if widths != [part.size for part in parts]:
-        raise InputError(
-            f"inputdimensions {widths} for inputs of {[part.size for part in parts]} columns; the model file is damaged"
+        raise UnsupportedModelError(
+            f"inputdimensions {widths} for inputs of {[part.size for part in parts]} columns: onnxruntime leaves some "
+            "out or adds zeros; export the model again"
         )
     return joined(call.walk, [call.walk.as_type(part, FLOAT32) for part in parts], axis=1)
 

@@ -79,7 +79,7 @@ class Tensor:
 class LabelOperand:
     """A tensor of one element, which is one of the labels: column 0 of value `value` has its number.
 
-    `number_type`: labels that are numbers were cast to it.
+    `number_type`: the type of labels that are numbers, where it is not that of Python's own.
     """
 
     value: int
@@ -136,9 +136,10 @@ MAX_WHOLE = 2**53
 
 
 def require_float(tensor: Tensor) -> Tensor:
-    """The tensor itself; raises UnsupportedModelError where it holds integers."""
+    """The tensor itself; raises UnsupportedModelError where it holds integers or truth values."""
     if tensor.dtype not in (FLOAT32, FLOAT64):
-        raise UnsupportedModelError("reads integers; export the model with float inputs")
+        kind = "truth values" if tensor.dtype == TRUTH else "integers"
+        raise UnsupportedModelError(f"reads {kind}; cast them to float, or export the model with float inputs")
     return tensor
 
 
@@ -151,6 +152,16 @@ def require_tensor(operand: Operand) -> Tensor:
     if isinstance(operand, LabelOperand):
         raise UnsupportedModelError("computes with labels of classes; they can be chosen among and cast only")
     return operand
+
+
+def require_same_type(*operands: Operand) -> np.dtype[Any]:
+    """The type of all operands; raises UnsupportedModelError where one is an input of integers, of whatever type."""
+    if any(isinstance(operand, Tensor) and operand.given for operand in operands):
+        raise UnsupportedModelError("reads the integers of an input; cast them to float, or export with float inputs")
+    types = list(dict.fromkeys(operand.dtype for operand in operands))
+    if len(types) > 1:
+        raise InputError(f"the inputs have different types, {' and '.join(map(str, types))}; the model file is damaged")
+    return types[0]
 
 
 def one_row(tensor: Tensor) -> Tensor:
@@ -171,9 +182,11 @@ def axis_of(axis: int, rank: int) -> int:
 
 
 def check_size(shape: Iterable[int], limit: int = MAX_COLUMNS) -> None:
-    """Raise InputError where a result has no elements, UnsupportedModelError where it has too many."""
+    """Raise UnsupportedModelError where a result has too many elements, or a computed one has none."""
     size = math.prod(shape)
-    if size == 0:
-        raise InputError("the result has no elements (a dimension is 0); the model file is damaged")
+    if size == 0 and limit <= MAX_COLUMNS:
+        raise UnsupportedModelError(
+            "the result has no elements (a dimension is 0); leave such tensors out of the graph"
+        )
     if size > limit:
         raise UnsupportedModelError(f"the result has {size} numbers for one row, at most {limit} are supported")

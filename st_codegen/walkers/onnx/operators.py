@@ -30,6 +30,7 @@ from st_codegen.walkers.onnx.operands import (
     axis_of,
     check_size,
     require_float,
+    require_same_type,
     require_tensor,
     together,
 )
@@ -43,7 +44,7 @@ _SYMBOLS = {"Add": ir.Operator.ADD, "Sub": ir.Operator.SUBTRACT, "Mul": ir.Opera
 
 
 def _arithmetic(call: NodeCall) -> Operand:
-    code, pair = _SYMBOLS[call.node.op_type], [call.required(), call.required(1)]
+    code, pair = _SYMBOLS[call.node.op_type], [call.walk.numbered(call.required(number)) for number in (0, 1)]
     if any(isinstance(side, Tensor) and side.dtype in INTEGERS and not side.given for side in pair):
         return _of_integers(call.walk, code, pair)
     return combined(call.walk, code, *pair)
@@ -61,6 +62,7 @@ def _of_integers(walk: GraphWalk, code: ir.Operator, pair: list[Operand]) -> Ope
         for side in pair
     ]
     found = require_tensor(combined(walk, code, *sides))
+    walk.builder.open_zeros |= code is ir.Operator.MULTIPLY  # of integers 0 has no sign
     if not stays_below(walk.builder, found, 2.0 ** (31 if dtype == np.int32 else 53)):
         raise UnsupportedModelError(
             "computes with integers of which it is not known that they stay small; cast to float"
@@ -94,8 +96,8 @@ def _mean(call: NodeCall) -> Operand:
 
 def combined(walk: GraphWalk, code: ir.Operator, left: Operand, right: Operand) -> Operand:
     """`left <code> right` with broadcasting, rounded once."""
-    if left.dtype != right.dtype:
-        raise InputError(f"the inputs have different types, {left.dtype} and {right.dtype}; the model file is damaged")
+    left, right = walk.numbered(left), walk.numbered(right)
+    require_same_type(left, right)
     try:
         shape = np.broadcast_shapes(left.shape, right.shape)
     except ValueError:
@@ -118,6 +120,8 @@ def _scaled(
     walk: GraphWalk, code: ir.Operator, tensor: Tensor, constant: AnyArray, shape: tuple[int, ...], reverse: bool
 ) -> Tensor:
     check_size(shape)
+    if code is ir.Operator.DIVIDE and not reverse and not np.all(constant):
+        raise UnsupportedModelError("divides by a constant that is 0, which gives infinity or NaN")
     scale = ir.Scale(
         inputs=(walk.settle(_spread(require_float(tensor), shape)),),
         operator=code,
@@ -388,10 +392,10 @@ def _reduction(call: NodeCall) -> Operand:
     tensor = given if isinstance(given, PickedOperand) else call.computed()
     by_input = call.node.version >= (13 if name == "ReduceSum" else 18)
     axes = call.integers(1, "axes") if by_input else call.node.integers("axes").tolist()
-    if not axes and call.node.integer("noop_with_empty_axes"):
+    rank, none = len(tensor.shape), not axes and call.node.integer("noop_with_empty_axes")
+    if none and name not in _FUNCTIONS_OF_ONE:
         return tensor
-    rank = len(tensor.shape)
-    reduced = {axis_of(axis, rank) for axis in axes or range(rank)}
+    reduced = set() if none else {axis_of(axis, rank) for axis in axes or range(rank)}
     groups = tuple(1 if axis in reduced else length for axis, length in enumerate(tensor.shape))
     kept = (
         groups if call.node.integer("keepdims", 1) else tuple(n for axis, n in enumerate(groups) if axis not in reduced)
@@ -486,6 +490,8 @@ _REDUCTIONS: dict[str, Callable[[GraphWalk, Tensor], Tensor]] = {
     "ReduceLogSumExp": _log_sum_exp,
     "ReduceLogSum": lambda walk, rows: apply_activation(walk, total_of(walk, rows), ir.Function.LOG),
 }
+#: Reductions that are a function of a number where they are of this number alone.
+_FUNCTIONS_OF_ONE = frozenset({"ReduceSumSquare", "ReduceL1", "ReduceL2", "ReduceLogSumExp", "ReduceLogSum"})
 for _name in _REDUCTIONS:
     newest = {"ReduceSum": (), "ReduceMax": (12, 18, 20), "ReduceMin": (12, 18, 20)}.get(_name, (18,))
     operator(_name, 1, 11, 13, *newest)(_reduction)

@@ -65,6 +65,10 @@ def _checked(walk: GraphWalk, info: onnx.ValueInfoProto, problems: Problems) -> 
         if info.name not in walk.values:
             raise InputError(f"the output '{name}' is not computed by any node; the model file is damaged")
         operand = walk.values[info.name]
+        if isinstance(operand, LabelOperand) and len(set(operand.labels)) < max(len(operand.labels), 2):
+            operand = walk.numbered(operand)  # one number for several places of a list is no label of a class
+            if isinstance(operand, LabelOperand):
+                raise UnsupportedModelError(f"the output '{name}' picks from texts that are equal; leave it out")
         if isinstance(operand, ConstantOperand):
             raise UnsupportedModelError(f"the output '{name}' is a constant; remove it from the graph")
         if isinstance(operand, Tensor) and info.name not in walk.zipped:
