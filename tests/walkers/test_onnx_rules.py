@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from onnx import TensorProto, helper
 
-from st_codegen.errors import UnsupportedModelError
+from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import reference
 from st_codegen.proof.bounds import difference_bound
 from tests.walkers import onnx_builders as build
@@ -209,3 +209,103 @@ def test_parts_without_columns_are_refused_for_what_they_are(tmp_path):
     tile = helper.make_node("Tile", ["X", "times"], ["Y"])
     with pytest.raises(UnsupportedModelError, match="the result has no elements"):
         loaded_graph(tmp_path, [tile], [constant("times", [1, 0], np.int64)])
+
+
+# --- constants that a graph computes of others ---------------------------------------------------------------------
+
+WITHIN = {
+    "an exponential": [("Exp", ["w"], "c")],
+    "a logarithm of what is left of one": [("Exp", ["v"], "e"), ("Sub", ["two", "e"], "r"), ("Log", ["r"], "c")],
+    "a root": [("Pow", ["w", "half"], "c")],
+    "a sum of logarithms": [("Log", ["w"], "l"), ("ReduceSum", ["l"], "c")],
+    "logarithms side by side": [("Log", ["one"], "l"), ("Exp", ["one"], "e"), ("Concat", ["l", "e", "one"], "c")],
+    "a quotient": [("Exp", ["w"], "e"), ("Neg", ["e"], "n"), ("Div", ["w", "n"], "c")],
+}
+
+
+@DTYPES
+@pytest.mark.parametrize("name", WITHIN)
+@pytest.mark.parametrize("op_type", ["Add", "Mul", "Sub", "Div"])
+def test_constants_that_libraries_compute_each_in_their_own_way(tmp_path, name, op_type, elem_type):
+    dtype = helper.tensor_dtype_to_np_dtype(elem_type)
+    attributes = {"Concat": {"axis": 1}, "ReduceSum": {"keepdims": 1}}
+    nodes = [helper.make_node(kind, given, [out], **attributes.get(kind, {})) for kind, given, out in WITHIN[name]]
+    nodes.append(helper.make_node(op_type, ["X", "c"], ["Y"]))
+    constants = [
+        constant("w", [[0.3, 1.7, 2.9]], dtype),
+        constant("v", [[-0.3, -1.7, 0.1]], dtype),
+        constant("two", 2.0, dtype),
+        constant("half", 0.5, dtype),
+        constant("one", [[1.3]], dtype),
+    ]
+    given = {name for node in nodes for name in node.input}
+    loaded = loaded_graph(tmp_path, nodes, [c for c in constants if c.name in given], elem_type=elem_type)
+    x = rows(3, spread=2)
+    assert_within_bound(loaded, x)
+    bound = difference_bound(loaded.ir, x) / np.maximum(np.abs(loaded.predict(x)), 1.0)
+    assert np.max(bound) < 300 * np.finfo(dtype).eps
+
+
+def test_weights_that_a_graph_computes(tmp_path):
+    nodes = [helper.make_node("Log", ["w"], ["l"]), helper.make_node("MatMul", ["X", "l"], ["Y"])]
+    assert_within_bound(loaded_graph(tmp_path, nodes, [constant("w", [[0.5, 2.0], [1.0, 3.0], [0.1, 7.0]])]), rows(3))
+
+
+@pytest.mark.parametrize("op_type", ["Exp", "Log"])
+def test_constants_that_are_computed_and_have_no_limits_are_refused(tmp_path, op_type):
+    nodes = [helper.make_node(op_type, ["w"], ["c"]), helper.make_node("Add", ["X", "c"], ["Y"])]
+    with pytest.raises(UnsupportedModelError, match="a constant that is or may be infinite or NaN"):
+        loaded_graph(tmp_path, nodes, [constant("w", 90.0 if op_type == "Exp" else 0.0)])
+    mean = [helper.make_node("Exp", ["w"], ["c"]), helper.make_node("Clip", ["X", "c"], ["Y"])]
+    with pytest.raises(UnsupportedModelError, match="min is computed by the graph; fold constants when exporting"):
+        loaded_graph(tmp_path, mean, [constant("w", 1.0)])
+
+
+# --- tables that are looked up by a computed position ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize("axis", [0, 1, -1])
+@pytest.mark.parametrize("elem_type", [FLOAT, INT64, TensorProto.INT32])
+def test_rows_of_a_table_by_computed_positions(tmp_path, axis, elem_type):
+    """So exporters write the vectors that networks keep for categories."""
+    table = constant("table", np.random.default_rng(1).normal(size=(4, 5)))
+    nodes = [helper.make_node("Gather", ["table", "I"], ["Y"], axis=axis)]
+    shape = (None, 2) if axis == 0 else (1, 2)
+    if elem_type == FLOAT:
+        nodes.insert(0, helper.make_node("Cast", ["X"], ["I"], to=INT64))
+    else:
+        nodes[0].input[1] = "X"
+    loaded = loaded_graph(tmp_path, nodes, [table], shape=shape, elem_type=elem_type, out_type=FLOAT)
+    length = 4 if axis == 0 else 5
+    x = np.array(np.meshgrid(np.arange(-length, length), np.arange(-length, length))).reshape(2, -1).T.astype(float)
+    assert len(assert_equal_bits(loaded, x)[0]) == 40 / length
+    for beyond in (length, -length - 1, 1e6):
+        assert not np.isfinite(reference.evaluate(loaded.ir, [[0.0, beyond]])).any()
+
+
+def test_a_batch_whose_rows_are_positions_is_tried_with_positions(tmp_path):
+    """Random numbers are positions in no list, and a graph that mixed the rows of a batch passed untried."""
+    nodes = [
+        helper.make_node("Cast", ["X"], ["I"], to=INT64),
+        helper.make_node("Gather", ["table", "I"], ["G"]),
+        helper.make_node("Softmax", ["G"], ["Y"], axis=0),
+    ]
+    with pytest.raises(InputError, match="among 2 rows at once, rows have no answers of their own"):
+        loaded_graph(tmp_path, nodes, [constant("table", [0.5, 1.5])])
+    nodes[2] = helper.make_node("Neg", ["G"], ["Y"])
+    nodes.insert(0, helper.make_node("Sub", ["X", "one"], ["S"]))
+    nodes[1].input[0], nodes[2].op_type, nodes[2].domain = "S", "ArrayFeatureExtractor", "ai.onnx.ml"
+    model = loaded_graph(tmp_path, nodes, [constant("table", [[0.5, 1.5]]), constant("one", 1.0)], shape=(1, 1))
+    assert assert_equal_bits(model, [[1.0], [2.0]]).tolist() == [[-0.5], [-1.5]]
+
+
+def test_what_cannot_be_looked_up_is_refused(tmp_path):
+    position = helper.make_node("Cast", ["X"], ["I"], to=INT64)
+    gather = helper.make_node("Gather", ["table", "I"], ["Y"])
+    for numbers, message in (([1, 2], "constants of float only"), ([1.0, np.inf], "some are infinite or NaN")):
+        table = constant("table", numbers, np.asarray(numbers).dtype if numbers == [1, 2] else np.float32)
+        with pytest.raises(UnsupportedModelError, match=message):
+            loaded_graph(tmp_path, [position, gather], [table])
+    pick = helper.make_node("ArgMax", ["X"], ["I"], axis=1)
+    with pytest.raises(InputError, match="picks from 2 numbers by positions beyond them, on which onnxruntime fails"):
+        loaded_graph(tmp_path, [pick, gather], [constant("table", [1.0, 2.0])])

@@ -15,6 +15,7 @@ import numpy as np
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import FLOAT32_OVERFLOW, Exceeds, Function, Operator, Piecewise, Towards, WholeNumber
 from st_codegen.ir.arrays import AnyArray, BoolArray
+from st_codegen.walkers.onnx.between import as_between, function_of
 from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, operator
 from st_codegen.walkers.onnx.operands import (
     FLOAT32,
@@ -169,6 +170,8 @@ def _power(call: NodeCall) -> Operand:
     Of rows of one number onnxruntime takes the power of the C library, which may round otherwise, for 2 and 3 too.
     """
     if isinstance(base := call.required(), ConstantOperand):
+        if isinstance(fixed := call.required(1), ConstantOperand):
+            return _constant_power(base, fixed)
         return _power_of_constant(call.walk, base, call.computed(1))
     tensor, exponent = call.computed(), call.constant(1, "the exponent")
     exponents = np.zeros(1) if exponent is None else exponent.astype(np.float64)
@@ -193,6 +196,15 @@ def _power(call: NodeCall) -> Operand:
         found = apply_activation(call.walk, wide.moved(partial(_where, own=own)), Function.POWER, float(number))
         value[own], column[own] = found.value, found.column
     return replace(found, value=value, column=column)
+
+
+def _constant_power(base: ConstantOperand, exponent: ConstantOperand) -> Operand:
+    """Powers of constants above 0, of which each library has its own."""
+    limits = as_between(base)
+    if limits is None or exponent.array.size != 1 or not np.all(base.array > 0):
+        raise UnsupportedModelError("powers of constants other than numbers above 0 by one exponent")
+    power, shape = float(exponent.array.ravel()[0]), np.broadcast_shapes(base.shape, exponent.shape)
+    return function_of(lambda array: array**power, limits).moved(lambda array: np.broadcast_to(array, shape))
 
 
 def _power_of_constant(walk: GraphWalk, base: ConstantOperand, exponent: Tensor) -> Tensor:

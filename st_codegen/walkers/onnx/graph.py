@@ -36,6 +36,7 @@ from st_codegen.walkers.onnx.operands import (
     INTEGERS,
     MAX_COLUMNS,
     MAX_WHOLE,
+    BetweenOperand,
     ConstantOperand,
     LabelOperand,
     Operand,
@@ -78,6 +79,8 @@ class NodeCall:
         operand = self.optional(number)
         if operand is None:
             return None
+        if isinstance(operand, BetweenOperand):
+            raise UnsupportedModelError(f"{what} is computed by the graph; fold constants when exporting")
         if not isinstance(operand, ConstantOperand):
             raise UnsupportedModelError(f"{what} is computed from the inputs; it has to be a constant")
         if operand.dtype.kind == "O":
@@ -304,7 +307,7 @@ def _run_node(
     for operand in result if isinstance(result, tuple) else (result,):
         if operand is None:
             continue
-        if isinstance(operand, Tensor):
+        if not isinstance(operand, ConstantOperand):
             check_size(operand.shape)
         walk.charge(math.prod(operand.shape))
     return result

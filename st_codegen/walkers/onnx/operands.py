@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import AnyArray, IntArray, Label, Precision
+from st_codegen.ir import AnyArray, FloatArray, IntArray, Label, Precision
 
 #: Columns of one computed tensor, and features of one model.
 MAX_COLUMNS = 2**16
@@ -120,7 +120,24 @@ class PickedOperand:
         return replace(self, shape=found.shape)
 
 
-Operand = ConstantOperand | Tensor | LabelOperand | PickedOperand
+@dataclass(frozen=True)
+class BetweenOperand:
+    """Constants that the graph computes itself, each in its own way in each library: all lie between these numbers."""
+
+    low: FloatArray
+    high: FloatArray
+    dtype: np.dtype[Any]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return self.low.shape
+
+    def moved(self, move: Callable[[AnyArray], AnyArray]) -> BetweenOperand:
+        """The result of an operator that only moves numbers about."""
+        return replace(self, low=move(self.low), high=move(self.high))
+
+
+Operand = ConstantOperand | Tensor | LabelOperand | PickedOperand | BetweenOperand
 
 
 def together(parts: Sequence[Tensor], join: Callable[[Sequence[AnyArray]], AnyArray]) -> Tensor:
@@ -147,6 +164,10 @@ def require_tensor(operand: Operand) -> Tensor:
     """The operand itself; raises UnsupportedModelError unless it holds numbers computed from the inputs."""
     if isinstance(operand, ConstantOperand):
         raise UnsupportedModelError("reads a constant; fold constants when exporting")
+    if isinstance(operand, BetweenOperand):
+        raise UnsupportedModelError(
+            "reads a constant that the graph computes by functions; fold constants when exporting"
+        )
     if isinstance(operand, PickedOperand):
         raise UnsupportedModelError("reads what TopK picks; sums and means of it are supported")
     if isinstance(operand, LabelOperand):

@@ -17,12 +17,14 @@ from st_codegen import ir
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import reference
 from st_codegen.ir.arrays import AnyArray, FloatArray
+from st_codegen.walkers.onnx.between import arithmetic_of, as_between, as_doubted, function_of, sum_of
 from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, operator
 from st_codegen.walkers.onnx.operands import (
     FLOAT32,
     FLOAT64,
     INTEGERS,
     MAX_FOLDED,
+    BetweenOperand,
     ConstantOperand,
     Operand,
     PickedOperand,
@@ -102,6 +104,14 @@ def combined(walk: GraphWalk, code: ir.Operator, left: Operand, right: Operand) 
         shape = np.broadcast_shapes(left.shape, right.shape)
     except ValueError:
         raise InputError(f"shapes {left.shape} and {right.shape} do not fit; the model file is damaged") from None
+    sides = as_between(left), as_between(right)
+    if any(isinstance(side, BetweenOperand) for side in (left, right)):
+        if sides[0] is not None and sides[1] is not None:
+            check_size(shape, MAX_FOLDED)
+            return arithmetic_of(code, sides[0], sides[1])
+        numbers, doubt = as_doubted(next(side for side in sides if side is not None))
+        tensor = require_tensor(right if sides[0] is not None else left)
+        return _scaled(walk, code, tensor, numbers, shape, reverse=sides[0] is not None, doubt=doubt)
     if isinstance(left, ConstantOperand):
         if isinstance(right, ConstantOperand):
             check_size(shape, MAX_FOLDED)
@@ -117,7 +127,13 @@ def combined(walk: GraphWalk, code: ir.Operator, left: Operand, right: Operand) 
 
 
 def _scaled(
-    walk: GraphWalk, code: ir.Operator, tensor: Tensor, constant: AnyArray, shape: tuple[int, ...], reverse: bool
+    walk: GraphWalk,
+    code: ir.Operator,
+    tensor: Tensor,
+    constant: AnyArray,
+    shape: tuple[int, ...],
+    reverse: bool,
+    doubt: FloatArray | None = None,
 ) -> Tensor:
     check_size(shape)
     if code is ir.Operator.DIVIDE and not reverse and not np.all(constant):
@@ -128,6 +144,7 @@ def _scaled(
         constant=np.broadcast_to(constant, shape).astype(np.float64).ravel(),
         precision=tensor.precision,
         reverse=reverse,
+        doubt=None if doubt is None else np.broadcast_to(doubt, shape).ravel(),
     )
     return walk.computed(scale, shape, tensor.dtype, tensor.special)
 
@@ -161,18 +178,29 @@ def _remainder(call: NodeCall) -> Operand:
 
 @operator("Neg", 6, 13)
 def _negate(call: NodeCall) -> Operand:
-    tensor = call.computed()
-    return combined(call.walk, ir.Operator.MULTIPLY, tensor, ConstantOperand(np.array(-1.0, tensor.dtype)))
+    operand = call.walk.numbered(call.required())
+    if isinstance(operand, Tensor):
+        operand = require_float(operand)
+    return combined(call.walk, ir.Operator.MULTIPLY, operand, ConstantOperand(np.array(-1.0, operand.dtype)))
 
 
-def apply_linear(walk: GraphWalk, tensor: Tensor, weights: AnyArray, bias: AnyArray, shape: Sequence[int]) -> Tensor:
+def apply_linear(
+    walk: GraphWalk,
+    tensor: Tensor,
+    weights: AnyArray,
+    bias: AnyArray,
+    shape: Sequence[int],
+    doubt: FloatArray | None = None,
+) -> Tensor:
     """weights @ row + bias for each row of so many elements of a tensor, added in any order."""
     walk.refuse_special(tensor)
     walk.charge(weights.size)
     count, own = weights.shape[1], (walk.settle(tensor),)
     op: ir.Linear | ir.SlidingLinear
     if tensor.size == count:
-        op = ir.Linear(own, weights, bias, precision=tensor.precision)
+        op = ir.Linear(own, weights, bias, precision=tensor.precision, doubt=doubt)
+    elif doubt is not None:
+        raise UnsupportedModelError("multiplies several rows by constants that the graph computes by functions")
     else:
         check_size([tensor.size // count, len(weights)])
         starts, offsets = np.arange(0, tensor.size, count, dtype=np.int32), np.arange(count, dtype=np.int32)
@@ -189,6 +217,14 @@ def _matrix(constant: ConstantOperand, tensor: Tensor) -> FloatArray:
 @operator("MatMul", 9, 13)
 def _matmul(call: NodeCall) -> Operand:
     left, right = call.required(), call.required(1)
+    if (
+        isinstance(left, Tensor)
+        and isinstance(right, BetweenOperand)
+        and (*left.shape[-1:], 2) == (*right.shape[:1], len(right.shape))
+    ):
+        numbers, doubt = as_doubted(right)
+        weights = _matrix(ConstantOperand(numbers), require_float(left)).T
+        return apply_linear(call.walk, left, weights, np.zeros(len(weights)), (*left.shape[:-1], len(weights)), doubt.T)
     if isinstance(left, Tensor) and isinstance(right, ConstantOperand) and right.array.ndim < 3:
         weights = _matrix(right, require_float(left))
         if right.array.ndim and left.shape[-1:] == weights.shape[:1]:
@@ -332,6 +368,12 @@ def with_constant(
 
 #: Functions whose results are the nearest numbers everywhere, so that graphs may compute them of their constants.
 _CORRECT: dict[ir.Function, Callable[[AnyArray], AnyArray]] = {ir.Function.SQRT: np.sqrt, ir.Function.ABS: np.abs}
+#: Functions of which libraries find other numbers, one of them for each, that rise everywhere.
+_RISING: dict[ir.Function, Callable[[AnyArray], AnyArray]] = {
+    ir.Function.EXP: np.exp,
+    ir.Function.LOG: np.log,
+    ir.Function.SQRT: np.sqrt,
+}
 
 
 def _activation(function: ir.Function, name: str, *versions: int, alpha: float | None = None) -> None:
@@ -342,6 +384,8 @@ def _activation(function: ir.Function, name: str, *versions: int, alpha: float |
         if isinstance(operand, ConstantOperand) and operand.dtype in (FLOAT32, FLOAT64) and function in _CORRECT:
             with np.errstate(invalid="ignore"):
                 return operand.moved(_CORRECT[function])
+        if (limits := as_between(operand)) is not None and function in _RISING:
+            return function_of(_RISING[function], limits)
         tensor = call.computed()
         if function is ir.Function.SOFTPLUS and tensor.dtype == FLOAT64:
             raise UnsupportedModelError("onnxruntime's double version overflows above 709; cast the input to float")
@@ -389,7 +433,8 @@ def _clip(call: NodeCall) -> Operand:
 
 def _reduction(call: NodeCall) -> Operand:
     name, given = call.node.op_type, call.required()
-    tensor = given if isinstance(given, PickedOperand) else call.computed()
+    limits = as_between(given) if name == "ReduceSum" else None
+    tensor = given if isinstance(given, PickedOperand) else limits or call.computed()
     by_input = call.node.version >= (13 if name == "ReduceSum" else 18)
     axes = call.integers(1, "axes") if by_input else call.node.integers("axes").tolist()
     rank, none = len(tensor.shape), not axes and call.node.integer("noop_with_empty_axes")
@@ -407,7 +452,8 @@ def _reduction(call: NodeCall) -> Operand:
     group = np.broadcast_to(np.arange(math.prod(groups)).reshape(groups), tensor.shape).ravel()
     order = np.argsort(group, kind="stable")
     rows = tensor.moved(lambda array: np.ravel(array)[order].reshape(math.prod(groups), -1))
-    return _REDUCTIONS[name](call.walk, rows).moved(lambda array: array.reshape(kept))
+    found = sum_of(rows) if isinstance(rows, BetweenOperand) else _REDUCTIONS[name](call.walk, rows)
+    return found.moved(lambda array: array.reshape(kept))
 
 
 def _mean_of_picked(walk: GraphWalk, picked: PickedOperand, divides: bool) -> Tensor:

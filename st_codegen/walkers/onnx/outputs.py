@@ -15,7 +15,7 @@ from st_codegen.walkers.base import Classified
 from st_codegen.walkers.classes import largest
 from st_codegen.walkers.onnx.file import plain, printable, type_name
 from st_codegen.walkers.onnx.graph import GraphWalk
-from st_codegen.walkers.onnx.operands import TRUTH, ConstantOperand, LabelOperand, PickedOperand, Tensor
+from st_codegen.walkers.onnx.operands import TRUTH, BetweenOperand, ConstantOperand, LabelOperand, PickedOperand, Tensor
 from st_codegen.walkers.onnx.ranges import are_shares
 from st_codegen.walkers.onnx.session import Reader, read_label, read_largest, read_map
 
@@ -69,7 +69,7 @@ def _checked(walk: GraphWalk, info: onnx.ValueInfoProto, problems: Problems) -> 
             operand = walk.numbered(operand)  # one number for several places of a list is no label of a class
             if isinstance(operand, LabelOperand):
                 raise UnsupportedModelError(f"the output '{name}' picks from texts that are equal; leave it out")
-        if isinstance(operand, ConstantOperand):
+        if isinstance(operand, ConstantOperand | BetweenOperand):
             raise UnsupportedModelError(f"the output '{name}' is a constant; remove it from the graph")
         if isinstance(operand, Tensor) and info.name not in walk.zipped:
             _check_type(info, name, operand)

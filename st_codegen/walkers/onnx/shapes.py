@@ -12,7 +12,8 @@ import numpy as np
 import onnx
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import AnyArray
+from st_codegen.ir import AnyArray, Exceeds, Piecewise
+from st_codegen.walkers.onnx.between import as_between, joined_constants
 from st_codegen.walkers.onnx.elementwise import choice_of, is_not_zero
 from st_codegen.walkers.onnx.file import type_name
 from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, Result, operator
@@ -23,6 +24,7 @@ from st_codegen.walkers.onnx.operands import (
     MAX_COLUMNS,
     MAX_FOLDED,
     TRUTH,
+    BetweenOperand,
     ConstantOperand,
     LabelOperand,
     Operand,
@@ -82,6 +84,8 @@ def _converted(call: NodeCall, dtype: np.dtype[Any]) -> Operand:
         return _cast_labels(operand, dtype)
     if isinstance(operand, PickedOperand):
         raise UnsupportedModelError("casts what TopK picks")
+    if isinstance(operand, BetweenOperand):
+        raise UnsupportedModelError("casts a constant that the graph computes by functions")
     if isinstance(operand, Tensor):
         return _converted_tensor(call.walk, operand, dtype)
     if np.issubdtype(dtype, np.integer) and not np.issubdtype(operand.dtype, np.integer):
@@ -261,6 +265,9 @@ def joined(walk: GraphWalk, parts: Sequence[Operand], axis: int) -> Operand:
         raise UnsupportedModelError("joins what TopK picks; sums and means of it are supported")
     if len({(part.dtype, isinstance(part, Tensor) and part.given) for part in parts}) > 1:
         require_same_type(*parts)
+    limits = [limit for part in parts if (limit := as_between(part)) is not None]
+    if any(isinstance(part, BetweenOperand) for part in parts) and len(limits) == len(parts):
+        return joined_constants(limits, axis)
     constants = [part.array for part in parts if isinstance(part, ConstantOperand)]
     computed = next((part for part in parts if isinstance(part, Tensor)), None)
     try:
@@ -353,7 +360,46 @@ def _gather(call: NodeCall) -> Operand:
         return labelled(operand, position)
     if isinstance(position, PickedOperand):
         return of_nearest(operand, position)
-    return picked(operand, call.positions(), axis_of(call.node.integer("axis"), len(operand.shape)))
+    axis = axis_of(call.node.integer("axis"), len(operand.shape))
+    if isinstance(position, Tensor):
+        return looked_up(call.walk, operand, _from_the_front(call.walk, position, operand.shape[axis]), axis)
+    return picked(operand, call.positions(), axis)
+
+
+def _from_the_front(walk: GraphWalk, position: Tensor, length: int) -> Tensor:
+    """Positions below 0, which count from the end, as those from the front."""
+    value, size = walk.settle(position), position.size
+    before = walk.builder.add(Exceeds((walk.builder.scale(value, "*", np.full(size, -1.0)),), np.zeros(size)))
+    moved = walk.builder.combine(value, "+", walk.builder.scale(before, "*", np.full(size, float(length))))
+    return replace(walk.computed(moved, position.shape, position.dtype), given=position.given)
+
+
+def looked_up(walk: GraphWalk, table: Operand, position: Tensor, axis: int) -> Tensor:
+    """Numbers of a constant table at positions that are computed; there is no answer for positions beyond it."""
+    require_same_type(position)
+    if position.dtype not in INTEGERS:
+        raise UnsupportedModelError(f"picks by positions of {position.dtype}; integers are supported")
+    if not isinstance(table, ConstantOperand) or table.dtype not in (FLOAT32, FLOAT64):
+        raise UnsupportedModelError("picks by a computed position; it can be looked up in constants of float only")
+    if not np.all(np.isfinite(table.array)):
+        raise UnsupportedModelError("looks up numbers of which some are infinite or NaN")
+    rows = np.moveaxis(table.array, axis, -1)
+    shape = (*table.shape[:axis], *position.shape, *table.shape[axis + 1 :])
+    listed, count = rows.reshape(-1, rows.shape[-1]).astype(np.float64), rows.shape[-1]
+    check_size([*shape, count], MAX_FOLDED)
+    walk.charge(math.prod([*shape, count]))
+    places = np.arange(position.size).reshape((1,) * axis + position.shape + (1,) * (len(table.shape) - axis - 1))
+    ones = [1] * len(position.shape)
+    others = np.arange(len(listed)).reshape((*table.shape[:axis], *ones, *table.shape[axis + 1 :]))
+    column, row = (np.broadcast_to(array, shape).ravel() for array in (places, others))
+    op = Piecewise(
+        (walk.builder.select(column.astype(np.int32), walk.settle(position)),),
+        start=np.arange(len(row) + 1) * count,
+        knots=np.tile(np.arange(float(count)), len(row)),
+        at=listed[row].ravel(),
+        pieces=np.full((len(row) * (count + 1), 1), np.inf),
+    )
+    return walk.computed(op, shape, table.dtype)
 
 
 def labelled(labels: Operand, choice: LabelOperand) -> LabelOperand:
@@ -362,7 +408,7 @@ def labelled(labels: Operand, choice: LabelOperand) -> LabelOperand:
         raise UnsupportedModelError("picks by a computed position; only a constant list of labels can be picked from")
     listed = np.ravel(labels.array).tolist()
     if not all(isinstance(at, int) and 0 <= at < len(listed) for at in choice.labels):
-        raise InputError(f"positions outside 0 .. {len(listed) - 1}; the model file is damaged")
+        raise InputError(f"picks from {len(listed)} numbers by positions beyond them, on which onnxruntime fails")
     kind = None if labels.dtype.kind == "O" else labels.dtype
     return replace(choice, labels=tuple(listed[int(at)] for at in choice.labels), number_type=kind)
 
@@ -436,7 +482,7 @@ def _slice(call: NodeCall) -> Operand:
         end = None if step < 0 and ends[number] < -length else ends[number]
         taken[axis_of(axis, len(operand.shape))] = slice(starts[number], end, step)
         # a shape may lose all of its lengths, numbers of a row may not
-        if isinstance(operand, Tensor) and not len(range(length)[slice(starts[number], end, step)]):
+        if not isinstance(operand, ConstantOperand) and not len(range(length)[slice(starts[number], end, step)]):
             raise UnsupportedModelError(f"takes no columns from {starts[number]} to {ends[number]} of {length}")
     return operand.moved(lambda array: array[tuple(taken)])
 
@@ -450,7 +496,7 @@ def _split(call: NodeCall) -> Result:
     if not sizes:
         each = -(-length // count)
         sizes = [max(min(each, length - each * number), 0) for number in range(count)]
-    if 0 in sizes and isinstance(operand, Tensor):
+    if 0 in sizes and not isinstance(operand, ConstantOperand):
         raise UnsupportedModelError(f"parts of {sizes}, of which one has no columns; leave it out of the graph")
     if len(sizes) != count or sum(sizes) != length or min(sizes) < 0:
         raise InputError(f"parts of {sizes} for {count} outputs and {length} columns; the model file is damaged")
