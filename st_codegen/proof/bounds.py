@@ -143,7 +143,8 @@ def _rounding(op: ir.Operation, result: FloatArray, difference: FloatArray) -> F
     unit = UNIT[precision]
     if precision is ir.Precision.REAL:
         return np.asarray(difference * (1 + unit) + unit * (np.abs(result) + difference) + _UNDERFLOW[precision])
-    return np.where(difference > 0, difference * (1 + unit) + 2 * unit * (np.abs(result) + difference), 0.0)
+    rounded = difference * (1 + unit) + 2 * unit * (np.abs(result) + difference) + _LOST_PRODUCT[precision]
+    return np.where(difference > 0, rounded, 0.0)
 
 
 @singledispatch
@@ -178,6 +179,8 @@ def _arithmetic(operator: ir.Operator, operands: list[FloatArray], given: list[F
         return da + db
     if operator is ir.Operator.MULTIPLY:
         product = np.abs(a) * db + np.abs(b) * da + da * db
+        differs = (da + db > 0) & (np.abs(a) + da > 0) & (np.abs(b) + db > 0)
+        product = np.where(differs, np.maximum(product, 2.0**-1074), product)
         return np.where(np.isnan(product) & (da + db > 0), np.inf, product)  # infinity times zero
     if operator in (ir.Operator.MAXIMUM, ir.Operator.MINIMUM):
         turned = 1.0 if operator is ir.Operator.MAXIMUM else -1.0
@@ -191,7 +194,8 @@ def _arithmetic(operator: ir.Operator, operands: list[FloatArray], given: list[F
 @step.register
 def _(op: ir.Round, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     unit = UNIT[ir.Precision.FLOAT32]
-    return np.where(given[0] > 0, given[0] + 2 * unit * (np.abs(operands[0]) + given[0]), 0.0)
+    rounded = given[0] + 2 * unit * (np.abs(operands[0]) + given[0]) + _LOST_PRODUCT[ir.Precision.FLOAT32]
+    return np.where(given[0] > 0, rounded, 0.0)
 
 
 @step.register
@@ -288,7 +292,9 @@ def sum_rounding(terms: int, size: FloatArray, result: FloatArray, precision: ir
     last = UNIT[precision] * np.abs(result) if precision is ir.Precision.FLOAT32 else 0.0
     # of numbers that are all 0 nothing is lost
     lost = np.where(size > 0, terms * max(_LOST_PRODUCT[precision], 2 * _UNDERFLOW[precision]), 0.0)
-    return np.asarray(library + generated + last + lost)
+    # in float32 a sum of some of the terms may be infinite where that of all is small
+    room = ir.FLOAT32_OVERFLOW if precision is ir.Precision.FLOAT32 else np.inf
+    return np.where(size + library < room, library + generated + last + lost, np.inf)
 
 
 @step.register
@@ -328,7 +334,6 @@ _STEEPEST = {ir.Function.LOGISTIC: 0.25, ir.Function.ERF: 1.13, ir.Function.GELU
 def _slope(op: ir.Activation, x: FloatArray, difference: FloatArray) -> FloatArray:
     """Largest slope of the function within `difference` of x."""
     near = np.abs(x) + difference
-    constant = np.ones_like(x)
     if op.function in (ir.Function.EXP, ir.Function.EXPM1):
         return np.exp(x + difference)
     if op.function in (ir.Function.SQRT, ir.Function.LOG, ir.Function.LOG1P):
@@ -340,9 +345,11 @@ def _slope(op: ir.Activation, x: FloatArray, difference: FloatArray) -> FloatArr
     if op.function is ir.Function.POWER:
         steepest = near if op.parameter >= 1 else np.abs(x) - difference
         return np.where(steepest > 0, np.abs(op.parameter) * np.abs(steepest) ** (op.parameter - 1), np.inf)
-    if op.function in (ir.Function.LEAKY_RELU, ir.Function.ELU):
-        return constant * max(1.0, abs(op.parameter))
-    return _STEEPEST.get(op.function, 1.0) * constant
+    if op.function in (ir.Function.RELU, ir.Function.LEAKY_RELU):  # one slope on either side of 0
+        below = 0.0 if op.function is ir.Function.RELU else abs(op.parameter)
+        return np.where(x + difference <= 0, below, max(1.0, below))
+    elu = op.function is ir.Function.ELU
+    return np.full_like(x, max(1.0, abs(op.parameter)) if elu else _STEEPEST.get(op.function, 1.0))
 
 
 @step.register
@@ -484,7 +491,7 @@ def _(op: ir.NearestMean, operands: list[FloatArray], given: list[FloatArray], r
         largest = largest * op.count
     whole = len(operands) == 1 and np.array_equal(op.values, np.trunc(op.values))
     if op.inverse or not whole:  # whole numbers are added without rounding
-        found += 2 * gamma(2 * op.count + 6, op.precision) * largest
+        found += 2 * gamma(2 * op.count + 6, op.precision) * largest + _LOST_PRODUCT[op.precision]
     else:
         found = np.where(found <= 4 * UNIT[ir.Precision.FLOAT64] * largest, 0.0, found)
         if op.precision is ir.Precision.FLOAT32 and op.divides:  # the quotient is rounded

@@ -88,6 +88,23 @@ def test_a_root_beside_zero_has_no_finite_bound():
     assert difference_bound(of_root, np.array([[3.0, 1.0, 2.0]])) < 1e-14
 
 
+def test_where_a_number_is_surely_below_zero_nothing_of_its_error_is_left():
+    """Slopes on either side of 0 are those of the function there."""
+    for function, below in ((Function.RELU, 0.0), (Function.LEAKY_RELU, 0.25)):
+        unsure = Linear((0,), [[1.0, 1.0, 1.0]], [0.0])
+        behind = model(unsure, Activation((1,), function, 1, 0.25))
+        x = np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0], [1.0, 1.0, -2.0]])
+        bound, moved = difference_bound(behind, x)[:, 0], difference_bound(model(unsure), x)[:, 0]
+        assert moved[0] * below <= bound[0] <= moved[0] * below * 1.5
+        assert np.all(bound[1:] >= moved[1:])
+
+
+def test_a_product_of_what_differs_may_lose_a_digit_below_the_normal_numbers():
+    unsure = Linear((0,), [[1.0, 1.0, 1.0]], [0.0])
+    behind = model(unsure, Scale((1,), Operator.MULTIPLY, [1e-320]))
+    assert difference_bound(behind, np.array([[0.1, 0.2, 0.3]])) >= 2.0**-1074
+
+
 def test_units_of_roundoff_are_those_of_the_formats():
     assert UNIT[Precision.FLOAT32] == np.finfo(np.float32).eps / 2
     assert UNIT[Precision.FLOAT64] == np.finfo(np.float64).eps / 2

@@ -238,7 +238,7 @@ def test_a_mask_that_is_constant_picks_columns(tmp_path):
     for nodes, constants in ((doubled, [picks, two]), (masked, [picks, filler])):
         model = graph_model(nodes, [info("X", (None, 3))], [info("Y", None)], constants)
         loaded = build.load(model, tmp_path)
-        assert loaded.ir.exact and loaded.ir.signs_zeros
+        assert loaded.ir.exact and not loaded.ir.signs_zeros  # of a -0 that is picked onnxruntime makes 0
         agree(loaded, x)
     model = graph_model(masked, [info("X", (None, 3))], [info("Y", None)], [picks, constant("filler", -np.inf)])
     with pytest.raises(UnsupportedModelError, match="export a mask with -1E9"):

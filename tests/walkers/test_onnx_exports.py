@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from sklearn.calibration import CalibratedClassifierCV
 from sklearn.compose import ColumnTransformer
+from sklearn.discriminant_analysis import QuadraticDiscriminantAnalysis
 from sklearn.ensemble import (
     AdaBoostClassifier,
     AdaBoostRegressor,
@@ -19,7 +21,8 @@ from sklearn.ensemble import (
 )
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, WhiteKernel
-from sklearn.linear_model import Lasso, LinearRegression, Ridge, SGDOneClassSVM
+from sklearn.linear_model import Lasso, LinearRegression, LogisticRegression, Ridge, SGDOneClassSVM
+from sklearn.naive_bayes import BernoulliNB, CategoricalNB
 from sklearn.neighbors import KNeighborsClassifier, KNeighborsRegressor, LocalOutlierFactor
 from sklearn.neural_network import MLPRegressor
 from sklearn.pipeline import make_pipeline
@@ -298,6 +301,30 @@ def test_boosted_classifiers(tmp_path, name):
     assert np.all(np.abs(ours - loaded.predict(ROWS)) <= bound)
     assert np.mean(bound[:, 1:] < 1e-5) > 0.98
     assert np.mean(ours[:, 0] == model.predict(ROWS)) > 0.98
+
+
+BY_CONSTANTS = {
+    "two sides of each number": BernoulliNB(),
+    "Gaussian discriminants": QuadraticDiscriminantAnalysis(),
+    "isotonic calibration": CalibratedClassifierCV(seeded(LogisticRegression), method="isotonic", cv=2),
+    "categories": CategoricalNB(min_categories=8),
+}
+
+
+@pytest.mark.parametrize("cuts", [[0.0], [-0.5, 0.8]], ids=["two classes", "three classes"])
+@pytest.mark.parametrize("name", BY_CONSTANTS)
+def test_classifiers_by_constants_that_the_graph_computes_and_by_lists(tmp_path, name, cuts):
+    """Logarithms and powers of constants were refused, and isotonic calibration was called damaged."""
+    codes = name == "categories"
+    x = np.abs(np.round(X * 3)).astype(np.float32) if codes else X
+    model = BY_CONSTANTS[name].fit(x, np.digitize(SINGLE, cuts))
+    loaded = build.load(export(model), tmp_path)
+    rows = x.astype(np.float64) if codes else ROWS
+    library, ours, bound = loaded.predict(rows), reference.evaluate(loaded.ir, rows), difference_bound(loaded.ir, rows)
+    assert np.all(np.abs(ours - library) <= bound)
+    assert np.mean(bound[:, 1:] < 1e-4) > 0.95
+    if not name.startswith("iso"):  # of the calibrator the graph takes the nearest knot, the library a line between two
+        assert np.mean(ours[:, 0] == model.predict(rows)) > 0.98
 
 
 @pytest.mark.parametrize("model", [OneClassSVM(), SGDOneClassSVM(random_state=0)], ids=["kernels", "sums"])

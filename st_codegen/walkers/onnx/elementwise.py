@@ -15,6 +15,7 @@ import numpy as np
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import FLOAT32_OVERFLOW, Exceeds, Function, Operator, Piecewise, Towards, WholeNumber
 from st_codegen.ir.arrays import AnyArray, BoolArray
+from st_codegen.walkers.onnx.between import as_between, function_of
 from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, operator
 from st_codegen.walkers.onnx.operands import (
     FLOAT32,
@@ -29,6 +30,7 @@ from st_codegen.walkers.onnx.operands import (
     axis_of,
     check_size,
     require_float,
+    require_same_type,
     require_tensor,
 )
 from st_codegen.walkers.onnx.operators import apply_activation, combined, mean_of, norm_of, product_of, with_constant
@@ -107,6 +109,8 @@ def _selu(call: NodeCall) -> Operand:
 @operator("Celu", 12)
 def _celu(call: NodeCall) -> Operand:
     alpha, walk = call.node.number("alpha", 1.0), call.walk
+    if alpha <= 0:  # max(0, x) + min(0, alpha * (exp(x / alpha) - 1)) is then no branch of an Elu
+        raise UnsupportedModelError(f"alpha {alpha:g}; it is supported above 0")
     scaled = with_constant(walk, call.computed(), Operator.DIVIDE, alpha)
     return with_constant(walk, apply_activation(walk, scaled, Function.ELU), Operator.MULTIPLY, alpha)
 
@@ -161,8 +165,13 @@ _MAX_EXPONENT = 64.0
 
 @operator("Pow", 7, 12, 13, 15)
 def _power(call: NodeCall) -> Operand:
-    """Products for one exponent that is 1, 2 or 3; else, and for a list of exponents, by a logarithm."""
+    """Products for one exponent that is 1, 2 or 3; else, and for a list of exponents, by a logarithm.
+
+    Of rows of one number onnxruntime takes the power of the C library, which may round otherwise, for 2 and 3 too.
+    """
     if isinstance(base := call.required(), ConstantOperand):
+        if isinstance(fixed := call.required(1), ConstantOperand):
+            return _constant_power(base, fixed)
         return _power_of_constant(call.walk, base, call.computed(1))
     tensor, exponent = call.computed(), call.constant(1, "the exponent")
     exponents = np.zeros(1) if exponent is None else exponent.astype(np.float64)
@@ -176,7 +185,7 @@ def _power(call: NodeCall) -> Operand:
     shape = np.broadcast_shapes(tensor.shape, exponents.shape)
     check_size(shape)
     wide = tensor.moved(lambda array: np.broadcast_to(array, shape))
-    if exponents.size == 1 and exponents.ravel()[0] in (1.0, 2.0, 3.0):
+    if exponents.size == 1 and exponents.ravel()[0] in ((1.0, 2.0, 3.0) if tensor.shape[-1:] > (1,) else (1.0,)):
         result = wide
         for _ in range(int(exponents.ravel()[0]) - 1):
             result = product_of(call.walk, result, wide)
@@ -187,6 +196,15 @@ def _power(call: NodeCall) -> Operand:
         found = apply_activation(call.walk, wide.moved(partial(_where, own=own)), Function.POWER, float(number))
         value[own], column[own] = found.value, found.column
     return replace(found, value=value, column=column)
+
+
+def _constant_power(base: ConstantOperand, exponent: ConstantOperand) -> Operand:
+    """Powers of constants above 0, of which each library has its own."""
+    limits = as_between(base)
+    if limits is None or exponent.array.size != 1 or not np.all(base.array > 0):
+        raise UnsupportedModelError("powers of constants other than numbers above 0 by one exponent")
+    power, shape = float(exponent.array.ravel()[0]), np.broadcast_shapes(base.shape, exponent.shape)
+    return function_of(lambda array: array**power, limits).moved(lambda array: np.broadcast_to(array, shape))
 
 
 def _power_of_constant(walk: GraphWalk, base: ConstantOperand, exponent: Tensor) -> Tensor:
@@ -255,6 +273,7 @@ def as_number(walk: GraphWalk, operand: Operand) -> Operand:
     if isinstance(operand, LabelOperand) and operand.labels == tuple(range(len(operand.labels))):
         zeros = np.zeros(operand.shape, np.int64)
         return Tensor(zeros + operand.value, zeros, FLOAT64, special=False)
+    operand = walk.numbered(operand)
     if isinstance(operand, ConstantOperand) and operand.dtype in INTEGERS:
         if np.any(np.abs(operand.array.astype(np.float64)) > MAX_WHOLE):
             raise UnsupportedModelError("compares or chooses integers of more than 53 bits")
@@ -411,12 +430,11 @@ def choice_of(call: NodeCall) -> Operand:
     For a condition that is computed.
     """
     condition, walk = _logical(call.required()), call.walk
-    sides = [as_number(walk, call.required(number)) for number in (1, 2)]
+    given = [call.required(number) for number in (1, 2)]
+    sides = [as_number(walk, side) for side in given]
     shape = np.broadcast_shapes(condition.shape, *(side.shape for side in sides))
     check_size(shape)
-    dtype = sides[0].dtype
-    if dtype != sides[1].dtype:
-        raise InputError(f"chooses between {dtype} and {sides[1].dtype}; the model file is damaged")
+    dtype = require_same_type(*given)
     truths = walk.settle(condition.moved(lambda array: np.broadcast_to(array, shape)))
     parts = []
     for side, factor in zip(sides, (truths, _opposite(walk, truths)), strict=True):
@@ -427,7 +445,7 @@ def choice_of(call: NodeCall) -> Operand:
             parts.append(walk.builder.combine(_spread(walk, side, shape), "*", factor))
     chosen = walk.builder.combine(parts[0], "+", parts[1])
     walk.builder.open_zeros = True
-    return walk.computed(chosen, shape, dtype if dtype in (FLOAT32, FLOAT64) else FLOAT64)
+    return walk.computed(chosen, shape, dtype)
 
 
 # --- norms ---------------------------------------------------------------------------------------------------------

@@ -216,7 +216,10 @@ def counted(name: str, length: int, *counts: int) -> int:
     """The length of a list; raises InputError where it is none of the counts that are given."""
     if counts and length not in counts:
         expected = " or ".join(map(str, sorted(set(counts))))
-        raise InputError(f"{name} has {length} entries, expected {expected}; the model file is damaged")
+        raise InputError(
+            f"{name} has {length} entries, expected {expected}; the model file is damaged, or its exporter lost "
+            "columns; compile the native model"
+        )
     return length
 
 

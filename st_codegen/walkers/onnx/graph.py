@@ -16,14 +16,29 @@ import numpy as np
 import onnx
 
 from st_codegen.errors import InputError, Problems, UnsupportedModelError, errors_name
-from st_codegen.ir import FLOAT32_OVERFLOW, AnyArray, Clip, IntArray, Label, Operation, Round, Towards, WholeNumber
+from st_codegen.ir import (
+    FLOAT32_OVERFLOW,
+    AnyArray,
+    Clip,
+    IntArray,
+    Label,
+    Operation,
+    Piecewise,
+    Round,
+    Towards,
+    WholeNumber,
+)
 from st_codegen.walkers.base import GraphBuilder
 from st_codegen.walkers.onnx.file import GraphNode, domain_of, node_label, printable, read_tensor
 from st_codegen.walkers.onnx.operands import (
     FLOAT32,
     FLOAT64,
+    INTEGERS,
     MAX_COLUMNS,
+    MAX_WHOLE,
+    BetweenOperand,
     ConstantOperand,
+    LabelOperand,
     Operand,
     PickedOperand,
     Tensor,
@@ -57,13 +72,15 @@ class NodeCall:
 
     def computed(self, number: int = 0) -> Tensor:
         """An input that has to be computed floating-point numbers."""
-        return require_float(require_tensor(self.required(number)))
+        return require_float(require_tensor(self.walk.numbered(self.required(number))))
 
     def constant(self, number: int, what: str) -> AnyArray | None:
         """The array of a constant input that may be absent."""
         operand = self.optional(number)
         if operand is None:
             return None
+        if isinstance(operand, BetweenOperand):
+            raise UnsupportedModelError(f"{what} is computed by the graph; fold constants when exporting")
         if not isinstance(operand, ConstantOperand):
             raise UnsupportedModelError(f"{what} is computed from the inputs; it has to be a constant")
         if operand.dtype.kind == "O":
@@ -174,6 +191,18 @@ class GraphWalk:
         first = self.builder.select(np.zeros(len(constants), np.int32), self.settle(beside))
         return self.computed(Clip((first,), constants, constants), array.shape, array.dtype)
 
+    def numbered(self, operand: Operand) -> Operand:
+        """Labels that are numbers as computed numbers; any other operand as it is."""
+        if not isinstance(operand, LabelOperand) or operand.dtype.kind == "O":
+            return operand
+        labels = np.array(operand.labels, np.float64)
+        if not np.all(np.abs(labels) <= MAX_WHOLE if operand.dtype in INTEGERS else np.isfinite(labels)):
+            raise UnsupportedModelError("computes with numbers of a list that are not finite, or of more than 53 bits")
+        knots, pieces = np.arange(float(len(labels))), np.full((len(labels) + 1, 1), labels[0])
+        made = self.builder.add(Piecewise((operand.value,), np.array([0, len(labels)]), knots, labels, pieces))
+        zeros = np.zeros(operand.shape, np.int64)
+        return Tensor(zeros + made, zeros, operand.dtype, special=False)
+
     def computed(
         self, made: Operation | int, shape: Sequence[int], dtype: np.dtype[Any], special: bool = False
     ) -> Tensor:
@@ -278,7 +307,7 @@ def _run_node(
     for operand in result if isinstance(result, tuple) else (result,):
         if operand is None:
             continue
-        if isinstance(operand, Tensor):
+        if not isinstance(operand, ConstantOperand):
             check_size(operand.shape)
         walk.charge(math.prod(operand.shape))
     return result

@@ -32,7 +32,7 @@ from st_codegen.walkers.onnx.operands import (
     require_tensor,
 )
 from st_codegen.walkers.onnx.operators import apply_activation, apply_linear, apply_softmax, combined
-from st_codegen.walkers.onnx.shapes import joined, labelled, of_nearest, picked
+from st_codegen.walkers.onnx.shapes import joined, labelled, looked_up, of_nearest, picked
 from st_codegen.walkers.onnx.tree_ensemble import read_ensemble
 from st_codegen.walkers.onnx.tree_layout import build_ensemble
 from st_codegen.walkers.onnx.tree_lists import read_regressor
@@ -150,6 +150,8 @@ def _array_feature_extractor(call: NodeCall) -> Operand:
         return replace(labelled(operand, position), shape=(1, 1))
     if isinstance(position, PickedOperand):
         return replace(of_nearest(operand, position), shape=(1, position.count))
+    if isinstance(position, Tensor) and len(operand.shape) == 2:
+        return looked_up(call.walk, operand, position.moved(np.ravel), 1)
     positions = np.ravel(call.positions())
     if len(operand.shape) < 2:
         operand = operand.moved(lambda array: array.reshape(1, -1))
@@ -163,8 +165,9 @@ def _feature_vectorizer(call: NodeCall) -> Operand:
     parts = [one_row(call.computed(number)) for number in range(len(call.operands))]
     widths = call.node.integers("inputdimensions").tolist()
     if widths != [part.size for part in parts]:
-        raise InputError(
-            f"inputdimensions {widths} for inputs of {[part.size for part in parts]} columns; the model file is damaged"
+        raise UnsupportedModelError(
+            f"inputdimensions {widths} for inputs of {[part.size for part in parts]} columns: onnxruntime leaves some "
+            "out or adds zeros; export the model again"
         )
     return joined(call.walk, [call.walk.as_type(part, FLOAT32) for part in parts], axis=1)
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import AnyArray, IntArray, Label, Precision
+from st_codegen.ir import AnyArray, FloatArray, IntArray, Label, Precision
 
 #: Columns of one computed tensor, and features of one model.
 MAX_COLUMNS = 2**16
@@ -79,7 +79,7 @@ class Tensor:
 class LabelOperand:
     """A tensor of one element, which is one of the labels: column 0 of value `value` has its number.
 
-    `number_type`: labels that are numbers were cast to it.
+    `number_type`: the type of labels that are numbers, where it is not that of Python's own.
     """
 
     value: int
@@ -120,7 +120,24 @@ class PickedOperand:
         return replace(self, shape=found.shape)
 
 
-Operand = ConstantOperand | Tensor | LabelOperand | PickedOperand
+@dataclass(frozen=True)
+class BetweenOperand:
+    """Constants that the graph computes itself, each in its own way in each library: all lie between these numbers."""
+
+    low: FloatArray
+    high: FloatArray
+    dtype: np.dtype[Any]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return self.low.shape
+
+    def moved(self, move: Callable[[AnyArray], AnyArray]) -> BetweenOperand:
+        """The result of an operator that only moves numbers about."""
+        return replace(self, low=move(self.low), high=move(self.high))
+
+
+Operand = ConstantOperand | Tensor | LabelOperand | PickedOperand | BetweenOperand
 
 
 def together(parts: Sequence[Tensor], join: Callable[[Sequence[AnyArray]], AnyArray]) -> Tensor:
@@ -136,9 +153,10 @@ MAX_WHOLE = 2**53
 
 
 def require_float(tensor: Tensor) -> Tensor:
-    """The tensor itself; raises UnsupportedModelError where it holds integers."""
+    """The tensor itself; raises UnsupportedModelError where it holds integers or truth values."""
     if tensor.dtype not in (FLOAT32, FLOAT64):
-        raise UnsupportedModelError("reads integers; export the model with float inputs")
+        kind = "truth values" if tensor.dtype == TRUTH else "integers"
+        raise UnsupportedModelError(f"reads {kind}; cast them to float, or export the model with float inputs")
     return tensor
 
 
@@ -146,11 +164,25 @@ def require_tensor(operand: Operand) -> Tensor:
     """The operand itself; raises UnsupportedModelError unless it holds numbers computed from the inputs."""
     if isinstance(operand, ConstantOperand):
         raise UnsupportedModelError("reads a constant; fold constants when exporting")
+    if isinstance(operand, BetweenOperand):
+        raise UnsupportedModelError(
+            "reads a constant that the graph computes by functions; fold constants when exporting"
+        )
     if isinstance(operand, PickedOperand):
         raise UnsupportedModelError("reads what TopK picks; sums and means of it are supported")
     if isinstance(operand, LabelOperand):
         raise UnsupportedModelError("computes with labels of classes; they can be chosen among and cast only")
     return operand
+
+
+def require_same_type(*operands: Operand) -> np.dtype[Any]:
+    """The type of all operands; raises UnsupportedModelError where one is an input of integers, of whatever type."""
+    if any(isinstance(operand, Tensor) and operand.given for operand in operands):
+        raise UnsupportedModelError("reads the integers of an input; cast them to float, or export with float inputs")
+    types = list(dict.fromkeys(operand.dtype for operand in operands))
+    if len(types) > 1:
+        raise InputError(f"the inputs have different types, {' and '.join(map(str, types))}; the model file is damaged")
+    return types[0]
 
 
 def one_row(tensor: Tensor) -> Tensor:
@@ -171,9 +203,11 @@ def axis_of(axis: int, rank: int) -> int:
 
 
 def check_size(shape: Iterable[int], limit: int = MAX_COLUMNS) -> None:
-    """Raise InputError where a result has no elements, UnsupportedModelError where it has too many."""
+    """Raise UnsupportedModelError where a result has too many elements, or a computed one has none."""
     size = math.prod(shape)
-    if size == 0:
-        raise InputError("the result has no elements (a dimension is 0); the model file is damaged")
+    if size == 0 and limit <= MAX_COLUMNS:
+        raise UnsupportedModelError(
+            "the result has no elements (a dimension is 0); leave such tensors out of the graph"
+        )
     if size > limit:
         raise UnsupportedModelError(f"the result has {size} numbers for one row, at most {limit} are supported")

@@ -17,12 +17,14 @@ from st_codegen import ir
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import reference
 from st_codegen.ir.arrays import AnyArray, FloatArray
+from st_codegen.walkers.onnx.between import arithmetic_of, as_between, as_doubted, function_of, sum_of
 from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, operator
 from st_codegen.walkers.onnx.operands import (
     FLOAT32,
     FLOAT64,
     INTEGERS,
     MAX_FOLDED,
+    BetweenOperand,
     ConstantOperand,
     Operand,
     PickedOperand,
@@ -30,6 +32,7 @@ from st_codegen.walkers.onnx.operands import (
     axis_of,
     check_size,
     require_float,
+    require_same_type,
     require_tensor,
     together,
 )
@@ -43,7 +46,7 @@ _SYMBOLS = {"Add": ir.Operator.ADD, "Sub": ir.Operator.SUBTRACT, "Mul": ir.Opera
 
 
 def _arithmetic(call: NodeCall) -> Operand:
-    code, pair = _SYMBOLS[call.node.op_type], [call.required(), call.required(1)]
+    code, pair = _SYMBOLS[call.node.op_type], [call.walk.numbered(call.required(number)) for number in (0, 1)]
     if any(isinstance(side, Tensor) and side.dtype in INTEGERS and not side.given for side in pair):
         return _of_integers(call.walk, code, pair)
     return combined(call.walk, code, *pair)
@@ -61,6 +64,7 @@ def _of_integers(walk: GraphWalk, code: ir.Operator, pair: list[Operand]) -> Ope
         for side in pair
     ]
     found = require_tensor(combined(walk, code, *sides))
+    walk.builder.open_zeros |= code is ir.Operator.MULTIPLY  # of integers 0 has no sign
     if not stays_below(walk.builder, found, 2.0 ** (31 if dtype == np.int32 else 53)):
         raise UnsupportedModelError(
             "computes with integers of which it is not known that they stay small; cast to float"
@@ -94,12 +98,20 @@ def _mean(call: NodeCall) -> Operand:
 
 def combined(walk: GraphWalk, code: ir.Operator, left: Operand, right: Operand) -> Operand:
     """`left <code> right` with broadcasting, rounded once."""
-    if left.dtype != right.dtype:
-        raise InputError(f"the inputs have different types, {left.dtype} and {right.dtype}; the model file is damaged")
+    left, right = walk.numbered(left), walk.numbered(right)
+    require_same_type(left, right)
     try:
         shape = np.broadcast_shapes(left.shape, right.shape)
     except ValueError:
         raise InputError(f"shapes {left.shape} and {right.shape} do not fit; the model file is damaged") from None
+    sides = as_between(left), as_between(right)
+    if any(isinstance(side, BetweenOperand) for side in (left, right)):
+        if sides[0] is not None and sides[1] is not None:
+            check_size(shape, MAX_FOLDED)
+            return arithmetic_of(code, sides[0], sides[1])
+        numbers, doubt = as_doubted(next(side for side in sides if side is not None))
+        tensor = require_tensor(right if sides[0] is not None else left)
+        return _scaled(walk, code, tensor, numbers, shape, reverse=sides[0] is not None, doubt=doubt)
     if isinstance(left, ConstantOperand):
         if isinstance(right, ConstantOperand):
             check_size(shape, MAX_FOLDED)
@@ -115,15 +127,24 @@ def combined(walk: GraphWalk, code: ir.Operator, left: Operand, right: Operand) 
 
 
 def _scaled(
-    walk: GraphWalk, code: ir.Operator, tensor: Tensor, constant: AnyArray, shape: tuple[int, ...], reverse: bool
+    walk: GraphWalk,
+    code: ir.Operator,
+    tensor: Tensor,
+    constant: AnyArray,
+    shape: tuple[int, ...],
+    reverse: bool,
+    doubt: FloatArray | None = None,
 ) -> Tensor:
     check_size(shape)
+    if code is ir.Operator.DIVIDE and not reverse and not np.all(constant):
+        raise UnsupportedModelError("divides by a constant that is 0, which gives infinity or NaN")
     scale = ir.Scale(
         inputs=(walk.settle(_spread(require_float(tensor), shape)),),
         operator=code,
         constant=np.broadcast_to(constant, shape).astype(np.float64).ravel(),
         precision=tensor.precision,
         reverse=reverse,
+        doubt=None if doubt is None else np.broadcast_to(doubt, shape).ravel(),
     )
     return walk.computed(scale, shape, tensor.dtype, tensor.special)
 
@@ -157,18 +178,29 @@ def _remainder(call: NodeCall) -> Operand:
 
 @operator("Neg", 6, 13)
 def _negate(call: NodeCall) -> Operand:
-    tensor = call.computed()
-    return combined(call.walk, ir.Operator.MULTIPLY, tensor, ConstantOperand(np.array(-1.0, tensor.dtype)))
+    operand = call.walk.numbered(call.required())
+    if isinstance(operand, Tensor):
+        operand = require_float(operand)
+    return combined(call.walk, ir.Operator.MULTIPLY, operand, ConstantOperand(np.array(-1.0, operand.dtype)))
 
 
-def apply_linear(walk: GraphWalk, tensor: Tensor, weights: AnyArray, bias: AnyArray, shape: Sequence[int]) -> Tensor:
+def apply_linear(
+    walk: GraphWalk,
+    tensor: Tensor,
+    weights: AnyArray,
+    bias: AnyArray,
+    shape: Sequence[int],
+    doubt: FloatArray | None = None,
+) -> Tensor:
     """weights @ row + bias for each row of so many elements of a tensor, added in any order."""
     walk.refuse_special(tensor)
     walk.charge(weights.size)
     count, own = weights.shape[1], (walk.settle(tensor),)
     op: ir.Linear | ir.SlidingLinear
     if tensor.size == count:
-        op = ir.Linear(own, weights, bias, precision=tensor.precision)
+        op = ir.Linear(own, weights, bias, precision=tensor.precision, doubt=doubt)
+    elif doubt is not None:
+        raise UnsupportedModelError("multiplies several rows by constants that the graph computes by functions")
     else:
         check_size([tensor.size // count, len(weights)])
         starts, offsets = np.arange(0, tensor.size, count, dtype=np.int32), np.arange(count, dtype=np.int32)
@@ -185,6 +217,14 @@ def _matrix(constant: ConstantOperand, tensor: Tensor) -> FloatArray:
 @operator("MatMul", 9, 13)
 def _matmul(call: NodeCall) -> Operand:
     left, right = call.required(), call.required(1)
+    if (
+        isinstance(left, Tensor)
+        and isinstance(right, BetweenOperand)
+        and (*left.shape[-1:], 2) == (*right.shape[:1], len(right.shape))
+    ):
+        numbers, doubt = as_doubted(right)
+        weights = _matrix(ConstantOperand(numbers), require_float(left)).T
+        return apply_linear(call.walk, left, weights, np.zeros(len(weights)), (*left.shape[:-1], len(weights)), doubt.T)
     if isinstance(left, Tensor) and isinstance(right, ConstantOperand) and right.array.ndim < 3:
         weights = _matrix(right, require_float(left))
         if right.array.ndim and left.shape[-1:] == weights.shape[:1]:
@@ -328,6 +368,12 @@ def with_constant(
 
 #: Functions whose results are the nearest numbers everywhere, so that graphs may compute them of their constants.
 _CORRECT: dict[ir.Function, Callable[[AnyArray], AnyArray]] = {ir.Function.SQRT: np.sqrt, ir.Function.ABS: np.abs}
+#: Functions of which libraries find other numbers, one of them for each, that rise everywhere.
+_RISING: dict[ir.Function, Callable[[AnyArray], AnyArray]] = {
+    ir.Function.EXP: np.exp,
+    ir.Function.LOG: np.log,
+    ir.Function.SQRT: np.sqrt,
+}
 
 
 def _activation(function: ir.Function, name: str, *versions: int, alpha: float | None = None) -> None:
@@ -338,6 +384,8 @@ def _activation(function: ir.Function, name: str, *versions: int, alpha: float |
         if isinstance(operand, ConstantOperand) and operand.dtype in (FLOAT32, FLOAT64) and function in _CORRECT:
             with np.errstate(invalid="ignore"):
                 return operand.moved(_CORRECT[function])
+        if (limits := as_between(operand)) is not None and function in _RISING:
+            return function_of(_RISING[function], limits)
         tensor = call.computed()
         if function is ir.Function.SOFTPLUS and tensor.dtype == FLOAT64:
             raise UnsupportedModelError("onnxruntime's double version overflows above 709; cast the input to float")
@@ -385,13 +433,14 @@ def _clip(call: NodeCall) -> Operand:
 
 def _reduction(call: NodeCall) -> Operand:
     name, given = call.node.op_type, call.required()
-    tensor = given if isinstance(given, PickedOperand) else call.computed()
+    limits = as_between(given) if name == "ReduceSum" else None
+    tensor = given if isinstance(given, PickedOperand) else limits or call.computed()
     by_input = call.node.version >= (13 if name == "ReduceSum" else 18)
     axes = call.integers(1, "axes") if by_input else call.node.integers("axes").tolist()
-    if not axes and call.node.integer("noop_with_empty_axes"):
+    rank, none = len(tensor.shape), not axes and call.node.integer("noop_with_empty_axes")
+    if none and name not in _FUNCTIONS_OF_ONE:
         return tensor
-    rank = len(tensor.shape)
-    reduced = {axis_of(axis, rank) for axis in axes or range(rank)}
+    reduced = set() if none else {axis_of(axis, rank) for axis in axes or range(rank)}
     groups = tuple(1 if axis in reduced else length for axis, length in enumerate(tensor.shape))
     kept = (
         groups if call.node.integer("keepdims", 1) else tuple(n for axis, n in enumerate(groups) if axis not in reduced)
@@ -403,7 +452,8 @@ def _reduction(call: NodeCall) -> Operand:
     group = np.broadcast_to(np.arange(math.prod(groups)).reshape(groups), tensor.shape).ravel()
     order = np.argsort(group, kind="stable")
     rows = tensor.moved(lambda array: np.ravel(array)[order].reshape(math.prod(groups), -1))
-    return _REDUCTIONS[name](call.walk, rows).moved(lambda array: array.reshape(kept))
+    found = sum_of(rows) if isinstance(rows, BetweenOperand) else _REDUCTIONS[name](call.walk, rows)
+    return found.moved(lambda array: array.reshape(kept))
 
 
 def _mean_of_picked(walk: GraphWalk, picked: PickedOperand, divides: bool) -> Tensor:
@@ -486,6 +536,8 @@ _REDUCTIONS: dict[str, Callable[[GraphWalk, Tensor], Tensor]] = {
     "ReduceLogSumExp": _log_sum_exp,
     "ReduceLogSum": lambda walk, rows: apply_activation(walk, total_of(walk, rows), ir.Function.LOG),
 }
+#: Reductions that are a function of a number where they are of this number alone.
+_FUNCTIONS_OF_ONE = frozenset({"ReduceSumSquare", "ReduceL1", "ReduceL2", "ReduceLogSumExp", "ReduceLogSum"})
 for _name in _REDUCTIONS:
     newest = {"ReduceSum": (), "ReduceMax": (12, 18, 20), "ReduceMin": (12, 18, 20)}.get(_name, (18,))
     operator(_name, 1, 11, 13, *newest)(_reduction)

@@ -15,7 +15,7 @@ from st_codegen.walkers.base import Classified
 from st_codegen.walkers.classes import largest
 from st_codegen.walkers.onnx.file import plain, printable, type_name
 from st_codegen.walkers.onnx.graph import GraphWalk
-from st_codegen.walkers.onnx.operands import TRUTH, ConstantOperand, LabelOperand, PickedOperand, Tensor
+from st_codegen.walkers.onnx.operands import TRUTH, BetweenOperand, ConstantOperand, LabelOperand, PickedOperand, Tensor
 from st_codegen.walkers.onnx.ranges import are_shares
 from st_codegen.walkers.onnx.session import Reader, read_label, read_largest, read_map
 
@@ -65,7 +65,11 @@ def _checked(walk: GraphWalk, info: onnx.ValueInfoProto, problems: Problems) -> 
         if info.name not in walk.values:
             raise InputError(f"the output '{name}' is not computed by any node; the model file is damaged")
         operand = walk.values[info.name]
-        if isinstance(operand, ConstantOperand):
+        if isinstance(operand, LabelOperand) and len(set(operand.labels)) < max(len(operand.labels), 2):
+            operand = walk.numbered(operand)  # one number for several places of a list is no label of a class
+            if isinstance(operand, LabelOperand):
+                raise UnsupportedModelError(f"the output '{name}' picks from texts that are equal; leave it out")
+        if isinstance(operand, ConstantOperand | BetweenOperand):
             raise UnsupportedModelError(f"the output '{name}' is a constant; remove it from the graph")
         if isinstance(operand, Tensor) and info.name not in walk.zipped:
             _check_type(info, name, operand)

@@ -24,6 +24,7 @@ from st_codegen.walkers.onnx.operands import (
     Tensor,
     axis_of,
     check_size,
+    require_same_type,
     require_tensor,
 )
 from st_codegen.walkers.onnx.operators import combined, extreme_of, with_constant
@@ -103,7 +104,7 @@ def _quantize(call: NodeCall) -> Operand:
 @operator("DequantizeLinear", *_VERSIONS)
 def _dequantize(call: NodeCall) -> Operand:
     operand = call.required()
-    _small(operand.dtype, _SUMS)
+    _small(require_same_type(operand), _SUMS)
     if call.node.integer("output_dtype"):
         raise UnsupportedModelError("output_dtype; float is what a scale of float gives")
     scale, zero = _scale(call, 1, operand.shape), _spread(call, 2, "the zero point", operand.shape)
@@ -150,7 +151,7 @@ def _sums(call: NodeCall, a: int, a_zero: int, b: int, b_zero: int) -> Tensor:
     """The sums of products of integers with constant ones, each less its zero point."""
     left, walk = require_tensor(call.required(a)), call.walk
     weights = call.constant(b, "the second matrix")
-    eight = (np.dtype(np.uint8), np.dtype(np.int8))
+    eight, _ = (np.dtype(np.uint8), np.dtype(np.int8)), require_same_type(left)
     if weights is None or weights.dtype not in eight or left.dtype not in eight or weights.ndim != 2:
         raise UnsupportedModelError("multiplies other than integers of 8 bits by a constant matrix of them")
     if left.shape[-1:] != weights.shape[:1] or left.size != left.shape[-1]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -108,31 +108,39 @@ class _SessionPredictor:
         for each row as one row alone has. A graph that takes no batch passes: it can be called with single rows only.
         """
         width = self.inputs[-1].start + self.inputs[-1].size
-        self(np.zeros((1, width)))  # some faults show only when a model runs
+        try:
+            self(row := np.zeros((1, width)))  # some faults show only when a model runs
+        except InputError:  # 0 may be no position in a list
+            self(row := np.ones((1, width)))
         most = max(given.batch for given in self.inputs)
         if most == 1:
             return
-        alone = self._batch(np.zeros((1, width)), 1)
+        alone = self._batch(row, 1)
         # a constant with a row for each row of a batch takes no other batch, and gives one row all of its own rows
         lengths = {len(found) for found in alone if np.ndim(found)}
         for rows in sorted({most, *(length for length in lengths if 1 < length <= MOST_ROWS)}):
             for name, found in zip(self.names, alone, strict=True):
-                self._try_batch(rows, name, np.size(found))
+                if not self._try_batch(rows, name, np.size(found), fractions=True):
+                    self._try_batch(rows, name, np.size(found), fractions=False)
 
-    def _try_batch(self, rows: int, name: str, size: int) -> None:
-        """Raise InputError where a batch of so many rows does not hold an answer of so many numbers for each row."""
+    def _try_batch(self, rows: int, name: str, size: int, *, fractions: bool) -> bool:
+        """Raise InputError where a batch of so many rows does not hold an answer of so many numbers for each row.
+
+        Of numbers with fractions, or of 0 and 1, which are positions in any list of two; FALSE: it takes no such batch.
+        """
         width = self.inputs[-1].start + self.inputs[-1].size
         random, output = np.random.default_rng(0), self.names.index(name)
+        draw = partial(random.normal, 0.0, 3.0) if fractions else partial(random.integers, 0, 2)
         for changed in (0, rows - 1) * 4:
-            batch = random.normal(scale=3.0, size=(rows, width))
+            batch = np.asarray(draw((rows, width)), np.float64)
             other = batch.copy()
             for given in self.inputs:
                 if given.batch > 1:
-                    other[changed, given.columns] = random.normal(scale=3.0, size=given.shape)
+                    other[changed, given.columns] = draw(given.shape)
             try:
                 pair = [np.asarray(self._batch(x, rows)[output]) for x in (batch, other)]
             except Exception:  # its exceptions have no common base class
-                return
+                return False
             rest = [
                 np.delete(found.reshape(rows, size), changed, axis=0).tolist() if found.size == rows * size else None
                 for found in pair
@@ -144,6 +152,7 @@ class _SessionPredictor:
                     "several rows, ..), and a controller has one row at a time; where one row is meant, export with a "
                     "batch dimension of 1"
                 )
+        return True
 
     def _batch(self, x: FloatArray, rows: int) -> list[Any]:
         """The outputs for several rows at once; inputs without a dimension for rows have the numbers of the first."""

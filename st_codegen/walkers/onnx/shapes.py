@@ -12,7 +12,8 @@ import numpy as np
 import onnx
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import AnyArray, Piecewise
+from st_codegen.ir import AnyArray, Exceeds, Piecewise
+from st_codegen.walkers.onnx.between import as_between, joined_constants
 from st_codegen.walkers.onnx.elementwise import choice_of, is_not_zero
 from st_codegen.walkers.onnx.file import type_name
 from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, Result, operator
@@ -23,6 +24,7 @@ from st_codegen.walkers.onnx.operands import (
     MAX_COLUMNS,
     MAX_FOLDED,
     TRUTH,
+    BetweenOperand,
     ConstantOperand,
     LabelOperand,
     Operand,
@@ -31,6 +33,7 @@ from st_codegen.walkers.onnx.operands import (
     axis_of,
     check_size,
     require_float,
+    require_same_type,
     require_tensor,
     together,
 )
@@ -71,7 +74,7 @@ def _cast(call: NodeCall) -> Operand:
 
 @operator("CastLike", 15, 19, 21, 23, 24, 25)
 def _cast_like(call: NodeCall) -> Operand:
-    return _converted(call, call.required(1).dtype)
+    return _converted(call, require_same_type(call.required(1)))
 
 
 def _converted(call: NodeCall, dtype: np.dtype[Any]) -> Operand:
@@ -81,6 +84,8 @@ def _converted(call: NodeCall, dtype: np.dtype[Any]) -> Operand:
         return _cast_labels(operand, dtype)
     if isinstance(operand, PickedOperand):
         raise UnsupportedModelError("casts what TopK picks")
+    if isinstance(operand, BetweenOperand):
+        raise UnsupportedModelError("casts a constant that the graph computes by functions")
     if isinstance(operand, Tensor):
         return _converted_tensor(call.walk, operand, dtype)
     if np.issubdtype(dtype, np.integer) and not np.issubdtype(operand.dtype, np.integer):
@@ -255,11 +260,14 @@ def _concat(call: NodeCall) -> Operand:
 
 def joined(walk: GraphWalk, parts: Sequence[Operand], axis: int) -> Operand:
     """The parts laid end to end along an axis."""
-    parts = [_numbered(walk, part) if isinstance(part, LabelOperand) else part for part in parts]
+    parts = [walk.numbered(part) for part in parts if 0 not in part.shape] or list(parts)
     if any(isinstance(part, PickedOperand) for part in parts):
         raise UnsupportedModelError("joins what TopK picks; sums and means of it are supported")
-    if len({part.dtype for part in parts}) > 1:
-        raise InputError("joins tensors of different types; the model file is damaged")
+    if len({(part.dtype, isinstance(part, Tensor) and part.given) for part in parts}) > 1:
+        require_same_type(*parts)
+    limits = [limit for part in parts if (limit := as_between(part)) is not None]
+    if any(isinstance(part, BetweenOperand) for part in parts) and len(limits) == len(parts):
+        return joined_constants(limits, axis)
     constants = [part.array for part in parts if isinstance(part, ConstantOperand)]
     computed = next((part for part in parts if isinstance(part, Tensor)), None)
     try:
@@ -281,23 +289,16 @@ def joined(walk: GraphWalk, parts: Sequence[Operand], axis: int) -> Operand:
         raise InputError(f"tensors of shapes {shapes} cannot be joined along axis {axis}") from None
 
 
-def _numbered(walk: GraphWalk, choice: LabelOperand) -> Tensor:
-    """Labels that are numbers as these."""
-    if choice.dtype not in (FLOAT32, FLOAT64):
-        raise UnsupportedModelError("joins labels of classes; cast them to float, or leave all but one of them out")
-    labels = np.array(choice.labels, np.float64)
-    knots, pieces = np.arange(float(len(labels))), np.full((len(labels) + 1, 1), labels[0])
-    numbers = Piecewise((choice.value,), np.array([0, len(labels)]), knots, labels, pieces)
-    return walk.computed(numbers, choice.shape, choice.dtype)
-
-
 def _rounded(walk: GraphWalk, tensor: Tensor) -> Tensor:
     return walk.computed(walk.settle(tensor), tensor.shape, tensor.dtype, tensor.special)
 
 
 @operator("Where", 9, 16)
 def _where(call: NodeCall) -> Operand:
-    """A constant condition, such as a mask, picks columns; a computed one chooses between numbers."""
+    """A constant condition, such as a mask, picks columns; a computed one chooses between numbers.
+
+    onnxruntime may give 0 for a -0 that is picked (core/providers/cpu/tensor/where_op.cc).
+    """
     condition = call.required()
     if not isinstance(condition, ConstantOperand):
         return choice_of(call)
@@ -309,6 +310,7 @@ def _where(call: NodeCall) -> Operand:
     size = math.prod(shape)
     flat = [side.moved(lambda array: np.broadcast_to(array, shape).reshape(size)) for side in sides]
     places = np.arange(size) + np.where(np.broadcast_to(condition.array, shape).ravel(), 0, size)
+    call.walk.builder.open_zeros |= any(isinstance(side, Tensor) for side in sides)
     return joined(call.walk, flat, 0).moved(lambda array: array[places].reshape(shape))
 
 
@@ -358,7 +360,46 @@ def _gather(call: NodeCall) -> Operand:
         return labelled(operand, position)
     if isinstance(position, PickedOperand):
         return of_nearest(operand, position)
-    return picked(operand, call.positions(), axis_of(call.node.integer("axis"), len(operand.shape)))
+    axis = axis_of(call.node.integer("axis"), len(operand.shape))
+    if isinstance(position, Tensor):
+        return looked_up(call.walk, operand, _from_the_front(call.walk, position, operand.shape[axis]), axis)
+    return picked(operand, call.positions(), axis)
+
+
+def _from_the_front(walk: GraphWalk, position: Tensor, length: int) -> Tensor:
+    """Positions below 0, which count from the end, as those from the front."""
+    value, size = walk.settle(position), position.size
+    before = walk.builder.add(Exceeds((walk.builder.scale(value, "*", np.full(size, -1.0)),), np.zeros(size)))
+    moved = walk.builder.combine(value, "+", walk.builder.scale(before, "*", np.full(size, float(length))))
+    return replace(walk.computed(moved, position.shape, position.dtype), given=position.given)
+
+
+def looked_up(walk: GraphWalk, table: Operand, position: Tensor, axis: int) -> Tensor:
+    """Numbers of a constant table at positions that are computed; there is no answer for positions beyond it."""
+    require_same_type(position)
+    if position.dtype not in INTEGERS:
+        raise UnsupportedModelError(f"picks by positions of {position.dtype}; integers are supported")
+    if not isinstance(table, ConstantOperand) or table.dtype not in (FLOAT32, FLOAT64):
+        raise UnsupportedModelError("picks by a computed position; it can be looked up in constants of float only")
+    if not np.all(np.isfinite(table.array)):
+        raise UnsupportedModelError("looks up numbers of which some are infinite or NaN")
+    rows = np.moveaxis(table.array, axis, -1)
+    shape = (*table.shape[:axis], *position.shape, *table.shape[axis + 1 :])
+    listed, count = rows.reshape(-1, rows.shape[-1]).astype(np.float64), rows.shape[-1]
+    check_size([*shape, count], MAX_FOLDED)
+    walk.charge(math.prod([*shape, count]))
+    places = np.arange(position.size).reshape((1,) * axis + position.shape + (1,) * (len(table.shape) - axis - 1))
+    ones = [1] * len(position.shape)
+    others = np.arange(len(listed)).reshape((*table.shape[:axis], *ones, *table.shape[axis + 1 :]))
+    column, row = (np.broadcast_to(array, shape).ravel() for array in (places, others))
+    op = Piecewise(
+        (walk.builder.select(column.astype(np.int32), walk.settle(position)),),
+        start=np.arange(len(row) + 1) * count,
+        knots=np.tile(np.arange(float(count)), len(row)),
+        at=listed[row].ravel(),
+        pieces=np.full((len(row) * (count + 1), 1), np.inf),
+    )
+    return walk.computed(op, shape, table.dtype)
 
 
 def labelled(labels: Operand, choice: LabelOperand) -> LabelOperand:
@@ -367,8 +408,9 @@ def labelled(labels: Operand, choice: LabelOperand) -> LabelOperand:
         raise UnsupportedModelError("picks by a computed position; only a constant list of labels can be picked from")
     listed = np.ravel(labels.array).tolist()
     if not all(isinstance(at, int) and 0 <= at < len(listed) for at in choice.labels):
-        raise InputError(f"positions outside 0 .. {len(listed) - 1}; the model file is damaged")
-    return replace(choice, labels=tuple(listed[int(at)] for at in choice.labels))
+        raise InputError(f"picks from {len(listed)} numbers by positions beyond them, on which onnxruntime fails")
+    kind = None if labels.dtype.kind == "O" else labels.dtype
+    return replace(choice, labels=tuple(listed[int(at)] for at in choice.labels), number_type=kind)
 
 
 def of_nearest(numbers: Operand, position: PickedOperand) -> PickedOperand:
@@ -401,16 +443,20 @@ def picked(operand: Operand, indices: AnyArray, axis: int) -> Operand:
 
 @operator("GatherElements", 11, 13)
 def _gather_elements(call: NodeCall) -> Operand:
+    """Each element by its own place and a position along one axis; fewer positions take a part of the other axes."""
     operand, positions = call.required(), call.positions()
-    axis = axis_of(call.node.integer("axis"), len(operand.shape))
-    length = operand.shape[axis] if operand.shape else 0
-    if positions.ndim != len(operand.shape) or np.any((positions < -length) | (positions >= length)):
-        raise InputError(f"positions of shape {positions.shape}, or beyond those of shape {operand.shape}")
+    axis, shape = axis_of(call.node.integer("axis"), len(operand.shape)), operand.shape
+    length = shape[axis] if shape else 0
+    if (
+        positions.ndim != len(shape)
+        or np.any((positions < -length) | (positions >= length))
+        or any(n > most for at, (n, most) in enumerate(zip(positions.shape, shape, strict=True)) if at != axis)
+    ):
+        raise InputError(f"positions of shape {positions.shape}, or beyond those of shape {shape}")
     check_size(positions.shape)
-    try:
-        return operand.moved(lambda array: np.take_along_axis(array, positions, axis))
-    except (ValueError, IndexError):
-        raise InputError(f"positions of shape {positions.shape} for shape {operand.shape}") from None
+    places: list[AnyArray] = list(np.indices(positions.shape, sparse=True))
+    places[axis] = positions
+    return operand.moved(lambda array: np.asarray(array[tuple(places)]))
 
 
 @operator("Slice", 1, 10, 11, 13)
@@ -422,6 +468,8 @@ def _slice(call: NodeCall) -> Operand:
         given = [call.integers(number, name) for number, name in enumerate(("starts", "ends", "axes"), 1)]
     starts, ends, axes = given
     steps = call.integers(4, "steps")
+    if starts == ends == []:
+        return operand
     if not starts or ends is None or len({len(part) for part in (starts, ends, axes or starts, steps or starts)}) > 1:
         raise InputError("starts, ends, axes and steps are missing or of different lengths; the model file is damaged")
     taken = [slice(None)] * len(operand.shape)
@@ -434,7 +482,7 @@ def _slice(call: NodeCall) -> Operand:
         end = None if step < 0 and ends[number] < -length else ends[number]
         taken[axis_of(axis, len(operand.shape))] = slice(starts[number], end, step)
         # a shape may lose all of its lengths, numbers of a row may not
-        if isinstance(operand, Tensor) and not len(range(length)[slice(starts[number], end, step)]):
+        if not isinstance(operand, ConstantOperand) and not len(range(length)[slice(starts[number], end, step)]):
             raise UnsupportedModelError(f"takes no columns from {starts[number]} to {ends[number]} of {length}")
     return operand.moved(lambda array: array[tuple(taken)])
 
@@ -448,7 +496,9 @@ def _split(call: NodeCall) -> Result:
     if not sizes:
         each = -(-length // count)
         sizes = [max(min(each, length - each * number), 0) for number in range(count)]
-    if len(sizes) != count or sum(sizes) != length or min(sizes) < 1:
+    if 0 in sizes and not isinstance(operand, ConstantOperand):
+        raise UnsupportedModelError(f"parts of {sizes}, of which one has no columns; leave it out of the graph")
+    if len(sizes) != count or sum(sizes) != length or min(sizes) < 0:
         raise InputError(f"parts of {sizes} for {count} outputs and {length} columns; the model file is damaged")
     ends = np.cumsum(sizes)
     return tuple(
@@ -471,7 +521,7 @@ def _expand(call: NodeCall) -> Operand:
 @operator("Tile", 6, 13)
 def _tile(call: NodeCall) -> Operand:
     operand, times = call.required(), call.integers(1, "repeats") or []
-    if len(times) != len(operand.shape) or min(times, default=1) < 1:
+    if len(times) != len(operand.shape) or min(times, default=1) < 0:
         raise InputError(f"repeats shape {operand.shape} {times} times; the model file is damaged")
     check_size([*operand.shape, *times], MAX_FOLDED if isinstance(operand, ConstantOperand) else MAX_COLUMNS)
     return operand.moved(partial(np.tile, reps=times))
@@ -482,6 +532,6 @@ def _constant_of_shape(call: NodeCall) -> Operand:
     shape, value = call.integers(0, "shape") or [], call.node.tensor("value")
     check_size(shape, MAX_FOLDED)
     filler = np.zeros(1, np.float32) if value is None else value
-    if filler.size != 1 or min(shape, default=1) < 1:
+    if filler.size != 1 or min(shape, default=1) < 0:
         raise InputError("the value is not one number, or the shape is negative; the model file is damaged")
     return ConstantOperand(np.full(tuple(shape), np.ravel(filler)[0], filler.dtype))
