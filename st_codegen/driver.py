@@ -31,12 +31,10 @@ from st_codegen.passes.choose import Choices, CostFunction, Layout, Options, sim
 from st_codegen.passes.pipeline import Compiled, compile_models, unchanged
 from st_codegen.project.bundle import Bundle, load
 from st_codegen.project.purpose import Purpose
-from st_codegen.proof import predict as predictions
 from st_codegen.proof.emitted import check_emitted, reader
 from st_codegen.proof.isolated import isolated
 from st_codegen.proof.probes import operating_range, range_source
 from st_codegen.proof.prove.range_bound import largest_loss
-from st_codegen.proof.runner import GeneratedCode
 from st_codegen.proof.vectors import check_row, reference_vectors
 
 #: More elements, or bytes, than any table has.
@@ -266,6 +264,9 @@ def predict(
 
     `Engine.ST` generates the project for TwinCAT into a temporary folder first.
     """
+    from st_codegen.proof import predict as predictions
+    from st_codegen.proof.runner import GeneratedCode
+
     if engine is Evaluator.REFERENCE:
         return predictions.predict(bundle, columns, predictions.by_reference, table=table)
     if engine is Evaluator.SOURCE:

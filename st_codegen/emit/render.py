@@ -18,7 +18,6 @@ from st_codegen.emit.contents import Contents
 from st_codegen.emit.scl_text import scl_section
 from st_codegen.emit.targets.base import PLAIN, FileForm, FilePlan, Target
 
-
 _IN_XML = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;"})
 
 
