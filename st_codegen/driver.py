@@ -369,19 +369,17 @@ def _staged(
     earlier = Choices() if settings.relayout else _earlier(folder)
     compiled, purpose = _compiled(bundle, target, settings, earlier)
     cuts = {} if settings.relayout else _earlier_cuts(folder, settings.limits.max_array)
-    plans = _planned(bundle, compiled, purpose, target, settings, cuts)
-    files = print_plans(target, plans)
-    known = facts(bundle, compiled, purpose, plans, settings.limits.max_array)
-    if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
-    is_large = sum(block.table_bytes for plan in plans for block in plan.blocks) > _LARGE_TABLES
-    with (
-        reader(is_large=is_large) as other,
-        output.staged(out or Path(tempfile.gettempdir()), files, known, other.tell) as stage,
-    ):
-        if not other.finds_in_order(stage, target.dialect, portable=target.is_portable):
-            check_emitted(stage, target.dialect, portable=target.is_portable)
-        yield _Staged(stage, compiled, purpose, known)
+    is_large = sum(decision.candidates[0].cost.table_bytes for decision in compiled.decisions) > _LARGE_TABLES
+    with reader(is_large=is_large) as other:  # who gets ready while the text is planned
+        plans = _planned(bundle, compiled, purpose, target, settings, cuts)
+        files = print_plans(target, plans)
+        known = facts(bundle, compiled, purpose, plans, settings.limits.max_array)
+        if out is not None:
+            out.mkdir(parents=True, exist_ok=True)
+        with output.staged(out or Path(tempfile.gettempdir()), files, known, other.tell) as stage:
+            if not other.finds_in_order(stage, target.dialect, portable=target.is_portable):
+                check_emitted(stage, target.dialect, portable=target.is_portable)
+            yield _Staged(stage, compiled, purpose, known)
 
 
 def _earlier(folder: Path) -> Choices:
