@@ -31,12 +31,10 @@ from st_codegen.passes.choose import Choices, CostFunction, Layout, Options, sim
 from st_codegen.passes.pipeline import Compiled, compile_models, unchanged
 from st_codegen.project.bundle import Bundle, load
 from st_codegen.project.purpose import Purpose
-from st_codegen.proof import predict as predictions
 from st_codegen.proof.emitted import check_emitted, reader
 from st_codegen.proof.isolated import isolated
 from st_codegen.proof.probes import operating_range, range_source
 from st_codegen.proof.prove.range_bound import largest_loss
-from st_codegen.proof.runner import GeneratedCode
 from st_codegen.proof.vectors import check_row, reference_vectors
 
 #: More elements, or bytes, than any table has.
@@ -266,6 +264,9 @@ def predict(
 
     `Engine.ST` generates the project for TwinCAT into a temporary folder first.
     """
+    from st_codegen.proof import predict as predictions
+    from st_codegen.proof.runner import GeneratedCode
+
     if engine is Evaluator.REFERENCE:
         return predictions.predict(bundle, columns, predictions.by_reference, table=table)
     if engine is Evaluator.SOURCE:
@@ -368,19 +369,17 @@ def _staged(
     earlier = Choices() if settings.relayout else _earlier(folder)
     compiled, purpose = _compiled(bundle, target, settings, earlier)
     cuts = {} if settings.relayout else _earlier_cuts(folder, settings.limits.max_array)
-    plans = _planned(bundle, compiled, purpose, target, settings, cuts)
-    files = print_plans(target, plans)
-    known = facts(bundle, compiled, purpose, plans, settings.limits.max_array)
-    if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
-    is_large = sum(block.table_bytes for plan in plans for block in plan.blocks) > _LARGE_TABLES
-    with (
-        reader(is_large=is_large) as other,
-        output.staged(out or Path(tempfile.gettempdir()), files, known, other.tell) as stage,
-    ):
-        if not other.finds_in_order(stage, target.dialect, portable=target.is_portable):
-            check_emitted(stage, target.dialect, portable=target.is_portable)
-        yield _Staged(stage, compiled, purpose, known)
+    is_large = sum(decision.candidates[0].cost.table_bytes for decision in compiled.decisions) > _LARGE_TABLES
+    with reader(is_large=is_large) as other:  # who gets ready while the text is planned
+        plans = _planned(bundle, compiled, purpose, target, settings, cuts)
+        files = print_plans(target, plans)
+        known = facts(bundle, compiled, purpose, plans, settings.limits.max_array)
+        if out is not None:
+            out.mkdir(parents=True, exist_ok=True)
+        with output.staged(out or Path(tempfile.gettempdir()), files, known, other.tell) as stage:
+            if not other.finds_in_order(stage, target.dialect, portable=target.is_portable):
+                check_emitted(stage, target.dialect, portable=target.is_portable)
+            yield _Staged(stage, compiled, purpose, known)
 
 
 def _earlier(folder: Path) -> Choices:

@@ -7,14 +7,17 @@ as the reader of such files does (`walkers.beckhoff_ml`).
 from __future__ import annotations
 
 from pathlib import Path, PureWindowsPath
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from st_codegen.beckhoff_ml.model import load_file
 from st_codegen.errors import InputError
 from st_codegen.ir import BoolArray
-from st_codegen.st import Library, NativeBlock, NativeCall
 from st_codegen.walkers.base import Predictor
+
+if TYPE_CHECKING:
+    from st_codegen.st import Library, NativeCall
 
 _TEXT = """
 TYPE ETcMllDataType : (E_MLLDT_UNDEFINED := 0, E_MLLDT_FP32_REAL := 1, E_MLLDT_FP64_LREAL := 2) DINT; END_TYPE
@@ -41,6 +44,7 @@ def mll_library(folder: Path) -> Library | None:
     """Tc3_MLL for a generated folder with model files; a path on the controller means the file that ends so."""
     if not any(folder.glob("Models/*/*.xml")):
         return None
+    from st_codegen.st import Library, NativeBlock
 
     predictors: dict[str, Predictor] = {}
 

@@ -31,7 +31,6 @@ from st_codegen.cli.costs import Explanation, print_explanation
 from st_codegen.files.text import inert
 
 if TYPE_CHECKING:
-    from st_codegen.cost.profile import Profile
     from st_codegen.driver import Generated, Wishes
     from st_codegen.emit.output import FileChange
     from st_codegen.emit.targets import Target
@@ -206,19 +205,17 @@ def command(
     With a bundle.toml the folder is a transmission error bundle and FB_TEPredict and FB_Compensator are generated from
     its models; without one, every model file becomes a function block of its own.
     """
-    from st_codegen.cost.profile import load_profile
-    from st_codegen.cost.profile_files import DEFAULT
-    from st_codegen.driver import generate, limits_for, wishes_of
+    from st_codegen.driver import generate, wishes_of
     from st_codegen.emit.output import check_place
     from st_codegen.emit.targets import target_named
     from st_codegen.project.bundle import load
     from st_codegen.proof.emitted import one_reader
-    from st_codegen.proof.explain import Pricing, real_remarks
+    from st_codegen.proof.prove.range_bound import real_remarks
 
     if html is not None and (only_check or not explain):
         raise click.UsageError("--html is a page of what --explain says: give --explain, without --check.")
-    machine = load_profile(profile or DEFAULT)
     chosen = [target_named(name) for name in targets or ("twincat",)]
+    pricing = _pricing(chosen, profile, wished["max_array"]) if explain or profile is not None else {}
     for target in chosen:
         check_place(out / target.name)
     wishes = wishes_of(wished, chosen)
@@ -227,7 +224,6 @@ def command(
             bundle = load(models, trust_pickle=trust_pickle, outputs=outputs, progress=progress, real=real, **names)
         for name, text in real_remarks(bundle.irs).items():
             say(f"{name}: {text}")
-        pricing = {t.name: Pricing(t, limits_for(t, wished["max_array"]), machine) for t in chosen}
         for target in chosen if profile is not None else ():
             wishes[target.name]["cost"] = pricing[target.name]
         if only_check:
@@ -239,13 +235,24 @@ def command(
             if not quiet:
                 _show_generated(generated)
             if explain:
-                explained.append(_explanation(bundle, generated, target, pricing[target.name], machine))
+                explained.append(_explanation(bundle, generated, target, pricing[target.name]))
                 print_explanation(explained[-1])
     if html is not None:
         from st_codegen.cli.pages import explain_sections, write_pages
 
         summary, sections = explain_sections(explained)
         write_pages(f"Layouts and times of {models}", sections, summary, html, None)
+
+
+def _pricing(chosen: Sequence[Target], profile: str | None, max_array: int | None) -> dict[str, Pricing]:
+    """What counts the emitted text on a controller, by target."""
+    from st_codegen.cost.profile import load_profile
+    from st_codegen.cost.profile_files import DEFAULT
+    from st_codegen.driver import limits_for
+    from st_codegen.proof.explain import Pricing
+
+    machine = load_profile(profile or DEFAULT)
+    return {target.name: Pricing(target, limits_for(target, max_array), machine) for target in chosen}
 
 
 def _check(
@@ -285,9 +292,7 @@ def _show_generated(generated: Generated) -> None:
         say(line)
 
 
-def _explanation(
-    bundle: Bundle, generated: Generated, target: Target, pricing: Pricing, machine: Profile
-) -> Explanation:
+def _explanation(bundle: Bundle, generated: Generated, target: Target, pricing: Pricing) -> Explanation:
     """What `--explain` says of one target."""
     from st_codegen.proof.explain import input_limits, prices
     from st_codegen.proof.runner import GeneratedCode
@@ -297,7 +302,7 @@ def _explanation(
         target.name,
         tuple(input_limits(bundle.irs)),
         tuple(prices(generated.compiled, pricing)),
-        cycle_cost(GeneratedCode(generated.folder, target.dialect), machine),
+        cycle_cost(GeneratedCode(generated.folder, target.dialect), pricing.profile),
     )
 
 

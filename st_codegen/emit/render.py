@@ -9,7 +9,6 @@ from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
-from xml.sax.saxutils import escape
 
 import jinja2
 
@@ -18,6 +17,8 @@ from st_codegen.emit.blocks.model import Limits
 from st_codegen.emit.contents import Contents
 from st_codegen.emit.scl_text import scl_section
 from st_codegen.emit.targets.base import PLAIN, FileForm, FilePlan, Target
+
+_IN_XML = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;"})
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,7 @@ def _templates(folder: Path, name: str) -> jinja2.Environment:
 
 def _as_xml_text(text: str) -> str:
     """Text between tags or in double quotes."""
-    return escape(str(text), {'"': "&quot;"})
+    return str(text).translate(_IN_XML)
 
 
 def _single_round(body: str, variable: str, value: int) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,8 +17,9 @@ from st_codegen.emit.blocks.comparison import PROGRAM
 from st_codegen.entries import Entries
 from st_codegen.ir import BoolArray, FloatArray, ModelIR
 from st_codegen.proof.bounds import text_bound
-from st_codegen.st import Library
-from st_codegen.st.run.library import TC2_STANDARD, TC2_SYSTEM, TCUNIT
+
+if TYPE_CHECKING:
+    from st_codegen.st import Library
 
 
 def _answers_all(_: ModelIR, x: FloatArray) -> BoolArray:
@@ -48,17 +50,24 @@ def arithmetic_of(target: str) -> Arithmetic:
     return ARITHMETIC.get(target, _OWN_TEXT)
 
 
-def _beside(library: Library, pattern: str) -> Callable[[Path], Library | None]:
-    """A library that is needed where a folder has files of a pattern."""
-    return lambda folder: library if any(folder.glob(pattern)) else None
+def _beside(library: str, pattern: str) -> Callable[[Path], Library | None]:
+    """A library (of `st.run.library`) that is needed where a folder has files of a pattern."""
+
+    def offered(folder: Path) -> Library | None:
+        from st_codegen.st.run import library as known
+
+        found: Library = getattr(known, library)
+        return found if any(folder.glob(pattern)) else None
+
+    return offered
 
 
 #: For each library that generated text may call, whether (and with which contents) a generated folder needs it.
 LIBRARIES: Entries[Callable[[Path], Library | None]] = Entries(
     {
-        "unit tests": _beside(TCUNIT, "Tests/*"),
-        "strings": _beside(TC2_STANDARD, "Tests/*"),
-        "system": _beside(TC2_SYSTEM, f"**/{PROGRAM}.*"),
+        "unit tests": _beside("TCUNIT", "Tests/*"),
+        "strings": _beside("TC2_STANDARD", "Tests/*"),
+        "system": _beside("TC2_SYSTEM", f"**/{PROGRAM}.*"),
     }
 )
 

@@ -1,4 +1,7 @@
-"""What the compiler has written is read back before anybody gets it."""
+"""What the compiler has written is read back before anybody gets it.
+
+Who reads loads the reader of Structured Text: mostly a copy, while this process loads models.
+"""
 
 from __future__ import annotations
 
@@ -12,10 +15,6 @@ from pathlib import Path
 
 from st_codegen.errors import DefectError, GeneratedCodeError
 from st_codegen.processes import can_be_copied, make_copy, other_processors
-from st_codegen.proof.runner import GeneratedCode
-from st_codegen.st.check.portable import single_rounds, violations_in
-from st_codegen.st.syntax.parser import get_ready
-from st_codegen.st.syntax.source import read_ahead
 
 #: Problems that a message lists.
 _NAMED = 5
@@ -26,6 +25,9 @@ def check_emitted(folder: Path, dialect: str, *, portable: bool) -> None:
 
     `portable`: the text claims to be of the portable subset as a whole. Raises DefectError that lists what is wrong.
     """
+    from st_codegen.proof.runner import GeneratedCode
+    from st_codegen.st.check.portable import single_rounds, violations_in
+
     try:
         code = GeneratedCode(folder, dialect)
         problems = single_rounds(code.project)
@@ -59,7 +61,12 @@ class Reader:
         def read() -> None:
             os.close(told)
             os.close(answers)
+            from st_codegen.st.syntax.parser import get_ready
+            from st_codegen.st.syntax.source import read_ahead
+
             get_ready()
+            import st_codegen.proof.runner  # noqa: F401 - the rest of what reads
+
             with os.fdopen(reading) as lines:
                 for path, dialect, portable in map(json.loads, lines):
                     if dialect is None:
@@ -120,6 +127,8 @@ def reader(*, is_large: bool) -> Iterator[Reader]:
     if one is not None:
         yield one
         return
+    if is_large:
+        import st_codegen.proof.runner  # noqa: F401 - a copy cannot finish what another thread had begun to import
     made = Reader.made() if is_large else Reader()
     try:
         yield made

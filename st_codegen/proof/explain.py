@@ -7,14 +7,13 @@ from dataclasses import dataclass
 
 from st_codegen.cost.profile import Profile
 from st_codegen.cost.report import BlockCost, project_cost
-from st_codegen.emit.blocks.model import Limits, block_name, real_lines
+from st_codegen.emit.blocks.model import Limits, block_name
 from st_codegen.emit.contents import Contents
 from st_codegen.emit.render import render
 from st_codegen.emit.targets import Target
 from st_codegen.ir import ModelIR
 from st_codegen.passes.choose import CallCost
 from st_codegen.passes.pipeline import Compiled
-from st_codegen.proof.prove.range_bound import largest_loss
 from st_codegen.st import parse_project
 from st_codegen.st.syntax.source import SUFFIXES
 
@@ -67,11 +66,6 @@ class InputLimit:
     model: str
     feature: str
     magnitude: float
-
-
-def real_remarks(models: Sequence[ModelIR]) -> dict[str, str]:
-    """What models lose that are computed in REAL, by their names."""
-    return {model.name: " ".join(real_lines(model, largest_loss(model))) for model in models if model.is_real}
 
 
 def input_limits(models: Sequence[ModelIR]) -> list[InputLimit]:

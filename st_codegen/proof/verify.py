@@ -35,10 +35,10 @@ from st_codegen.project.bundle import Bundle
 from st_codegen.project.purpose import BlockCheck
 from st_codegen.proof import bounds
 from st_codegen.proof.arithmetic import arithmetic_of
-from st_codegen.proof.explain import real_remarks
 from st_codegen.proof.isolated import LibraryRefusesError, answers_to, isolated
 from st_codegen.proof.probes import operating_range, probe_rows
 from st_codegen.proof.prove.prove import Verdict, prove_model
+from st_codegen.proof.prove.range_bound import real_remarks
 from st_codegen.proof.runner import BlockResult, GeneratedCode, target_folders
 from st_codegen.proof.windows import window_checks
 from st_codegen.st.run.machine import processors

@@ -7,11 +7,13 @@ the range, not for rows that were tried.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import singledispatch
 
 import numpy as np
 
 from st_codegen import ir
+from st_codegen.emit.blocks.model import real_lines
 from st_codegen.ir import reference
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.proof import bounds
@@ -66,6 +68,11 @@ def largest_loss(model: ir.ModelIR) -> tuple[float, ...]:
     if all(isinstance(op, ir.TreeEnsemble | ir.Select) for op in model.ops):
         return tuple(bounds.difference_bound(model, np.zeros((1, len(model.features))))[0].tolist())
     return range_bound(model) or (np.inf,) * len(model.outputs)
+
+
+def real_remarks(models: Sequence[ir.ModelIR]) -> dict[str, str]:
+    """What models lose that are computed in REAL, by their names."""
+    return {model.name: " ".join(real_lines(model, largest_loss(model))) for model in models if model.is_real}
 
 
 def _boxes(ends: FloatArray) -> Ends:

@@ -16,7 +16,7 @@ import os
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,13 +24,15 @@ from numpy.typing import NDArray
 from st_codegen.st import tree as t
 from st_codegen.st.errors import StUsageError
 from st_codegen.st.run.calls import NativeCalls
-from st_codegen.st.run.compiler import FAST, QUICK, CompiledUnit, program_of
 from st_codegen.st.run.layout import dtype_of, is_scalar
 from st_codegen.st.run.memory import Memory, given, shown, view
 from st_codegen.st.run.natives import Library, NativeBlock
 from st_codegen.st.run.paths import Place, Port, find_block, find_global, ports, resolve
 from st_codegen.st.run.prelude import CONTEXT
 from st_codegen.st.types import ArrayType, BlockType, PointerType
+
+if TYPE_CHECKING:
+    from st_codegen.st.run.compiler import CompiledUnit
 
 LOOP_LIMIT = 10_000_000
 #: Where nothing else is known, fewer rows run faster than they are optimised; the results are the same.
@@ -81,6 +83,9 @@ class Machine:
         self.natives: list[NativeBlock] = []
         if optimised is None:
             optimised = rows is None or rows >= _FEW_ROWS
+        # LLVM takes a moment to load, and who only checks text does without it
+        from st_codegen.st.run.compiler import FAST, QUICK, program_of
+
         self.program_code = program_of(project, loop_limit, FAST if optimised else QUICK)
         self.module = self.program_code.module
         self.layout = self.module.layout
