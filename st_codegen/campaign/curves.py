@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from st_codegen.campaign.conditions import CONDITION_COLUMNS, OperatingPoint
-from st_codegen.errors import InputError, MissingExtraError, Problems
+from st_codegen.errors import InputError, MissingExtraError
 from st_codegen.files.csv_tables import RowError, read_csv
 from st_codegen.files.number_text import parse_number
 from st_codegen.files.text import whole_file
@@ -100,18 +100,6 @@ def run_paths(points: Sequence[OperatingPoint]) -> list[str]:
     if readable and len(set(points)) == len(points):
         return [path.as_posix() for path in paths]
     return [f"run_{number:05d}.csv" for number in range(1, len(points) + 1)]
-
-
-def find_runs(folder: Path) -> tuple[RunFile, ...]:
-    """All curve files below a folder with their conditions, in order of conditions and path.
-
-    Raises one InputError that names every file without conditions and every fault of `conditions.csv`.
-    """
-    files, bad = scan(folder)
-    problems = Problems(str(folder))
-    problems.errors.extend(bad)
-    problems.raise_if_any()
-    return files
 
 
 def scan(folder: Path) -> tuple[tuple[RunFile, ...], tuple[BadFileError, ...]]:

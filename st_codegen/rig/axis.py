@@ -242,15 +242,6 @@ class Axis:
         """Speed of the fast shaft, deg/s."""
         return float(self.state[self._kernel.W_IN]) / _DEG
 
-    def energy(self) -> float:
-        """Kinetic energy of all masses and the coupling's twist (the load's work is not in it)."""
-        k, p, x = self._kernel, self.packed, self.state
-        g = 1.0 / (self.ratio * (1.0 - x[k.TE1]))
-        twist = x[k.TH_MOT] - x[k.TH_IN]
-        wound = max(abs(twist) - p[k.HALF_PLAY], 0.0)
-        moving = p[k.J_MOT] * x[k.W_MOT] ** 2 + (p[k.J_IN] + p[k.J_OUT] * g * g) * x[k.W_IN] ** 2
-        return float(0.5 * (moving + p[k.STIFFNESS] * wound**2))
-
 
 def _whole(length: float, part: float, what: str, divisor: str) -> int:
     count = round(length / part)
