@@ -128,10 +128,8 @@ class SimulatedRig:
         if not self._drawn:
             self._drawn = self._random.normal(size=(_DRAWN, 2)).tolist()
         noise = self._drawn.pop()
-        moved = encoders.delay_s * self.axis.speed_in_deg_s
-        angles = self.axis.theta_in_deg - moved, self.axis.theta_out_deg - moved / self._ratio
-        inner = _stepped(angles[0] + noise[0] * encoders.input_noise_deg, encoders.input_steps_per_rev)
-        outer = _stepped(angles[1] + noise[1] * encoders.output_noise_deg, encoders.output_steps_per_rev)
+        noise_deg = noise[0] * encoders.input_noise_deg, noise[1] * encoders.output_noise_deg
+        inner, outer = self.axis.seen_deg(encoders.delay_s, *noise_deg)
         values = (math.radians(inner), math.radians(outer), self.encoders_ready, self._oil, self._load)
         for name, value in zip(_SENSORS, values, strict=True):
             self._signals[name][0] = value
@@ -145,11 +143,6 @@ def _value_of(machine: Machine, name: str) -> AnyArray:
     """The memory of a number, an array of one: the plant reads and sets it each tick."""
     memory, place = machine.find(name)
     return memory.view(place.offset, dtype_of(place.type), ())
-
-
-def _stepped(angle_deg: float, steps: float) -> float:
-    step = 360.0 / steps
-    return math.floor(angle_deg / step) * step
 
 
 def plant_behind(plc: SoftPlc, path: Path, seed: int = 0) -> SimulatedRig:
