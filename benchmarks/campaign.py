@@ -99,9 +99,9 @@ def digest(campaign: Any) -> str:
 
 def plain_fft(folder: Path, _cache: Path) -> None:
     """Reading and an FFT over the number of the sample, both directions."""
-    from st_codegen.campaign.curves import find_runs, read_run
+    from st_codegen.campaign.curves import read_run, scan
 
-    for file in find_runs(folder):
+    for file in scan(folder)[0]:
         for curve in read_run(file.path, file.conditions).curves.values():
             np.fft.rfft(curve.te_deg)
 

@@ -275,11 +275,9 @@ def predict(
                 dataclasses.replace(bundle, models=models), columns, predictions.by_library, table=table
             )
     with temporary_folder(Path(tempfile.gettempdir())) as folder:
-        target = TARGETS["twincat"]
         # no controller has to hold this text: no table is too large
-        made = generate(bundle, target, folder, max_array=_UNLIMITED, options=Options(data_bytes=_UNLIMITED))
-        code = GeneratedCode(made.folder, target.dialect)
-        return predictions.predict(bundle, columns, predictions.by_text(code), table=table)
+        made = generate(bundle, "twincat", folder, max_array=_UNLIMITED, options=Options(data_bytes=_UNLIMITED))
+        return predictions.predict(bundle, columns, predictions.by_text(GeneratedCode(made.folder)), table=table)
 
 
 @dataclass(frozen=True)
@@ -473,8 +471,7 @@ def _extras(
     bundle: Bundle, compiled: Compiled, target: Target, settings: CompileSettings, cuts: Mapping[str, Cuts]
 ) -> dict[str, Extras]:
     """What the block of each printed model has beside the model."""
-    layouts = {decision.model: decision.chosen for decision in compiled.decisions}
-    layouts |= dict.fromkeys(compiled.shared, "table")
+    layouts = {**compiled.choices.layouts, **dict.fromkeys(compiled.shared, "table")}
     found = {}
     for model in compiled.models:
         remarks = (settings.remark(target, layouts.get(model.name)), *bundle.configuration.remarks(model.source.file))
@@ -560,7 +557,6 @@ def _comparison_facts(compiled: Compiled, purpose: Purpose | None, plans: Sequen
 
 def _model_facts(model: ModelIR, compiled: Compiled) -> dict[str, Any]:
     location = compiled.locations[model.name]
-    layouts = {decision.model: decision.chosen for decision in compiled.decisions}
     trees = [op for op in model.ops if isinstance(op, TreeEnsemble)]
     kernels = [op for op in model.ops if isinstance(op, KernelSum)]
     lower, upper = operating_range(model)
@@ -568,7 +564,7 @@ def _model_facts(model: ModelIR, compiled: Compiled) -> dict[str, Any]:
         "block": block_name(location.model),
         "block_outputs": list(location.outputs),
         "shared": location.model != model.name,
-        "layout": layouts.get(model.name, "model"),
+        "layout": compiled.choices.layouts.get(model.name, "model"),
         "library": f"{model.source.library} {model.source.version}",
         "class": model.source.model_class,
         "digest": model.source.digest,

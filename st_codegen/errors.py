@@ -6,6 +6,7 @@ so that one run reports all of them: see `Problems`. Each has a code, from the p
 
 from __future__ import annotations
 
+import importlib
 import re
 import sys
 from collections import Counter
@@ -13,6 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import PurePath
 from types import FrameType
+from typing import Any
 
 from st_codegen.diagnostics import code_for
 
@@ -73,6 +75,14 @@ class MissingExtraError(InputError):
         super().__init__(
             f"{purpose} needs the package '{package}', which is not installed: pip install 'st-codegen[{extra}]'"
         )
+
+
+def extra_package(package: str, extra: str, purpose: str) -> Any:
+    """A package of an extra, imported for a purpose. Raises MissingExtraError where it is not installed."""
+    try:
+        return importlib.import_module(package)
+    except ImportError:
+        raise MissingExtraError(package.partition(".")[0], extra, purpose) from None
 
 
 class TargetError(InputError):

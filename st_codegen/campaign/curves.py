@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from st_codegen.campaign.conditions import CONDITION_COLUMNS, OperatingPoint
-from st_codegen.errors import InputError, MissingExtraError, Problems
+from st_codegen.errors import InputError, extra_package
 from st_codegen.files.csv_tables import RowError, read_csv
 from st_codegen.files.number_text import parse_number
 from st_codegen.files.text import whole_file
@@ -39,6 +39,7 @@ RIG_HEADER = (
     "Transmission_Error_Bw",
 )
 CONDITIONS_FILE = "conditions.csv"
+_POLARS = ("polars", "train", "reading and writing curve files")
 #: name of a column as it is compared (lower case) -> its number; the last is the corrected header
 _COLUMNS = {name.lower(): place for place, name in enumerate(RIG_HEADER)} | {"position_output_reducer_fw": 0}
 _NUMBER = r"(-?\d+(?:[.,]\d+)?)"
@@ -100,18 +101,6 @@ def run_paths(points: Sequence[OperatingPoint]) -> list[str]:
     if readable and len(set(points)) == len(points):
         return [path.as_posix() for path in paths]
     return [f"run_{number:05d}.csv" for number in range(1, len(points) + 1)]
-
-
-def find_runs(folder: Path) -> tuple[RunFile, ...]:
-    """All curve files below a folder with their conditions, in order of conditions and path.
-
-    Raises one InputError that names every file without conditions and every fault of `conditions.csv`.
-    """
-    files, bad = scan(folder)
-    problems = Problems(str(folder))
-    problems.errors.extend(bad)
-    problems.raise_if_any()
-    return files
 
 
 def scan(folder: Path) -> tuple[tuple[RunFile, ...], tuple[BadFileError, ...]]:
@@ -251,7 +240,7 @@ def _is_number(text: str) -> bool:
 
 def _table(path: Path, layout: _Layout) -> polars.DataFrame | list[Any]:
     """The columns of a file, by number; empty cells are null."""
-    pl = _polars()
+    pl = extra_package(*_POLARS)
     width = sum(column is not None for column in layout.columns)
     try:
         frame = pl.read_csv(
@@ -336,7 +325,7 @@ def write_run(run: Run, path: Path, *, digits: int | None = None) -> None:
     digits: decimals of a number, None for as many as give the same float64 again. A shorter direction ends in empty
     cells.
     """
-    pl = _polars()
+    pl = extra_package(*_POLARS)
     columns = [array for direction in Direction for array in _arrays(run, direction)]
     longest = max(map(len, columns))
     padded = {
@@ -352,11 +341,3 @@ def _arrays(run: Run, direction: Direction) -> tuple[FloatArray, FloatArray]:
     if curve is None:
         return np.empty(0), np.empty(0)
     return np.asarray(curve.angle_deg, np.float64), np.asarray(curve.te_deg, np.float64)
-
-
-def _polars() -> Any:
-    try:
-        import polars
-    except ImportError:
-        raise MissingExtraError("polars", "train", "reading and writing curve files") from None
-    return polars

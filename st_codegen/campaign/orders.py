@@ -190,13 +190,13 @@ def _without(sums: Sums, expected: Mapping[int, complex]) -> Sums:
     if not expected:
         return sums
     orders, coefficients = np.array(list(expected), np.intp), np.array(list(expected.values()))
-    left = max(_square_error(sums, orders, coefficients), 0.0)
+    left = _square_error(sums, orders, coefficients)
     return replace(sums, te=_left(sums, orders, coefficients, len(sums.te) - 1), te_square=left)
 
 
 def square_error(sums: Sums, orders: Sequence[int], coefficients: ComplexArray) -> float:
     """Mean square in deg^2 between a curve and coefficients, be they fitted or predicted. No samples are needed."""
-    return max(_square_error(sums, np.array(orders, np.intp), coefficients), 0.0) / sums.samples
+    return _square_error(sums, np.array(orders, np.intp), coefficients) / sums.samples
 
 
 def _angle_sum(sums: Sums, m: npt.NDArray[np.intp]) -> ComplexArray:
@@ -275,7 +275,7 @@ def _noise_floor(
         floor: FloatArray = np.median(np.abs(residual[free[windows]]), axis=1) / math.sqrt(math.log(2.0))
     else:
         # an amplitude has 4/N of the variance of a sample; the band is a quarter of the samples at most
-        left = max(_square_error(sums, fitted, coefficients), 0.0) / max(sums.samples - 2 * len(fitted) + 1, 1)
+        left = _square_error(sums, fitted, coefficients) / max(sums.samples - 2 * len(fitted) + 1, 1)
         floor = np.full(len(residual), math.sqrt(4.0 * left / sums.samples))
     floor[0] /= 2.0
     return floor
@@ -285,4 +285,4 @@ def _square_error(sums: Sums, orders: npt.NDArray[np.intp], coefficients: Comple
     """Sum of (TE - curve of the coefficients)^2."""
     x = np.concatenate([coefficients.real, coefficients.imag])
     right = np.concatenate([sums.te[orders].real, sums.te[orders].imag])
-    return float(sums.te_square - 2.0 * (right @ x) + x @ _normal_matrix(sums, orders) @ x)
+    return max(float(sums.te_square - 2.0 * (right @ x) + x @ _normal_matrix(sums, orders) @ x), 0.0)

@@ -23,7 +23,7 @@ from st_codegen.campaign.harmonic_table import HarmonicTable
 from st_codegen.campaign.orders import BAND, OrderFit, Sums, curve_sums, fit_orders
 from st_codegen.campaign.spikes import repeated
 from st_codegen.campaign.sums_file import SumsFile
-from st_codegen.errors import InputError, MissingExtraError, Problems
+from st_codegen.errors import InputError, Problems, extra_package
 from st_codegen.processes import Progress
 from st_codegen.te.harmonics import Direction
 
@@ -202,10 +202,7 @@ def _read_all(
     if workers <= 1 and (jobs != AROUND or not files):
         yield from ((file, _reduced(file, band)) for file in files)
         return
-    try:
-        import joblib
-    except ImportError:
-        raise MissingExtraError("joblib", "train", "reading curve files in parallel") from None
+    joblib = extra_package("joblib", "train", "reading curve files in parallel")
     count = {} if jobs == AROUND else {"n_jobs": workers}
     parallel = joblib.Parallel(**count, return_as="generator", batch_size=1, pre_dispatch="2*n_jobs")
     yield from zip(files, parallel(joblib.delayed(_reduced)(file, band) for file in files), strict=True)

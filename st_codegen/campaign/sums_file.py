@@ -10,12 +10,13 @@ import numpy as np
 
 from st_codegen.campaign.curves import RunFile
 from st_codegen.campaign.orders import Sums
-from st_codegen.errors import InputError, MissingExtraError
+from st_codegen.errors import InputError, extra_package
 from st_codegen.files.text import whole_file
 from st_codegen.te.harmonics import Direction
 
 #: changes with the way sums are made, or files are judged: a file of another version is made anew
 _VERSION = 6
+_POLARS = ("polars", "train", "keeping what was read of a campaign")
 
 
 class SumsFile:
@@ -36,7 +37,7 @@ class SumsFile:
 
         Raises InputError for a file that cannot be read, or holds something else, which would be written over.
         """
-        pl = _polars()
+        pl = extra_package(*_POLARS)
         new = cls(folder, band)
         if not path.exists() or (path.is_file() and not path.stat().st_size):
             return new
@@ -93,7 +94,7 @@ class SumsFile:
 
     def write(self, path: Path) -> None:
         """Write the file; it appears whole or not at all."""
-        pl = _polars()
+        pl = extra_package(*_POLARS)
         rows = [row for name in sorted(self._rows) for row in self._rows[name]]
         if not rows:
             return
@@ -124,11 +125,3 @@ def _sums(row: dict[str, Any]) -> Sums:
         np.asarray(row["spikes"], np.float64).reshape(3, -1),
         row["begin"],
     )
-
-
-def _polars() -> Any:
-    try:
-        import polars
-    except ImportError:
-        raise MissingExtraError("polars", "train", "keeping what was read of a campaign") from None
-    return polars

@@ -68,10 +68,9 @@ def write_profile(
 ) -> None:
     """Fit a profile to times of the blocks of a generated folder, write it, and show how near it comes."""
     from st_codegen.cost.calibrate import calibrate, with_factors
-    from st_codegen.emit.targets import TARGETS
     from st_codegen.proof.runner import GeneratedCode
 
-    fit = calibrate(GeneratedCode(folder, TARGETS[folder.name].dialect).project, base, measurements)
+    fit = calibrate(GeneratedCode(folder).project, base, measurements)
     write_text(out, with_factors(base, fit, out.stem))
     if quiet:
         return

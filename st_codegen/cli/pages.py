@@ -108,7 +108,7 @@ def verify_sections(report: VerifyReport, proof: ProveReport, bundle: Bundle) ->
         f"{'FAILED: ' + ', '.join(failed) if failed else 'All agree'}: library, reference and generated text on a "
         f"sample of {tried:,} rows."
     )
-    proved = sum(result.verdict == "proved" for result in proof.results)
+    proved = sum(result.is_proved for result in proof.results)
     summary += f"\n\nProved for every input: {proved} of {len(proof.results)} texts."
     rows = [(m.name, m.n, m.max_abs_err, m.bound, m.max_ulp, m.verdict, ", ".join(m.targets)) for m in report.models]
     columns = ("model", "rows", "largest error", "allowed", "ulp", "result", "targets")
@@ -133,8 +133,8 @@ def _proof_section(proof: ProveReport) -> PageSection:
         "bits, and of other models the text computes the expression; how far that lies from the library at most is the "
         "bound, where one is known. docs/proof.md says what is assumed."
     )
-    others = [sentence(result) for result in proof.results if result.verdict != "proved"]
-    strong = {(number, 2) for number, result in enumerate(proof.results) if result.verdict != "proved"}
+    others = [sentence(result) for result in proof.results if not result.is_proved]
+    strong = {(number, 2) for number, result in enumerate(proof.results) if not result.is_proved}
     table = PageTable(VERDICT_COLUMNS, list(verdict_rows(proof)), strong)
     return PageSection("Proof", "\n\n".join([text, *others]), table)
 

@@ -71,7 +71,7 @@ def command(
     every model is proved, 1 when one is refuted (an input is named for which the executed text differs) or not covered.
     """
     from st_codegen.proof.prove.certificate import certificate
-    from st_codegen.proof.prove.prove import Verdict, prove
+    from st_codegen.proof.prove.prove import prove
 
     bundle = load_generated(models, generated, names, trust_pickle=trust_pickle, quiet=quiet)
     with progress_bar("proving", quiet=quiet) as progress:
@@ -85,7 +85,7 @@ def command(
             for claim in result.claims:
                 say(f"{result.block}, {result.target}: {claim}")
     for result in report.results:
-        if result.verdict is not Verdict.PROVED:
+        if not result.is_proved:
             say(sentence(result))
     verdicts = {result.verdict for result in report.results}
     show_codes(code for verdict, code in _CODES if verdict in verdicts)

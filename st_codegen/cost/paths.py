@@ -204,18 +204,18 @@ class Costs:
             here = onward
         return done if here is None else self.choose([done, {Flow.NEXT: here}])
 
-    def loop(self, rounds: int, body: Outcomes, *, each: PathCost, last: PathCost) -> Outcomes:
-        """`rounds` times a body after `each`, then `last`: every way out of it, the touches being those of all rounds.
+    def loop(self, rounds: int, body: Outcomes, *, each: PathCost) -> Outcomes:
+        """`rounds` times a body after `each`, then `each` alone: every way out, the touches being those of all rounds.
 
         A round that leaves by EXIT or RETURN is the last one, so that rounds - 1 whole ones may have gone before.
         """
         touched = PathCost()
-        for cost in (each, last, *body.values()):
+        for cost in (each, each, *body.values()):
             touched = touched.then(PathCost({}, cost.touches))
         stay = self.worse(body.get(Flow.NEXT), body.get(Flow.CONTINUE))
         whole = PathCost() if stay is None else each.then(stay)
         # no round at all is a way through, too: `rounds` is only the largest number
-        ends = [last] if stay is None else [last, whole.times(rounds).then(last)]
+        ends = [each] if stay is None else [each, whole.times(rounds).then(each)]
         result: Outcomes = {}
         if rounds >= 1:
             before = whole.times(rounds - 1).then(each)
@@ -223,4 +223,4 @@ class Costs:
                 ends.append(before.then(body[Flow.EXIT]))
             if Flow.RETURN in body:
                 result[Flow.RETURN] = touched.then(before.then(body[Flow.RETURN]))
-        return {**result, Flow.NEXT: touched.then(self.worst(ends) or last)}
+        return {**result, Flow.NEXT: touched.then(self.worst(ends) or each)}

@@ -37,7 +37,6 @@ class Profile:
     """One machine. `machine` and `cycles` by name; `sources` says where each number is from; `text` is the file."""
 
     name: str
-    description: str
     machine: Mapping[str, float]
     cycles: Mapping[CostClass, float]
     compute_factor: float
@@ -86,7 +85,8 @@ def _profile(file: TomlTable, name: str, text: str) -> Profile:
     """A profile from its file; `name` is taken where the file gives none."""
     sources: dict[str, str] = {}
     with file.table("profile") as head:
-        name, description = head.text("name", name), head.text("description", "")
+        name = head.text("name", name)
+        head.text("description", "")  # for readers of the file
     with file.table("machine", required=True) as table:
         least = {key: 0.0 if key in _MAY_BE_ZERO else _SMALLEST for key in _MACHINE}
         machine = {key: _sourced(table, key, least[key], high, sources) for key, high in _MACHINE.items()}
@@ -98,7 +98,6 @@ def _profile(file: TomlTable, name: str, text: str) -> Profile:
         )
     return Profile(
         name,
-        description,
         MappingProxyType(machine),
         MappingProxyType(cycles),
         compute,

@@ -188,7 +188,7 @@ class _Body:
         body = self._body(statement.body)
         largest = 1 if step is None else max(abs(step.low), abs(step.high))
         loop = Loop(first, moving, largest, start is not None and start.low == start.high)
-        result = self._loop(statement, count, body, each=each, last=each, loop=loop, begin=begin)
+        result = self._loop(statement, count, body, each=each, loop=loop, begin=begin)
         self._enter(statement.body, {counter})
         if start is not None and stop is not None and step is not None:
             beyond = Interval(stop.low + min(step.low, 0), stop.high + max(step.high, 0))
@@ -212,7 +212,7 @@ class _Body:
         else:
             each = self._test(statement.condition)
             body = self._body(statement.body)
-        result = self._loop(statement, count, body, each=each, last=each, loop=Loop(first), begin=begin)
+        result = self._loop(statement, count, body, each=each, loop=Loop(first), begin=begin)
         self._enter(statement.body, set())
         return result
 
@@ -231,7 +231,6 @@ class _Body:
         body: Outcomes,
         *,
         each: PathCost,
-        last: PathCost,
         loop: Loop,
         begin: float,
     ) -> Outcomes:
@@ -252,7 +251,7 @@ class _Body:
             return PathCost(cost.counts, touches, code, cost.called)
 
         spread_body = {flow: spread(cost) for flow, cost in body.items()}
-        found = self._costs.loop(number, spread_body, each=spread(each), last=spread(last))
+        found = self._costs.loop(number, spread_body, each=spread(each))
         # no choice is left: another round may take the other branch
         return {flow: replace(cost, choices=()) for flow, cost in found.items()}
 

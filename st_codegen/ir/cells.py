@@ -59,6 +59,12 @@ class Rank(ReadsColumns):
     def check_operands(self, total: int) -> None:
         check_columns(self, (column.column for column in self.columns), total)
 
+    def ends(self, *, accepts_nan: bool) -> tuple[Int32Array, Int32Array]:
+        """The lowest and the highest rank that each column can have."""
+        missing = [column.missing if accepts_nan else 0 for column in self.columns]
+        highest = [column.highest for column in self.columns]
+        return np.minimum(missing, 0).astype(np.int32), np.maximum(highest, missing).astype(np.int32)
+
 
 @dataclass(frozen=True)
 class TableAxis:

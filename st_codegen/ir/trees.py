@@ -250,11 +250,17 @@ def with_nodes(op: TreeEnsemble, layout: Preorder, node: IntArray, tree_output: 
 
 def depth_of(op: TreeEnsemble) -> int:
     """The largest number of splits on a path from a root to a leaf."""
-    node = op.roots.astype(np.int64)
-    depth = 0
+    return int(depths_of(op).max(initial=0))
+
+
+def depths_of(op: TreeEnsemble) -> IntArray:
+    """The largest number of splits on a path from the root to a leaf, for each tree."""
+    depths = np.zeros(len(op.roots), np.int64)
+    node, tree = op.roots.astype(np.int64), np.arange(len(depths))
     while True:
-        node = node[op.split[node] >= 0]
+        inner = op.split[node] >= 0
+        node, tree = node[inner], tree[inner]
         if not node.size:
-            return depth
-        node = np.concatenate([op.left[node], op.right[node]])
-        depth += 1
+            return depths
+        depths[tree] += 1  # once for each tree, however many of its nodes are on this level
+        node, tree = np.concatenate([op.left[node], op.right[node]]), np.tile(tree, 2)

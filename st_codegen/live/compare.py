@@ -32,7 +32,6 @@ from st_codegen.st.check.flow import all_reached
 from st_codegen.st.tree import StandardCall
 from st_codegen.st.walk import all_expressions
 
-#: Called with (rows done, rows, block).
 #: Of the times of a block, the one that is given: higher ones are those of calls that another task interrupted.
 _QUANTILE = 0.99
 #: Functions of which no standard says the last bit; that of SQRT is said.
@@ -231,7 +230,7 @@ def compare(
     project, or is lost on the way.
     """
     project = compared_project(folder, bundle, block)
-    text = GeneratedCode(folder, TARGETS[folder.name].dialect)
+    text = GeneratedCode(folder)
     with isolated(bundle.models) as models, connect() as controller:
         live = LiveCode(controller, project, progress)
         report = LiveReport(controller.address, live.check(), f"{project.fingerprint:016x}", str(folder))

@@ -75,7 +75,7 @@ class Controller(AbstractContextManager["Controller"], Protocol):
 class AdsController(Controller):
     """Over ADS, `NETID:PORT`, or `NETID:PORT@HOST` where the host is not the first part of the net id."""
 
-    def __init__(self, address: str, timeout_s: float = TIMEOUT_S) -> None:
+    def __init__(self, address: str, timeout_s: float) -> None:
         found = _ADDRESS.fullmatch(address)
         if found is None:
             raise InputError(f"--ads {address}: give NETID:PORT, such as 192.168.0.5.1.1:851, or NETID:PORT@HOST")
@@ -184,7 +184,7 @@ def _must_listen(address: str, host: str, port: int, timeout_s: float) -> None:
 class OpcUaController(Controller):
     """Over OPC UA; variables are nodes whose identifier is their name, in whatever namespace."""
 
-    def __init__(self, url: str, timeout_s: float = TIMEOUT_S) -> None:
+    def __init__(self, url: str, timeout_s: float) -> None:
         try:
             from asyncua import ua
             from asyncua.sync import Client

@@ -63,7 +63,7 @@ class SimulatedRig:
         self._signals = {name: _value_of(plc.machine, name) for name in used}
         self._rig = rig
         self._ratio = rig.model.reduction_ratio
-        self._axis = Axis(rig.axis, self._ratio, cycle_s=plc.tick_us * 1e-6)
+        self.axis = Axis(rig.axis, self._ratio, cycle_s=plc.tick_us * 1e-6)
         self._oil = rig.axis.thermal.start_C
         self._load = 0.0
         self._reference = math.degrees(_START_RAD) * self._ratio
@@ -71,17 +71,13 @@ class SimulatedRig:
         self._harmonics = self._at(self._point)
         self._random = np.random.default_rng(seed)
         self._drawn: list[list[float]] = []
-        self._encoders_ready = True
-        self._axis.place(self._reference, self._harmonics)
+        self.encoders_ready = True
+        self.axis.place(self._reference, self._harmonics)
         self._sense()
 
     def _at(self, point: tuple[float, float, float]) -> Harmonics:
         speed, load, oil = (np.array([value]) for value in point)
         return Harmonics.along(self._rig.model, np.abs(speed), load, oil)
-
-    def fail_encoders(self, failed: bool = True) -> None:
-        """Let the encoders report an error, or no longer."""
-        self._encoders_ready = not failed
 
     def step(self, cycle_s: float, *, is_enabled: bool) -> None:
         """One tick of motion."""
@@ -103,7 +99,7 @@ class SimulatedRig:
         )
         self._warm(speed, cycle_s)
         self._update((speed, self._load, self._oil))
-        self._axis.advance(
+        self.axis.advance(
             self._reference + correction,
             np.array([before, self._load]),
             self._harmonics.orders,
@@ -132,11 +128,9 @@ class SimulatedRig:
         if not self._drawn:
             self._drawn = self._random.normal(size=(_DRAWN, 2)).tolist()
         noise = self._drawn.pop()
-        moved = encoders.delay_s * self._axis.speed_in_deg_s
-        angles = self._axis.theta_in_deg - moved, self._axis.theta_out_deg - moved / self._ratio
-        inner = _stepped(angles[0] + noise[0] * encoders.input_noise_deg, encoders.input_steps_per_rev)
-        outer = _stepped(angles[1] + noise[1] * encoders.output_noise_deg, encoders.output_steps_per_rev)
-        values = (math.radians(inner), math.radians(outer), self._encoders_ready, self._oil, self._load)
+        noise_deg = noise[0] * encoders.input_noise_deg, noise[1] * encoders.output_noise_deg
+        inner, outer = self.axis.seen_deg(encoders.delay_s, *noise_deg)
+        values = (math.radians(inner), math.radians(outer), self.encoders_ready, self._oil, self._load)
         for name, value in zip(_SENSORS, values, strict=True):
             self._signals[name][0] = value
         if self._motion["speed"]:
@@ -144,21 +138,11 @@ class SimulatedRig:
         if self._motion["temperature"]:
             self._signals[self._motion["temperature"]][0] = self._oil
 
-    @property
-    def motor_speed_rpm(self) -> float:
-        """How fast the fast shaft turns."""
-        return self._axis.speed_in_deg_s / 6.0
-
 
 def _value_of(machine: Machine, name: str) -> AnyArray:
     """The memory of a number, an array of one: the plant reads and sets it each tick."""
     memory, place = machine.find(name)
     return memory.view(place.offset, dtype_of(place.type), ())
-
-
-def _stepped(angle_deg: float, steps: float) -> float:
-    step = 360.0 / steps
-    return math.floor(angle_deg / step) * step
 
 
 def plant_behind(plc: SoftPlc, path: Path, seed: int = 0) -> SimulatedRig:

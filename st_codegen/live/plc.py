@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Protocol
 
 from st_codegen.emit.blocks import comparison
-from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import InputError
 from st_codegen.live.symbols import WireVariables, assigned_globals
 from st_codegen.proof.runner import GeneratedCode
@@ -95,7 +94,7 @@ class SoftPlc:
         log: Log = lambda _: None,
         optimised: bool = True,
     ) -> None:
-        self.code = GeneratedCode(folder, TARGETS[folder.name].dialect)
+        self.code = GeneratedCode(folder)
         self.machine = Machine(self.code.project, libraries=self.code.libraries, optimised=optimised)
         self.tasks = tasks_in(folder) or self._only_task(folder, cycle_us)
         self.tick_us = math.gcd(*(task.cycle_us for task in self.tasks))

@@ -29,7 +29,7 @@ from st_codegen.live.failures import ControllerError, MeasurementError, OtherCli
 from st_codegen.processes import Progress
 from st_codegen.te.compensation.codes import EXPERIMENT_STATE, TE_ERROR
 from st_codegen.te.compensation.programs import EXPERIMENT_SIGNALS, SLOW_US
-from st_codegen.te.compensation.recorder import LIST, SAMPLES
+from st_codegen.te.compensation.recorder import KEPT, LIST, SAMPLES
 from st_codegen.te.harmonics import Direction
 
 #: What a folder of this command holds beside the curves: the plan that it follows.
@@ -43,13 +43,9 @@ _CYCLE_S = SLOW_US * 1e-6
 _STATES = {code.value: code for code in EXPERIMENT_STATE.all}
 _ERRORS = {code.value: code for code in TE_ERROR.all}
 _RING = (
-    *(
-        Signal(f"{LIST}.{name}", length=SAMPLES)
-        for name in ("fIn_rad", "fOut_rad", "fThetaOut_rad", "fShaftTorque_Nm", "fOil_C")
-    ),
+    *(Signal(f"{LIST}.{name}", length=SAMPLES) for name in KEPT),
     Signal(f"{LIST}.bBackward", "|b1", SAMPLES),
 )
-#: Called with (runs done, runs, what happens now).
 
 
 @dataclass(frozen=True)
@@ -316,8 +312,7 @@ class MeasuringClient:
         if self.controller.read(_experiment("bBusy", "|b1")):
             self.controller.write(_experiment("bAbort", "|b1"), True)
             self._wait(lambda: not self.controller.read(_experiment("bBusy", "|b1")))
-        self.controller.write(_experiment("bStart", "|b1"), False)
-        self._wait(lambda: self.controller.read(_experiment("eState", "<i4")) == EXPERIMENT_STATE["IDLE"].value)
+        self._end()
         self.controller.write(_experiment("bAbort", "|b1"), False)
 
     def _wait(self, holds: Callable[[], bool]) -> None:

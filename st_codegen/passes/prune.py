@@ -34,9 +34,7 @@ def pruned(model: ModelIR) -> ModelIR:
 
 
 def _pruned_pair(rank: Rank, op: TreeEnsemble, *, accepts_nan: bool) -> tuple[Rank, TreeEnsemble]:
-    low = np.array([min(0, c.missing) if accepts_nan else 0 for c in rank.columns], np.int32)
-    high = np.array([max(c.highest, c.missing) if accepts_nan else c.highest for c in rank.columns], np.int32)
-    live = _reachable(op, low, high)
+    live = _reachable(op, *rank.ends(accepts_nan=accepts_nan))
     trees = _rebuilt(op, live, subtrees(op, live).forward)
     trees = _without_constant_trees(trees)
     return _compacted(rank, trees)

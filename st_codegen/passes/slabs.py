@@ -137,9 +137,7 @@ def _walked(rank: Rank, op: TreeEnsemble, axes: list[_Axis], accepts_nan: bool) 
     """All trees level by level in boxes of ranks that the axes span; a split that sends a box one way is left out."""
     shape = tuple(axis.slabs.count for axis in axes)
     cells = math.prod(shape)
-    low = np.array([min(0, c.missing) if accepts_nan else 0 for c in rank.columns], np.int32)
-    high = np.array([max(c.highest, c.missing) if accepts_nan else c.highest for c in rank.columns], np.int32)
-    low, high = np.tile(low, (cells, 1)), np.tile(high, (cells, 1))
+    low, high = (np.tile(end, (cells, 1)) for end in rank.ends(accepts_nan=accepts_nan))
     for axis, slab in zip(axes, np.unravel_index(np.arange(cells), shape), strict=True):
         low[:, axis.columns], high[:, axis.columns] = axis.low[slab], axis.high[slab]
     boxes = np.tile(np.concatenate([low, high], axis=1), (op.n_trees, 1))

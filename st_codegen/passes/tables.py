@@ -185,7 +185,7 @@ def table_operations(parts: Sequence[Cells]) -> tuple[Operation, ...]:
 
     The search has the edges of all parts. A part with fewer edges has a list of the rows that each rank skips.
     """
-    axes = [_union(feature, parts) for feature in sorted({axis.feature for cells in parts for axis in cells.axes})]
+    axes = _unions(parts)
     rank = Rank((0,), tuple(RankColumn(axis.feature, axis.edges, axis.missing) for axis in axes))
     lookups = [_lookup(cells, axes) for cells in parts]
     if not axes:
@@ -231,24 +231,24 @@ def _stored(flat: FloatArray) -> tuple[Int32Array, FloatArray]:
 
 def united(parts: Sequence[Cells]) -> Cells:
     """Several models on the same inputs as one: the axes have the edges of all, the outputs stand one after another."""
-    features = sorted({axis.feature for cells in parts for axis in cells.axes})
-    axes = [_union(feature, parts) for feature in features]
-    axes.sort(key=lambda axis: (axis.cells, axis.feature))
+    axes = sorted(_unions(parts), key=lambda axis: (axis.cells, axis.feature))
     values = np.concatenate([_on(cells, axes) for cells in parts], axis=-1)
     return without_equal_slices(Cells(tuple(axes), values, all(cells.exact for cells in parts)))
 
 
 def union_shape(parts: Sequence[Cells]) -> tuple[int, ...]:
     """The number of cells of each axis of the united table."""
-    features = {axis.feature for cells in parts for axis in cells.axes}
-    return tuple(_union(feature, parts).cells for feature in sorted(features))
+    return tuple(axis.cells for axis in _unions(parts))
 
 
-def _union(feature: int, parts: Sequence[Cells]) -> CellAxis:
-    """An axis with the edges that any part has on a feature."""
-    own = [axis for cells in parts for axis in cells.axes if axis.feature == feature]
-    edges = np.unique(np.concatenate([axis.edges for axis in own]))
-    return CellAxis(feature, edges, len(edges) + 1 if any(axis.missing for axis in own) else 0)
+def _unions(parts: Sequence[Cells]) -> list[CellAxis]:
+    """For each feature, in their order, an axis with the edges that any part has on it."""
+    found = []
+    for feature in sorted({axis.feature for cells in parts for axis in cells.axes}):
+        own = [axis for cells in parts for axis in cells.axes if axis.feature == feature]
+        edges = np.unique(np.concatenate([axis.edges for axis in own]))
+        found.append(CellAxis(feature, edges, len(edges) + 1 if any(axis.missing for axis in own) else 0))
+    return found
 
 
 def _on(cells: Cells, axes: Sequence[CellAxis]) -> FloatArray:

@@ -28,8 +28,6 @@ from st_codegen.walkers.base import LoadedModel
 from st_codegen.walkers.files import known_formats, load_model, suffixes
 from st_codegen.walkers.objects import from_estimator
 
-#: Called with (number of files done, number of files, name of the next one).
-
 
 @dataclass(frozen=True, repr=False)
 class Bundle:

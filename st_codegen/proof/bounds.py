@@ -69,17 +69,7 @@ def text_bound(model: ir.ModelIR, x: FloatArray) -> FloatArray:
     """
     if not model.is_real:
         return difference_bound(model, x)
-    values = reference.trace(model, x)
-    found = [np.zeros_like(values[0])]
-    with np.errstate(all="ignore"):
-        for op, result in zip(model.ops, values[1:], strict=True):
-            given = [found[value] for value in op.inputs]
-            difference = step(op, [values[value] for value in op.inputs], given, result)
-            if _has_one_result(op):
-                same = ~np.any(np.hstack(given) > 0, axis=1, keepdims=True)
-                difference = np.where(same, 0.0, difference)
-            found.append(np.where(np.isnan(difference), np.inf, difference))
-    return found[-1]
+    return differences(model, x, of_texts=True)[-1]
 
 
 def _has_one_result(op: ir.Operation) -> bool:
@@ -94,11 +84,14 @@ def _has_one_result(op: ir.Operation) -> bool:
     return not isinstance(op, ir.Softmax)
 
 
-def differences(model: ir.ModelIR, x: FloatArray) -> list[FloatArray]:
-    """That bound for all values of a model: the inputs, then the result of each operation, each (rows, width)."""
+def differences(model: ir.ModelIR, x: FloatArray, *, of_texts: bool = False) -> list[FloatArray]:
+    """The bound for all values of a model: the inputs, then the result of each operation, each (rows, width).
+
+    `of_texts`: between two evaluations of the text, which err in what has no one result alone.
+    """
     values = reference.trace(model, x)
     with np.errstate(all="ignore"):
-        return _behind(model.ops, values, np.zeros_like(values[0]))
+        return _behind(model.ops, values, np.zeros_like(values[0]), of_texts=of_texts)
 
 
 def _is_root_from_zero(op: ir.Operation, ops: Sequence[ir.Operation]) -> bool:
@@ -113,7 +106,9 @@ def _is_root_from_zero(op: ir.Operation, ops: Sequence[ir.Operation]) -> bool:
     return isinstance(before, ir.Clip) and bool(np.all(before.lower >= 0))
 
 
-def _behind(ops: Sequence[ir.Operation], values: list[FloatArray], first: FloatArray) -> list[FloatArray]:
+def _behind(
+    ops: Sequence[ir.Operation], values: list[FloatArray], first: FloatArray, *, of_texts: bool = False
+) -> list[FloatArray]:
     """The bounds on all values, `first` being that on value 0."""
     found = [first]
     for number, op in enumerate(ops, 1):
@@ -124,6 +119,8 @@ def _behind(ops: Sequence[ir.Operation], values: list[FloatArray], first: FloatA
             moved = np.sqrt(given[0])
             rounded = 2 * FUNCTION_ROUNDINGS * UNIT[ir.Precision.FLOAT64] * (values[number] + moved) + _TINY
             difference = np.fmin(difference, moved + rounded)
+        if of_texts and _has_one_result(op):
+            difference = np.where(np.any(np.hstack(given) > 0, axis=1, keepdims=True), difference, 0.0)
         found.append(np.where(np.isnan(difference), np.inf, difference))
     return found
 

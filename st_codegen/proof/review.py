@@ -17,7 +17,6 @@ import numpy as np
 from st_codegen.cost.profile import Profile
 from st_codegen.cost.report import project_cost
 from st_codegen.emit.output import Manifest, content_of, read_manifest
-from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.ir import FloatArray
 from st_codegen.processes import Progress
@@ -174,7 +173,7 @@ def diff(
     """
     before, after = _common_target(Path(old), Path(new))
     manifests = [read_manifest(folder) for folder in (before, after)]
-    codes = [GeneratedCode(folder, TARGETS[folder.name].dialect) for folder in (before, after)]
+    codes = [GeneratedCode(folder) for folder in (before, after)]
     models = [_with_sizes(manifest, code, profile) for manifest, code in zip(manifests, codes, strict=True)]
     common = sorted(set(models[0]) & set(models[1]))
     changes = []

@@ -80,16 +80,19 @@ class GeneratedCode:
     Every batch of rows starts from a new machine, so that no row sees what an earlier one left behind.
     """
 
-    def __init__(self, folder: Path, dialect: str) -> None:
-        """Parse and check. Raises GeneratedCodeError that lists what is wrong with the text."""
+    def __init__(self, folder: Path, dialect: str | None = None) -> None:
+        """Parse and check, by default in the dialect of the target that the folder is named after.
+
+        Raises GeneratedCodeError that lists what is wrong with the text.
+        """
         if not folder.is_dir():
             raise GeneratedCodeError(f"{folder}: no generated files; run st-codegen generate first")
-        self.folder, self._dialect = folder, DIALECTS[dialect]
+        self.folder, self._dialect = folder, DIALECTS[dialect or TARGETS[folder.name].dialect]
         self.libraries = libraries_of(folder)
         self._optimised: set[str] = set()
         try:
             self.source = read_paths([folder])
-            self.project: Project = check_source(self.source, dialect, self.libraries)
+            self.project: Project = check_source(self.source, self._dialect, self.libraries)
         except StError as error:
             raise _InvalidTextError(f"{folder}: the text is not valid Structured Text\n{error}") from error
 

@@ -25,7 +25,6 @@ from st_codegen.emit.blocks.comparison import PROGRAM
 from st_codegen.emit.blocks.model import refused_where
 from st_codegen.emit.blocks.self_test import SELF_TEST
 from st_codegen.emit.output import block_of, is_real
-from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.files.html_text import html_table
 from st_codegen.ir import AnyArray, BoolArray, FloatArray, IntArray, Label, ModelIR, TreeEnsemble, reference
@@ -37,7 +36,7 @@ from st_codegen.proof import bounds
 from st_codegen.proof.arithmetic import arithmetic_of
 from st_codegen.proof.isolated import LibraryRefusesError, answers_to, isolated
 from st_codegen.proof.probes import operating_range, probe_rows
-from st_codegen.proof.prove.prove import Verdict, prove_model
+from st_codegen.proof.prove.prove import prove_model
 from st_codegen.proof.prove.range_bound import real_remarks
 from st_codegen.proof.runner import BlockResult, GeneratedCode, target_folders
 from st_codegen.proof.windows import window_checks
@@ -308,9 +307,7 @@ def verify(
             f"{generated}: generated with --real, or the models were loaded with it: load(.., real=True) and "
             "generate --real go together"
         )
-    targets = {
-        folder.name: GeneratedCode(folder, TARGETS[folder.name].dialect) for folder in target_folders(Path(generated))
-    }
+    targets = {folder.name: GeneratedCode(folder) for folder in target_folders(Path(generated))}
     with isolated(bundle.models) as models:
         reports = _model_reports(models, targets, rows, seed, progress, jobs)
     total = len(bundle.models)
@@ -388,9 +385,7 @@ def _verify_model(model: LoadedModel, targets: dict[str, GeneratedCode], rows: i
     for code in targets.values():
         block_of(code.folder, ir)  # the model's, before anything takes time
     x = probe_rows(ir, rows, seed)
-    proved = _is_worth_a_proof(ir, len(x), rows) and all(
-        prove_model(ir, code).verdict is Verdict.PROVED for code in targets.values()
-    )
+    proved = _is_worth_a_proof(ir, len(x), rows) and all(prove_model(ir, code).is_proved for code in targets.values())
     if proved:
         # the text is the model's for all inputs: what is left to try is the library, on a sample of the rows
         x = probe_rows(ir, rows, seed, sampled=True)

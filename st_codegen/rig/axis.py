@@ -84,9 +84,7 @@ class Axis:
     for control loops that are unstable.
     """
 
-    def __init__(
-        self, parameters: AxisParameters, ratio: float, *, cycle_s: float = 250e-6, loops: bool = True
-    ) -> None:
+    def __init__(self, parameters: AxisParameters, ratio: float, *, cycle_s: float = 250e-6) -> None:
         self.parameters = parameters
         self.ratio = ratio
         self.cycle_s = cycle_s
@@ -96,14 +94,13 @@ class Axis:
         if self._steps % every:
             raise InputError(f"a PLC cycle of {cycle_s * 1e6:g} us is no multiple of axis.drive.cycle_s")
         self._counts = np.array([self._steps, every, 0], np.int64)
-        self.packed = self._pack(loops)
+        self.packed = self._pack()
         self.state = np.zeros(self._kernel.STATES)
         self.state[self._kernel.SIDE] = 1.0
         self._check_step()
-        if loops:
-            self._check_loops()
+        self._check_loops()
 
-    def _pack(self, loops: bool) -> FloatArray:
+    def _pack(self) -> FloatArray:
         p, k = self.parameters, self._kernel
         packed = np.zeros(k.PARAMETERS)
         inertia = p.total_inertia_kgm2(self.ratio)
@@ -132,7 +129,7 @@ class Axis:
             k.ACC_FF: p.drive.acceleration_feedforward * inertia,
             k.STEP: p.step_s,
             k.ENCODER_STEP: 2.0 * math.pi / p.encoders.motor_steps_per_rev,
-            k.LOOPS: float(loops),
+            k.LOOPS: 1.0,
         }
         for entry, value in values.items():
             packed[entry] = value
@@ -242,14 +239,13 @@ class Axis:
         """Speed of the fast shaft, deg/s."""
         return float(self.state[self._kernel.W_IN]) / _DEG
 
-    def energy(self) -> float:
-        """Kinetic energy of all masses and the coupling's twist (the load's work is not in it)."""
-        k, p, x = self._kernel, self.packed, self.state
-        g = 1.0 / (self.ratio * (1.0 - x[k.TE1]))
-        twist = x[k.TH_MOT] - x[k.TH_IN]
-        wound = max(abs(twist) - p[k.HALF_PLAY], 0.0)
-        moving = p[k.J_MOT] * x[k.W_MOT] ** 2 + (p[k.J_IN] + p[k.J_OUT] * g * g) * x[k.W_IN] ** 2
-        return float(0.5 * (moving + p[k.STIFFNESS] * wound**2))
+    def seen_deg(self, age_s: float, noise_in_deg: float, noise_out_deg: float) -> tuple[float, float]:
+        """What both encoders show: the angles of some time ago with noise, in whole steps, deg."""
+        encoders, speed = self.parameters.encoders, self.speed_in_deg_s
+        step_in, step_out = 360.0 / encoders.input_steps_per_rev, 360.0 / encoders.output_steps_per_rev
+        inner = self.theta_in_deg - age_s * speed + noise_in_deg
+        outer = self.theta_out_deg - age_s * speed / self.ratio + noise_out_deg
+        return float(np.floor(inner / step_in) * step_in), float(np.floor(outer / step_out) * step_out)
 
 
 def _whole(length: float, part: float, what: str, divisor: str) -> int:
@@ -265,10 +261,12 @@ def controlled_torque(wanted_Nm: FloatArray, load: Load, cycle_s: float, random:
 
     Exact for set-points that are held for a cycle.
     """
+    from scipy.linalg import expm
+
     w, d = 2.0 * math.pi * load.torque_bandwidth_Hz, load.torque_damping
     # exp of the augmented matrix: the state after a cycle with a held input
     augmented = np.array([[0.0, 1.0, 0.0], [-w * w, -2.0 * d * w, w * w], [0.0, 0.0, 0.0]]) * cycle_s
-    step = _matrix_exponential(augmented)
+    step = expm(augmented)
     state = np.array([wanted_Nm[0], 0.0, 0.0])
     result = np.empty_like(wanted_Nm)
     ripple = (
@@ -283,17 +281,4 @@ def controlled_torque(wanted_Nm: FloatArray, load: Load, cycle_s: float, random:
         result[number] = state[0]
         state[2] = value
         state = step @ state
-    return result
-
-
-def _matrix_exponential(matrix: FloatArray) -> FloatArray:
-    """The exponential of a matrix by scaling and a Taylor series, for norms well below 1e3."""
-    squarings = max(0, math.ceil(math.log2(max(float(np.abs(matrix).sum(axis=1).max()), 1e-300))) + 4)
-    small = matrix / 2.0**squarings
-    result, term = np.eye(len(matrix)), np.eye(len(matrix))
-    for n in range(1, 14):
-        term = term @ small / n
-        result = result + term
-    for _ in range(squarings):
-        result = result @ result
     return result

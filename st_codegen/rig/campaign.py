@@ -30,8 +30,6 @@ _LEAST_SAMPLES = 100
 #: no reducer has a transmission error like this, deg
 _MOST_TE_DEG = 10.0
 
-#: Called with (runs done, runs, file name).
-
 
 @dataclass(frozen=True)
 class Measuring:

@@ -21,12 +21,13 @@ from st_codegen.rig.tasks import TaskForm, TaskInputs, TaskSettings
 from st_codegen.st import Machine, StError, StRuntimeError, load_project
 from st_codegen.st.tree import Project
 from st_codegen.te.compensation.correction import SIGNED_LOAD
+from st_codegen.te.compensation.parts import names_of
+from st_codegen.te.compensation.programs import FAST_US, SIGNALS
 from st_codegen.te.harmonics import TransmissionError
 from st_codegen.te.purpose import Compensation, transmission_error
 
 _COMPENSATE = "FB_Compensator"
-PRG_FAST, PRG_SLOW, SIGNALS = "PRG_FAST", "PRG_SLOW", "GVL_Machine"
-_FAST_US = 250.0
+PRG_FAST, PRG_SLOW = "PRG_FAST", "PRG_SLOW"
 _LONGEST_LEAD_S = 0.1
 #: Laws by name, as inputs of the blocks: Eq. 6; speed / 100 rpm below 100 rpm; full correction at all speeds.
 LAWS: dict[str, dict[str, Any]] = {
@@ -48,7 +49,7 @@ class Roles:
 def roles_of(te: TransmissionError) -> Roles:
     """Which feature is the torque and which the temperature, by name or unit. Raises InputError where that is not
     clear."""
-    names = [variable.name for variable in input_variables(te.features)]
+    names = names_of(input_variables(te.features))
     found: dict[str, str] = {}
     units = {"torque": ("Nm",), "temperature": ("°C", "degC", "C", "K")}
     for number, (feature, name) in enumerate(zip(te.features, names, strict=True)):
@@ -108,7 +109,7 @@ class EmittedCompensator:
             wishes = wishes_of({"outputs_per_cycle": outputs_per_cycle}, [form])[form.name]
             generated = generate(bundle, form, folder, **wishes)
             self.project = _read(generated.folder, target)
-        self._names = [variable.name for variable in input_variables(self.te.features)]
+        self._names = names_of(input_variables(self.te.features))
         self._machine = Machine(self.project)
 
     def start(
@@ -142,10 +143,8 @@ class EmittedCompensator:
             return RunningCompensator(block, block, None, self.roles, load_given)
         if PRG_FAST not in self.project.pous:
             raise InputError("two tasks that share the work exchange global variables: choose the target twincat")
-        if tasks.main_us != _FAST_US:
-            raise InputError(
-                f"PRG_Fast is made for a cycle of {_FAST_US:g} us, [tasks] has main_us = {tasks.main_us:g}"
-            )
+        if tasks.main_us != FAST_US:
+            raise InputError(f"PRG_Fast is made for a cycle of {FAST_US:g} us, [tasks] has main_us = {tasks.main_us:g}")
         machine = Machine(self.project)  # programs exist once in a machine
         signals = _Signals(machine)
         for name, value in settings.items():

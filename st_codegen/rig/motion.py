@@ -13,7 +13,7 @@ import numpy as np
 from st_codegen.errors import InputError
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.rig.axis import Axis, ErrorModel, Harmonics, controlled_torque
-from st_codegen.rig.axis_parameters import AxisParameters, Encoders, Thermal
+from st_codegen.rig.axis_parameters import AxisParameters, Thermal
 from st_codegen.rig.compensator import EmittedCompensator, RunningCompensator
 from st_codegen.rig.profiles import MotionProfile
 from st_codegen.rig.tasks import Plc, TaskForm, TaskInputs, TaskSettings
@@ -172,12 +172,12 @@ def run(
         load_Nm=float(plan.load_Nm[0]),
     )
     plc = Plc(rig.tasks, form, running)
-    encoders, ratio = rig.axis.encoders, rig.model.reduction_ratio
     rows = np.zeros((ticks, 8))
     orders, parts, load = plan.harmonics.orders, plan.harmonics.parts, plan.load_Nm
     setpoint, radians = float(references[0]), np.pi / 180.0
     for n in range(ticks):
-        seen_in, seen_out = _latch(axis, plan, n, encoders, ratio)
+        age = rig.axis.encoders.delay_s - plan.jitter_s[n]
+        seen_in, seen_out = axis.seen_deg(age, plan.noise_in_deg[n], plan.noise_out_deg[n])
         sample = TaskInputs(
             seen_out * radians,
             float(told.speed_rpm[n]),
@@ -200,16 +200,6 @@ def run(
             "the simulation left all bounds; the parameters of [axis] do not describe a machine that can move like this"
         )
     return MotionRecord(*rows.T)
-
-
-def _latch(axis: Axis, plan: MotionPlan, n: int, encoders: Encoders, ratio: float) -> tuple[float, float]:
-    """Readings of both encoders: their age (a delay, the jitter of the instant), noise, steps."""
-    age = encoders.delay_s - plan.jitter_s[n]
-    speed = axis.speed_in_deg_s
-    step_in, step_out = 360.0 / encoders.input_steps_per_rev, 360.0 / encoders.output_steps_per_rev
-    inner = axis.theta_in_deg - age * speed + plan.noise_in_deg[n]
-    outer = axis.theta_out_deg - age * speed / ratio + plan.noise_out_deg[n]
-    return float(np.floor(inner / step_in) * step_in), float(np.floor(outer / step_out) * step_out)
 
 
 # --- results ---

@@ -150,7 +150,6 @@ class EnumType(AnyType):
     base: Elementary
     values: tuple[tuple[str, int], ...]
     default: int
-    qualified_only: bool
 
     def __str__(self) -> str:
         return self.name

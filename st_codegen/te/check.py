@@ -20,7 +20,7 @@ from st_codegen.proof import bounds
 from st_codegen.proof.vectors import ROWS
 from st_codegen.te.compensation.correction import LEAST_TORQUE, SIGNED_LOAD
 from st_codegen.te.compensation.harmonic_sum import ERROR_PER_ORDER
-from st_codegen.te.compensation.parts import SUFFIX
+from st_codegen.te.compensation.parts import SUFFIX, names_of
 from st_codegen.te.harmonics import AxisCorrection, Direction, Play, Quantity, TransmissionError
 from st_codegen.walkers.base import LoadedModel
 
@@ -170,7 +170,7 @@ def checked_blocks(te: TransmissionError) -> tuple[CalledBlock, ...]:
     Rows follow each other in one instance on a controller, and no row may depend on the one before: nothing is blended
     from one direction of rotation to the other.
     """
-    inputs = tuple(variable.name for variable in input_variables(te.features))
+    inputs = tuple(names_of(input_variables(te.features)))
     calls = max(len(te.cycles), 1)
     sets = [f"{name}{SUFFIX[direction]}" for direction in te.directions for name in ("aAmplitude", "aPhase")]
     outputs = tuple(f"{name}[{number}]" for name in sets for number in range(len(te.orders)))
@@ -193,7 +193,7 @@ def calls_of(folder: Path) -> int:
 
 
 def _feature_inputs(te: TransmissionError, x: FloatArray) -> dict[str, FloatArray]:
-    return dict(zip((variable.name for variable in input_variables(te.features)), x.T, strict=True))
+    return dict(zip(names_of(input_variables(te.features)), x.T, strict=True))
 
 
 def _check_predict(

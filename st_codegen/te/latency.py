@@ -84,10 +84,6 @@ class Latency:
             raise InputError(f"order {order}: the mean has no frequency; give 1 or more")
         return 60.0 * self.frequency_hz / order
 
-    def phase_deg(self, order: int, output_speed_rpm: float, lead_s: float = 0.0) -> float:
-        """Phase by which a harmonic is late after the mean delay, less the lead of `fLead_s`, in deg."""
-        return order * output_speed_rpm / 60.0 * 360.0 * (self.mean_us * 1e-6 - lead_s)
-
 
 def latency(chain: Sequence[TaskTiming], *, output_us: float = 0.0, exchange: Exchange = Exchange.AT_START) -> Latency:
     """Age of what the last task of `chain` hands over, counted from the start of the first one, plus `output_us`.
@@ -127,9 +123,3 @@ def _age(chain: Sequence[TaskTiming], start: int, exchange: Exchange) -> int:
         latest = start - _hand_over(task, exchange) - offset
         start = offset + latest // cycle * cycle
     return handed_over - start
-
-
-def paper_latency() -> Latency:
-    """The paper's controller: 1325.3 us from a new value to its correction, 754.5 Hz."""
-    bus, main, slow = TaskTiming("bus", 250.0), TaskTiming("main", 250.0), TaskTiming("slow", 500.0)
-    return latency([bus, main, slow, main], output_us=PAPER_OUTPUT_US)

@@ -11,10 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
-
 from st_codegen.ir import Activation, KernelSum, Linear, ModelIR, TreeEnsemble
-from st_codegen.ir.arrays import IntArray
+from st_codegen.ir.trees import depths_of
 from st_codegen.walkers.objects import from_estimator
 
 _CYCLES_PER_US = 1910.0
@@ -51,7 +49,7 @@ def _numbers(count: int) -> float:
 
 
 def _trees(ensemble: TreeEnsemble) -> float:
-    return float(_depths(ensemble).sum()) * _LEVEL + len(ensemble.roots) * _MULTIPLY_ADD
+    return float(depths_of(ensemble).sum()) * _LEVEL + len(ensemble.roots) * _MULTIPLY_ADD
 
 
 def _kernels(kernel: KernelSum) -> float:
@@ -74,17 +72,3 @@ _COUNTS: dict[type, Callable[[Any], float]] = {
     Linear: _linear,
     Activation: _activation,
 }
-
-
-def _depths(ensemble: TreeEnsemble) -> IntArray:
-    """Splits on the longest path of each tree, (trees,), level by level."""
-    depth = np.zeros(len(ensemble.roots), np.int64)
-    nodes, trees = ensemble.roots.astype(np.int64), np.arange(len(depth))
-    while True:
-        inner = ensemble.split[nodes] >= 0
-        nodes, trees = nodes[inner], trees[inner]
-        if not len(nodes):
-            return depth
-        depth[np.unique(trees)] += 1
-        nodes = np.concatenate([ensemble.left[nodes], ensemble.right[nodes]])
-        trees = np.concatenate([trees, trees])

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from st_codegen.errors import InputError, MissingExtraError
+from st_codegen.errors import InputError, MissingExtraError, extra_package
 from st_codegen.files.folders import check_replaceable, replace_folder
 from st_codegen.files.temporary import temporary_folder
 from st_codegen.files.text import make_folder
@@ -118,7 +118,7 @@ def bundle_text(
 
 
 def save_model(estimator: Any, folder: Path, stem: str, form: str) -> str:
-    """Save one model; returns the file's name. Raises InputError, MissingExtraError."""
+    """Save one model; returns the file's name. Raises InputError, MissingExtraError, extra_package."""
     if form == "onnx":
         return _save_onnx(estimator, folder, f"{stem}.onnx")
     if form == "native":
@@ -129,11 +129,8 @@ def save_model(estimator: Any, folder: Path, stem: str, form: str) -> str:
         if package == "xgboost":
             estimator.save_model(folder / f"{stem}.json")
             return f"{stem}.json"
-    try:
-        import skops.io
-    except ImportError:
-        raise MissingExtraError("skops", "sklearn", "saving scikit-learn models") from None
-    skops.io.dump(estimator, folder / f"{stem}.skops", compression=zipfile.ZIP_DEFLATED)
+    skops = extra_package("skops.io", "sklearn", "saving scikit-learn models")
+    skops.dump(estimator, folder / f"{stem}.skops", compression=zipfile.ZIP_DEFLATED)
     return f"{stem}.skops"
 
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.errors import InputError, MissingExtraError, Problems
+from st_codegen.errors import InputError, MissingExtraError, Problems, extra_package
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.training.targets import RobustUnit
 
@@ -119,10 +119,7 @@ def _extra_trees(params: Params, x: FloatArray, y: FloatArray, seed: int) -> Any
 
 
 def _lgbm(params: Params, x: FloatArray, y: FloatArray, seed: int) -> Any:
-    try:
-        import lightgbm
-    except ImportError:
-        raise MissingExtraError("lightgbm", "lightgbm", "the family LGBM") from None
+    lightgbm = extra_package("lightgbm", "lightgbm", "the family LGBM")
     fixed: dict[str, Any] = {
         "random_state": seed,
         "n_jobs": 1,

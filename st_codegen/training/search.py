@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from st_codegen.errors import InputError, MissingExtraError
+from st_codegen.errors import InputError, extra_package
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.processes import Progress, interruptible
 from st_codegen.threads import one_thread
@@ -132,21 +132,15 @@ class Backend:
     @contextlib.contextmanager
     def configured(self) -> Iterator[None]:
         """joblib set up for it. Raises MissingExtraError, and InputError where no scheduler answers."""
-        try:
-            import joblib
-        except ImportError:
-            raise MissingExtraError("joblib", "train", "training") from None
+        joblib = extra_package("joblib", "train", "training")
         if self.scheduler is None:
             # a job alone has no workers: it may run in a worker of another backend
             with joblib.parallel_config(**({"backend": "sequential"} if self.jobs == 1 else {"n_jobs": self.jobs})):
                 yield
             return
+        distributed = extra_package("distributed", "dask", "training on a Dask cluster")
         try:
-            from distributed import Client
-        except ImportError:
-            raise MissingExtraError("distributed", "dask", "training on a Dask cluster") from None
-        try:
-            client: Any = Client(self.scheduler, timeout=TIMEOUT, set_as_default=True)  # type: ignore[no-untyped-call]
+            client = distributed.Client(self.scheduler, timeout=TIMEOUT, set_as_default=True)
         except (OSError, ValueError) as error:
             raise InputError(f"no Dask scheduler answers at '{self.scheduler}' ({error})") from None
         with client, joblib.parallel_config(backend="dask", n_jobs=-1):

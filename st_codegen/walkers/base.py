@@ -12,7 +12,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from st_codegen.errors import InputError, MissingExtraError, UnsupportedModelError
+from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import (
     Activation,
     AnyArray,
@@ -58,14 +58,13 @@ class Classified:
     """What a classifier (or a detector, or a clustering) computes, each as a value of a builder.
 
     `index` is the number of the label, from 0. `probability` has a column for each label; `decision` is the library's
-    own score, which its method `decision_method` gives, one column or several. None: the library has no such thing.
+    own score, which its method `decision_function` gives, one column or several. None: the library has no such thing.
     """
 
     labels: tuple[Label, ...]
     index: int
     probability: int | None = None
     decision: int | None = None
-    decision_method: str = "decision_function"
 
 
 @dataclass(frozen=True)
@@ -397,14 +396,6 @@ def trusted_types() -> frozenset[str]:
     for package in LIBRARIES:
         _import_walkers(package)
     return frozenset(_TRUSTED)
-
-
-def library(package: str, extra: str, purpose: str) -> Any:
-    """A package that is needed for a purpose. Raises MissingExtraError where it is not installed."""
-    try:
-        return importlib.import_module(package)
-    except ImportError:
-        raise MissingExtraError(package.partition(".")[0], extra, purpose) from None
 
 
 def booster_of(estimator: Any, made: Callable[[Any], Any]) -> Any:

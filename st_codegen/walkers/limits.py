@@ -6,8 +6,6 @@ it, each of which takes a multiple of its few bytes once it is an object in memo
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from enum import Enum
 
 from st_codegen.errors import InputError
@@ -50,17 +48,6 @@ def stated_features() -> int | None:
 def set_max_model_bytes(limit: int) -> None:
     """Change the limit for all files that this process reads from here on."""
     _Limit.size = limit
-
-
-@contextmanager
-def limited_to(limit: int) -> Iterator[None]:
-    """Change the limit for the files that are read in a block."""
-    before = _Limit.size
-    set_max_model_bytes(limit)
-    try:
-        yield
-    finally:
-        set_max_model_bytes(before)
 
 
 def check_size(size: int, how: str = "") -> None:

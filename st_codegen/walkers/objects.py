@@ -6,8 +6,15 @@ import importlib
 from pathlib import Path
 from typing import Any
 
-from st_codegen.errors import InputError, StCodegenError, UnsupportedModelError, UntrustedFileError, with_subject
-from st_codegen.walkers.base import LIBRARIES, LoadedModel, is_known, library, trusted_types, unsupported
+from st_codegen.errors import (
+    InputError,
+    StCodegenError,
+    UnsupportedModelError,
+    UntrustedFileError,
+    extra_package,
+    with_subject,
+)
+from st_codegen.walkers.base import LIBRARIES, LoadedModel, is_known, trusted_types, unsupported
 from st_codegen.walkers.skops_file import checked_archive, classes_in
 
 #: For each library, the module whose `load_object` makes a model of an object of that library.
@@ -24,13 +31,13 @@ _ESTIMATORS = ("Regressor", "Classifier", "Ridge", "SVC", "Features", "Transform
 #: In every classifier that is made of others; its labels are read elsewhere.
 _PART = "LabelEncoder"
 
-#: What raises in walkers where an object is not built as `fit` builds it: anybody can write any object into a file.
-_NOT_AS_MADE = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
+#: What raises in walkers where an object is not built as its library builds it: a file may hold any object.
+NOT_AS_MADE = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
 
 
 def load_skops(path: Path, name: str) -> LoadedModel:
     """Load a `.skops` file. Raises UntrustedFileError where it names a type that is not known to be harmless."""
-    skops = library("skops.io", "sklearn", f"{path.name}: reading .skops files")
+    skops = extra_package("skops.io", "sklearn", f"{path.name}: reading .skops files")
     try:
         data = checked_archive(path)
         unknown = skops.get_untrusted_types(data=data)
@@ -64,7 +71,7 @@ def load_pickle(path: Path, name: str, *, trusted: bool) -> LoadedModel:
             f"{path.name}: loading a pickle can run any code that its author put into it. Save the model as .skops "
             "(skops.io.dump) or .onnx instead, or pass --trust-pickle if you made this file yourself"
         )
-    joblib = library("joblib", "sklearn", f"{path.name}: reading pickles")
+    joblib = extra_package("joblib", "sklearn", f"{path.name}: reading pickles")
     try:
         estimator = joblib.load(path)
     except ImportError as error:
@@ -90,7 +97,7 @@ def from_estimator(estimator: Any, name: str) -> LoadedModel:
         loaded: LoadedModel = module.load_object(estimator, name)
     except StCodegenError:
         raise
-    except _NOT_AS_MADE as error:
+    except NOT_AS_MADE as error:
         raise InputError(
             f"the model is not as {type(estimator).__name__} makes it ({type(error).__name__}: {error})"
         ) from error

@@ -14,7 +14,7 @@ import pytest
 import st_codegen.live.record as record_module
 from st_codegen import generate
 from st_codegen.campaign.conditions import OperatingPoint
-from st_codegen.campaign.curves import Curve, Run, find_runs, read_run, write_run
+from st_codegen.campaign.curves import Curve, Run, read_run, scan, write_run
 from st_codegen.campaign.orders import curve_sums, fit_orders
 from st_codegen.campaign.reader import read_campaign
 from st_codegen.cli.record import _setting
@@ -216,13 +216,13 @@ def test_what_was_finished_before_a_fault_stays(controller, project, plc, tmp_pa
 
     def break_encoder(done, total, what):
         if done == 1 and what.endswith("MEASURE"):
-            plc.do(plc.plc.plant.fail_encoders)
+            plc.do(lambda: setattr(plc.plc.plant, "encoders_ready", False))
 
     try:
         with pytest.raises(MeasurementError, match=r"\(2 of 2\): ended early, ENCODER"):
             record(controller, project, runs, tmp_path / "c", QUICK, break_encoder)
     finally:
-        plc.do(lambda: plc.plc.plant.fail_encoders(False))
+        plc.do(lambda: setattr(plc.plc.plant, "encoders_ready", True))
     assert (tmp_path / "c" / runs[0].file).is_file()
     assert not (tmp_path / "c" / runs[1].file).exists()
     assert open_campaign(tmp_path / "c", runs) == [runs[1]]
@@ -310,12 +310,12 @@ def test_a_motion_that_a_client_writes(controller, plc):
     end = time.monotonic() + 600
     while controller.read(angle) < begin + 0.5 and time.monotonic() < end:
         time.sleep(0.005)
-    assert plc.plc.plant.motor_speed_rpm == pytest.approx(600.0, rel=0.02)
+    assert plc.plc.plant.axis.speed_in_deg_s == pytest.approx(600.0 * 6.0, rel=0.02)
     controller.write(Signal("GVL_Machine.fSpeed_rpm"), float("nan"))
     rested = plc.plc.time_s + 1.0
     while plc.plc.time_s < rested and time.monotonic() < end:
         time.sleep(0.005)
-    assert abs(plc.plc.plant.motor_speed_rpm) < 1.0
+    assert abs(plc.plc.plant.axis.speed_in_deg_s) < 6.0
     controller.write(Signal("GVL_Machine.fSpeed_rpm"), 0.0)
 
 
@@ -357,7 +357,8 @@ def test_the_conditions_of_a_file_whose_run_was_killed_are_written_at_last(tmp_p
     for run in runs:
         write_run(Run(run.point, dict.fromkeys(Direction, Curve(np.zeros(3), np.zeros(3)))), tmp_path / "c" / run.file)
     assert record(None, RecordedProject(81.0, 1), runs, tmp_path / "c", QUICK) == 0
-    assert [file.conditions for file in find_runs(tmp_path / "c")] == [POINT, POINT]
+    files, bad = scan(tmp_path / "c")
+    assert [file.conditions for file in files] == [POINT, POINT] and not bad
 
 
 @pytest.mark.parametrize("name", ["fSpeed_rpm", "ftorque_nm", "fTemperature_C"])

@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from st_codegen.campaign.conditions import Conditions, OperatingPoint
-from st_codegen.campaign.curves import find_runs, read_run
+from st_codegen.campaign.curves import RunFile, read_run, scan
 from st_codegen.cli.main import cli, main
 from st_codegen.errors import InputError
 from st_codegen.rig.campaign import Measuring, read_conditions, simulate_campaign, simulate_run
@@ -16,6 +16,13 @@ from st_codegen.rig.model import read_rig
 from st_codegen.te.harmonics import Direction
 
 RIG = Path(__file__).resolve().parents[2] / "examples" / "rv160n" / "rig.toml"
+
+
+def find_runs(folder: Path) -> tuple[RunFile, ...]:
+    """The curve files of a folder, in which there is nothing else."""
+    files, bad = scan(folder)
+    assert not bad
+    return files
 
 
 def test_written_curves_hold_the_coefficients(tmp_path):

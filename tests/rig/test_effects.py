@@ -10,7 +10,6 @@ from st_codegen.errors import InputError
 from st_codegen.rig.effects import Conditions, Constants, Form, Stage, catalogue
 from st_codegen.rig.effects.axis import ControlLag
 from st_codegen.rig.effects.empirical import TERMS, term_values
-from st_codegen.rig.effects.wear import bessel_ratios
 from st_codegen.rig.model import RigModel, parse_rig, read_rig
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -182,13 +181,6 @@ def test_coefficients_of_some_orders_equal_those_of_all():
     every = rig.coefficients(at, rig.orders())
     for order in (0, 36, 159, 240):
         assert rig.coefficients(at, [order])[:, 0] == pytest.approx(every[:, rig.orders().index(order)], abs=1e-15)
-
-
-def test_bessel_functions():
-    scipy = pytest.importorskip("scipy.special")
-    for kappa in (0.9, 10, 205):
-        for count in (3, 60):
-            assert bessel_ratios(kappa, count) == pytest.approx(scipy.ive(np.arange(count), kappa), rel=1e-12)
 
 
 def test_control_lag_follows_a_ramp_and_a_sine():

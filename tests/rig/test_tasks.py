@@ -7,7 +7,7 @@ import pytest
 from st_codegen.errors import InputError, Problems
 from st_codegen.files.toml_tables import TomlTable
 from st_codegen.rig.tasks import Plc, TaskForm, TaskInputs, TaskSettings, read_tasks
-from st_codegen.te.latency import paper_latency
+from st_codegen.te.latency import TaskTiming, latency
 
 
 class Echo:
@@ -37,7 +37,8 @@ def ages(form, settings, ticks=60):
 
 def test_the_papers_timing():
     timing = TaskSettings().latency(TaskForm.TWO)
-    assert timing == paper_latency()
+    bus, main, slow = TaskTiming("bus", 250.0), TaskTiming("main", 250.0), TaskTiming("slow", 500.0)
+    assert timing == latency([bus, main, slow, main], output_us=75.3)
     assert timing.best_us == pytest.approx(1325.3)
     assert timing.frequency_hz == pytest.approx(754.5, abs=0.05)
     # highest order 240 of the paper: 188.6 rpm at the output

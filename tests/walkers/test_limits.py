@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from st_codegen.errors import InputError
+from st_codegen.walkers import limits
 from st_codegen.walkers.files import load_model
-from st_codegen.walkers.limits import DEFAULT_MAX_MODEL_BYTES, limited_to, most
+from st_codegen.walkers.limits import DEFAULT_MAX_MODEL_BYTES, most
 
 LIMIT = 2**20
 TREE = (
@@ -64,31 +65,31 @@ BOMBS = {
 
 
 @pytest.mark.parametrize("name", list(BOMBS))
-def test_what_would_become_large_is_refused_before_it_does(tmp_path, name):
+def test_what_would_become_large_is_refused_before_it_does(tmp_path, name, monkeypatch):
     content, message = BOMBS[name]
     path = tmp_path / name
     path.write_bytes(content)
     assert len(content) < LIMIT
     for package in {"onnx": ["onnx", "onnxruntime"], "skops": ["skops"]}.get(path.suffix[1:], []):
         pytest.importorskip(package)
-    with limited_to(LIMIT):
-        with pytest.raises(InputError, match=message) as caught:
-            load_model(path, "m")  # imports what it needs
-        assert str(caught.value).startswith(name)
-        assert "\n" not in str(caught.value)
-        tracemalloc.start()
-        with pytest.raises(InputError, match=message):
-            load_model(path, "m")
-        peak = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
+    monkeypatch.setattr(limits._Limit, "size", LIMIT)
+    with pytest.raises(InputError, match=message) as caught:
+        load_model(path, "m")  # imports what it needs
+    assert str(caught.value).startswith(name)
+    assert "\n" not in str(caught.value)
+    tracemalloc.start()
+    with pytest.raises(InputError, match=message):
+        load_model(path, "m")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
     assert peak < 8 * LIMIT
 
 
-def test_counts_grow_with_the_limit():
+def test_counts_grow_with_the_limit(monkeypatch):
     assert most(256) == DEFAULT_MAX_MODEL_BYTES // 256
-    with limited_to(1024):
-        assert most(256) == 4
-        assert most(4096) == 1
+    monkeypatch.setattr(limits._Limit, "size", 1024)
+    assert most(256) == 4
+    assert most(4096) == 1
 
 
 def test_long_lists_are_read_piece_by_piece(tmp_path):

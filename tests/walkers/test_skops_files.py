@@ -145,11 +145,12 @@ def test_a_member_that_unpacks_to_more_than_allowed_is_refused_unopened(linear, 
     _rewrite(linear, more={"bomb.npy": bytes(5_000_000)})
     assert linear.stat().st_size < 50_000
     monkeypatch.setattr(zipfile.ZipFile, "open", lambda *_, **__: pytest.fail("opened"))
-    with limits.limited_to(1_000_000), pytest.raises(InputError, match=r"^m\.skops: 50\d+ bytes unpacked, at most"):
+    monkeypatch.setattr(limits._Limit, "size", 1_000_000)
+    with pytest.raises(InputError, match=r"^m\.skops: 50\d+ bytes unpacked, at most"):
         load_model(linear, "m")
 
 
-def test_one_member_named_by_many_nodes_counts_each_time(linear):
+def test_one_member_named_by_many_nodes_counts_each_time(linear, monkeypatch):
     def change(schema):
         array = schema["content"]["content"]["coef_"]
         schema["content"]["content"]["singular_"] = {
@@ -161,7 +162,8 @@ def test_one_member_named_by_many_nodes_counts_each_time(linear):
 
     _rewrite(linear, change)
     load_model(linear, "m")
-    with limits.limited_to(130_000), pytest.raises(InputError, match="bytes unpacked"):
+    monkeypatch.setattr(limits._Limit, "size", 130_000)
+    with pytest.raises(InputError, match="bytes unpacked"):
         load_model(linear, "m")
 
 
@@ -207,10 +209,10 @@ def test_identities_do_not_make_a_small_file_a_large_tree(linear):
         load_model(_rewrite(linear, change), "m")
 
 
-def test_the_limit_holds_for_files_of_every_kind_and_is_an_option(tmp_path, capsys):
+def test_the_limit_holds_for_files_of_every_kind_and_is_an_option(tmp_path, capsys, monkeypatch):
     (tmp_path / "m.txt").write_bytes(b"tree\n" * 100)
-    with limits.limited_to(1):  # the option changes it
-        code = run("generate", tmp_path, "--max-model-bytes", "499", "-o", tmp_path / "out")
+    monkeypatch.setattr(limits._Limit, "size", 1)  # the option changes it
+    code = run("generate", tmp_path, "--max-model-bytes", "499", "-o", tmp_path / "out")
     assert code == 2
     assert "m.txt: 500 bytes, at most 499 are read" in " ".join(capsys.readouterr().err.split())
 

@@ -11,7 +11,7 @@ import numpy as np
 from st_codegen.ir import ModelIR
 from st_codegen.project.bundle import Bundle
 from st_codegen.project.configuration import CONFIGURATION_FILE
-from st_codegen.proof.prove.prove import ProofResult, ProveReport, Verdict
+from st_codegen.proof.prove.prove import ProofResult, ProveReport
 from st_codegen.proof.prove.texts import output_names
 from st_codegen.proof.runner import target_folders
 
@@ -84,7 +84,7 @@ def _entry(result: ProofResult, model: ModelIR) -> dict[str, Any]:
         "inputs": [feature.name for feature in model.features],
         "verdict": result.verdict.value,
     }
-    if result.verdict is Verdict.PROVED:
+    if result.is_proved:
         entry |= {"method": result.method, "trees": result.trees}
         if result.bound and np.all(np.isfinite(result.bound)):
             entry["bound"] = list(result.bound)

@@ -78,7 +78,7 @@ def edge_rows(model: ModelIR) -> FloatArray:
     """Rows beside the ends of what the model takes of each input, and with NaN and infinities in it."""
     domain = domain_of(model)
     keys = np.stack([domain.low - 1, domain.low, domain.high, domain.high + 1])
-    inside = from_keys(np.clip(np.zeros(len(domain.low), np.int64), domain.low, domain.high))
+    inside = domain.nearest_to_zero()
     rows = [inside]
     for feature in range(len(inside)):
         ends = keys[:, feature]

@@ -57,6 +57,10 @@ class InputDomain:
         number = axis.feature
         return axis.within(self.low[number], self.high[number], nan=self.nan[number])
 
+    def nearest_to_zero(self) -> FloatArray:
+        """The row of the domain whose numbers are 0, or as near to it as they may be."""
+        return from_keys(np.clip(0, self.low, self.high))
+
 
 def domain_of(model: ir.ModelIR) -> InputDomain:
     """The domain of a model: inputs are limited to the declared ranges first, and refused from a magnitude on."""

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from st_codegen.emit.blocks.self_check import INTACT
 from st_codegen.emit.output import block_of
-from st_codegen.emit.targets import TARGETS
 from st_codegen.files.html_text import html_table
 from st_codegen.ir import ModelIR, TreeEnsemble
 from st_codegen.processes import Progress
@@ -58,6 +57,10 @@ class ProofResult:
     claims: tuple[str, ...] = ()
     counterexample: Counterexample | None = None
 
+    @property
+    def is_proved(self) -> bool:
+        return self.verdict is Verdict.PROVED
+
 
 @dataclass(frozen=True, repr=False)
 class ProveReport:
@@ -69,7 +72,7 @@ class ProveReport:
         return f"ProveReport({self._count()} proved)"
 
     def _count(self) -> str:
-        return f"{sum(result.verdict is Verdict.PROVED for result in self.results)} of {len(self.results)}"
+        return f"{sum(result.is_proved for result in self.results)} of {len(self.results)}"
 
     def _repr_html_(self) -> str:
         rows = [(r.model, r.target, r.block, r.verdict.value, r.reason or r.method) for r in self.results]
@@ -78,7 +81,7 @@ class ProveReport:
 
     @property
     def proved(self) -> bool:
-        return bool(self.results) and all(result.verdict is Verdict.PROVED for result in self.results)
+        return bool(self.results) and all(result.is_proved for result in self.results)
 
 
 def prove(bundle: Bundle, generated: Path | str, *, progress: Progress | None = None) -> ProveReport:
@@ -93,7 +96,7 @@ def prove(bundle: Bundle, generated: Path | str, *, progress: Progress | None = 
         if folder.name == "beckhoff-ml":
             results += [_left_out(model.ir, folder) for model in bundle.models]
             continue
-        code = GeneratedCode(folder, TARGETS[folder.name].dialect)
+        code = GeneratedCode(folder)
         runs: dict[str, BlockRun] = {}
         for loaded in bundle.models:
             if progress is not None:
@@ -110,7 +113,7 @@ def prove(bundle: Bundle, generated: Path | str, *, progress: Progress | None = 
 def _prove_around(block: str, code: GeneratedCode, bundle: Bundle, models: list[ProofResult]) -> ProofResult:
     """The proof for a block around models of which there are proofs."""
     result = ProofResult(block, code.folder.name, block, Verdict.NOT_PROVED)
-    missing = [model.model for model in models if model.verdict is not Verdict.PROVED]
+    missing = [model.model for model in models if not model.is_proved]
     if missing:
         return replace(result, reason=f"it calls models that are not proved: {', '.join(missing)}")
     irs = {loaded.ir.name: loaded.ir for loaded in bundle.models}

@@ -391,8 +391,7 @@ class TreeProof:
             wanted = domain.lanes_within(axis)
             if accepted is not None:
                 wanted &= accepted.at(axis.low)
-            part = parts.get(feature)
-            got = np.ones(axis.lanes, np.bool_) if part is None else part.lift().constant.astype(np.bool_)
+            got = _truths(axis, parts.get(feature))
             wrong = np.flatnonzero(got != wanted)
             if wrong.size:
                 raise Difference("bValid is not what the model demands", self._rows(feature, axis.low[wrong[:1000]]))
@@ -405,9 +404,7 @@ class TreeProof:
         return parts
 
     def _rows(self, feature: int, values: FloatArray) -> FloatArray:
-        domain = self.side.domain
-        row = from_keys(np.clip(np.zeros(len(domain.low), np.int64), domain.low, domain.high))
-        rows = np.tile(row, (len(values), 1))
+        rows = np.tile(self.side.domain.nearest_to_zero(), (len(values), 1))
         rows[:, feature] = values
         return rows
 
@@ -423,8 +420,7 @@ class TreeProof:
             wanted = np.append((axis.low[:-1] >= low) & (axis.high[:-1] <= high), True)
             if low == 0.0:
                 wanted |= axis.low == 0.0
-            part = parts.get(axis.feature)
-            got = np.ones(axis.lanes, np.bool_) if part is None else part.lift().constant.astype(np.bool_)
+            got = _truths(axis, parts.get(axis.feature))
             if np.any((got != wanted) & self.side.domain.lanes_within(axis)):
                 raise NotProvedError(f"bInRange is not what the range of '{feature.name}' demands")
 
@@ -466,6 +462,11 @@ class TreeProof:
 
 def _ensembles(model: ModelIR) -> dict[int, TreeEnsemble]:
     return {number: op for number, op in enumerate(model.ops, 1) if isinstance(op, TreeEnsemble)}
+
+
+def _truths(axis: InputAxis, condition: AxisValue | None) -> BoolArray:
+    """A condition on one input in each lane of its axis; None: it holds in all of them."""
+    return np.ones(axis.lanes, np.bool_) if condition is None else condition.lift().constant.astype(np.bool_)
 
 
 def _condition_parts(value: Value) -> dict[int, AxisValue]:

@@ -27,8 +27,6 @@ from st_codegen.reconcile.judge.surroundings import is_of_its_place, stands_out
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue
 
-#: Called with (steps done, steps at most, what is tried).
-
 
 def search(
     target: FitData, state: State, known: Catalogue, progress: Progress | None = None

@@ -341,6 +341,13 @@ class Effect(ABC):
             table.note(f"'{key}' has {len(value)} entries, orders has {count}")
 
 
+class Wave(Effect):
+    """An effect whose coefficient, on each order that it touches, is its first phasor as it stands."""
+
+    def coefficient(self, at: Conditions, order: int) -> ComplexArray:
+        return self.complex_at(self.phasors[0].key, at)
+
+
 def _plain(values: Mapping[str, Any]) -> dict[str, Value]:
     """Numbers as float, lists as tuples; what is neither stays as it is, for `Effect.check` to refuse."""
     return {

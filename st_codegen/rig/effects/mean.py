@@ -15,13 +15,6 @@ class _MeanEffect(Effect):
     def touched_orders(self) -> tuple[int, ...]:
         return (0,)
 
-    def mean(self, at: Conditions) -> FloatArray:
-        """Contribution to the mean, deg, float64 (n,)."""
-        raise NotImplementedError
-
-    def coefficient(self, at: Conditions, order: int) -> FloatArray:
-        return self.mean(at)
-
 
 class TorsionalCompliance(_MeanEffect):
     """The transmission twists in proportion to the load."""
@@ -34,7 +27,7 @@ class TorsionalCompliance(_MeanEffect):
         ),
     )
 
-    def mean(self, at: Conditions) -> FloatArray:
+    def coefficient(self, at: Conditions, order: int) -> FloatArray:
         found: FloatArray = -at.sign * at.torque_Nm / self.scalar("stiffness_Nm_per_arcmin") * ARCMIN
         return found
 
@@ -46,7 +39,7 @@ class HangingLoadCompliance(_MeanEffect):
     title = "torsional compliance under a load that keeps its direction"
     scalars = TorsionalCompliance.scalars
 
-    def mean(self, at: Conditions) -> FloatArray:
+    def coefficient(self, at: Conditions, order: int) -> FloatArray:
         found: FloatArray = -at.torque_Nm / self.scalar("stiffness_Nm_per_arcmin") * ARCMIN
         return found
 
@@ -63,7 +56,7 @@ class Backlash(_MeanEffect):
         ),
     )
 
-    def mean(self, at: Conditions) -> FloatArray:
+    def coefficient(self, at: Conditions, order: int) -> FloatArray:
         seated = np.tanh(at.torque_Nm / self.scalar("seating_torque_Nm"))
         found: FloatArray = -at.sign * (self.scalar("gap_arcmin") * ARCMIN / 2) * seated
         return found
@@ -125,7 +118,7 @@ class FrictionWindup(_MeanEffect):
         ),
     )
 
-    def mean(self, at: Conditions) -> FloatArray:
+    def coefficient(self, at: Conditions, order: int) -> FloatArray:
         warmer = at.temperature_C - self.constants.reference_temperature_C
         fading = np.exp(-self.scalar("viscosity_decay_per_K") * warmer)
         viscous = self.scalar("viscous_arcmin_per_krpm") * at.speed_rpm / 1000 * fading
@@ -142,7 +135,7 @@ class ThermalDrift(_MeanEffect):
     title = "thermal drift of the mean"
     scalars = (Scalar("drift_arcmin_per_K", "arcmin/K", -2, 2, "shift of the mean a kelvin", None),)
 
-    def mean(self, at: Conditions) -> FloatArray:
+    def coefficient(self, at: Conditions, order: int) -> FloatArray:
         warmer = at.temperature_C - self.constants.reference_temperature_C
         found: FloatArray = self.scalar("drift_arcmin_per_K") * ARCMIN * warmer
         return found

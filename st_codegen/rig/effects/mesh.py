@@ -4,21 +4,14 @@ from __future__ import annotations
 
 from st_codegen.campaign.conditions import Conditions
 from st_codegen.ir.arrays import ComplexArray
-from st_codegen.rig.effects.base import Constants, Effect, Phasor
+from st_codegen.rig.effects.base import Constants, Phasor, Wave
 
 
-class _MeshError(Effect):
+class _MeshError(Wave):
     """An error of shape: constant at all operating points, one order a table."""
 
     orders_key = "order"
     phasors = (Phasor("amplitude_deg", "phase_rad", "deg", 1, "amplitude", own_flanks=True),)
-
-    def wave(self, at: Conditions) -> ComplexArray:
-        """The coefficient, complex128 (n,), deg."""
-        return self.complex_at("amplitude_deg", at)
-
-    def coefficient(self, at: Conditions, order: int) -> ComplexArray:
-        return self.wave(at)
 
 
 class CycloidToothError(_MeshError):
@@ -65,5 +58,5 @@ class LoadDependentMesh(_MeshError):
     def allowed_orders(cls, constants: Constants) -> tuple[int, ...]:
         return constants.mesh_orders()
 
-    def wave(self, at: Conditions) -> ComplexArray:
-        return self.complex_at("slope_deg_per_kNm", at) * at.torque_Nm / 1000
+    def coefficient(self, at: Conditions, order: int) -> ComplexArray:
+        return super().coefficient(at, order) * at.torque_Nm / 1000

@@ -4,28 +4,17 @@ from __future__ import annotations
 
 from st_codegen.campaign.conditions import Conditions
 from st_codegen.ir.arrays import ComplexArray
-from st_codegen.rig.effects.base import Effect, Form, Phasor, Scalar
+from st_codegen.rig.effects.base import Form, Phasor, Scalar, Wave
 
 
-class _Wave(Effect):
-    """An effect on one low order."""
-
-    def wave_order(self) -> int:
-        """The order."""
-        raise NotImplementedError
+class _Eccentricity(Wave):
+    """A wave a revolution."""
 
     def touched_orders(self) -> tuple[int, ...]:
-        return (self.wave_order(),)
-
-    def wave(self, at: Conditions) -> ComplexArray:
-        """The coefficient, complex128 (n,), deg."""
-        return self.complex_at("amplitude_deg", at)
-
-    def coefficient(self, at: Conditions, order: int) -> ComplexArray:
-        return self.wave(at)
+        return (1,)
 
 
-class OutputShaftEccentricity(_Wave):
+class OutputShaftEccentricity(_Eccentricity):
     """The output shaft runs out, more so under load."""
 
     name = "output_shaft_eccentricity"
@@ -35,15 +24,12 @@ class OutputShaftEccentricity(_Wave):
     )
     phasors = (Phasor("amplitude_deg", "phase_rad", "deg", 1, "amplitude without load"),)
 
-    def wave_order(self) -> int:
-        return 1
-
-    def wave(self, at: Conditions) -> ComplexArray:
+    def coefficient(self, at: Conditions, order: int) -> ComplexArray:
         growth = 1 + self.scalar("growth_per_kNm") * at.torque_Nm / 1000
-        return self.complex_at("amplitude_deg", at) * growth
+        return super().coefficient(at, order) * growth
 
 
-class EncoderEccentricity(_Wave):
+class EncoderEccentricity(_Eccentricity):
     """The output encoder's ring sits off centre."""
 
     name = "encoder_eccentricity"
@@ -54,22 +40,19 @@ class EncoderEccentricity(_Wave):
     )
     phasors = (Phasor("amplitude_deg", "phase_rad", "deg", 1, "amplitude"),)
 
-    def wave_order(self) -> int:
-        return 1
 
-
-class OutputShaftOvality(_Wave):
+class OutputShaftOvality(Wave):
     """Shaft, bearing seat or encoder ring are oval."""
 
     name = "output_shaft_ovality"
     title = "ovality of the output shaft"
     phasors = (Phasor("amplitude_deg", "phase_rad", "deg", 1, "amplitude"),)
 
-    def wave_order(self) -> int:
-        return 2
+    def touched_orders(self) -> tuple[int, ...]:
+        return (2,)
 
 
-class CrankMisalignment(_Wave):
+class CrankMisalignment(Wave):
     """The crankshafts do not share the load evenly."""
 
     name = "crank_misalignment"
@@ -79,9 +62,9 @@ class CrankMisalignment(_Wave):
         Phasor("slope_deg_per_kNm", "slope_phase_rad", "deg/kNm", 1, "load part", required=False, own_flanks=True),
     )
 
-    def wave_order(self) -> int:
-        return self.constants.cranks
+    def touched_orders(self) -> tuple[int, ...]:
+        return (self.constants.cranks,)
 
-    def wave(self, at: Conditions) -> ComplexArray:
+    def coefficient(self, at: Conditions, order: int) -> ComplexArray:
         load = self.complex_at("slope_deg_per_kNm", at) * at.torque_Nm / 1000
-        return self.complex_at("amplitude_deg", at) + load
+        return super().coefficient(at, order) + load

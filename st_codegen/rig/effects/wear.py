@@ -7,24 +7,8 @@ import math
 import numpy as np
 
 from st_codegen.campaign.conditions import Conditions
-from st_codegen.ir.arrays import ComplexArray, FloatArray, IntArray
+from st_codegen.ir.arrays import ComplexArray, IntArray
 from st_codegen.rig.effects.base import ARCMIN, Constants, Effect, Form, Phasor, Scalar, Stage
-
-
-def bessel_ratios(kappa: float, count: int) -> FloatArray:
-    """exp(-kappa) * I_k(kappa) for k = 0 .. count-1, I_k the modified Bessel functions, float64 (count,).
-
-    Miller's backward recurrence, normalised by exp(kappa) = I_0 + 2*(I_1 + I_2 + ..); relative error below 1e-12.
-    """
-    start = count + 20 + int(8 * math.sqrt(kappa)) + int(kappa > 0) * 20
-    values = np.zeros(start + 2)
-    values[start] = 1e-300
-    for k in range(start, 0, -1):
-        values[k - 1] = values[k + 1] + 2 * k / kappa * values[k]
-        if values[k - 1] > 1e200:
-            values *= 1e-200
-    found: FloatArray = values[:count] / (values[0] + 2 * values[1:].sum())
-    return found
 
 
 class Wear(Effect):
@@ -45,10 +29,12 @@ class Wear(Effect):
         return tuple(range(math.ceil(6 / math.radians(self.scalar("width_deg"))) + 2))
 
     def contribution(self, at: Conditions, orders: IntArray) -> ComplexArray:
+        from scipy.special import ive  # exp(-kappa) * I_k(kappa), I_k the modified Bessel functions
+
         centre, width = math.radians(self.scalar("centre_deg")), math.radians(self.scalar("width_deg"))
         count = len(self.touched_orders())
         spectrum = np.zeros(max(count, int(orders.max(initial=0)) + 1))
-        spectrum[:count] = bessel_ratios(1 / width**2, count)
+        spectrum[:count] = ive(np.arange(count), 1 / width**2)
         spectrum[1:] *= 2
         shape = spectrum[orders] * np.exp(-1j * orders * centre)
         depth = -at.sign * self.scalar("depth_arcmin") * ARCMIN

@@ -156,7 +156,7 @@ class Declarations:
             if declaration.default.name.upper() not in by_key:
                 raise failure(declaration.default, f"'{declaration.name}' has no value '{declaration.default.name}'")
             default = by_key[declaration.default.name.upper()]
-        return EnumType(declaration.name, base, tuple(values), default, "qualified_only" in declaration.attributes)
+        return EnumType(declaration.name, base, tuple(values), default)
 
     def _struct(self, declaration: d.StructDeclaration) -> StructType:
         fields: dict[str, Field] = {}

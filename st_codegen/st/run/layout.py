@@ -80,7 +80,6 @@ class MemoryLayout:
             if pou.kind is PouKind.PROGRAM:
                 self.programs[key] = end
                 end += self.size_of(types.BlockType(pou.name))
-        self.program_bytes = end
         self.has_natives = any(pou.is_native for pou in project.pous.values())
 
     def variable(self, block: str, key: str) -> t.Variable | None:

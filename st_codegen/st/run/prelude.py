@@ -31,8 +31,8 @@ def _store(value: str, entry: str) -> str:
     return f"%p.{entry} = {context_entry(entry)}\n  store i64 {value}, ptr %p.{entry}"
 
 
-def _fault(kind: str, x: str = "%x", y: str = "%y") -> str:
-    return f"call void @fault(ptr %c, i64 {KINDS.index(kind)}, i64 %site, i64 {x}, i64 {y})"
+def _fault(kind: str, y: str = "%y") -> str:
+    return f"call void @fault(ptr %c, i64 {KINDS.index(kind)}, i64 %site, i64 %x, i64 {y})"
 
 
 #: What every module begins with.

@@ -55,6 +55,11 @@ def order_index(te: TransmissionError) -> tuple[BlockVariable, ...]:
     return (dint("nOrder", "number of the harmonic"),) if len(te.orders) > 1 else ()
 
 
+def names_of(variables: Iterable[BlockVariable]) -> list[str]:
+    """The names of variables, in their order."""
+    return [variable.name for variable in variables]
+
+
 def same(names: Iterable[str]) -> list[CallArgument]:
     """Arguments that are called as the variables that are passed."""
     return [CallArgument(name, name) for name in names]

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 from st_codegen.emit.blocks.listing import Block, BlockVariable, CodeSection
 from st_codegen.emit.blocks.model import block_name, feature_text, header_lines, input_variables
 from st_codegen.emit.literals import real
-from st_codegen.te.compensation.parts import HARMONICS_TYPE, SUFFIX, boolean, lreal, set_variables
+from st_codegen.te.compensation.parts import HARMONICS_TYPE, SUFFIX, boolean, lreal, names_of, set_variables
 from st_codegen.te.harmonics import AxisCorrection, Direction, Quantity, TransmissionError
 
 
@@ -43,7 +41,7 @@ def predict_block(te: TransmissionError) -> Block:
             CodeSection(
                 "the operating point is checked once for all models",
                 "te_inputs",
-                {"inputs": _names(inputs), "spread": bool(te.cycles)},
+                {"inputs": names_of(inputs), "spread": bool(te.cycles)},
             ),
             *_model_sections(te, inputs, {model: instance.name for model, instance in instances.items()}),
             CodeSection(
@@ -76,10 +74,6 @@ def _spread_variables(te: TransmissionError) -> tuple[BlockVariable, ...]:
         boolean("bRound", "nothing has gone wrong in this round"),
         boolean("bRoundInside", "no input of this round had to be limited"),
     )
-
-
-def _names(variables: Iterable[BlockVariable]) -> list[str]:
-    return [variable.name for variable in variables]
 
 
 def _harmonic(te: TransmissionError, direction: Direction, number: int, instances: dict[str, str]) -> dict[str, object]:

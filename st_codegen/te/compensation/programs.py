@@ -12,7 +12,7 @@ from st_codegen.emit.literals import real
 from st_codegen.te.compensation import experiment
 from st_codegen.te.compensation.compensator import ANGLE, IN_RANGE
 from st_codegen.te.compensation.correction import SIGNED_LOAD, parameters, results, torque_variable
-from st_codegen.te.compensation.parts import CallArgument, lreal
+from st_codegen.te.compensation.parts import CallArgument, lreal, names_of
 from st_codegen.te.compensation.two_tasks import AGE_LIMIT, EXCHANGE, fast_results
 from st_codegen.te.harmonics import TransmissionError
 
@@ -54,7 +54,7 @@ def signals(te: TransmissionError) -> GlobalList:
     Measured values and commands can be linked to inputs of the controller, results to outputs; settings and what the
     tasks tell each other cannot.
     """
-    measured = {variable.name for variable in (ANGLE, *input_variables(te.features))} | {"bEnable", SIGNED_LOAD.name}
+    measured = {*names_of((ANGLE, *input_variables(te.features)))} | {"bEnable", SIGNED_LOAD.name}
     inputs = (_at("%I*", item) if item.name in measured else item for item in compensation_inputs(te))
     outputs = (_at("%Q*", item) if item.type in ("LREAL", "BOOL") else item for item in compensation_outputs())
     return GlobalList(
@@ -104,10 +104,6 @@ def _results(instance: str, names: Iterable[str], title: str, signals: str = SIG
     return CodeSection(title, "te_results", {"instance": instance, "names": list(names), "list": signals})
 
 
-def _names(variables: Iterable[BlockVariable]) -> list[str]:
-    return [variable.name for variable in variables]
-
-
 def cycle_constant(microseconds: int) -> BlockVariable:
     """CYCLE_S, the cycle time of a program that a task calls."""
     return lreal("CYCLE_S", "cycle time of the task that calls this program, s", real(microseconds * 1e-6))
@@ -115,7 +111,7 @@ def cycle_constant(microseconds: int) -> BlockVariable:
 
 def main_program(te: TransmissionError) -> Block:
     """PRG_Main: everything in one task."""
-    arguments = [*_given(_names(compensation_inputs(te))), CallArgument("fCycle_s", "CYCLE_S")]
+    arguments = [*_given(names_of(compensation_inputs(te))), CallArgument("fCycle_s", "CYCLE_S")]
     return Block(
         "PRG_Main",
         header_lines(
@@ -131,7 +127,7 @@ def main_program(te: TransmissionError) -> Block:
         constants=(cycle_constant(SLOW_US),),
         sections=(
             _call("fbCompensator", arguments, "prediction and correction"),
-            _results("fbCompensator", _names(compensation_outputs()), "signals to the axes"),
+            _results("fbCompensator", names_of(compensation_outputs()), "signals to the axes"),
         ),
         kind="PROGRAM",
     )
@@ -139,7 +135,7 @@ def main_program(te: TransmissionError) -> Block:
 
 def slow_program(te: TransmissionError) -> Block:
     """PRG_Slow, which runs the models in the slow task."""
-    arguments = [*_given(_names(input_variables(te.features))), *_given([EXCHANGE.name])]
+    arguments = [*_given(names_of(input_variables(te.features))), *_given([EXCHANGE.name])]
     return Block(
         "PRG_Slow",
         header_lines(
@@ -162,12 +158,12 @@ def fast_program(te: TransmissionError) -> Block:
     given = [
         ANGLE.name,
         speed.name,
-        *_names(torque_variable(te)),
-        *_names(_settings(te)),
+        *names_of(torque_variable(te)),
+        *names_of(_settings(te)),
         AGE_LIMIT.name,
         EXCHANGE.name,
     ]
-    outputs = [*_names(compensation_outputs()), *_names(fast_results())]
+    outputs = [*names_of(compensation_outputs()), *names_of(fast_results())]
     return Block(
         "PRG_Fast",
         header_lines(
@@ -213,9 +209,9 @@ def experiment_program() -> Block:
         ),
         constants=(cycle_constant(SLOW_US),),
         sections=(
-            _call("fbExperiment", [*_given(_names(experiment_inputs()), EXPERIMENT_SIGNALS), cycle], "measurement"),
+            _call("fbExperiment", [*_given(names_of(experiment_inputs()), EXPERIMENT_SIGNALS), cycle], "measurement"),
             _call("fbLoadTorque", load, "loading side"),
-            _results("fbExperiment", _names(experiment.outputs()), "signals of the measurement", EXPERIMENT_SIGNALS),
+            _results("fbExperiment", names_of(experiment.outputs()), "signals of the measurement", EXPERIMENT_SIGNALS),
             _results("fbLoadTorque", ["fMotorTorque_Nm"], "signal to the loading motor", EXPERIMENT_SIGNALS),
         ),
         kind="PROGRAM",

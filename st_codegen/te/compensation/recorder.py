@@ -21,7 +21,7 @@ FROM_CLIENT = ("nOwner", "nAlive", "fAliveTimeOut_s", "nEvery")
 #: Samples of the ring: four seconds of a task of 500 us where every cycle is kept.
 SAMPLES = 8192
 #: Angles from the zero of the homing, the angle of the encoder, and the conditions.
-_KEPT = ("fIn_rad", "fOut_rad", "fThetaOut_rad", "fShaftTorque_Nm", "fOil_C")
+KEPT = ("fIn_rad", "fOut_rad", "fThetaOut_rad", "fShaftTorque_Nm", "fOil_C")
 
 
 def with_recorder(application: Application) -> Application:
@@ -56,7 +56,7 @@ def _signals() -> GlobalList:
             dint("nEvery", "every so many cycles a sample is kept", "1"),
             dint("nMeasurement", "measurements so far"),
             dint("nSamples", "samples of this measurement so far"),
-            *(BlockVariable(name, "LREAL", SAMPLES, comment="ring of samples") for name in _KEPT),
+            *(BlockVariable(name, "LREAL", SAMPLES, comment="ring of samples") for name in KEPT),
             BlockVariable("bBackward", "BOOL", SAMPLES, comment="ring of samples: the direction"),
         ),
     )
@@ -86,7 +86,7 @@ def _program() -> Block:
             CodeSection(
                 "samples",
                 "record_samples",
-                {"list": LIST, "experiment": EXPERIMENT_SIGNALS, "kept": _KEPT},
+                {"list": LIST, "experiment": EXPERIMENT_SIGNALS, "kept": KEPT},
             ),
             CodeSection(
                 "the client is there",

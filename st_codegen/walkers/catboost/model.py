@@ -23,6 +23,7 @@ from st_codegen.walkers.base import Classified, GraphBuilder, LoadedModel, Walke
 from st_codegen.walkers.classes import above, complement, largest, numbers_of, softmax
 from st_codegen.walkers.forest import ParsedTree, flatten
 from st_codegen.walkers.limits import MAX_COLUMNS, check_json
+from st_codegen.walkers.objects import NOT_AS_MADE
 
 #: Loss functions of regressions and rankings, by how `predict` answers.
 _RAW = frozenset(
@@ -37,7 +38,6 @@ OBJECTIVES = tuple(sorted(_RAW | _EXPONENT | _CLASSES))
 _MAX_DEPTH = 16
 #: What a number that is missing does: whether it goes to the side of small numbers.
 _MISSING_LEFT = {"AsIs": True, "AsFalse": True, "AsTrue": False}
-_NOT_AS_WRITTEN = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
 
 
 def is_export(data: bytes) -> bool:
@@ -55,7 +55,7 @@ def load(data: bytes, name: str, path: Path) -> LoadedModel:
         return _loaded(json.loads(data), name, path)
     except (InputError, MemoryError):
         raise
-    except _NOT_AS_WRITTEN as error:
+    except NOT_AS_MADE as error:
         raise InputError(
             f"not as CatBoost writes it ({type(error).__name__}: {error}); export the model again "
             "(save_model(path, format='json'))"

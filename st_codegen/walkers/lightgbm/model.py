@@ -21,9 +21,9 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.errors import InputError, UnsupportedModelError, errors_name
+from st_codegen.errors import InputError, UnsupportedModelError, errors_name, extra_package
 from st_codegen.ir import Feature, FloatArray, Function, Label, NanRule, Precision, Source, TreeColumn, TreeEnsemble
-from st_codegen.walkers.base import Classified, GraphBuilder, LoadedModel, Predictor, Walked, booster_of, library, walks
+from st_codegen.walkers.base import Classified, GraphBuilder, LoadedModel, Predictor, Walked, booster_of, walks
 from st_codegen.walkers.classes import (
     above,
     complement,
@@ -126,7 +126,7 @@ class LightgbmBooster:
             best = state.get("best_iteration", -1)
             if type(best) is not int or not -1 <= best <= len(model.trees) // model.n_outputs:
                 raise InputError(f"best_iteration: {str(best)[:40]}, expected a number of iterations of the model")
-            lightgbm = library("lightgbm", "lightgbm", "a model of LightGBM in a .skops file")
+            lightgbm = extra_package("lightgbm", "lightgbm", "a model of LightGBM in a .skops file")
             self.__class__ = lightgbm.Booster
             _load(lambda: lightgbm.Booster.__init__(self, model_str=text))
         self.__dict__["best_iteration"] = best
@@ -183,7 +183,7 @@ def _seen(info: str) -> tuple[float, float] | None:
 
 
 def _load_booster(path: Path) -> Any:
-    lightgbm = library("lightgbm", "lightgbm", f"the prediction of {path.name} by LightGBM")
+    lightgbm = extra_package("lightgbm", "lightgbm", f"the prediction of {path.name} by LightGBM")
     with errors_name(path.name):
         return _load(lambda: lightgbm.Booster(model_file=str(path)))
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from st_codegen.walkers.base import LoadedModel, library
+from st_codegen.errors import extra_package
+from st_codegen.walkers.base import LoadedModel
 
 
 def load_file(path: Path, name: str) -> LoadedModel:
@@ -19,7 +20,7 @@ def load_file(path: Path, name: str) -> LoadedModel:
     operators, versions and types that cannot be compiled, MissingExtraError without the packages onnx and onnxruntime.
     """
     for package in ("onnx", "onnxruntime"):
-        library(package, "onnx", f"{path.name}: loading ONNX files")
+        extra_package(package, "onnx", f"{path.name}: loading ONNX files")
     from st_codegen.walkers.onnx.model import load
 
     return load(path, name)

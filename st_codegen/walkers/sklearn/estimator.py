@@ -39,7 +39,7 @@ def load_object(estimator: Any, name: str) -> LoadedModel:
     features = _features(estimator)
     builder = GraphBuilder(len(features))
     result = walk_any(estimator, builder, 0)
-    if isinstance(result, Classified) and not hasattr(estimator, result.decision_method):
+    if isinstance(result, Classified) and not hasattr(estimator, "decision_function"):
         result = replace(result, decision=None)  # XGBClassifier has margins, a Pipeline that ends in it has none
     if isinstance(result, Estimated) and not hasattr(_last(estimator), "L_"):  # whose predict takes no return_std
         result = result.mean
@@ -159,8 +159,7 @@ def _predictor(estimator: Any, result: Walked) -> Predictor:
             if result.probability is not None:
                 parts.append(np.asarray(estimator.predict_proba(rows), np.float64))
             if result.decision is not None:
-                scores = getattr(estimator, result.decision_method)(rows)
-                parts.append(np.asarray(scores, np.float64).reshape(len(x), -1))
+                parts.append(np.asarray(estimator.decision_function(rows), np.float64).reshape(len(x), -1))
             return np.hstack(parts)
 
     return predict

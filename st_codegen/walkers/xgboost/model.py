@@ -25,9 +25,9 @@ from typing import Any
 import numpy as np
 
 from st_codegen import ir
-from st_codegen.errors import InputError, UnsupportedModelError, errors_name
+from st_codegen.errors import InputError, UnsupportedModelError, errors_name, extra_package
 from st_codegen.ir.arrays import AnyArray, Float32Array, FloatArray
-from st_codegen.walkers.base import Classified, GraphBuilder, LoadedModel, Predictor, Walked, booster_of, library, walks
+from st_codegen.walkers.base import Classified, GraphBuilder, LoadedModel, Predictor, Walked, booster_of, walks
 from st_codegen.walkers.catboost import model as catboost
 from st_codegen.walkers.classes import above, complement, largest, last_below, most_probable, numbers_of, softmax
 from st_codegen.walkers.forest import ParsedTree, category_note, flatten
@@ -174,7 +174,7 @@ class XgboostBooster:
                 raise InputError("no model; it was saved before training, or is damaged")
             model = ubjson.entry(bytes(data), "Model")
             loads(model, binary=True)
-            xgboost = library("xgboost", "xgboost", "a model of XGBoost in a .skops file")
+            xgboost = extra_package("xgboost", "xgboost", "a model of XGBoost in a .skops file")
             self.__class__ = xgboost.Booster
             _load(lambda: xgboost.Booster.__init__(self, model_file=bytearray(model)))
 
@@ -220,7 +220,7 @@ def _loaded(
 
 
 def _load_booster(path: Path) -> Any:
-    xgboost = library("xgboost", "xgboost", f"the prediction of {path.name} by XGBoost")
+    xgboost = extra_package("xgboost", "xgboost", f"the prediction of {path.name} by XGBoost")
     with errors_name(path.name):
         booster = xgboost.Booster()
         _load(lambda: booster.load_model(str(path)))
