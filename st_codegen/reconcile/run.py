@@ -58,6 +58,7 @@ from st_codegen.reconcile.judge.structure import (
 from st_codegen.reconcile.judge.suspects import bad_runs, excused, without_structure
 from st_codegen.reconcile.judge.unexplained import Signature, beside_the_rigs, loudest, of_a_hum, signatures
 from st_codegen.reconcile.judge.unseen import below_noise, cannot_show
+from st_codegen.reconcile.outcome import Outcome
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Effect, Stage
 from st_codegen.rig.effects.base import BACKWARD
@@ -141,15 +142,15 @@ class Reconciliation:
         return self.carriers < SETTINGS.least_curves
 
     @property
-    def verdict(self) -> str:
-        """One of explained, partly_explained, nothing_missing, and unexplained."""
+    def verdict(self) -> Outcome:
+        """Whether what differs is named, and whether more than noise is left."""
         named = bool(self.conclusions.claims or self.conclusions.retuned or self.conclusions.offset_changed)
         # few runs can leave more than noise in which no pattern is seen
         more_than_noise = self.fitted.after > SETTINGS.clearly_larger * self.fitted.noise_floor
-        if self.unexplained or more_than_noise:
-            return "partly_explained" if named else "unexplained"
+        found = Outcome.of(named=named, is_more_left=bool(self.unexplained) or more_than_noise)
         # what a few runs leave may be noise, or what their model lacks between them
-        return "nothing_missing" if not named else "partly_explained" if self.data.few_points else "explained"
+        few = found is Outcome.EXPLAINED and self.data.few_points
+        return Outcome.PARTLY_EXPLAINED if few else found
 
     @property
     def floor_is_bound(self) -> bool:

@@ -11,6 +11,7 @@ import numpy as np
 from st_codegen.reconcile.joint.parts import KINDS, OTHERS, RIGID
 from st_codegen.reconcile.joint.run import JointResult
 from st_codegen.reconcile.joint.waves import ANGLE, TorqueWave
+from st_codegen.reconcile.outcome import Outcome
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Constants
 
@@ -62,11 +63,9 @@ def signatures(result: JointResult) -> list[str]:
     return found
 
 
-def verdict(result: JointResult, found: Sequence[JointFinding]) -> str:
-    """One of the verdicts of report.json."""
-    if signatures(result):
-        return "partly_explained" if found else "unexplained"
-    return "explained" if found else "nothing_missing"
+def verdict(result: JointResult, found: Sequence[JointFinding]) -> Outcome:
+    """Whether what a rigid joint leaves is named, and whether more than noise is left."""
+    return Outcome.of(named=bool(found), is_more_left=bool(signatures(result)))
 
 
 _WORDS = {
@@ -379,5 +378,5 @@ def joint_report(results: Sequence[JointResult], constants: Constants | None) ->
                 "cannot_show": cannot_show(result),
             }
         )
-    worst = ("unexplained", "partly_explained", "explained", "nothing_missing")
+    worst = (Outcome.UNEXPLAINED, Outcome.PARTLY_EXPLAINED, Outcome.EXPLAINED, Outcome.NOTHING_MISSING)
     return {"kind": "joints", "verdict": min((one["verdict"] for one in joints), key=worst.index), "joints": joints}

@@ -12,6 +12,7 @@ from st_codegen.reconcile.joint.findings import friction_curve
 from st_codegen.reconcile.joint.parts import KINDS
 from st_codegen.reconcile.joint.run import JointResult
 from st_codegen.reconcile.joint.waves import ANGLE, TIME, spectrum
+from st_codegen.reconcile.outcome import Outcome
 from st_codegen.report.html import PageSection, PageTable, page
 from st_codegen.report.picture import Draw, panels
 
@@ -19,10 +20,10 @@ _SHOWN_POINTS = 1500
 
 #: the verdicts in words; the noise floor is a bound from above: what lies below it may be noise, and need not be
 JOINT_VERDICT_TEXT = {
-    "explained": "What stands out beyond a rigid joint is named; the rest is so small that it may be noise.",
-    "partly_explained": "Part of what a rigid joint leaves is named; the rest is more than noise.",
-    "nothing_missing": "Nothing stands out beyond a rigid joint; what it leaves is so small that it may be noise.",
-    "unexplained": "A rigid joint leaves more than noise, and nothing of it has a name.",
+    Outcome.EXPLAINED: "What stands out beyond a rigid joint is named; the rest is so small that it may be noise.",
+    Outcome.PARTLY_EXPLAINED: "Part of what a rigid joint leaves is named; the rest is more than noise.",
+    Outcome.NOTHING_MISSING: "Nothing stands out beyond a rigid joint; what is left is so small that it may be noise.",
+    Outcome.UNEXPLAINED: "A rigid joint leaves more than noise, and nothing of it has a name.",
 }
 
 

@@ -22,6 +22,7 @@ from st_codegen.files.csv_tables import RowError, header_of, read_csv
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.data.observations import Observations, labels
 from st_codegen.reconcile.data.reading import check_units
+from st_codegen.reconcile.outcome import Outcome
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions, Constants
 from st_codegen.rig.model import RigModel
@@ -96,11 +97,9 @@ class SpectrumResult:
     gap: tuple[float, float, float]
 
     @property
-    def verdict(self) -> str:
-        """One of the verdicts of report.json."""
-        if not self.unexplained:
-            return "explained" if self.named else "nothing_missing"
-        return "partly_explained" if self.named else "unexplained"
+    def verdict(self) -> Outcome:
+        """Whether what differs is named, and whether more than noise is left."""
+        return Outcome.of(named=bool(self.named), is_more_left=bool(self.unexplained))
 
 
 def is_spectrum(path: Path) -> bool:

@@ -20,6 +20,7 @@ from st_codegen.reconcile.fit.parameters import Coordinate
 from st_codegen.reconcile.fit.propagation import Propagation
 from st_codegen.reconcile.fit.target import by_place
 from st_codegen.reconcile.judge.peaks import has_a_frequency
+from st_codegen.reconcile.outcome import Outcome
 from st_codegen.reconcile.plan.points import Rows, summed
 from st_codegen.reconcile.plan.rivals import Rival
 from st_codegen.reconcile.run import Reconciliation
@@ -180,7 +181,7 @@ def unexplained(result: Reconciliation, rows: Rows) -> list[Question]:
     target = final.target
     steps = [_step(getattr(target.data.at, column)) for column in CONDITION_COLUMNS]
     found: list[Question] = []
-    if result.verdict == "nothing_missing" or target.data.few_points:
+    if result.verdict is Outcome.NOTHING_MISSING or target.data.few_points:
         # what hides between levels is sharp in speed (a resonance) or in torque (flanks that seat)
         for along in (0, 1):
             length = np.array(steps) * [_NEAR if axis == along else _FAR for axis in range(3)]

@@ -18,6 +18,7 @@ from st_codegen.reconcile.judge.plausible import explained
 from st_codegen.reconcile.judge.structure import in_both_directions
 from st_codegen.reconcile.judge.surroundings import angle_of_rest
 from st_codegen.reconcile.judge.unexplained import beside_the_rigs
+from st_codegen.reconcile.outcome import Outcome
 from st_codegen.reconcile.run import Reconciliation, TakenBack
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions, Effect
@@ -27,26 +28,30 @@ from st_codegen.rig.effects.resonance import StructuralResonance
 #: standard errors by which a parameter must differ to be shown as changed, or as not zero
 CLEARLY = 2.0
 VERDICT_TEXT = {
-    "explained": "What differs is named; no pattern over the conditions was found in what is left.",
-    "partly_explained": "Part of what differs is named; for the rest no effect of the catalogue was found.",
-    "nothing_missing": "Nothing was found missing: no pattern over the conditions was found in the differences.",
-    "unexplained": "Something differs for which no effect of the catalogue was found.",
+    Outcome.EXPLAINED: "What differs is named; no pattern over the conditions was found in what is left.",
+    Outcome.PARTLY_EXPLAINED: "Part of what differs is named; for the rest no effect of the catalogue was found.",
+    Outcome.NOTHING_MISSING: "Nothing was found missing: no pattern over the conditions was found in the differences.",
+    Outcome.UNEXPLAINED: "Something differs for which no effect of the catalogue was found.",
 }
 
 
 def verdict_text(result: Reconciliation) -> str:
     """The verdict in words."""
-    if result.verdict == "partly_explained" and result.data.few_points and not result.unexplained:
+    if result.verdict is Outcome.PARTLY_EXPLAINED and result.data.few_points and not result.unexplained:
         return "What is named was missing; the runs are too few to tell whether what is left of them is noise."
     if result.unexplained and all(one.would_be for one in result.unexplained):
-        named = "What differs is named; what is left" if result.verdict == "partly_explained" else "What differs"
+        named = "What differs is named; what is left" if result.verdict is Outcome.PARTLY_EXPLAINED else "What differs"
         return f"{named} has a faint pattern, which may be noise that lasts over runs."
     if result.unexplained and all("scatter" in one.dependence for one in result.unexplained):
-        named = "What differs is named; runs" if result.verdict == "partly_explained" else "Runs"
+        named = "What differs is named; runs" if result.verdict is Outcome.PARTLY_EXPLAINED else "Runs"
         known = "that is known" if result.data.spectral_deg is None else "within their curves"
         return f"{named} differ by more than the noise {known}, without a pattern: more noise, or something missing."
     # what a correction takes from the orders it takes above them as well
-    if result.data.beyond_deg and not result.mistakes and result.verdict in ("explained", "nothing_missing"):
+    if (
+        result.data.beyond_deg
+        and not result.mistakes
+        and result.verdict in (Outcome.EXPLAINED, Outcome.NOTHING_MISSING)
+    ):
         said, beyond = VERDICT_TEXT[result.verdict].removesuffix("."), result.data.beyond_deg
         return (
             f"{said}; but above the orders that were looked at the curves hold {beyond:.2g} deg RMS, more than noise."

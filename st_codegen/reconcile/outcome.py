@@ -1,0 +1,21 @@
+"""What a comparison came to, in one word of report.json."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class Outcome(StrEnum):
+    """Whether something was found missing, and whether what is left of the differences is more than noise."""
+
+    EXPLAINED = "explained"
+    PARTLY_EXPLAINED = "partly_explained"
+    NOTHING_MISSING = "nothing_missing"
+    UNEXPLAINED = "unexplained"
+
+    @classmethod
+    def of(cls, *, named: bool, is_more_left: bool) -> Outcome:
+        """The outcome where something has a name or not, and where more than noise is left or not."""
+        if is_more_left:
+            return cls.PARTLY_EXPLAINED if named else cls.UNEXPLAINED
+        return cls.EXPLAINED if named else cls.NOTHING_MISSING
