@@ -62,7 +62,7 @@ def golden_text_is_read_once():
     """Proofs of few models read the text of all; that of golden/, which nobody changes, is kept."""
     kept = functools.cache(GeneratedCode)
     with pytest.MonkeyPatch.context() as patch:
-        read = lambda folder, dialect: (kept if GOLDEN in folder.parents else GeneratedCode)(folder, dialect)  # noqa: E731
+        read = lambda folder: (kept if GOLDEN in folder.parents else GeneratedCode)(folder)  # noqa: E731
         patch.setattr("st_codegen.proof.prove.prove.GeneratedCode", read)
         yield
 

@@ -219,17 +219,22 @@ def _filter_over(
     """A filter whose response depends on the place (n, K) of each coefficient, and what the votes gain by it."""
     model, noise, at = expected_of(data, rig), noise_power(data), place(data)
     knots = np.linspace(0.0, float(at.max(initial=0.0)), SETTINGS.knots_of_filter + 1)
-    passes, of_others = _response(data, model, noise, at, knots)
+    passes, seen = _predicted(data, model, noise, at, knots)
     if not passes.any():
         return None
-    # each order is predicted by the response that the others tell: a rig that is a little wrong has none in common
-    columns = [_between_knots(at[:, k], data.at.sign, knots, of_others[k]) for k in range(len(data.orders))]
-    seen, every = model * np.stack(columns, axis=1), data.orders > 0
+    every = data.orders > 0
     turn = -2j * np.pi * data.at.sign[:, None] * at
     late = model * np.exp(turn * _fitted(data, model, noise, lambda by: np.exp(turn * by)))
     # nor is one factor of all
     alike = model * (1.0 + _common_step(data.values - model, model, noise))
-    gain = min(agreed_gain(data, rig, seen, every, plain) for plain in (None, late, alike))
+    # nor what the mesh does alike in all its orders at one speed or load, as behind a film of oil
+    mesh, of_runs = data.orders > SETTINGS.wander_orders, []
+    for column in (data.at.speed_rpm, np.abs(data.at.torque_Nm)):
+        by = np.tile(column[:, None], (1, len(data.orders)))
+        if by.any():
+            steps = np.linspace(0.0, float(by.max()), len(knots))
+            of_runs.append(np.where(mesh, _predicted(data, mesh * model, noise, by, steps)[1], model))
+    gain = min(agreed_gain(data, rig, seen, every, plain) for plain in (None, late, alike, *of_runs))
     if gain < SETTINGS.vote:
         return None
 
@@ -248,6 +253,18 @@ def _filter_over(
     # no -0 degrees
     ahead = round(float(np.degrees(np.angle(response[most])) * data.at.sign[most[0]])) + 0.0
     return gain, Mistake(name, text.format(at[most], abs(response[most]), ahead), corrected, remedy=remedy)
+
+
+def _predicted(
+    data: Observations, model: ComplexArray, noise: FloatArray, at: FloatArray, knots: FloatArray
+) -> tuple[ComplexArray, ComplexArray]:
+    """A response over places (n, K) at the knots, and what each order is with that which the others tell, (n, K).
+
+    A rig that is a little wrong has none in common.
+    """
+    passes, of_others = _response(data, model, noise, at, knots)
+    columns = [_between_knots(at[:, k], data.at.sign, knots, of_others[k]) for k in range(len(data.orders))]
+    return passes, model * np.stack(columns, axis=1)
 
 
 def _between_knots(at: FloatArray, sign: FloatArray, knots: FloatArray, passes: ComplexArray) -> ComplexArray:
