@@ -9,7 +9,6 @@ from __future__ import annotations
 import ctypes
 import sys
 import time
-from dataclasses import dataclass
 from functools import cache
 from threading import RLock
 from typing import Any
@@ -18,6 +17,7 @@ import llvmlite.binding as llvm
 
 from st_codegen.st import tree as t
 from st_codegen.st.run import prelude
+from st_codegen.st.run.memory import CompiledUnit
 from st_codegen.st.run.module import Module, absolute
 from st_codegen.st.run.unit import Unit
 from st_codegen.st.tree import PouKind
@@ -27,14 +27,6 @@ QUICK, FAST = 0, 2
 _LONG, _POINTER = ctypes.c_int64, ctypes.c_void_p
 #: Runs a unit: context, unit, then the address and the bytes a row of the memory and of the instances; the rows.
 _ROWS = ctypes.CFUNCTYPE(_LONG, *(_POINTER, _POINTER), *(_POINTER, _LONG) * 2, *(_LONG, _LONG))
-
-
-@dataclass(frozen=True)
-class CompiledUnit:
-    """Where a unit begins, and the seconds of compiling it, with what it calls as far as that was not compiled yet."""
-
-    address: int
-    seconds: float
 
 
 class Program:

@@ -16,7 +16,7 @@ import os
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,14 +25,11 @@ from st_codegen.st import tree as t
 from st_codegen.st.errors import StUsageError
 from st_codegen.st.run.calls import NativeCalls
 from st_codegen.st.run.layout import dtype_of, is_scalar
-from st_codegen.st.run.memory import Memory, given, shown, view
+from st_codegen.st.run.memory import CompiledUnit, Memory, given, shown, view
 from st_codegen.st.run.natives import Library, NativeBlock
 from st_codegen.st.run.paths import Place, Port, find_block, find_global, ports, resolve
 from st_codegen.st.run.prelude import CONTEXT
 from st_codegen.st.types import ArrayType, BlockType, PointerType
-
-if TYPE_CHECKING:
-    from st_codegen.st.run.compiler import CompiledUnit
 
 LOOP_LIMIT = 10_000_000
 #: Where nothing else is known, fewer rows run faster than they are optimised; the results are the same.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import mmap
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,14 @@ Reader = Callable[[int, "np.dtype[Any]", tuple[int, ...]], Values]
 _PAGE = 4096
 #: Bytes of records from which on it matters in what pages they are.
 _LARGE = 64_000_000
+
+
+@dataclass(frozen=True)
+class CompiledUnit:
+    """Where a unit begins, and the seconds of compiling it, with what it calls as far as that was not compiled yet."""
+
+    address: int
+    seconds: float
 
 
 class Memory:
