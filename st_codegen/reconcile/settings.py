@@ -323,6 +323,9 @@ class Settings:
     wander_orders: int = 5
     #: a twist of two slopes with a knee has four numbers: so many torques refuse it where the play is taken up
     torques_of_a_knee: int = 5
+    #: knees that are tried, by quantiles of the torques, and powers of the load: contact is between a half and one
+    knees_tried: int = 12
+    powers_of_a_load: tuple[float, ...] = (0.5, 2 / 3, 0.75, 0.9)
     #: so many quiet orders tell the noise of an order of a curve, half of those whose median it is
     quiet_beside: int = 12
     #: of tables, whose orders may differ: so many of their usual distances (standard deviations) above those beside it,
@@ -526,8 +529,8 @@ CHOSEN_ON: dict[str, tuple[str, ...]] = {
     ),
     "campaigns of other generators (filters, gaps, sensors that drift, zeros of the angle, laws of no catalogue)": (
         "one_zero", "one_zero_deg", "bends", "at_once", "beside_reading", "changes_tried", "of_a_filter",
-        "least_between", "left_beside_wave", "one_slope", "beyond_labels", "nothing_left", "keeps_its_size",
-        "least_turn_rad", "same_in_runs", "same_ramp", "told_order", "told_decay", "rings",
+        "least_between", "left_beside_wave", "powers_of_a_load", "one_slope", "beyond_labels", "nothing_left",
+        "keeps_its_size", "least_turn_rad", "same_in_runs", "same_ramp", "told_order", "told_decay", "rings",
         "reach_of_start_deg", "left_of_rest", "off_order", "part_of_rest", "begins_to_do", "clear_cause",
     ),
     "all counted cases of other physics, development and held out": (

@@ -374,7 +374,8 @@ def _claim(
     few = final.target.data.few_points
     starts, is_burst = may_be_a_start(final, piece.effect), bool(piece.effect.least_foreign and piece.effect.orders)
     unsure = starts or (is_burst and told_order(final, piece) < SETTINGS.told_order)
-    alone = few or by_order_alone(final, number) or is_a_knee(final, piece.effect) or unsure
+    knee = is_a_knee(final, piece.effect)
+    alone = few or by_order_alone(final, number) or knee or unsure
     # nobody has counted how often a sideband without its twin is one
     one_side = piece.effect.stage is Stage.MODULATION and len(told_sides(piece, stderr)) < 2
     is_open = alone or one_side or may_be_friction(final, piece.effect) or may_be_time(final, piece.effect)
@@ -393,6 +394,7 @@ def _claim(
             *_of_its_shape(piece, peaks),
             *_of_its_order(final, number),
             *((_FEW,) if few else ()),
+            *((_KNEE,) if knee else ()),
             *((_START,) if starts else ()),
         ),
         peaks=peaks,
@@ -461,6 +463,8 @@ def _of_its_shape(piece: Piece, peaks: tuple[float, float] | None) -> tuple[str,
 
 #: what is said beside every name that few runs give
 _FEW = "so few runs cannot tell one law of the conditions from another: measure more levels"
+#: what is said beside play that a transmission without any would show at these torques
+_KNEE = "a transmission without play that is softer at low loads does as well"
 #: what is said beside a name that what happens at the start of each curve may have
 _START = "what dies away behind the start of each curve (an axis that settles, a filter that runs in) looks like it"
 #: the alternative to a name that only an order, or few runs, give

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 
+from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.fit.fitting import Fit
 from st_codegen.reconcile.fit.parameters import Piece
-from st_codegen.reconcile.judge.plausible import followers
+from st_codegen.reconcile.judge.plausible import explained, followers
 from st_codegen.reconcile.judge.retuned import shown_change
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect, Stage
@@ -58,10 +60,35 @@ def left_of_a_smoothing(final: Fit, number: int) -> frozenset[str]:
 
 
 def is_a_knee(final: Fit, effect: Effect) -> bool:
-    """Whether the torques at which play is taken up are too few to tell it from a twist that is softer at low loads."""
+    """Whether a twist that is softer at low loads does as well as play: the torques at which that is taken up are few,
+    or straight lines with knees, or a power of the load, leave no more of the mean."""
     seating = effect.values.get("seating_torque_Nm")
-    torques = np.unique(np.abs(final.target.data.at.torque_Nm))
-    return isinstance(seating, float) and int((torques < 2 * seating).sum()) < SETTINGS.torques_of_a_knee
+    if not isinstance(seating, float):
+        return False
+    data, good = final.target.data, final.target.good
+    torques = np.unique(np.abs(data.at.torque_Nm))
+    if int((torques < 2 * seating).sum()) < SETTINGS.torques_of_a_knee:
+        return True
+    if data.angle_rad is not None or data.orders[0] != 0:
+        return False
+    twists = [piece for piece in final.state.pieces if piece.effect.name in ("backlash", "torsional_compliance")]
+    twist = sum((explained(final, piece)[good, 0].real for piece in twists), final.residual[good, 0].real)
+    torque, sign, sigma = data.at.torque_Nm[good], data.at.sign[good], final.target.sigma[good, 0]
+
+    def left(*laws: FloatArray) -> float:
+        """The loss with a twist that is a sum of laws of the load beside a zero and dry friction."""
+        columns = np.stack([*(sign * law for law in (torque, *laws)), sign, np.ones(len(sign))], axis=1)
+        design, wanted = columns / np.abs(columns).max(axis=0, initial=1e-300) / sigma[:, None], twist / sigma
+        return float(((wanted - design @ np.linalg.lstsq(design, wanted, rcond=None)[0]) ** 2).sum())
+
+    knees = np.quantile(torques[torques > 0.0], np.linspace(0.0, 1.0, SETTINGS.knees_tried + 1)[:-1])
+    slopes = [np.clip(torque, -knee, knee) for knee in np.unique(knees)]
+    powers = [np.sign(torque) * np.abs(torque) ** power for power in SETTINGS.powers_of_a_load]
+    play = left(np.tanh(torque / seating))
+    others = [*map(left, slopes), *map(left, powers), *(left(*two) for two in combinations(slopes, 2))]
+    # what neither explains is as much noise to both
+    unit = max(1.0, min(play, *others) / len(sign))
+    return min(others) < play + SETTINGS.as_good * unit
 
 
 def may_be_time(final: Fit, effect: Effect) -> bool:
