@@ -6,9 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from st_codegen.ir.arrays import ComplexArray, FloatArray
-from st_codegen.reconcile.data.contrasts import speed_levels
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
+from st_codegen.reconcile.data.contrasts import levels_of, speed_levels
 from st_codegen.reconcile.fit.target import FitData
+from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect, Stage
 
 #: random peaks whose agreement is counted: a share of one in 100 is known to a sixth
@@ -25,15 +26,33 @@ def bracket(target: FitData, residual: ComplexArray, effect: Effect) -> tuple[fl
 
     residual: complex (n, K), measured less a model without the effect. An order that is loudest at one measured speed
     peaks nearer to it than to its neighbours: between the middles to both. What orders and directions have in common
-    counts.
+    counts. Where it lies elsewhere at one load or temperature, it has no frequency of all.
+    """
+    at = target.data.at
+    low, high, _ = _between(target, residual, effect, target.good)
+    for level in (levels_of(np.abs(at.torque_Nm)), levels_of(at.temperature_C)):
+        for number in np.unique(level):
+            rows = target.good & (level == number)
+            own_low, own_high, shown = _between(target, residual, effect, rows, SETTINGS.loud_order)
+            if shown > 1 and own_low < own_high and not (own_low < high and low < own_high):
+                return None
+    return (low, high) if 0.0 < low < high < np.inf else None
+
+
+def _between(
+    target: FitData, residual: ComplexArray, effect: Effect, some: BoolArray, loud: float = 0.0
+) -> tuple[float, float, int]:
+    """The largest lower and the smallest upper end of where orders peak in some rows, and how many orders say so.
+
+    They agree where the upper end is larger. loud: power over the noise from which on a peak is one.
     """
     at, data = target.data.at, target.data
-    level = speed_levels(at.speed_rpm)
+    level, shown = speed_levels(at.speed_rpm), set()
     low, high = 0.0, np.inf
     for order in effect.orders:
         column = np.flatnonzero(data.orders == order)
         for sign in (1.0, -1.0):
-            rows = target.good & (at.sign == sign)
+            rows = some & (at.sign == sign)
             numbers = np.unique(level[rows])
             if not len(column) or len(numbers) < 3:
                 continue
@@ -41,8 +60,11 @@ def bracket(target: FitData, residual: ComplexArray, effect: Effect) -> tuple[fl
             speed = np.array([float(np.median(at.speed_rpm[rows & (level == n)])) for n in numbers])
             hertz = _edges(speed) * order / (60 * target.reduction_ratio)
             loudest = int(np.argmax(size))
+            if size[loudest] ** 2 < loud * float(np.median(target.sigma[rows, column[0]])) ** 2:
+                continue
+            shown.add(order)
             low, high = max(low, float(hertz[loudest])), min(high, float(hertz[loudest + 1]))
-    return (low, high) if 0.0 < low < high < np.inf else None
+    return low, high, len(shown)
 
 
 def _edges(speed: FloatArray) -> FloatArray:
