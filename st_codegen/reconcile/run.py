@@ -38,7 +38,7 @@ from st_codegen.reconcile.judge.conclusions import (
 )
 from st_codegen.reconcile.judge.evidence import Evidence
 from st_codegen.reconcile.judge.faint import faint
-from st_codegen.reconcile.judge.held_out import between_states, held_out_rms
+from st_codegen.reconcile.judge.held_out import between_states, held_out_rms, untested_axes
 from st_codegen.reconcile.judge.in_time import wander_over_runs
 from st_codegen.reconcile.judge.lines import lines_in_samples
 from st_codegen.reconcile.judge.links import coupling_link, servo_link, with_unmeasured_links
@@ -121,15 +121,17 @@ class Reconciliation:
     taken_back: TakenBack | None = None
     between_deg: float = 0.0
     carriers: float = math.inf
+    untested: tuple[str, ...] = ()
 
     @property
     def held_out_is_bound(self) -> bool:
         """Whether the held-out gap may be larger: few runs say too little, or at other speeds a hum meets other orders.
 
-        Where few of many curves carry it, there may be more such places between them.
+        Where few of many curves carry it, there may be more such places between them; where the levels of a condition
+        are too few to leave one out, nothing was predicted between them.
         """
         few = self.data.few_points or (self.held_out_scatters and self.few_carry)
-        return few or any(one.frequency_Hz for one in self.data.hums)
+        return few or bool(self.untested) or any(one.frequency_Hz for one in self.data.hums)
 
     @property
     def few_carry(self) -> bool:
@@ -467,6 +469,7 @@ def _result(
             *wander_over_runs(target, after, [one.order for one in left]),
         ),
         unseen_curves=unseen.curves,
+        untested=untested_axes(conclusions.final) if data.angle_rad is None else (),
         carriers=math.inf if data.angle_rad is not None else _alike((weight * np.abs(unseen.left) ** 2).sum(axis=1)),
     )
 

@@ -97,6 +97,8 @@ class Settings:
     told: float = 3.0
     #: an order votes for a mistake when its gap falls to half (a logarithm)
     vote: float = 0.7
+    #: loads of different sizes from which on leaving one out is no question of how many numbers follow them
+    many_levels: int = 12
     #: an angle of home below this is nearer than one is set; a factor of columns below this may be the rig's own
     least_home_deg: float = 0.05
     #: zeros of runs are taken for those of one start where most lie together so near (deg), and others for the same

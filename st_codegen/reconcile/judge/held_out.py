@@ -13,7 +13,9 @@ import numpy as np
 
 from st_codegen.ir.arrays import ComplexArray, FloatArray
 from st_codegen.reconcile.fit.fitting import AXES, Fit, Fold
+from st_codegen.reconcile.fit.target import Groups
 from st_codegen.reconcile.judge.peaks import has_a_frequency
+from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions, Effect
 
 
@@ -52,6 +54,23 @@ def held_out_rms(fit: Fit) -> FloatArray:
         powers = [weight * (np.abs(fit.residual[fit.target.good]) ** 2).mean(axis=0)]
     found: FloatArray = np.sqrt(max(powers, key=lambda power: float(power.sum())))
     return found
+
+
+def untested_axes(fit: Fit) -> tuple[str, ...]:
+    """The axes of which most left-out levels cannot be predicted by anybody: each of them tells some number by itself.
+
+    A load tells what the same one of the other sign does.
+    """
+    found, sizes = [], np.unique(np.abs(fit.target.data.at.torque_Nm), return_inverse=True)[1].astype(np.int64)
+    levels = np.arange(sizes.max() + 1)
+    by_size = replace(fit.target, groups=Groups(sizes, levels, {"torque": levels}))
+    for axis in AXES:
+        few = axis == "torque" and len(levels) < SETTINGS.many_levels
+        folds = (replace(fit, target=by_size) if few else fit).folds(axis)
+        unknown = sum(int(fold.rows.sum()) for fold in folds if not fold.identified)
+        if 2 * unknown > sum(int(fold.rows.sum()) for fold in folds):
+            found.append(axis)
+    return tuple(found)
 
 
 def unmeasured_states(at: Conditions, effects: Sequence[Effect]) -> list[tuple[float, float]]:

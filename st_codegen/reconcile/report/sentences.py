@@ -114,6 +114,11 @@ def between_text(result: Reconciliation) -> str:
     texts = []
     if result.data.few_points:
         texts.append("The gap on held-out runs is a least value: so few runs say nothing of what lies between them.")
+    elif result.untested:
+        texts.append(
+            f"The gap on held-out runs is a least value: the levels of {' and '.join(result.untested)} are too few to "
+            "leave one out, so that nothing says what lies between them."
+        )
     elif any(one.frequency_Hz for one in result.data.hums):
         texts.append(
             "The gap on held-out runs is a least value: at other speeds the wave of one frequency makes other orders."
