@@ -45,7 +45,10 @@ def verdict_text(result: Reconciliation) -> str:
     if result.unexplained and all("scatter" in one.dependence for one in result.unexplained):
         named = "What differs is named; runs" if result.verdict is Outcome.PARTLY_EXPLAINED else "Runs"
         known = "that is known" if result.data.spectral_deg is None else "within their curves"
-        return f"{named} differ by more than the noise {known}, without a pattern: more noise, or something missing."
+        return (
+            f"{named} differ by more than the noise {known}, without a pattern over the conditions: more noise, or something "
+            "missing."
+        )
     # what a correction takes from the orders it takes above them as well
     if (
         result.data.beyond_deg
