@@ -160,11 +160,12 @@ class ModelReport:
         if self.unanswered:
             said.append(
                 f"{self.unanswered:,} of {self.n:,} rows, all in the range of the inputs, the block refuses (bValid is "
-                f"FALSE), for {self.refused_where}: {self._silence}"
+                f"FALSE), since {self.refused_where}: {self._silence}"
             )
         if self.silent_outside:
             said.append(
-                f"to {self.silent_outside:,} rows of numbers outside the range of the inputs, which the block refuses, "
+                f"to {self.silent_outside:,} row{'s' * (self.silent_outside > 1)} of numbers outside the range of the "
+                "inputs, which the block refuses, "
                 "the library has an answer"
             )
         if self.nothing_compared:
@@ -459,7 +460,9 @@ def _ask_to_refused(
 ) -> None:
     """Note to how many of the rows that the block refuses the library has an answer."""
     answers, asked = np.full((len(x), len(model.ir.outputs)), np.nan), np.zeros(len(x), np.bool_)
-    answers[refused], asked[refused] = answers_to(model, x[refused], _ASKED)
+    rows = np.flatnonzero(refused)
+    rows = rows[np.argsort(inside[rows], kind="stable")]  # the last ones are asked first
+    answers[rows], asked[rows] = answers_to(model, x[rows], _ASKED)
     answered = asked & np.isfinite(answers).all(axis=1)
     report.asked, report.silent = int(np.sum(asked & inside)), int(np.sum(answered & inside))
     report.silent_outside = int(np.sum(answered & ~inside))
