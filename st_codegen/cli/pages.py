@@ -120,7 +120,7 @@ def verify_sections(report: VerifyReport, proof: ProveReport, bundle: Bundle) ->
     columns = ("model", "rows", "largest error", "allowed", "ulp", "result", "targets")
     strong = {(row, 5) for row, model in enumerate(report.models) if not model.passed}
     remarks = [*report.notes.items(), *((model.name, model.not_judged) for model in report.models if model.not_judged)]
-    notes = "\n\n".join(f"{name}: {remark}" for name, remark in remarks)
+    notes = "\n\n".join([*(f"{name}: {remark}" for name, remark in remarks), report.guessed])
     sections = [PageSection("Agreement", notes, PageTable(columns, rows, strong)), _proof_section(proof)]
     sources = [
         (ir.name, ir.source.file, f"{ir.source.library} {ir.source.version}", ir.source.model_class, ir.source.digest)

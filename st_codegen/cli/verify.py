@@ -180,10 +180,12 @@ def _write_page(
 
 
 def _print_remarks(report: VerifyReport, bundle: Bundle, rows: int) -> None:
-    """What was proved instead of tried, and of which models more rows were tried than were asked for."""
+    """What was proved instead of tried, which ranges are guesses, and of which models more rows than asked for."""
     proved = [model.name for model in report.models if model.proved]
     if proved:
         say(f"proved for all inputs, and compared with the library on a sample of rows: {', '.join(proved)}")
+    if report.guessed:
+        say(report.guessed)
     models = {ir.name for ir in bundle.irs}
     if more := [model.name for model in report.models if model.n > rows and model.name in models]:
         say(f"special values and thresholds take more than {rows:,} rows: {', '.join(more)}")

@@ -38,7 +38,7 @@ def _decoded(path: Path, content: bytes) -> str:
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder and those above it where they are missing. Raises InputError where one is a file or leads nowhere."""
+    """Make a folder and those above it where they are missing. Raises InputError where one is a file or a dead link."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except FileExistsError:

@@ -122,8 +122,8 @@ class ModelChange:
 def tried_text(changed: Sequence[ModelChange], target: str) -> str:
     """At which points the outputs of changed models were compared, in whole sentences."""
     text = (
-        f"Both texts of the target {target} were run at random points of the operating range, at which no input is missing; a larger "
-        "change may lie elsewhere."
+        f"Both texts of the target {target} were run at random points of the operating range, at which no input is "
+        "missing; a larger change may lie elsewhere."
     )
     guessed = sorted({f"{model.name}: {', '.join(model.guessed)}" for model in changed if model.guessed})
     if guessed:

@@ -69,3 +69,21 @@ def test_the_library_is_asked_about_refused_rows_inside_the_range_first(tmp_path
 def test_one_row_is_no_rows():
     assert "to 1 row of numbers" in ModelReport("m", silent_outside=1).not_judged
     assert "to 2 rows of numbers" in ModelReport("m", silent_outside=2).not_judged
+
+
+def test_ranges_that_nobody_knows_are_said_to_be_guesses(tmp_path, capsys):
+    skops = pytest.importorskip("skops.io")
+    from sklearn.linear_model import LinearRegression
+
+    (tmp_path / "models").mkdir()
+    x = np.random.default_rng(0).random((20, 1))
+    skops.dump(LinearRegression().fit(x, x[:, 0]), tmp_path / "models" / "m.skops")
+    page = tmp_path / "page.html"
+    for ranges, is_guessed in ((RANGE.format(0, 0.0, 1.0), False), ("", True)):
+        (tmp_path / "models" / "st-codegen.toml").write_text(ranges)
+        assert run(tmp_path / "models", "--target", "iec", "--out", tmp_path / "out", "-q") == 0
+        command = ("verify", tmp_path / "models", "-g", tmp_path / "out", "-n", 100, "--html", page)
+        capsys.readouterr()
+        assert run(*command) == 0
+        for said in (capsys.readouterr().err, page.read_text(encoding="utf-8")):
+            assert ("guessed from the model" in said) == is_guessed
