@@ -26,6 +26,7 @@ from st_codegen.errors import InputError, TargetError
 from st_codegen.files.html_text import html_table
 from st_codegen.files.made_by import VERSION
 from st_codegen.files.temporary import temporary_folder
+from st_codegen.files.text import make_folder
 from st_codegen.ir import AnyArray, FloatArray, KernelSum, ModelIR, TreeEnsemble
 from st_codegen.passes.choose import Choices, CostFunction, Layout, Options, simple_cost
 from st_codegen.passes.pipeline import Compiled, compile_models, unchanged
@@ -373,7 +374,7 @@ def _staged(
         files = print_plans(target, plans)
         known = facts(bundle, compiled, purpose, plans, settings.limits.max_array)
         if out is not None:
-            out.mkdir(parents=True, exist_ok=True)
+            make_folder(out)
         with output.staged(out or Path(tempfile.gettempdir()), files, known, other.tell) as stage:
             if not other.finds_in_order(stage, target.dialect, portable=target.is_portable):
                 check_emitted(stage, target.dialect, portable=target.is_portable)
@@ -412,6 +413,10 @@ def _compiled(
 ) -> tuple[Compiled, Purpose | None]:
     """The printed models and what they are for."""
     purpose = bundle.purpose
+    if purpose is None and settings.options.outputs_per_cycle is not None:
+        raise TargetError(
+            "--outputs-per-cycle spreads the models of a bundle: leave it out, these are blocks of their own"
+        )
     if any(ir.is_real for ir in bundle.irs):
         _check_real(bundle, target, settings)
     if not target.compiles:

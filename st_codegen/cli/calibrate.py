@@ -36,7 +36,8 @@ times.csv:
     "--measured",
     type=PLACE,
     required=True,
-    help="CSV with the columns block,caches,us: the longest call of a block that was seen, caches warm or cold.",
+    help="CSV with the columns block,caches,us: the longest call of a block that was seen (compare --times: of 99 %), "
+    "caches warm or cold.",
 )
 @profile_option
 @click.option("-o", "--out", type=FILE, required=True, help="Profile to write.")

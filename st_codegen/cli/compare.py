@@ -53,7 +53,13 @@ Examples:
 @generated_option("Folder that `generate --with-comparison` wrote, and that the controller runs.")
 @controller_options
 @click.option("--block", metavar="FB_X", help="Only this block. Default: the blocks of all models.")
-@click.option("-n", "--rows", type=Whole(min=1), default=10_000, help="Rows a block.")
+@click.option(
+    "-n",
+    "--rows",
+    type=Whole(min=1),
+    default=10_000,
+    help="Rows a block, or as many more as special values, thresholds, leaves and cells take.",
+)
 @click.option("--seed", type=Whole(min=0), default=0, help="Seed of the random rows.")
 @click.option(
     "--same-bits",

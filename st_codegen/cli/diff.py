@@ -12,6 +12,7 @@ from rich.table import Table
 
 from st_codegen.cli.console import FILE, PLACE, Whole, console, progress_bar, quiet_option, table_of, trust_option
 from st_codegen.cli.costs import profile_option
+from st_codegen.files.number_text import percent
 from st_codegen.files.text import inert, write_text
 
 if TYPE_CHECKING:
@@ -52,8 +53,8 @@ def command(
     """Say what changed from OLD to NEW, two folders that `generate` wrote, or two revisions of the folder PATH.
 
     Models added, removed and changed; trees, nodes, support vectors, bytes, features and ranges before and after; and
-    how far each output moved at random points of the operating range, and at which of them most. Exit code 1 on a
-    difference.
+    how far each output moved at random points of the operating range, and at which of them most: of the first target
+    that both have. The files of all targets are compared. Exit code 1 on a difference.
     """
     from st_codegen.cli.revisions import two_states
     from st_codegen.cost.profile import load_profile
@@ -85,7 +86,7 @@ def _show(found: Review) -> None:
         from st_codegen.proof.review import tried_text
 
         console.print(_table(changed))
-        console.print(tried_text(changed))
+        console.print(tried_text(changed, found.target))
 
 
 #: Changes of labels that a line names.
@@ -107,9 +108,9 @@ def _lines(found: Review) -> list[str]:
             )
         if model.labels:
             share = sum(change.share for change in model.labels)
-            most = ", ".join(f"{c.before} -> {c.after} {c.share:.1%}" for c in model.labels[:_MOST_LABELS])
+            most = ", ".join(f"{c.before} -> {c.after} {percent(c.share)}" for c in model.labels[:_MOST_LABELS])
             more = ", .." if len(model.labels) > _MOST_LABELS else ""
-            lines.append(f"{model.name}: another label at {share:.1%} of the operating points: {most}{more}")
+            lines.append(f"{model.name}: another label at {percent(share)} of the operating points: {most}{more}")
         if model.changed and not model.facts and not any(output.largest for output in model.outputs):
             lines.append(f"{model.name}: text changed, no output moved at {model.rows:,} points")
     counts = {kind: sum(1 for k in found.files.values() if k == kind) for kind in ("added", "removed", "changed")}
@@ -144,5 +145,5 @@ def _table(models: list[ModelChange]) -> Table:
         for output in model.outputs:
             name = model.name if len(model.outputs) == 1 else f"{model.name}[{output.output}]"
             where = ", ".join(f"{key} = {value:.6g}" for key, value in output.where.items()) if output.largest else ""
-            table.add_row(name, f"{output.largest:.3g}", f"{output.mean:.3g}", f"{output.moved:.1%}", where)
+            table.add_row(name, f"{output.largest:.3g}", f"{output.mean:.3g}", percent(output.moved), where)
     return table

@@ -73,6 +73,8 @@ def command(
         problems.add("--slow-offset and --slow-run are of the slow task: give --slow")
     if exchange == Exchange.AT_START and (fast_run or slow_run):
         problems.add("--fast-run and --slow-run have no part in an exchange at the start: give --exchange end")
+    if slow is not None and slow < fast:
+        problems.add(f"--slow {slow:g} is less than --fast {fast:g}: the slow task has the longer cycle")
     problems.raise_if_any()
     first = TaskTiming("fast", fast, run_us=fast_run)
     chain = [first] if slow is None else [first, TaskTiming("slow", slow, slow_offset, slow_run), first]

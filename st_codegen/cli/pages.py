@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from st_codegen.cli.costs import magnitude_text
 from st_codegen.cli.prove import VERDICT_COLUMNS, sentence, verdict_rows
+from st_codegen.files.number_text import percent
 from st_codegen.files.text import write_text
 from st_codegen.proof.review import tried_text
 from st_codegen.report import COLOURS, PageSection, PageTable, figures, markdown, page
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 
 #: Outputs whose curves a page shows: those that moved most.
 _MOST_DRAWN = 12
+#: Blocks and calls whose times a page lists.
+_MOST_PARTS = 20
 #: Width of a picture of bars: its words can be read on a telephone, too.
 _BARS_CM = 12
 
@@ -44,7 +47,8 @@ def review_sections(found: Review, lines: list[str], *, draw: bool) -> tuple[str
     """The summary of a review, and its sections: the model, the numbers, the text; `draw`: with pictures."""
     changed = [model for model in found.models if model.changed]
     same = [model.name for model in found.models if not model.changed]
-    summary = "No difference." if not found.changed else f"{len(changed)} of {len(found.models)} models changed."
+    counts = f"{len(changed)} of {len(found.models)} models changed in the target {found.target}."
+    summary = counts if found.changed else "No difference."
     if found.added or found.removed:
         summary += f" {len(found.added)} added, {len(found.removed)} removed."
     sections = [PageSection("What changed", "\n\n".join(lines))]
@@ -56,7 +60,7 @@ def review_sections(found: Review, lines: list[str], *, draw: bool) -> tuple[str
                 _label(model, output.output),
                 output.largest,
                 output.mean,
-                f"{output.moved:.1%}",
+                percent(output.moved),
                 ", ".join(f"{name} = {value:.6g}" for name, value in output.where.items()) if output.largest else "",
             )
             for model, output in moved
@@ -68,7 +72,7 @@ def review_sections(found: Review, lines: list[str], *, draw: bool) -> tuple[str
         sections.append(
             PageSection(
                 "Numbers",
-                f"{tried_text(changed)} Curves go through the point of the largest change.",
+                f"{tried_text(changed, found.target)} Curves go through the point of the largest change.",
                 PageTable(columns, rows),
                 pictures,
             )
@@ -76,7 +80,7 @@ def review_sections(found: Review, lines: list[str], *, draw: bool) -> tuple[str
     if found.files:
         sections.append(PageSection("Files", table=PageTable(("file", "is"), sorted(found.files.items()))))
     if same:
-        sections.append(PageSection("What did not change", ", ".join(same) + "."))
+        sections.append(PageSection(f"What did not change, {found.target}", ", ".join(same) + "."))
     return summary, sections
 
 
@@ -108,13 +112,15 @@ def verify_sections(report: VerifyReport, proof: ProveReport, bundle: Bundle) ->
         f"{'FAILED: ' + ', '.join(failed) if failed else 'All agree'}: library, reference and generated text on a "
         f"sample of {tried:,} rows."
     )
+    if report.over_budget:
+        summary += f"\n\nThe cycle DOES NOT FIT: {', '.join(report.over_budget)}."
     proved = sum(result.is_proved for result in proof.results)
     summary += f"\n\nProved for every input: {proved} of {len(proof.results)} texts."
     rows = [(m.name, m.n, m.max_abs_err, m.bound, m.max_ulp, m.verdict, ", ".join(m.targets)) for m in report.models]
     columns = ("model", "rows", "largest error", "allowed", "ulp", "result", "targets")
     strong = {(row, 5) for row, model in enumerate(report.models) if not model.passed}
     remarks = [*report.notes.items(), *((model.name, model.not_judged) for model in report.models if model.not_judged)]
-    notes = "\n\n".join(f"{name}: {remark}" for name, remark in remarks)
+    notes = "\n\n".join([*(f"{name}: {remark}" for name, remark in remarks), report.guessed])
     sections = [PageSection("Agreement", notes, PageTable(columns, rows, strong)), _proof_section(proof)]
     sources = [
         (ir.name, ir.source.file, f"{ir.source.library} {ir.source.version}", ir.source.model_class, ir.source.digest)
@@ -140,11 +146,15 @@ def _proof_section(proof: ProveReport) -> PageSection:
 
 
 def _cost_section(target: str, cost: ProjectCost, cycle_us: float | None) -> PageSection:
-    parts = sorted((part for block in cost.cycle for part in block.parts), key=lambda part: -part.cold_us)[:20]
+    every = sorted((part for block in cost.cycle for part in block.parts), key=lambda part: -part.cold_us)
+    parts = every[:_MOST_PARTS]
     rows = [(p.unit, p.total_operations, p.table_bytes, p.warm_us, p.cold_us) for p in parts]
     text = f"{cost.warm_us:.1f} us with warm caches, {cost.cold_us:.1f} us with cold ones on {cost.profile.name}."
     text += " Loops without a bound were counted once: there is no bound." if cost.unbounded else ""
-    text += f" Budget: {cycle_us:g} us." if cycle_us is not None else ""
+    if cycle_us is not None:
+        text += f" Budget: {cycle_us:g} us: it {'fits' if cost.fits(cycle_us) else 'DOES NOT FIT'}."
+    if len(parts) < len(every):
+        text += f" Of {len(every)} blocks and calls the {len(parts)} slowest are listed."
     if cost.profile.compute_factor == cost.profile.memory_factor == 1.0:
         text += " The profile was not calibrated: the times are estimates."
 

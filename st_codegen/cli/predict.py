@@ -19,6 +19,7 @@ from st_codegen.cli.console import (
     quiet_option,
     trust_option,
 )
+from st_codegen.files.text import write_text
 
 if TYPE_CHECKING:
     from st_codegen.ir import OutputKind
@@ -41,7 +42,7 @@ Examples:
     required=True,
     help="CSV with a header of feature names (f0, f1, .. by place); nan and inf are allowed.",
 )
-@click.option("-o", "--output", "result", type=FILE, required=True, help="CSV to write: a column a model.")
+@click.option("-o", "--output", "result", type=FILE, required=True, help="CSV to write, - for output.")
 @click.option(
     "-e",
     "--engine",
@@ -68,11 +69,15 @@ def command(
     """
     from st_codegen.driver import Evaluator, predict
     from st_codegen.project.bundle import load
-    from st_codegen.proof.predict import read_table, write_table
+    from st_codegen.proof.predict import read_table, table_text
 
     if result.exists() and result.samefile(source):
         raise click.BadParameter(f"{result} is the table of inputs; give another file.", param_hint="'--output'")
     table = read_table(source)
     with progress_bar("loading", quiet=quiet) as progress:
         bundle = load(models, trust_pickle=trust_pickle, outputs=outputs, progress=progress, real=False, **names)
-    write_table(result, predict(bundle, table, Evaluator(engine), table=str(source)))
+    text = table_text(predict(bundle, table, Evaluator(engine), table=str(source)))
+    if str(result) == "-":
+        click.echo(text, nl=False)
+    else:
+        write_text(result, text)

@@ -65,10 +65,11 @@ def command(
     """Prove that the generated text computes what MODELS demand, for every float64 input.
 
     The text is executed on intervals and boxes of inputs, which together are all inputs: NaN, infinities, denormals and
-    both zeros included. Of trees and tables it gives the model's bits. Of models without trees it computes the model's
-    expression, operation by operation, and nothing in it can fail; "bound" is how far that lies from the library at
-    most, anywhere in the declared ranges. docs/proof.md says what is assumed and what is not covered. Exit code 0 when
-    every model is proved, 1 when one is refuted (an input is named for which the executed text differs) or not covered.
+    both zeros included. Of trees and tables it gives the model's bits; "trees" counts a tree once for each output that
+    it adds to. Of models without trees it computes the model's expression, operation by operation, and nothing in it
+    can fail; "bound" is how far that lies from the library at most, anywhere in the declared ranges. docs/proof.md says
+    what is assumed and what is not covered. Exit code 0 when every model is proved, 1 when one is refuted (an input is
+    named for which the executed text differs) or not covered.
     """
     from st_codegen.proof.prove.certificate import certificate
     from st_codegen.proof.prove.prove import prove

@@ -121,13 +121,13 @@ def command(
     if as_json:
         click.echo(json.dumps([_facts(lesson) for lesson in lessons], indent=1))
     if not quiet:
-        _print(lessons, head, out)
+        _print(lessons, head, out, "kept" if keep_faulty else "left out")
 
 
-def _print(lessons: list[Lesson], head: BundleHead, out: Path) -> None:
+def _print(lessons: list[Lesson], head: BundleHead, out: Path, faulty_are: str) -> None:
     """What was learned, and what is the same in all runs."""
     for lesson in lessons:
-        console.print(_summary(lesson))
+        console.print(_summary(lesson, faulty_are))
     for feature, value in head.constant().items():
         console.print(
             f"{feature} was {value:g} in all runs: the blocks compute with {value:g}, "
@@ -178,10 +178,12 @@ def _facts(lesson: Lesson) -> dict[str, Any]:
     }
 
 
-def _summary(lesson: Lesson) -> Table:
+def _summary(lesson: Lesson, faulty_are: str) -> Table:
+    faulty = int(lesson.faulty.rows.sum())
     title = (
-        f"{lesson.direction}: worst case {lesson.cost_us:.0f} us (estimate), {int(lesson.faulty.rows.sum())} faulty "
-        f"runs left out; errors at the operating points of {len(lesson.study.test)} runs that were kept apart"
+        f"{lesson.direction}: worst case {lesson.cost_us:.0f} us (estimate for models as trained), {faulty} faulty "
+        f"run{'s' * (faulty != 1)} {faulty_are}; errors at the operating points of "
+        f"{len(lesson.study.test)} runs that were kept apart"
     )
     table = table_of(title, ">order", "models", ">amplitude MAE, deg", ">phase MAE, rad", ">complex MAE, deg")
     for solution in lesson.choice.solutions:

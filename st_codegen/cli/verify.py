@@ -47,7 +47,13 @@ Examples:
 @models_argument
 @names_options
 @generated_option("Folder that `generate` wrote; every target in it is verified.")
-@click.option("-n", "--rows", type=Whole(min=1), default=10_000, help="Rows a model.")
+@click.option(
+    "-n",
+    "--rows",
+    type=Whole(min=1),
+    default=10_000,
+    help="Rows a model, or as many more as special values and thresholds with their neighbours take.",
+)
 @click.option("--seed", type=Whole(min=0), default=0, help="Seed of the random rows.")
 @click.option(
     "-j", "--jobs", type=Whole(min=1), default=None, help="Models at the same time (default: one a processor)."
@@ -95,7 +101,7 @@ def command(
         console.print(agreement_table("library, reference and generated text compared", report.models))
         for target, note in report.notes.items():
             say(f"{target}: {note}")
-        _print_remarks(report)
+        _print_remarks(report, bundle, rows)
         for line in bundle.purpose.served(bundle.irs) if bundle.purpose else ():
             say(line)
     for model in report.models:
@@ -173,11 +179,16 @@ def _write_page(
     return bool(refuted)
 
 
-def _print_remarks(report: VerifyReport) -> None:
-    """What was proved instead of tried, and where trees may jump."""
+def _print_remarks(report: VerifyReport, bundle: Bundle, rows: int) -> None:
+    """What was proved instead of tried, which ranges are guesses, and of which models more rows than asked for."""
     proved = [model.name for model in report.models if model.proved]
     if proved:
         say(f"proved for all inputs, and compared with the library on a sample of rows: {', '.join(proved)}")
+    if report.guessed:
+        say(report.guessed)
+    models = {ir.name for ir in bundle.irs}
+    if more := [model.name for model in report.models if model.n > rows and model.name in models]:
+        say(f"special values and thresholds take more than {rows:,} rows: {', '.join(more)}")
 
 
 def agreement_table(title: str, models: Iterable[ModelReport]) -> Table:

@@ -36,3 +36,11 @@ def parse_whole(text: str) -> int:
     if not _WHOLE.fullmatch(text.strip(" \t")):
         raise ValueError(f"{text!r} is not a whole number")
     return int(text)
+
+
+def percent(share: float) -> str:
+    """A share in percent with one digit, of which 0.0% is none and 100.0% all."""
+    text = f"{share:.1%}"
+    if text == "0.0%" and share > 0.0:
+        return "below 0.1%"
+    return "above 99.9%" if text == "100.0%" and share < 1.0 else text

@@ -38,11 +38,12 @@ def _decoded(path: Path, content: bytes) -> str:
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder and those above it where they are missing. Raises InputError where one of them is a file."""
+    """Make a folder and those above it where they are missing. Raises InputError where one is a file or a dead link."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except FileExistsError:
-        raise InputError(f"{path} is a file; a folder is wanted there") from None
+        found = "a file" if path.exists() else "a link to nothing"
+        raise InputError(f"{path} is {found}; a folder is wanted there") from None
 
 
 @contextlib.contextmanager

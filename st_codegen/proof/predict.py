@@ -11,7 +11,6 @@ import numpy as np
 from st_codegen.emit.output import block_of
 from st_codegen.errors import InputError, Problems
 from st_codegen.files.csv_tables import csv_text, read_csv, with_underscores
-from st_codegen.files.text import write_text
 from st_codegen.ir import AnyArray, Classes, FloatArray, ModelIR, reference
 from st_codegen.project.bundle import Bundle
 from st_codegen.proof.isolated import answers_to
@@ -104,8 +103,8 @@ def read_table(path: Path) -> dict[str, FloatArray]:
     return dict(zip(table.names, values.T, strict=True))
 
 
-def write_table(path: Path, columns: dict[str, AnyArray]) -> None:
-    """Write columns as CSV, numbers as `%.17g`, which reads back as the same bits, labels as they are."""
+def table_text(columns: dict[str, AnyArray]) -> str:
+    """Columns as CSV, numbers as `%.17g`, which reads back as the same bits, labels as they are."""
     rows = zip(*columns.values(), strict=True)
     cells = ([f"{cell:.17g}" if isinstance(cell, float) else str(cell) for cell in row] for row in rows)
-    write_text(path, csv_text([columns, *cells]))
+    return csv_text([columns, *cells])

@@ -119,11 +119,11 @@ class ModelChange:
         )
 
 
-def tried_text(changed: Sequence[ModelChange]) -> str:
+def tried_text(changed: Sequence[ModelChange], target: str) -> str:
     """At which points the outputs of changed models were compared, in whole sentences."""
     text = (
-        "Both texts were run at random points of the operating range, at which no input is missing; a larger change "
-        "may lie elsewhere."
+        f"Both texts of the target {target} were run at random points of the operating range, at which no input is "
+        "missing; a larger change may lie elsewhere."
     )
     guessed = sorted({f"{model.name}: {', '.join(model.guessed)}" for model in changed if model.guessed})
     if guessed:
@@ -166,12 +166,12 @@ def diff(
     profile: Profile | None = None,
     progress: Progress | None = None,
 ) -> Review:
-    """Compare two folders that `generate` wrote, on the first target that both have.
+    """Compare two folders that `generate` wrote: the models in the first target that both have, the files in all.
 
     With a `profile` the worst case of each model's block is compared too. Raises GeneratedCodeError where a folder
     holds no generated files, or they have no target in common.
     """
-    before, after = _common_target(Path(old), Path(new))
+    before, after, others = _common_target(Path(old), Path(new))
     manifests = [read_manifest(folder) for folder in (before, after)]
     codes = [GeneratedCode(folder) for folder in (before, after)]
     models = [_with_sizes(manifest, code, profile) for manifest, code in zip(manifests, codes, strict=True)]
@@ -194,16 +194,20 @@ def diff(
             for key in sorted({*project[0], *project[1]})
             if project[0].get(key) != project[1].get(key)
         ),
-        files=_changed_files((before, manifests[0]), (after, manifests[1])),
+        files=_changed_files(before, after)
+        | {f"{one.name}/{name}": kind for one, other in others for name, kind in _changed_files(one, other).items()},
     )
 
 
-def _common_target(old: Path, new: Path) -> tuple[Path, Path]:
+def _common_target(old: Path, new: Path) -> tuple[Path, Path, list[tuple[Path, Path]]]:
+    """The folders of the first target that both have, and of all others, which one may lack; none with one given."""
     before = {folder.name: folder for folder in target_folders(old)}
     after = {folder.name: folder for folder in target_folders(new)}
     for name, folder in before.items():
         if name in after:
-            return folder, after[name]
+            single = folder == old or after[name] == new
+            others = [] if single else sorted({*before, *after} - {name})
+            return folder, after[name], [(old / other, new / other) for other in others]
     raise GeneratedCodeError(f"{old} has the targets {', '.join(before)}, {new} has {', '.join(after)}: none in common")
 
 
@@ -219,11 +223,11 @@ def _with_sizes(manifest: Manifest, code: GeneratedCode, profile: Profile | None
     return {name: {**facts, **more.get(name, {})} for name, facts in models.items()}
 
 
-def _changed_files(before: tuple[Path, Manifest], after: tuple[Path, Manifest]) -> dict[str, str]:
+def _changed_files(before: Path, after: Path) -> dict[str, str]:
     """Generated files that differ as they are on disk (but for editors' traces): added, removed or changed."""
     texts = [
-        {name: content_of(folder / name) for name in manifest.files if (folder / name).is_file()}
-        for folder, manifest in (before, after)
+        {name: content_of(folder / name) for name in read_manifest(folder).files if (folder / name).is_file()}
+        for folder in (before, after)
     ]
     kinds = {}
     for name in sorted({*texts[0], *texts[1]}):

@@ -35,7 +35,7 @@ from st_codegen.project.purpose import BlockCheck
 from st_codegen.proof import bounds
 from st_codegen.proof.arithmetic import arithmetic_of
 from st_codegen.proof.isolated import LibraryRefusesError, answers_to, isolated
-from st_codegen.proof.probes import operating_range, probe_rows
+from st_codegen.proof.probes import RangeSource, operating_range, probe_rows, range_source
 from st_codegen.proof.prove.prove import prove_model
 from st_codegen.proof.prove.range_bound import real_remarks
 from st_codegen.proof.runner import BlockResult, GeneratedCode, target_folders
@@ -102,6 +102,8 @@ class ModelReport:
     the library's numbers. `silent_outside`: rows of numbers outside that range which the block refuses and the
     library answers, as far as it was asked. `nothing_compared`: there was no row that the block takes.
 
+    `guessed`: features of which nobody knows a range, so that the rows lie where the model's own numbers are.
+
     `refusal`: why the library has no answer for the model, or for an input that it should take; nothing was compared.
     """
 
@@ -130,6 +132,7 @@ class ModelReport:
     must_be_exact: bool = True
     targets: list[str] = field(default_factory=list)
     failures: list[Disagreement] = field(default_factory=list)
+    guessed: list[str] = field(default_factory=list)
     refusal: str | None = None
 
     @property
@@ -160,11 +163,12 @@ class ModelReport:
         if self.unanswered:
             said.append(
                 f"{self.unanswered:,} of {self.n:,} rows, all in the range of the inputs, the block refuses (bValid is "
-                f"FALSE), for {self.refused_where}: {self._silence}"
+                f"FALSE), since {self.refused_where}: {self._silence}"
             )
         if self.silent_outside:
             said.append(
-                f"to {self.silent_outside:,} rows of numbers outside the range of the inputs, which the block refuses, "
+                f"to {self.silent_outside:,} row{'s' * (self.silent_outside > 1)} of numbers outside the range of the "
+                "inputs, which the block refuses, "
                 "the library has an answer"
             )
         if self.nothing_compared:
@@ -227,6 +231,15 @@ class VerifyReport:
     @property
     def passed(self) -> bool:
         return all(model.passed for model in self.models) and not self.over_budget
+
+    @property
+    def guessed(self) -> str:
+        """Of which models no range of an input is known, and what was taken in its place; empty where all are."""
+        names = ", ".join(model.name for model in self.models if model.guessed)
+        text = (
+            "the range of an input is not known, and guessed from the model's own numbers (st-codegen.toml can give it)"
+        )
+        return f"{text}: {names}" if names else ""
 
     @property
     def over_budget(self) -> dict[str, ProjectCost]:
@@ -412,6 +425,7 @@ def model_report(
     limited = reference.limited(ir, x)
     bound = np.where(usable[:, None], bounds.difference_bound(ir, limited), 0.0)
     report = ModelReport(ir.name, n=len(x), proved=proved, must_be_exact=ir.exact)
+    report.guessed = [feature.name for feature in ir.features if range_source(feature) is RangeSource.GUESS]
     library = np.full_like(expected, np.nan)
     try:
         library[usable] = model.predict(limited[usable])
@@ -459,7 +473,9 @@ def _ask_to_refused(
 ) -> None:
     """Note to how many of the rows that the block refuses the library has an answer."""
     answers, asked = np.full((len(x), len(model.ir.outputs)), np.nan), np.zeros(len(x), np.bool_)
-    answers[refused], asked[refused] = answers_to(model, x[refused], _ASKED)
+    rows = np.flatnonzero(refused)
+    rows = rows[np.argsort(inside[rows], kind="stable")]  # the last ones are asked first
+    answers[rows], asked[rows] = answers_to(model, x[rows], _ASKED)
     answered = asked & np.isfinite(answers).all(axis=1)
     report.asked, report.silent = int(np.sum(asked & inside)), int(np.sum(answered & inside))
     report.silent_outside = int(np.sum(answered & ~inside))

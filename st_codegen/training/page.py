@@ -46,7 +46,7 @@ def _orders_section(measured: Measured) -> PageSection:
         if number < _MOST_ORDERS or reason.chosen
     ]
     columns = ("order", "chosen", "above the noise", "RMS, deg", "noise, deg", "share of the TE", "reason")
-    text = "From the curves, the strongest first."
+    text = "From the curves, the strongest first, behind the mean (order 0), which has no part in the shares."
     if len(rows) < len(measured.reasons):
         text += f" {len(measured.reasons) - len(rows)} weaker ones are left out."
     return PageSection("Orders", text, PageTable(columns, rows))
@@ -76,8 +76,9 @@ def _models_section(lesson: Lesson) -> PageSection:
     columns = ("order", "models", *errors_of, "worst case, us")
     text = (
         f"Chosen by cross-validation on {len(lesson.study.learn)} runs, errors on {len(lesson.study.test)} at "
-        "operating points that were kept apart. The models of the bundle were learned again, these runs included, so "
-        f"that of themselves no error is known. Their worst case: {lesson.cost_us:.0f} us (estimate)."
+        "operating points that were kept apart. The models of the bundle were learned again from the runs of both that "
+        "are not left out as faulty, so that of themselves no error is known. Their worst case: "
+        f"{lesson.cost_us:.0f} us (an estimate for models as trained; a table of cells takes less)."
     )
     return PageSection(f"Models, {lesson.direction}", text, PageTable(columns, rows))
 

@@ -271,7 +271,7 @@ def broken(*arguments, **options):
 
 
 def test_a_defect_of_ours_asks_for_a_report(place, capsys, monkeypatch):
-    monkeypatch.setattr("st_codegen.proof.predict.write_table", broken)
+    monkeypatch.setattr("st_codegen.proof.predict.table_text", broken)
     before = snapshot(place.folder)
     arguments = place.predict()
     assert run(*arguments) == 70
@@ -323,7 +323,7 @@ def test_every_kind_of_failure_has_its_exit_code(place, capsys, monkeypatch, err
     def fail(*arguments, **options):
         raise error
 
-    monkeypatch.setattr("st_codegen.proof.predict.write_table", fail)
+    monkeypatch.setattr("st_codegen.proof.predict.table_text", fail)
     assert run(*place.predict()) == code
     assert part in capsys.readouterr().err
 

@@ -1,6 +1,7 @@
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -8,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from st_codegen.files.number_text import percent
 from tests.cli.helpers import run
 
 
@@ -113,6 +115,58 @@ def test_predict_does_not_write_over_its_inputs(lone_folder, tmp_path, capsys):
     table.write_text("torque_Nm,speed_rpm,temperature_C\n300,500,27\n")
     assert run("predict", lone_folder, "--input", table, "--output", tmp_path / "." / "x.csv") == 2
     assert "is the table of inputs" in capsys.readouterr().err and table.read_text().endswith("300,500,27\n")
+
+
+def test_predict_writes_to_standard_output(lone_folder, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("x.csv").write_text("torque_Nm,speed_rpm,temperature_C\n300,500,27\n")
+    assert run("predict", lone_folder, "--input", "x.csv", "--output", "y.csv") == 0
+    capsys.readouterr()
+    assert run("predict", lone_folder, "--input", "x.csv", "--output", "-") == 0
+    assert capsys.readouterr().out == Path("y.csv").read_text()
+    assert not Path("-").exists()
+
+
+def test_an_option_for_bundles_is_refused_beside_lone_models(lone_folder, tmp_path, capsys):
+    assert run(lone_folder, "--out", tmp_path, "--outputs-per-cycle", "1") == 2
+    assert "--outputs-per-cycle spreads the models of a bundle" in capsys.readouterr().err
+
+
+def test_the_out_folder_may_not_be_a_link_to_nothing(lone_folder, tmp_path, capsys):
+    (tmp_path / "link").symlink_to("nowhere")
+    assert run(lone_folder, "--out", tmp_path / "link") == 2
+    assert "is a link to nothing; a folder is wanted there" in capsys.readouterr().err
+
+
+def test_a_difference_of_any_target_is_one(lone_folder, tmp_path, capsys):
+    for name in ("a", "b"):
+        assert run(lone_folder, "--out", tmp_path / name, "--target", "iec", "--target", "twincat", "-q") == 0
+    changed = tmp_path / "b" / "twincat" / "POUs" / "FB_Te.TcPOU"
+    changed.write_text(changed.read_text(encoding="utf-8").replace("fOut1 := aStep2[0]", "fOut1 := 1.0"), "utf-8")
+    capsys.readouterr()
+    page = tmp_path / "page.html"
+    assert run("diff", tmp_path / "a", tmp_path / "b", "--html", page) == 1
+    assert capsys.readouterr().out == "files: 1 changed\n"
+    assert "0 of 1 models changed in the target iec." in page.read_text(encoding="utf-8")
+    assert "twincat/POUs/FB_Te.TcPOU" in page.read_text(encoding="utf-8")
+    assert run("diff", tmp_path / "a" / "iec", tmp_path / "b" / "iec", "-q") == 0
+    shutil.rmtree(tmp_path / "b" / "twincat")
+    assert run("diff", tmp_path / "a", tmp_path / "b", "-q") == 1
+
+
+def test_more_rows_than_were_asked_for_are_explained(lone_folder, tmp_path, capsys):
+    assert run(lone_folder, "--out", tmp_path, "-q") == 0
+    assert run("verify", lone_folder, "--generated", tmp_path, "--rows", 5) == 0
+    assert "special values and thresholds take more than 5 rows: te" in capsys.readouterr().err
+    assert run("verify", lone_folder, "--generated", tmp_path) == 0
+    assert "take more than" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("share", "text"), [(0.0, "0.0%"), (0.0001, "below 0.1%"), (0.5, "50.0%"), (0.9999, "above 99.9%"), (1.0, "100.0%")]
+)
+def test_a_share_is_none_or_all_only_where_it_is(share, text):
+    assert percent(share) == text
 
 
 def test_labels_of_a_model_file_do_not_act_on_the_terminal(tmp_path, capsys):

@@ -1,9 +1,11 @@
 """What verify did not compare is said, on the console and on the page."""
 
+import numpy as np
 import pytest
 
 from st_codegen.driver import generate
 from st_codegen.project.bundle import load
+from st_codegen.proof.verify import ModelReport, verify
 from tests.cli.helpers import run
 
 RANGE = '[[input]]\nfeature = "f{}"\nmin = {}\nmax = {}\n'
@@ -43,3 +45,45 @@ def test_rows_on_which_no_bound_is_known_are_counted(reciprocal, tmp_path, capsy
     assert "of 300 rows no bound is known" in said
     assert "were not judged" in said
     assert "were not judged" in page.read_text(encoding="utf-8")
+
+
+def test_the_library_is_asked_about_refused_rows_inside_the_range_first(tmp_path):
+    skops = pytest.importorskip("skops.io")
+    from sklearn.linear_model import LinearRegression
+    from sklearn.pipeline import make_pipeline
+    from sklearn.preprocessing import FunctionTransformer
+
+    x = np.linspace(0.1, 10.0, 50)[:, None]
+    model = make_pipeline(FunctionTransformer(np.log), LinearRegression()).fit(x, x[:, 0])
+    (tmp_path / "models").mkdir()
+    skops.dump(model, tmp_path / "models" / "m.skops")
+    (tmp_path / "models" / "st-codegen.toml").write_text(RANGE.format(0, 0.0, 10.0))
+    generate(load(tmp_path / "models"), "iec", tmp_path / "out")
+    (report,) = verify(load(tmp_path / "models"), tmp_path / "out", rows=3000).models
+    # 0 and what is smaller than numbers have logarithms are few among the negative numbers outside the range
+    assert 0 < report.asked == report.unanswered
+    assert "since a number on the way does not exist" in report.not_judged
+    assert "the library has no finite answer to them either" in report.not_judged
+
+
+def test_one_row_is_no_rows():
+    assert "to 1 row of numbers" in ModelReport("m", silent_outside=1).not_judged
+    assert "to 2 rows of numbers" in ModelReport("m", silent_outside=2).not_judged
+
+
+def test_ranges_that_nobody_knows_are_said_to_be_guesses(tmp_path, capsys):
+    skops = pytest.importorskip("skops.io")
+    from sklearn.linear_model import LinearRegression
+
+    (tmp_path / "models").mkdir()
+    x = np.random.default_rng(0).random((20, 1))
+    skops.dump(LinearRegression().fit(x, x[:, 0]), tmp_path / "models" / "m.skops")
+    page = tmp_path / "page.html"
+    for ranges, is_guessed in ((RANGE.format(0, 0.0, 1.0), False), ("", True)):
+        (tmp_path / "models" / "st-codegen.toml").write_text(ranges)
+        assert run(tmp_path / "models", "--target", "iec", "--out", tmp_path / "out", "-q") == 0
+        command = ("verify", tmp_path / "models", "-g", tmp_path / "out", "-n", 100, "--html", page)
+        capsys.readouterr()
+        assert run(*command) == 0
+        for said in (capsys.readouterr().err, page.read_text(encoding="utf-8")):
+            assert ("guessed from the model" in said) == is_guessed

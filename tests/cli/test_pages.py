@@ -36,7 +36,7 @@ def test_a_review_shows_numbers_curves_and_what_stayed(two, tmp_path):
     assert page.count("<svg") == 3  # one an input
     assert all(name in page for name in ("speed_rpm", "torque_Nm", "temperature_C"))
     for shown in (page, marks):
-        assert "1 of 2 models changed." in shown
+        assert "1 of 2 models changed in the target twincat." in shown
         assert "same." in shown
         assert "st-codegen diff" in shown
         assert re.search(r"\d+\.\d%", shown)
@@ -62,6 +62,19 @@ def test_verification_has_a_page(lone_folder, tmp_path):
     assert "estimates" in text
     assert "Proved for every input: 1 of 1 texts." in text
     assert re.search(r"<td>te</td><td>twincat</td><td>proved</td><td>all cells|sums of trees</td>", text)
+    assert "Budget: 1000 us: it fits." in text
+    assert run("verify", lone_folder, "-g", tmp_path, "-n", 100, "--cycle-us", 0.1, "--html", page, "-q") == 1
+    assert "The cycle DOES NOT FIT: twincat." in page.read_text(encoding="utf-8")
+
+
+def test_a_page_says_of_how_many_blocks_it_lists_the_slowest(lone_folder, lightgbm_text, tmp_path):
+    for number in range(12):
+        (lone_folder / f"m{number}.txt").write_text(lightgbm_text)
+    page = tmp_path / "e.html"
+    assert run(lone_folder, "--out", tmp_path, "-q", "--explain", "--html", page) == 0
+    text = page.read_text(encoding="utf-8")
+    named = re.search(r"Of (\d+) blocks and calls the 20 slowest are listed", text)
+    assert named is not None and int(named[1]) == 26  # 13 blocks, each of which calls F_IsNan
 
 
 def test_a_page_says_what_is_not_proved_and_what_refutes(lone_folder, tmp_path, capsys):

@@ -1,6 +1,7 @@
 """`--with-comparison`: the program runs the rows it is given, keeps to its cycle, and nothing else changes."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -99,3 +100,11 @@ def test_targets_without_a_clock_refuse(lone_folder, tmp_path):
         if not target.has_comparison:
             with pytest.raises(TargetError, match="--with-comparison"):
                 generate(lone_folder, name, tmp_path, with_comparison=True)
+
+
+def test_every_choice_of_a_block_has_an_answer_for_no_block(bundle_folder, tmp_path):
+    made = generate(bundle_folder, "twincat", tmp_path, with_comparison=True)
+    (path,) = made.folder.rglob("PRG_Comparison.TcPOU")
+    choices = re.findall(r"\bCASE\b.*?\bEND_CASE\b", path.read_text(encoding="utf-8"), re.DOTALL)
+    assert len(choices) == 2  # how many rows a request has, and which block runs
+    assert all(re.search(r"^ *ELSE\r?$", choice, re.MULTILINE) for choice in choices)

@@ -4,7 +4,7 @@ import pytest
 
 from st_codegen.errors import InputError
 from st_codegen.files.folders import write_texts
-from st_codegen.files.text import whole_file, write_text
+from st_codegen.files.text import make_folder, whole_file, write_text
 
 
 def names(folder):
@@ -43,6 +43,9 @@ def test_a_folder_in_the_place_of_a_file_is_refused_and_left_as_it_is(tmp_path):
     (tmp_path / "f").write_text("")
     with pytest.raises(InputError, match="is a file; a folder"):
         write_texts(tmp_path / "f", {"b": "y"})
+    (tmp_path / "link").symlink_to("nowhere")
+    with pytest.raises(InputError, match="is a link to nothing; a folder is wanted there"):
+        make_folder(tmp_path / "link")
 
 
 def test_several_files_are_written_together(tmp_path):

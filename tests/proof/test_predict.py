@@ -4,8 +4,9 @@ import pytest
 from st_codegen.driver import Evaluator, predict
 from st_codegen.errors import InputError
 from st_codegen.files.csv_tables import with_underscores
+from st_codegen.files.text import write_text
 from st_codegen.project.bundle import load
-from st_codegen.proof.predict import read_table, write_table
+from st_codegen.proof.predict import read_table, table_text
 
 ROWS = np.array([[500.0, 300.0, 26.0], [np.nan, 10.0, 30.0], [np.inf, -np.inf, 1e300], [100.0, 0.0, 25.0]])
 
@@ -81,7 +82,7 @@ def test_missing_columns_are_all_named(lone_folder):
 
 def test_tables_keep_every_bit(tmp_path):
     columns = {"a": np.array([0.1, np.nan, -np.inf, 5e-324]), "b[0]": np.array([1e300, -0.0, 1 / 3, 2.0**-1074])}
-    write_table(tmp_path / "new" / "t.csv", columns)
+    write_text(tmp_path / "new" / "t.csv", table_text(columns))
     back = read_table(tmp_path / "new" / "t.csv")
     assert list(back) == ["a", "b[0]"]
     for name in columns:

@@ -220,7 +220,7 @@ def test_numbers_beyond_the_ends_of_a_piece_are_the_reason_that_is_given(tmp_pat
     bundle = Bundle((LoadedModel(one, lambda x: reference.evaluate(one, x)),), None)
     generate(bundle, "iec", tmp_path)
     (found,) = verify(bundle, tmp_path, rows=300).models
-    assert found.unanswered and "for a number lies where a piece of the model has no answer" in found.not_judged
+    assert found.unanswered and "since a number lies where a piece of the model has no answer" in found.not_judged
     assert "root" not in found.not_judged
     assert "a piece of the model has no" in (tmp_path / "iec" / "FB_M.st").read_text()
 

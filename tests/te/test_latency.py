@@ -119,6 +119,7 @@ def test_times_that_make_no_sense_end_the_command_with_a_message(capsys):
         (["--slow", "500", "--slow-offset", "499.96"], "task slow: 499.96 us; give whole multiples of 0.1 us"),
         (["--output", "1e308"], "give 0 .. 10000000 (10 s)"),
         (["--slow-offset", "100"], "give --slow"),
+        (["--slow", "125"], "--slow 125 is less than --fast 250"),
         (["--slow", "500", "--slow-run", "100"], "give --exchange end"),
     ],
 )

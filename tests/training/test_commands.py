@@ -3,12 +3,14 @@
 import csv
 import json
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from st_codegen.campaign.harmonic_table import joined, read_table, write_table
+from st_codegen.cli import train
 from st_codegen.cli.main import cli, main
 from st_codegen.cli.tables import ERRORS, PREDICTIONS, TABLE
 from st_codegen.emit.blocks.model import input_variables
@@ -217,3 +219,17 @@ def test_tables_of_made_up_data(tmp_path, monkeypatch):
     assert html.count("<svg") == len(ORDERS)
     # the authors learned amplitudes, and phases as they were measured
     assert searched == [(True, tuple(Coordinates)), (False, (Coordinates.POLAR,))]
+
+
+@pytest.mark.parametrize(
+    ("faulty", "text"), [((True, False), "1 faulty run kept;"), ((True, True), "2 faulty runs kept;")]
+)
+def test_faulty_runs_that_were_kept_are_not_said_to_be_left_out(faulty, text):
+    lesson = SimpleNamespace(
+        direction="forward",
+        cost_us=1.0,
+        faulty=SimpleNamespace(rows=np.array(faulty)),
+        study=SimpleNamespace(test=[0]),
+        choice=SimpleNamespace(solutions=()),
+    )
+    assert text in train._summary(lesson, "kept").title
