@@ -46,8 +46,8 @@ def verdict_text(result: Reconciliation) -> str:
         named = "What differs is named; runs" if result.verdict is Outcome.PARTLY_EXPLAINED else "Runs"
         known = "that is known" if result.data.spectral_deg is None else "within their curves"
         return (
-            f"{named} differ by more than the noise {known}, without a pattern over the conditions: more noise, or something "
-            "missing."
+            f"{named} differ by more than the noise {known}, without a pattern over the conditions: more noise, or "
+            "something missing."
         )
     # what a correction takes from the orders it takes above them as well
     if (
