@@ -30,13 +30,31 @@ def course_of(target: FitData, z: ComplexArray, whole: ComplexArray, parts: IntA
     z: in noises (n, K), cut, so that single wild runs make no step; whole: the same as it is, which sizes come from;
     both zero for bad runs. None where the order of the runs is not known as well. Noise that lasts over runs wanders:
     a step or a trend is more than that where it takes off most of an order, or where it leaves noise that is
-    independent from run to run, and the other orders do not wander either.
+    independent from run to run, and the other orders do not wander either. What comes with a load has its sign, and is
+    not there without one: so play shows that wears.
     """
+    found, sign = _courses(target, z, whole, parts, target.good), np.sign(target.data.at.torque_Nm)
+    if len(np.unique(sign[target.good])) == 1 or target.data.run is None:
+        return found
+    loaded, with_sign = replace(target, good=target.good & (sign != 0.0)), sign[:, None]
+    share = float(loaded.good.sum() / target.good.sum())
+    return [
+        own
+        if own is not None or one is None
+        else replace(one, power=share * one.power, text=f"{one.text}, with the load")
+        for own, one in zip(found, _courses(loaded, z * with_sign, whole * with_sign, parts, target.good), strict=True)
+    ]
+
+
+def _courses(
+    target: FitData, z: ComplexArray, whole: ComplexArray, parts: IntArray, listed: BoolArray
+) -> list[Course | None]:
+    """The courses of the rows that count, in the order of the runs of all that are listed, bool (n,)."""
     run, good = target.data.run, target.good
     found: list[Course | None] = [None] * z.shape[1]
     if run is None or good.sum() < SETTINGS.least_in_time:
         return found
-    numbers = np.unique(run[good])
+    numbers = np.unique(run[listed])
     place, count = np.searchsorted(numbers, run), len(numbers)
     sums, sizes, in_deg = (_by_run(target, one, place, count) for one in (z, whole, whole * target.sigma))
     total = sum(float(weight.sum()) for _, weight in sums)
@@ -113,7 +131,9 @@ def _described(near: _ByRun, in_deg: _ByRun, k: int, parts: int) -> Course:
         size = max(_step_size(series[:, k], weight, cut) for series, weight in in_deg)
         left = max(float(varying[0] - steps[0]), 0.0) / (total * parts)
         one = [(series[:, 0], weight) for series, weight in own]
-        return Course(float(power), size, _step_text(size, cut, count, *_share_at_once(one, cut, left)))
+        beside = np.flatnonzero(sum(weight for _, weight in own))
+        runs = int(beside[beside < cut][-1]) + 1, int(beside[beside >= cut][0]) + 1
+        return Course(float(power), size, _step_text(size, runs, count, *_share_at_once(one, cut, left)))
     shape = _shapes(count)[bends[0]]
     slopes = [_slopes(series[:, k : k + 1], weight, shape[None]) for series, weight in in_deg]
     power = sum(abs(slope[0, 0]) ** 2 * square[0] for slope, square in slopes) / total
@@ -121,9 +141,9 @@ def _described(near: _ByRun, in_deg: _ByRun, k: int, parts: int) -> Course:
     return Course(float(power), size, _ramp_text(shape, size))
 
 
-def _step_text(size: float, cut: int, count: int, share: float, error: float) -> str:
-    """What is said of a change that a step explains best, of which a share lies between the runs beside its cut."""
-    there = f"between run {cut} and run {cut + 1} of {count}, in their order"
+def _step_text(size: float, runs: tuple[int, int], count: int, share: float, error: float) -> str:
+    """What is said of a change that a step explains best, of which a share lies between the two runs beside its cut."""
+    there = f"between run {runs[0]} and run {runs[1]} of {count}, in their order"
     if share - SETTINGS.told * error > SETTINGS.at_once:
         return f"a step of {size:.2g} deg {there}"
     if share + SETTINGS.told * error < 1.0:
