@@ -388,6 +388,19 @@ def over_runs(added, runs=200, orders=10, seed=3):
     return structure(target, values).courses
 
 
+@pytest.mark.parametrize("signed", [True, False])
+def test_play_that_wears_in_mid_campaign_is_a_step_with_the_load(signed):
+    """Four in ten runs had no load and no step: runs differed "without a pattern"."""
+    at, run = in_any_order(grid())
+    load = at.torque_Nm - (900.0 if signed else 0.0)
+    torque = np.where(np.abs(load) < (350.0 if signed else 700.0), 0.0, load)
+    late = run >= run.max() // 2
+    step = -2.5e-3 * at.sign * np.sign(torque) * (late - 0.5)
+    (one,) = found(replace(at, torque_Nm=torque), {0: step}).values()
+    assert "a step of 0.0025 deg between run" in one.text and "in their order, with the load" in one.text
+    assert one.rms_deg == pytest.approx(np.sqrt(np.mean(step**2)), rel=0.05)
+
+
 @pytest.mark.parametrize("noises", [1.5, 2.0, 3.0, 6.0])
 def test_a_step_in_a_large_campaign_is_seen_from_the_size_of_the_noise_on(noises):
     """A coupling mounted anew, 3 noises in 200 runs (p below 1e-200): "nothing is missing"."""

@@ -38,18 +38,20 @@ def course_of(target: FitData, z: ComplexArray, whole: ComplexArray, parts: IntA
         return found
     loaded, with_sign = replace(target, good=target.good & (sign != 0.0)), sign[:, None]
     share = float(loaded.good.sum() / target.good.sum())
+    with_load = _courses(loaded, z * with_sign, whole * with_sign, parts, target.good, ", with the load")
     return [
-        own
-        if own is not None or one is None
-        else replace(one, power=share * one.power, text=f"{one.text}, with the load")
-        for own, one in zip(found, _courses(loaded, z * with_sign, whole * with_sign, parts, target.good), strict=True)
+        own if own is not None or one is None else replace(one, power=share * one.power)
+        for own, one in zip(found, with_load, strict=True)
     ]
 
 
 def _courses(
-    target: FitData, z: ComplexArray, whole: ComplexArray, parts: IntArray, listed: BoolArray
+    target: FitData, z: ComplexArray, whole: ComplexArray, parts: IntArray, listed: BoolArray, beside: str = ""
 ) -> list[Course | None]:
-    """The courses of the rows that count, in the order of the runs of all that are listed, bool (n,)."""
+    """The courses of the rows that count, in the order of the runs of all that are listed, bool (n,).
+
+    beside: what is said of each.
+    """
     run, good = target.data.run, target.good
     found: list[Course | None] = [None] * z.shape[1]
     if run is None or good.sum() < SETTINGS.least_in_time:
@@ -91,7 +93,8 @@ def _courses(
     own = tuple((series[:, sure], weight) for series, weight in sums)
     for k in np.array(sure, np.int64)[_are_of_their_order(own, gains[sure], all_numbers[sure])]:
         course = _described(near, in_deg, k, int(parts[k]))
-        text = course.text if alone[k] else f"{course.text}, which noise that lasts over runs may look like"
+        text = f"{course.text}{beside}"
+        text = text if alone[k] else f"{text}, which noise that lasts over runs may look like"
         found[k] = replace(course, text=text)
     return found
 
