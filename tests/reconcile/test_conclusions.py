@@ -15,7 +15,7 @@ from st_codegen.reconcile.judge import conclusions
 from st_codegen.reconcile.judge.candidates import Search, variants
 from st_codegen.reconcile.judge.conclusions import Conclusions, Retuned, conclude, doubted, settled
 from st_codegen.reconcile.judge.in_time import _alike
-from st_codegen.reconcile.judge.lookalikes import by_order_alone
+from st_codegen.reconcile.judge.lookalikes import by_order_alone, is_a_knee
 from st_codegen.reconcile.judge.peaks import bracket, chance_of_bracket, spread
 from st_codegen.reconcile.judge.plausible import bounds_met, is_its_own, is_no_form_error, lack_of_forms, law_holds
 from st_codegen.reconcile.judge.retuned import changes, with_piece_held
@@ -289,6 +289,37 @@ def test_peaks_bracket_a_frequency():
 
 def test_peaks_of_two_resonances_have_no_bracket():
     assert resonance(k156=42.0, k162=54.0) is None
+
+
+@pytest.mark.parametrize(("per_kNm", "is_one"), [(0.0, True), (-0.15, False)])
+def test_peaks_that_lie_elsewhere_at_one_load_have_no_bracket(per_kNm, is_one):
+    """Of a mode between 17 Hz without a load and 24 Hz it was said that it lies at 22.0 to 22.5 Hz."""
+    axes = np.meshgrid(np.arange(100.0, 1801.0, 50.0), [0.0, 0.0, 900.0, 1800.0], [1.0, -1.0])
+    at = Conditions.of(axes[2].ravel(), axes[0].ravel(), axes[1].ravel(), 30.0)
+    shape = {"orders": [156, 162, 240], "frequency_Hz": 52.0, "damping_ratio": 0.02}
+    moves = effect("structural_resonance", amplitude_deg=[1e-3] * 3, frequency_per_kNm=per_kNm, **shape)
+    data = observed(RigModel(effects=(moves,)), at, orders=(0, 156, 162, 240))
+    target = FitData(data, np.full(data.values.shape, SIGMA), np.ones(len(at), bool), groups_of(at))
+    whole = effect("structural_resonance", amplitude_deg=[0.0] * 3, **shape)
+    assert (bracket(target, data.values, whole) is not None) == is_one
+
+
+@pytest.mark.parametrize(("is_play", "sigma"), [(True, SIGMA), (False, SIGMA), (False, 20 * SIGMA)])
+def test_play_and_a_transmission_that_is_softer_at_low_loads_are_told_apart_where_the_torques_do(is_play, sigma):
+    """Play of a transmission without any was stated with 0.98, the surer the less noise there was."""
+    loads = np.array([0, 20, 40, 60, 80, 120, 180, 260, 400, 600, 900.0])
+    axes = np.meshgrid([300.0, 900.0, 1500.0], [*-loads[1:], *loads], [25.0, 35.0], [1.0, -1.0])
+    at = Conditions.of(*(axes[i].ravel() for i in (3, 0, 1, 2)))
+    play = effect("backlash", gap_arcmin=0.6, seating_torque_Nm=70.0)
+    truth = RigModel(effects=(*RIG.effects, play)) if is_play else RIG
+    data = observed(truth, at, sigma=sigma)
+    if not is_play:
+        softer = -at.sign * np.clip(at.torque_Nm, -90.0, 90.0) * 6e-5
+        data = replace(data, values=data.values + softer[:, None] * (data.orders == 0))
+    target = FitData(data, np.full(data.values.shape, sigma), np.ones(len(at), bool), groups_of(at))
+    pieces = [piece_of(one, added=False, origin=one).held() for one in RIG.effects]
+    final = fit(target, State(RIG, 0.0, (*pieces, piece_of(play, added=True))))
+    assert is_a_knee(final, final.state.pieces[-1].effect) is not is_play
 
 
 @pytest.mark.parametrize(

@@ -228,6 +228,18 @@ def test_a_gap_that_few_runs_carry_is_said_to_be_the_least():
     assert not reconciled("", at, [0, 39, 78, 156], {}).held_out_is_bound
 
 
+@pytest.mark.parametrize(("loads", "is_bound"), [([0.0, 100, 250, 500], True), (np.arange(11) * 180.0, False)])
+def test_a_gap_that_no_left_out_load_has_told_is_said_to_be_the_least(loads, is_bound):
+    """Four loads carry the three numbers of a mean of another law: between them it was off by 46 times as much."""
+    at = grid(np.arange(100, 1701, 200.0), loads, [25.0, 35.0])
+    twist = -at.sign * 4e-4 * at.torque_Nm ** (2 / 3)
+    found = reconciled("", at, [0, 39, 78, 156], {0: twist})
+    assert found.conclusions.claims
+    assert (
+        found.held_out_is_bound == is_bound == ("the levels of torque are too few" in summary(found).replace("\n", " "))
+    )
+
+
 SIDEBANDS = grid([300.0, 700.0, 1100.0, 1500.0], [0.0, 450.0, 900.0, 1350.0, 1800.0], [25.0, 35.0])
 ORDERS = [0, 36, 39, 40, 42, 78, 81, 117, 120, 123]
 MESH = wave("cycloid_tooth_error", 39, 7e-4, 1.0) + slope(39, 7e-4) + wave("pin_error", 120, 2e-4, 0.3)

@@ -832,6 +832,14 @@ def test_sidebands_of_an_order_whose_phase_another_wave_moves_are_no_wave_betwee
     assert without_waves_between(made, [0, 1, 41, 81, 82, 83, 84])[1] == ()
 
 
+@pytest.mark.parametrize("share", [-0.25, 0.25])
+def test_what_the_mesh_does_alike_at_one_speed_is_no_filter(share):
+    """A film of oil made all mesh orders smaller with the speed: they had "passed a filter", most at 33 Hz."""
+    data = of_curves()
+    film = 1.0 + share * data.at.speed_rpm[:, None] / 1800.0
+    assert not examine(replace(data, values=np.where(ORDERS > 5, film, 1.0) * data.values), RIG, PATH).mistakes
+
+
 def test_a_run_whose_torque_alone_is_read_wrong_has_the_label_of_no_other_run():
     """Where torques scatter one run is near the torque of another one, whose speed has no part in it."""
     data, random = of_curves(), np.random.default_rng(2)

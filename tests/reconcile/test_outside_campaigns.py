@@ -306,6 +306,20 @@ def test_what_is_half_as_large_as_in_the_rig_is_there():
     assert [one.is_gone for one in result.conclusions.retuned] == [False]
 
 
+def test_what_another_law_hides_is_not_gone():
+    """Friction was "nothing that the data show" where a transmission is softer under loads of one sign."""
+    rig = RigModel(effects=(*RIG.effects, effect("friction_windup", coulomb_arcmin=0.25, viscous_arcmin_per_krpm=0.06)))
+    at = grid()
+    at = replace(at, torque_Nm=at.torque_Nm - 900.0)
+    data = observed(rig, at, (*range(4), 39, 40, 78))
+    softer = -at.sign * np.minimum(at.torque_Nm, 0.0) / 300.0 / 60.0
+    result = reconcile_observations(
+        rig, replace(data, values=data.values + softer[:, None] * (data.orders == 0)), KNOWN
+    )
+    assert not any(one.is_gone for one in result.conclusions.retuned)
+    assert [one.order for one in result.unexplained] == [0]
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_what_all_of_a_few_runs_have_is_no_scatter_of_runs(seed):
     """The zero was 0.005 deg off in all twelve curves: "runs differ, with no pattern over the conditions"."""
