@@ -21,7 +21,7 @@ from st_codegen.reconcile.judge.measurement import examine
 from st_codegen.reconcile.judge.mistakes import _block
 from st_codegen.reconcile.judge.sensors import hidden_wrong_angle
 from st_codegen.reconcile.judge.unexplained import Signature, _with_hums
-from st_codegen.reconcile.judge.votes import PowerSums, noise_power, told_power
+from st_codegen.reconcile.judge.votes import PowerSums, expected_of, noise_power, told_power
 from st_codegen.rig.effects import Conditions, catalogue
 from st_codegen.rig.model import read_rig
 
@@ -838,6 +838,21 @@ def test_what_the_mesh_does_alike_at_one_speed_is_no_filter(share):
     data = of_curves()
     film = 1.0 + share * data.at.speed_rpm[:, None] / 1800.0
     assert not examine(replace(data, values=np.where(ORDERS > 5, film, 1.0) * data.values), RIG, PATH).mistakes
+
+
+def stiffening(data, power):
+    """A machine of which all that depends on the load follows a power of it."""
+    load = 1800.0 * (data.at.torque_Nm / 1800.0) ** power
+    at = replace(data.at, torque_Nm=load)
+    return replace(data, values=data.values + RIG.coefficients(at, ORDERS.tolist()) - expected_of(data, RIG))
+
+
+@pytest.mark.parametrize(("made", "size", "is_a_law"), [(stiffening, 0.8, True), (lagging, 18.0, False)])
+def test_torques_that_are_off_by_a_law_of_the_torque_may_be_the_machine(made, size, is_a_law):
+    """A contact that gets stiffer with the load was said to be torques that are wrong "each by its own"."""
+    with pytest.raises(InputError, match="each by its own") as asked:
+        examine(made(measured(3e-6), size), RIG, PATH)
+    assert ("then --accept as_is is right" in str(asked.value)) is is_a_law
 
 
 def test_a_run_whose_torque_alone_is_read_wrong_has_the_label_of_no_other_run():

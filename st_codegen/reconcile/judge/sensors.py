@@ -25,6 +25,10 @@ _OWN_TORQUES = (
     "the torques of the runs seem to be read wrong, each by its own, by up to {:.0f} N m and {:.0f} N m RMS: most "
     "orders that depend on the load agree with the others on it"
 )
+_OF_LABEL = (
+    "; by how much is a smooth function of the torque: a sensor that is not linear does so, and so does a machine in "
+    "which all that depends on the load follows another law than the rig's, and then --accept as_is is right"
+)
 _OWN_BY_DIRECTION = _OWN_TORQUES.replace("each by its own", "each by its own and forward by another than backward")
 _TAKE_OWN = "take the torques that the orders tell (what the load does to all orders alike cannot be seen then)"
 _LOW_PASS = (
@@ -107,8 +111,17 @@ def wrong_torques(data: Observations, rig: RigModel) -> list[Mistake]:
         own = again and _told_by_others(data, by_both, seen, most)
         if own and not _told_by_others(data, seen, scaled, most):
             said, gain = text.format(np.abs(off).max(), np.sqrt((off**2).mean())), again
+            said += _OF_LABEL if _follows(off, torque) else ""
             right, plain, remedy = its, seen, _TAKE_OWN
     return [Mistake("torque", said, lambda given: replace(given, at=right), remedy=remedy)] if gain else []
+
+
+def _follows(off: FloatArray, torque: FloatArray) -> bool:
+    """Whether what torques are off by is one smooth function of the torque that is read."""
+    load, sign = np.abs(torque) / max(float(np.abs(torque).max()), 1e-300), np.sign(torque)
+    design = np.stack([np.ones(len(torque)), *(sign * load**power for power in (0.5, 1.0, 2.0))], axis=1)
+    rest = off - design @ np.linalg.lstsq(design, off, rcond=None)[0]
+    return bool((rest**2).mean() < SETTINGS.left_of_unit * ((off - off.mean()) ** 2).mean())
 
 
 def _told_by_others(data: Observations, plain: ComplexArray, seen: ComplexArray, most: BoolArray) -> float:
