@@ -15,7 +15,6 @@ from st_codegen.cli.calibrate import must_be_a_profile, write_profile
 from st_codegen.cli.codes import show_codes
 from st_codegen.cli.console import (
     FILE,
-    Whole,
     console,
     controller_options,
     generated_option,
@@ -24,6 +23,7 @@ from st_codegen.cli.console import (
     names_options,
     progress_bar,
     quiet_option,
+    rows_options,
     say,
     trust_option,
 )
@@ -53,14 +53,7 @@ Examples:
 @generated_option("Folder that `generate --with-comparison` wrote, and that the controller runs.")
 @controller_options
 @click.option("--block", metavar="FB_X", help="Only this block. Default: the blocks of all models.")
-@click.option(
-    "-n",
-    "--rows",
-    type=Whole(min=1),
-    default=10_000,
-    help="Rows a block, or as many more as special values, thresholds, leaves and cells take.",
-)
-@click.option("--seed", type=Whole(min=0), default=0, help="Seed of the random rows.")
+@rows_options("Rows a block, or as many more as special values, thresholds, leaves and cells take.")
 @click.option(
     "--same-bits",
     is_flag=True,

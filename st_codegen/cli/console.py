@@ -110,6 +110,14 @@ def together(*options: Callable[[Any], Any]) -> Callable[[Command], Command]:
     return lambda function: functools.reduce(lambda inner, option: option(inner), reversed(options), function)
 
 
+def rows_options(text: str) -> Callable[[Command], Command]:
+    """How many rows are tried, and the seed of those that are random; `text` says when they are more."""
+    return together(
+        click.option("-n", "--rows", type=Whole(min=1), default=10_000, help=text),
+        click.option("--seed", type=Whole(min=0), default=0, help="Seed of the random rows."),
+    )
+
+
 #: The options by which model files are read: what is trusted, how large they may be, what they do not say.
 trust_option = together(
     click.option(

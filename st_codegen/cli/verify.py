@@ -23,6 +23,7 @@ from st_codegen.cli.console import (
     names_options,
     progress_bar,
     quiet_option,
+    rows_options,
     say,
     table_of,
     trust_option,
@@ -47,14 +48,7 @@ Examples:
 @models_argument
 @names_options
 @generated_option("Folder that `generate` wrote; every target in it is verified.")
-@click.option(
-    "-n",
-    "--rows",
-    type=Whole(min=1),
-    default=10_000,
-    help="Rows a model, or as many more as special values and thresholds with their neighbours take.",
-)
-@click.option("--seed", type=Whole(min=0), default=0, help="Seed of the random rows.")
+@rows_options("Rows a model, or as many more as special values and thresholds with their neighbours take.")
 @click.option(
     "-j", "--jobs", type=Whole(min=1), default=None, help="Models at the same time (default: one a processor)."
 )
