@@ -43,8 +43,9 @@ class Settings:
     #: curves that are asked first, and orders around a wave that must hold nothing else: what lies farther off is small
     curves_that_tell: int = 8
     orders_beside_wave: float = 2.6
-    #: part of the power beside its order by which what leaks from a wave may be another, standard deviations of the
-    #: noise that it must explain there, and orders to each side that tell this noise
+    #: part of the power beside its order by which what leaks from a wave may be another (of sidebands a fifth is left),
+    #: standard deviations of the noise that it must explain there (one in 3 million), and orders to each side that tell
+    #: this noise
     left_beside_wave: float = 0.05
     sure_beside_wave: float = 5.0
     noise_beside_wave: int = 40

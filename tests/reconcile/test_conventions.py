@@ -102,6 +102,29 @@ def test_conditions_of_some_runs_in_another_unit_are_asked_about(key, wrong, wor
     assert getattr(read.at, key) == pytest.approx(getattr(data.at, key))
 
 
+def test_a_zero_that_moved_in_mid_campaign_is_no_other_unit_of_the_runs_behind_it():
+    """A mean that moved as far as drift by 29 K is what 25 degC, read in degF, makes; but earlier runs read 25 too."""
+    data = of_curves()
+    colder = replace(data.at, temperature_C=(data.at.temperature_C - 32.0) / 1.8)
+    step = (RIG.coefficients(colder, ORDERS.tolist()) - RIG.coefficients(data.at, ORDERS.tolist()))[:, :1].real
+    late = data.number_of_run >= 130
+    made = replace(data, values=data.values + step * late[:, None] * (ORDERS == 0))
+    assert step.any() and not examine(made, RIG, PATH).mistakes
+
+
+@pytest.mark.parametrize("turned_deg", [180.0, 0.0])
+def test_odd_orders_that_another_zero_turns_are_no_other_sign(turned_deg):
+    """Of a run that was homed at 180 deg all odd orders have the other sign, the mean has its own."""
+    rig = RigModel(effects=[one for one in RIG.effects if not any(k and k % 2 == 0 for k in one.touched_orders())])
+    data = of_curves()
+    rows, orders = data.number_of_run == 7, data.orders
+    turn = np.exp(1j * np.radians(turned_deg) * orders) if turned_deg else -1.0
+    values = rig.coefficients(data.at, orders.tolist()) + data.values - RIG.coefficients(data.at, orders.tolist())
+    made = replace(data, values=np.where(rows[:, None], turn * values, values))
+    said = any("opposite sign" in mistake.text for mistake in examine(made, rig, PATH).mistakes)
+    assert said is not bool(turned_deg)
+
+
 def test_half_of_the_runs_with_a_factor_that_an_effect_may_make_are_no_block():
     data = measured()
     late = np.tile(np.arange(RUNS) >= RUNS // 2, 2)

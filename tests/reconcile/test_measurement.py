@@ -832,6 +832,13 @@ def test_sidebands_of_an_order_whose_phase_another_wave_moves_are_no_wave_betwee
     assert without_waves_between(made, [0, 1, 41, 81, 82, 83, 84])[1] == ()
 
 
+def test_curves_without_any_noise_are_no_reason_to_stop():
+    """A response that one order alone tells was told by the difference of large sums, and by nothing: a crash."""
+    data = replace(measured(0.0), spectral_deg=np.full((2 * RUNS, len(ORDERS)), 1e-16))
+    odd = np.where(ORDERS == 0, 1e-3 * np.tanh(data.at.torque_Nm / 50.0)[:, None], 0.0)
+    assert not examine(replace(data, values=data.values + odd), RIG, PATH).mistakes
+
+
 @pytest.mark.parametrize("share", [-0.25, 0.25])
 def test_what_the_mesh_does_alike_at_one_speed_is_no_filter(share):
     """A film of oil made all mesh orders smaller with the speed: they had "passed a filter", most at 33 Hz."""

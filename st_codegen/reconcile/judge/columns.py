@@ -53,13 +53,14 @@ def other_conditions(data: Observations, rig: RigModel) -> list[Mistake]:
     Only what takes nearly all that the rig leaves off all orders on which it matters, together: in all runs, or in
     those that it brings nearer to the rig by far, as where a logger was set otherwise in the course of the campaign.
     """
-    orders, noise = data.orders.tolist(), noise_power(data)
+    orders, noise, every = data.orders.tolist(), noise_power(data), np.ones(len(data), bool)
     plain = expected_of(data, rig)
     best: tuple[float, list[Mistake]] = (SETTINGS.order_gain, [])
     for column, text, changed in _readings(rig.constants.reduction_ratio):
-        seen = rig.coefficients(changed(data.at), orders)
+        meant = changed(data.at)
+        seen = rig.coefficients(meant, orders)
         some = _nearer(data, noise, plain, seen)
-        for rows in (np.ones(len(data), bool), some) if some.any() else (np.ones(len(data), bool),):
+        for rows in (every, some & _are_apart(data.at, meant, some)):
             gain = _gain(data, noise, plain, np.where(rows[:, None], seen, plain))
             if gain > best[0]:
                 said = _UNIT.format(column, "" if rows.all() else _of_runs(data, rows), text)
@@ -93,6 +94,23 @@ def _nearer(data: Observations, noise: FloatArray, plain: ComplexArray, seen: Co
     for number in np.flatnonzero(chosen):
         found[data.runs[number]] = True
     return found
+
+
+def _are_apart(read: Conditions, meant: Conditions, rows: BoolArray) -> bool:
+    """Whether most numbers of some rows that are to be read otherwise lie outside of those of all others.
+
+    Of the same numbers as in other runs a change of the machine in mid-campaign is the cause. Those of the other sign
+    may be the same.
+    """
+    for key in CONDITION_COLUMNS:
+        values, others = (np.abs(getattr(read, key)[part]) for part in (rows, ~rows))
+        values, others = values[values > 0.0], others[others > 0.0]
+        is_sign = np.array_equal(np.abs(getattr(meant, key)), np.abs(getattr(read, key)))
+        if is_sign or not len(values) or not len(others):
+            continue
+        if ((values > others.max()) | (values < others.min())).mean() <= SETTINGS.most_orders:
+            return False
+    return True
 
 
 def _of_runs(data: Observations, rows: BoolArray) -> str:

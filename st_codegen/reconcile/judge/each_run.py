@@ -104,8 +104,12 @@ def zeros(
         if hidden:
             # by how much noise hides an order is what its vote counts; what the others say of each is asked as well
             loss = (left / power[rows][..., None]).sum(axis=0)
-            angle = float(grid[loss.sum(axis=0).argmin()])
-            gains += loss[:, 0] - loss[np.arange(len(k)), (loss.sum(axis=0) - loss).argmin(axis=1)]
+            of_all = loss.sum(axis=0)
+            angle = float(grid[of_all.argmin()])
+            gains += loss[:, 0] - loss[np.arange(len(k)), (of_all - loss).argmin(axis=1)]
+            # of so many angles the best gains twice the logarithm by chance
+            beyond = of_all[0] - of_all.min() - 2.0 * np.log(len(grid))
+            sure[rows], likely[rows] = beyond > SETTINGS.order_gain, beyond > 0.0
         else:
             angle = float(grid[np.argmin(np.log(np.maximum(left, power[rows][..., None])).sum(axis=(0, 1)))])
         for _ in range(3):  # between the angles of the grid
@@ -116,15 +120,18 @@ def zeros(
             angle -= float(pull / (k**2 * np.abs(turned) ** 2 / spread).sum())
         before, after = v[rows] - m[rows], v[rows] - m[rows] * np.exp(-1j * k * angle)
         found[rows] = np.angle(np.exp(1j * angle))
-        sure[rows] = _most_gain(before, after, power[rows], SETTINGS.vote)
-        likely[rows] = (np.abs(after) ** 2 / power[rows]).sum() < 0.5 * (np.abs(before) ** 2 / power[rows]).sum()
+        if not hidden:
+            sure[rows] = _most_gain(before, after, power[rows], SETTINGS.vote)
+        likely[rows] |= (np.abs(after) ** 2 / power[rows]).sum() < 0.5 * (np.abs(before) ** 2 / power[rows]).sum()
         errors.append(1.0 / np.sqrt(2.0 * (k**2 * np.abs(m[rows]) ** 2 / power[rows]).sum()))
     if hidden:
         # the loudest order alone could have any cause: what it says of the others must be right, but for one of them
         agreed = np.sort(gains[others])
         clear = agreed[np.abs(agreed) > SETTINGS.order_gain]
         most = (clear > 0.0).mean() >= SETTINGS.most_orders if len(clear) else False
-        sure[:] = most and agreed[:-1].sum() > SETTINGS.order_gain and agreed[-1] > SETTINGS.order_gain
+        # where most runs have one, those have one too that tell it less
+        sure |= sure.mean() > SETTINGS.most_orders
+        sure &= bool(most and agreed[:-1].sum() > SETTINGS.order_gain and agreed[-1] > SETTINGS.order_gain)
     least = np.radians(SETTINGS.least_home_deg)
     kinds = [float((found * sure)[run == number][0]) for number in np.unique(run)]
     off = sum(abs(angle) > least for angle in kinds)

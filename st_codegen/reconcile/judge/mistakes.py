@@ -50,14 +50,12 @@ def mistaken_runs(data: Observations, rig: RigModel) -> list[Mistake] | None:
     """
     seen = np.ones(data.values.shape, bool) if data.seen is None else data.seen
     turned_over = _turned_over(data, rig, seen)
-    for mistake in turned_over:
-        data = replace(
-            data, values=data.values * np.where(np.isin(np.arange(len(data)), mistake.rows), -1.0, 1.0)[:, None]
-        )
-    exchanged = [*turned_over, *_exchanged(data, rig, seen)]
-    out = {row for mistake in exchanged for row in mistake.rows}
-    # how others scatter, and what they are, is told with those in their own directions
-    data = _with_exchanged(data, list(out))
+    # how others scatter, and what they are, is told with those of their own sign, in their own directions
+    data = _with_sign(data, [row for mistake in turned_over for row in mistake.rows])
+    exchanged = _exchanged(data, rig, seen)
+    data = _with_exchanged(data, [row for mistake in exchanged for row in mistake.rows])
+    wrong = [*turned_over, *exchanged]
+    out = {row for mistake in wrong for row in mistake.rows}
     model = expected_of(data, rig)
     sigma = estimate(data, data.values - model).sigma
     z = np.abs(data.values - model) / sigma
@@ -67,10 +65,10 @@ def mistaken_runs(data: Observations, rig: RigModel) -> list[Mistake] | None:
     sure = (usual < SETTINGS.sure_order) & (power > 3 * np.median(sigma, axis=0))
     turned = _block_of_no_effect(data, model, seen)
     if turned or sure.sum() < SETTINGS.least_votes:
-        return [*exchanged, *turned] or None
+        return [*wrong, *turned] or None
     # a coefficient that a curve does not tell says nothing of its label
     values, known, weight = data.values[:, sure], model[:, sure], seen[:, sure] / sigma[:, sure] ** 2
-    blocks = [*exchanged, *_block(data, values, known, weight)]
+    blocks = [*wrong, *_block(data, values, known, weight)]
     out |= {row for mistake in blocks for row in mistake.rows}
     rest = np.array([row not in out for row in range(len(data))])
     return [*blocks, *_labels(data, rig, sure, rest, known, weight)]
@@ -79,7 +77,8 @@ def mistaken_runs(data: Observations, rig: RigModel) -> list[Mistake] | None:
 def _turned_over(data: Observations, rig: RigModel, seen: BoolArray) -> list[Mistake]:
     """Curves of which nearly all orders that tell have the other sign than the rig, and most other curves its own.
 
-    No effect turns all orders; a column whose sign was changed does.
+    No effect turns all orders; a column whose sign was changed does, and it turns the mean: another zero of the angle
+    may turn all odd orders, and leaves the mean as it is.
     """
     model = expected_of(data, rig)
     power = np.abs(model) ** 2
@@ -93,6 +92,8 @@ def _turned_over(data: Observations, rig: RigModel, seen: BoolArray) -> list[Mis
         & ((tells & (along * sign > 0.0)).sum(axis=1) > SETTINGS.most_orders * tells.sum(axis=1))
         for sign in (1.0, -1.0)
     )
+    if data.orders[0] == 0:
+        other &= ~(tells[:, 0] & (along[:, 0] > 0.0))
     if not other.any() or other.sum() > SETTINGS.most_of_block * len(data) or own.sum() < other.sum():
         return []
     rows = np.flatnonzero(other)
@@ -151,6 +152,13 @@ def _loads_turn_with(data: Observations, rows: IntArray) -> bool:
     """Whether the loads of some rows have the one sign, and those of all others the other one, or none."""
     theirs, others = data.at.torque_Nm[rows], np.delete(data.at.torque_Nm, rows)
     return bool(theirs.all() and len(np.unique(np.sign(theirs))) == 1 and (others * theirs[0] <= 0.0).all())
+
+
+def _with_sign(data: Observations, rows: list[int]) -> Observations:
+    """The data with the other sign in some rows."""
+    values = data.values.copy()
+    values[rows] *= -1.0
+    return replace(data, values=values) if rows else data
 
 
 def _with_exchanged(data: Observations, rows: IntArray | list[int]) -> Observations:

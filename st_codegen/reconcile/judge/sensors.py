@@ -25,12 +25,14 @@ _OWN_TORQUES = (
     "the torques of the runs seem to be read wrong, each by its own, by up to {:.0f} N m and {:.0f} N m RMS: most "
     "orders that depend on the load agree with the others on it"
 )
-_OF_LABEL = (
+_BY_A_LAW = (
     "; by how much is a smooth function of the torque: a sensor that is not linear does so, and so does a machine in "
     "which all that depends on the load follows another law than the rig's, and then --accept as_is is right"
 )
 _OWN_BY_DIRECTION = _OWN_TORQUES.replace("each by its own", "each by its own and forward by another than backward")
 _TAKE_OWN = "take the torques that the orders tell (what the load does to all orders alike cannot be seen then)"
+#: part of what orders tell of a response below which rounding is what is left of it
+_DIGITS = 1e-12
 _LOW_PASS = (
     "TE seems to have passed a low pass of {:.3g} Hz: every order is smaller and later, the faster it is the more"
 )
@@ -111,7 +113,7 @@ def wrong_torques(data: Observations, rig: RigModel) -> list[Mistake]:
         own = again and _told_by_others(data, by_both, seen, most)
         if own and not _told_by_others(data, seen, scaled, most):
             said, gain = text.format(np.abs(off).max(), np.sqrt((off**2).mean())), again
-            said += _OF_LABEL if _follows(off, torque) else ""
+            said += _BY_A_LAW if _follows(off, torque) else ""
             right, plain, remedy = its, seen, _TAKE_OWN
     return [Mistake("torque", said, lambda given: replace(given, at=right), remedy=remedy)] if gain else []
 
@@ -308,8 +310,9 @@ def _response(
         weight = np.abs(own[:, k]) ** 2 / power[k]
         matrix[k] = (hats * weight[:, None]).T @ hats
         pull[k] = hats.T @ (own[:, k].conj() * gap[:, k] / power[k])
-    # where no order tells the response it is 1
-    whole, along = matrix.sum(axis=0) + SETTINGS.huber * np.eye(count), pull.sum(axis=0)
+    # where no order tells the response it is 1, nor where it is the difference of sums that have no more digits
+    whole, along = matrix.sum(axis=0), pull.sum(axis=0)
+    whole += np.diag(SETTINGS.huber + _DIGITS * np.diag(whole))
     passes = np.linalg.solve(
         np.concatenate([whole[None], whole - matrix]), np.concatenate([along[None], along - pull])[..., None]
     )
