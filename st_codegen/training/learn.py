@@ -54,10 +54,14 @@ class LearningPlan:
 
 @dataclass(frozen=True)
 class ConfidenceInterval:
-    """Mean of an error over repeated splits, and half the width of its 95 % confidence interval."""
+    """Mean of an error over repeated splits, and half of its 95 % confidence interval: infinite for one split."""
 
     mean: float
     half_width: float
+
+    def __str__(self) -> str:
+        spread = f" +- {self.half_width:.2g}" if math.isfinite(self.half_width) else ", of one split"
+        return f"{self.mean:.3g}{spread}"
 
 
 @dataclass(frozen=True)

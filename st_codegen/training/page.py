@@ -58,8 +58,7 @@ def _models_section(lesson: Lesson) -> PageSection:
         errors = lesson.test_errors[solution.order]
         spread = []
         if lesson.intervals:
-            interval = lesson.intervals.get(solution.order)
-            spread = [f"{interval.mean:.3g} +- {interval.half_width:.2g}" if interval else ""]
+            spread = [str(lesson.intervals.get(solution.order, ""))]
         rows.append(
             (
                 solution.order,

@@ -158,8 +158,7 @@ def _complex_section(comparison: PaperComparison) -> PageSection:
         order = solution.order
         ours, theirs = comparison.chosen_errors[order].complex_mae, comparison.paper_complex[order].complex_mae
         best = comparison.best(order, "complex").ours_mae
-        interval = comparison.intervals.get(order)
-        repeated = f"{interval.mean:.3g} +- {interval.half_width:.2g}" if interval else ""
+        repeated = str(comparison.intervals.get(order, ""))
         if ours <= theirs:
             strong.add((len(rows), 2))
         worst = f"{_worst_tenth(np.abs(solution.test - comparison.test.column(order))):.0%}"

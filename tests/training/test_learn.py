@@ -331,6 +331,8 @@ def test_interval():
     made = interval([1.0, 2.0, 3.0])
     assert made.mean == 2.0
     assert made.half_width == pytest.approx(4.3026527 / math.sqrt(3))
+    assert str(made) == "2 +- 2.5"
+    assert str(interval([2.0])) == "2, of one split", "it was +- inf"
 
 
 def test_what_is_better_without_the_faulty_runs_is_bold():
