@@ -118,11 +118,8 @@ def scan(folder: Path) -> tuple[tuple[RunFile, ...], tuple[BadFileError, ...]]:
             continue
         conditions = listed.get(path) or conditions_from_name(path)
         if conditions is None:
-            bad.append(
-                BadFileError(
-                    path, None, f"no conditions: neither in {CONDITIONS_FILE} nor as 1000rpm100Nm25deg in its name"
-                )
-            )
+            reason = "no conditions that can be read, in {} or as 1000rpm100Nm25deg in its name"
+            bad.append(BadFileError(path, None, reason.format(CONDITIONS_FILE)))
         else:
             files.append(RunFile(path, conditions))
     if not files and not bad:
