@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -163,9 +163,24 @@ class Reconciliation:
         return bool(self.unexplained) or self.data.few_points
 
     @property
-    def noise_may_be_larger(self) -> bool:
-        """Whether an order differs from run to run by more than the floor, without a pattern over the conditions."""
-        return any("scatter" in one.dependence for one in self.unexplained)
+    def scatter_beside_floor_deg(self) -> float:
+        """RMS of what differs from run to run by more than the floor, without a pattern over the conditions.
+
+        Of the mean and the lowest orders the floor holds it.
+        """
+        return self._scatter(lambda order: order > SETTINGS.wander_orders)
+
+    @property
+    def scatter_in_floor_deg(self) -> float:
+        """RMS of what differs from run to run without a pattern over the conditions and is a part of the floor."""
+        return self._scatter(lambda order: order <= SETTINGS.wander_orders)
+
+    def _scatter(self, chosen: Callable[[int], bool]) -> float:
+        """RMS over the chosen orders, less what a hum that was taken out of the curves has in them."""
+        hums = [hum.by_order for hum in self.data.hums]
+        left = [one for one in self.unexplained if "scatter" in one.dependence and chosen(one.order)]
+        of_hums = (sum(float(made[one.order]) ** 2 for made in hums) for one in left)
+        return math.sqrt(sum(max(one.rms_deg**2 - hum, 0.0) for one, hum in zip(left, of_hums, strict=True)))
 
 
 def reconcile_files(

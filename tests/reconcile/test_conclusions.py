@@ -14,6 +14,7 @@ from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge import conclusions
 from st_codegen.reconcile.judge.candidates import Search, variants
 from st_codegen.reconcile.judge.conclusions import Conclusions, Retuned, conclude, doubted, settled
+from st_codegen.reconcile.judge.frequencies import Frequencies
 from st_codegen.reconcile.judge.in_time import _alike
 from st_codegen.reconcile.judge.lookalikes import by_order_alone, is_a_knee
 from st_codegen.reconcile.judge.peaks import bracket, chance_of_bracket, spread
@@ -123,8 +124,9 @@ def test_orders_are_loud_beyond_the_scatter_of_their_power(excess, loud):
     rows = len(search.data)
     assert excess * np.sqrt(rows) > SETTINGS.order_gain
     power = 2.0 + np.array([excess, 0.0, excess]) / np.sqrt(rows)
-    search.fit = replace(search.fit, residual=np.sqrt(power / search.scorer.weights).astype(complex))
-    assert search._loud_orders([1, 39, 40]) == loud
+    fit = replace(search.fit, residual=np.sqrt(power / search.scorer.weights).astype(complex))
+    found = Frequencies(KNOWN["structural_resonance"], fit, search.scorer.weights, search.scorer.powers)
+    assert found.orders == [1, 39, 40] and found.loud == loud
 
 
 def test_free_keys_stand_in_the_order_of_the_catalogue():

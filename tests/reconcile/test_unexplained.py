@@ -461,6 +461,41 @@ def test_low_orders_that_grow_over_the_runs_do_not_walk_within_the_turn():
     assert wander_within_turns(target, residual) > 3.0
 
 
+def test_a_step_in_proportion_to_a_condition_is_said_as_such():
+    """A bearing that was set anew was a step of half its size, between two runs of which neither had a load."""
+    target, _ = curves_over_runs({})
+    load = target.data.at.torque_Nm[::2].copy()
+    load[46:50] = 0.0
+    at = replace(target.data.at, torque_Nm=np.repeat(load, 2))
+    later = np.arange(96) >= 47
+    _, residual = curves_over_runs({12: 4e-4 * later * load / load.max() * TURN, 15: 4e-4 * later * TURN})
+    target = replace(target, data=replace(target.data, at=at))
+    said = {s.order: s.text for s in signatures(target, residual, 1.0, np.full(21, 1e-5))}
+    # an amplitude of 4e-4 deg at the largest load, nothing without: runs 47 to 50 have none
+    assert re.search(r"a step of 0\.0004 deg between run 46 and run 51 of 96, in their order, in proportion to the torque: "
+                     f"so much at {load.max():g} N m", said[12]), said[12]  # fmt: skip
+    assert re.search(r"a step of 0\.0004 deg between run 47 and run 48 of 96, in their order$", said[15]), said[15]
+
+
+def test_a_step_below_the_noise_of_a_run_is_dated_as_well_as_it_is_known():
+    """It was put between two runs, whatever its size."""
+    target, residual = curves_over_runs({12: 1.2e-5 * (np.arange(96) >= 40) * TURN})
+    (said,) = (s.text for s in signatures(target, residual, 1.0, np.full(21, 1e-5)) if s.order == 12)
+    first, last = map(int, re.search(r"between run (\d+) and run (\d+) of 96", said).groups())
+    assert first <= 40 < last and last - first > 2, said
+
+
+def test_a_direction_that_has_less_of_it_is_not_said_to_have_none():
+    """A residual of a sixth of the size in the other direction, 20 times its noise, was one of "forward only"."""
+    target, residual = curves_over_runs({})
+    wave = 1e-3 * target.data.at.torque_Nm / 1800 * TURN
+    for share, side in ((1 / 6, "mostly forward"), (0.0, "forward only")):
+        loud = residual.copy()
+        loud[:, 12] += wave * np.where(target.data.at.sign > 0, 1.0, share)
+        (said,) = (s.text for s in signatures(target, loud, 1.0, np.full(21, 1e-5)) if s.order == 12)
+        assert said.endswith(side), said
+
+
 def test_what_moves_twice_is_said_to_change_with_time():
     run = np.arange(96)
     turning = 2e-4 * np.exp(4j * np.pi * run / 96)

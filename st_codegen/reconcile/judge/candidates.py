@@ -10,7 +10,6 @@ import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -20,8 +19,9 @@ from st_codegen.reconcile.fit.parameters import Coordinate, Piece
 from st_codegen.reconcile.fit.propagation import Propagation
 from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import Column, by_place
+from st_codegen.reconcile.judge.frequencies import Frequencies, worth
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Catalogue, Conditions, Constants, Effect, Form, Stage
+from st_codegen.rig.effects import Catalogue, Constants, Effect, Form, Stage
 from st_codegen.rig.effects.base import BACKWARD
 
 #: gains (of twice the loss) that differ by less are equal
@@ -254,25 +254,16 @@ class Search:
 
     def _many_orders(self, effect: type[Effect]) -> Iterator[Candidate]:
         """One start for each promising frequency: the orders that gain by it."""
-        frequency = next(s for s in effect.scalars if s.unit == "Hz")
-        others = [s for s in effect.scalars if s.form is Form.SHAPE and s.default is None and s is not frequency]
-        orders = [int(k) for k in self.data.orders if k > 0]
-        points: list[tuple[float, dict[str, float], list[int]]] = []
-        for values in itertools.product(*(s.starts for s in others)):
-            fixed = {s.key: v for s, v in zip(others, values, strict=True)}
-            points += self._scan(effect, frequency.key, fixed, orders, 0.7 * min(values))
-        named = [p.effect for p in self.fit.state.pieces if p.effect.name == effect.name]
-        points = [point for point in points if not _is_known(point[1][frequency.key], point[2], frequency.key, named)]
-        points.sort(key=lambda point: -point[0])
-        for _, fixed, chosen in _apart(points, frequency.key):
-            # a frequency that moves comes on top of one that is there
-            growing = [s for s in effect.scalars if s.default == 0.0 and s.lower == 0.0 and s.form is Form.SHAPE]
-            for optional in ({}, *({s.key: s.starts[1]} for s in growing)):
-                keys = set(fixed) | set(optional)
+        for start in Frequencies(effect, self.fit, self.scorer.weights, self.scorer.powers).starts():
+            # a size that grows comes on top of one that is there
+            growing = [s for s in effect.scalars if s.default == 0.0 and s.lower == 0.0 and s.starts]
+            for optional in ({}, *({s.key: s.starts[1]} for s in growing if s.form is Form.SHAPE)):
+                keys = set(start.values) | set(optional)
                 for phasor in effect.phasors:
                     for backward in (False, True)[: 1 + self.data.both_directions()]:
                         keys |= set(phasor.keys(backward))
-                yield Candidate(_started(effect, frozenset(keys), fixed | optional, tuple(chosen), self.constants))
+                values = start.values | optional
+                yield Candidate(_started(effect, frozenset(keys), values, start.orders, self.constants))
 
     def _moving(self, effect: type[Effect]) -> Iterator[Candidate]:
         """A frequency (or size) of a piece that is there and may move with a condition, from where it does not."""
@@ -281,98 +272,11 @@ class Search:
             if piece.effect.name != effect.name:
                 continue
             for s in shapes:
-                if s.key not in piece.effect.values:
+                if s.key not in piece.effect.values and s.shapes in ("", *piece.effect.values):
                     still = piece.effect.with_values(dict(piece.effect.values) | {s.key: 0.0})
                     yield Candidate(
                         Piece(still, piece.free | {s.key}, piece.added, piece.origin), number, frozenset({s.key})
                     )
-
-    def _scan(
-        self, effect: type[Effect], key: str, fixed: dict[str, float], orders: list[int], step: float
-    ) -> list[tuple[float, dict[str, float], list[int]]]:
-        """Gains over a grid of frequencies, orders taken one by one and by direction."""
-        at, turn = self.data.at, self.data.at.speed_rpm / (60 * self.constants.reduction_ratio)
-        low, high = min(orders) * turn.min(), max(orders) * turn.max()
-        bounds = next(s for s in effect.scalars if s.key == key)
-        low, high = max(low, bounds.lower), min(high, bounds.upper)
-        promising = self._loud_orders(orders)
-        if low >= high or not promising:
-            return []
-        grid = np.exp(np.arange(np.log(low), np.log(high), step))
-        gains = np.zeros((len(grid), len(orders)))
-        for sign in (1.0, -1.0):
-            rows = np.flatnonzero((at.sign == sign) & self.target.good)
-            if not len(rows):
-                continue
-            speeds, inverse = np.unique(at.speed_rpm[rows], return_inverse=True)
-            point = at.rows(rows[np.unique(inverse, return_index=True)[1]])
-            places = np.searchsorted(self.data.orders, [orders[j] for j in promising])
-            w = self.scorer.weights[np.ix_(rows, places)]
-            level = (inverse[:, None] == np.arange(len(speeds))).astype(float)
-            weight, sums = level.T @ w, level.T @ (w * self.fit.residual[np.ix_(rows, places)])
-            loud = np.array([orders[j] for j in promising])
-            starts = [fixed | {key: float(frequency)} for frequency in grid]
-            h = self._unit_responses(effect, starts, orders, point)[:, :, promising]
-            power = h.real**2 + h.imag**2
-            gain = np.abs((h.conj() * sums).sum(axis=1)) ** 2 / np.maximum((weight * power).sum(axis=1), 1e-300)
-            turns = grid[:, None] / loud * 60 * self.constants.reduction_ratio
-            gains[:, promising] += gain * ((turns > 0.9 * speeds[0]) & (turns < 1.1 * speeds[-1]))
-        if self.data.few_points:
-            gains = _worth(gains, *self.scorer.powers(np.searchsorted(self.data.orders, orders)))
-        found = []
-        for i, f in enumerate(grid):
-            chosen = [order for j, order in enumerate(orders) if gains[i, j] > SETTINGS.order_gain]
-            if chosen:
-                found.append((float(gains[i][gains[i] > SETTINGS.order_gain].sum()), fixed | {key: float(f)}, chosen))
-        return found
-
-    def _unit_responses(
-        self, effect: type[Effect], starts: Sequence[dict[str, float]], orders: list[int], point: Conditions
-    ) -> ComplexArray:
-        """What amplitudes of 1 contribute at each start, complex128 (starts, points, orders). The last few are kept."""
-        key = (effect.name, len(starts), *starts[0].items(), point.speed_rpm.tobytes(), point.sign[:1].tobytes())
-        kept = self.target.responses
-        if key not in kept:
-            places = np.array(orders)
-            ones = {"orders": tuple(orders), effect.phasors[0].key: (1.0,) * len(orders)}
-            found = np.empty((len(starts), len(point), len(orders)), np.complex128)
-            for i, values in enumerate(starts):
-                found[i] = effect(ones | values, self.constants, check=False).contribution(point, places)
-            if sum(array.nbytes for array in kept.values()) > SETTINGS.most_kept_bytes:
-                kept.clear()
-            kept[key] = found
-        return kept[key]
-
-    def _loud_orders(self, orders: list[int]) -> list[int]:
-        """Places of orders whose residual could hold a gain at all."""
-        # weighed by how far they scatter themselves, few runs are never loud
-        weights = self.target.counts / self.target.sigma**2 if self.data.few_points else self.scorer.weights
-        z2 = weights * np.abs(self.fit.residual) ** 2
-        rows = max(int(self.target.good.sum()), 1)
-        excess = z2.sum(axis=0) - 2 * rows
-        loud = excess > max(SETTINGS.order_gain, 2 * np.sqrt(rows))
-        return [j for j, order in enumerate(orders) if loud[np.searchsorted(self.data.orders, order)]]
-
-
-def _apart(
-    points: list[tuple[float, dict[str, float], list[int]]], key: str
-) -> list[tuple[float, dict[str, float], list[int]]]:
-    """The best points whose frequencies differ by more than 2 %."""
-    found: list[tuple[float, dict[str, float], list[int]]] = []
-    for point in points:
-        if all(abs(np.log(point[1][key] / other[1][key])) > 0.02 for other in found):
-            found.append(point)
-        if len(found) == SETTINGS.resonance_starts:
-            break
-    return found
-
-
-def _is_known(frequency: float, orders: Sequence[int], key: str, named: Sequence[Effect]) -> bool:
-    """Whether a resonance of the same orders is there already: what is left of it is no second one."""
-    return any(
-        abs(np.log(frequency / other.scalar(key))) < SETTINGS.same_resonance and set(orders) & set(other.orders)
-        for other in named
-    )
 
 
 def _untied(effect: type[Effect], have: set[str]) -> set[frozenset[str]]:
@@ -446,7 +350,7 @@ class Scorer:
         gain = float(2 * taken @ pull - taken @ matrix @ taken)
         if self.fit.target.data.few_points:
             places = np.unique(np.concatenate([places for places, _ in columns]))
-            gain = float(_worth(gain, *(part.sum() for part in self.powers(places))))
+            gain = float(worth(gain, *(part.sum() for part in self.powers(places))))
         return Candidate(candidate.piece.with_vector(vector), candidate.number, candidate.grown, gain)
 
     def powers(self, places: IntArray) -> tuple[FloatArray, FloatArray, IntArray]:
@@ -482,16 +386,6 @@ class Scorer:
             right = (pull / scale)[seen]
             step[seen] = np.linalg.pinv(matrix, rcond=1e-8, hermitian=True) @ right
         return step / scale, reduced, pull
-
-
-def _worth(saved: Any, whole: Any, noise: Any, numbers: Any) -> Any:
-    """What loss saved is worth where few runs have told the scatter that it is weighed by; arrays element by element.
-
-    Orders are weighed by how far they scatter about a model that lacks what is looked for, so that of few runs
-    nothing could save much. With an unknown scatter likelihoods differ by the logarithm of what is left.
-    """
-    left = np.maximum(whole - saved, np.maximum(np.minimum(whole, noise), 1e-300))
-    return numbers * np.log(np.maximum(whole, left) / left)
 
 
 def _real(values: ComplexArray) -> FloatArray:

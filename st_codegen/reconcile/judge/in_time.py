@@ -17,11 +17,15 @@ from st_codegen.reconcile.settings import SETTINGS
 
 @dataclass(frozen=True)
 class Course:
-    """A step, a trend or a lag over the runs: its mean power (deg^2), the size of the change (deg), and a phrase."""
+    """A step, a trend or a lag over the runs: its mean power (deg^2), the size of the change (deg), and a phrase.
+
+    gain: what it explains, in noises, squared.
+    """
 
     power: float
     amplitude_deg: float
     text: str
+    gain: float
 
 
 def course_of(target: FitData, z: ComplexArray, whole: ComplexArray, parts: IntArray) -> list[Course | None]:
@@ -30,36 +34,67 @@ def course_of(target: FitData, z: ComplexArray, whole: ComplexArray, parts: IntA
     z: in noises (n, K), cut, so that single wild runs make no step; whole: the same as it is, which sizes come from;
     both zero for bad runs. None where the order of the runs is not known as well. Noise that lasts over runs wanders:
     a step or a trend is more than that where it takes off most of an order, or where it leaves noise that is
-    independent from run to run, and the other orders do not wander either. What comes with a load has its sign, and is
-    not there without one: so play shows that wears.
+    independent from run to run, and the other orders do not wander either. What is of one size may come with a load,
+    have its sign, and not be there without one: so play shows that wears. Else it may be in proportion to a condition.
     """
-    found, sign = _courses(target, z, whole, parts, target.good), np.sign(target.data.at.torque_Nm)
-    if len(np.unique(sign[target.good])) == 1 or target.data.run is None:
-        return found
-    loaded, with_sign = replace(target, good=target.good & (sign != 0.0)), sign[:, None]
-    share = float(loaded.good.sum() / target.good.sum())
-    with_load = _courses(loaded, z * with_sign, whole * with_sign, parts, target.good, ", with the load")
-    return [
-        own if own is not None or one is None else replace(one, power=share * one.power)
-        for own, one in zip(found, with_load, strict=True)
-    ]
+    found: list[Course | None] = [None] * z.shape[1]
+    good = target.good
+    usual = np.maximum(1.0, np.sqrt((np.abs(whole[good]) ** 2).mean(axis=0)))
+    few_wild = whole * np.minimum(1.0, SETTINGS.cut * usual / np.maximum(np.abs(whole), 1e-300))
+    numbers, power = good.sum() * parts, (np.abs(few_wild[good]) ** 2).sum(axis=0)
+    for along in _ways(target) if target.data.run is not None else ():
+        for k, course in enumerate(_courses(target, z, whole, few_wild, parts, along)):
+            best = found[k]
+            if best is None and not along.in_proportion:
+                found[k] = course
+            elif best is not None and course is not None and along.in_proportion and course.gain > best.gain:
+                left = max(float(power[k]) - course.gain, 1e-300)
+                # of a scatter that nobody knows, likelihoods differ by the logarithm of what is left
+                if numbers[k] * np.log((left + course.gain - best.gain) / left) > SETTINGS.order_gain:
+                    found[k] = course
+    return found
+
+
+@dataclass(frozen=True)
+class _Along:
+    """What a course may follow beside the order of the runs: weights (n,) of at most 1, and what is said of it.
+
+    in_proportion: whether it stands in place of a simpler way that explains less alone; else where there is none.
+    """
+
+    weights: FloatArray
+    text: str = ""
+    in_proportion: bool = False
+
+
+def _ways(target: FitData) -> list[_Along]:
+    """The ways of the rows that count, the simplest first."""
+    at, good = target.data.at, target.good
+    sign = np.sign(at.torque_Nm)
+    found = [_Along(np.ones(len(sign)))]
+    if len(np.unique(sign[good])) > 1:
+        found.append(_Along(sign, ", with the load"))
+    for values, name, unit in ((at.torque_Nm, "torque", "N m"), (at.speed_rpm, "speed", "rpm")):
+        most = float(np.abs(values[good]).max(initial=0.0))
+        if len(np.unique(np.abs(values[good]))) > 1:
+            text = f", in proportion to the {name}: so much at {most:g} {unit}"
+            found.append(_Along(values / most, text, in_proportion=True))
+    return found
 
 
 def _courses(
-    target: FitData, z: ComplexArray, whole: ComplexArray, parts: IntArray, listed: BoolArray, beside: str = ""
+    target: FitData, z: ComplexArray, whole: ComplexArray, few_wild: ComplexArray, parts: IntArray, along: _Along
 ) -> list[Course | None]:
-    """The courses of the rows that count, in the order of the runs of all that are listed, bool (n,).
-
-    beside: what is said of each.
-    """
+    """The courses that follow one way, in the order of the runs; few_wild: in noises, single wild runs cut, (n, K)."""
     run, good = target.data.run, target.good
     found: list[Course | None] = [None] * z.shape[1]
-    if run is None or good.sum() < SETTINGS.least_in_time:
+    if run is None or (along.weights[good] != 0.0).sum() < SETTINGS.least_in_time:
         return found
-    numbers = np.unique(run[listed])
+    numbers = np.unique(run[good])
     place, count = np.searchsorted(numbers, run), len(numbers)
-    sums, sizes, in_deg = (_by_run(target, one, place, count) for one in (z, whole, whole * target.sigma))
-    total = sum(float(weight.sum()) for _, weight in sums)
+    own = (z, whole, whole * target.sigma)
+    sums, sizes, in_deg = (_by_run(target, one, place, count, along.weights) for one in own)
+    total = int((along.weights[good] != 0.0).sum())
     all_numbers = total * parts.astype(np.float64)
     (steps, cuts), (trends, bends) = _steps(sums, count), _ramps(sums, count, all_numbers)
     varying, varying_whole = _varying(sums), _varying(sizes)
@@ -74,28 +109,27 @@ def _courses(
     p_white, p_again = (_p_of_gains(one, scales, degrees, tried) for one in (gains, again))
     alone = _others_are_quiet(p_white, cuts, count) & (p_again > SETTINGS.p_wander)
     lags = _lags(target, sizes, numbers, place)
-    usual = np.maximum(1.0, np.sqrt((np.abs(whole[good]) ** 2).mean(axis=0)))
-    few_wild = whole * np.minimum(1.0, SETTINGS.cut * usual / np.maximum(np.abs(whole), 1e-300))
-    near, sure = _by_run(target, few_wild, place, count), list[int]()
+    near, sure = _by_run(target, few_wild, place, count, along.weights), list[int]()
+    share = total / int(good.sum())
     for k in range(z.shape[1]):
         lag = lags[k]
         least = lefts[k] / max(varying[k], 1e-300) * varying_whole[k]
         if lag is not None and lag.left < least and lag.is_sure(int(degrees[k])):
             power = (varying_whole[k] - lag.left) / total * sigma[k] ** 2
-            found[k] = Course(float(power), float(sigma[k]) * lag.reach, lag.text(float(sigma[k])))
+            found[k] = Course(float(power) * share, float(sigma[k]) * lag.reach, lag.text(float(sigma[k])), np.inf)
             continue
         if gains[k] < SETTINGS.least_excess_in_time * lefts[k] and not alone[k]:
             continue
-        lasting = _lasting([series[:, k] for series, _ in sums], int(cuts[k]))
+        lasting = _lasting([(series[:, k], weight) for series, weight in sums], int(cuts[k]))
         if chi_square_tail(gains[k] / (lasting * scales[k]), int(degrees[k])) * tried > SETTINGS.p_changed:
             continue
         sure.append(k)
-    own = tuple((series[:, sure], weight) for series, weight in sums)
-    for k in np.array(sure, np.int64)[_are_of_their_order(own, gains[sure], all_numbers[sure])]:
-        course = _described(near, in_deg, k, int(parts[k]))
-        text = f"{course.text}{beside}"
+    of_sure = tuple((series[:, sure], weight) for series, weight in sums)
+    for k in np.array(sure, np.int64)[_are_of_their_order(of_sure, gains[sure], all_numbers[sure])]:
+        course = _described(near, in_deg, k, total * int(parts[k]))
+        text = f"{course.text}{along.text}"
         text = text if alone[k] else f"{text}, which noise that lasts over runs may look like"
-        found[k] = replace(course, text=text)
+        found[k] = replace(course, text=text, power=share * course.power)
     return found
 
 
@@ -118,30 +152,43 @@ def _are_of_their_order(sums: _ByRun, gains: FloatArray, numbers: FloatArray) ->
     return np.asarray(most < gains)
 
 
-def _described(near: _ByRun, in_deg: _ByRun, k: int, parts: int) -> Course:
+def _described(near: _ByRun, in_deg: _ByRun, k: int, numbers: int) -> Course:
     """The step or ramp that an order has, by its residual as it is.
 
     Cut at some noises, as a decision needs it, what is many noises large would be a step whatever its form. near: in
-    noises, of which single wild runs are cut; in_deg: as they are; parts: of a coefficient of the order.
+    noises, of which single wild runs are cut; in_deg: as they are; numbers: how many tell the order in all.
     """
     own = tuple((series[:, k : k + 1], weight) for series, weight in near)
-    count, total = len(own[0][0]), sum(float(weight.sum()) for _, weight in own)
+    count, rows = len(own[0][0]), sum(int((weight > 0.0).sum()) for _, weight in own)
     (steps, cuts), varying = _steps(own, count), _varying(own)
-    trends, bends = _ramps(own, count, np.array([total * parts]))
+    trends, bends = _ramps(own, count, np.array([float(numbers)]))
     if steps[0] >= trends[0]:
         cut = int(cuts[0])
-        power = _gains_of_steps(in_deg)[cut - 1, k] / total
+        power = _gains_of_steps(in_deg)[cut - 1, k] / rows
         size = max(_step_size(series[:, k], weight, cut) for series, weight in in_deg)
-        left = max(float(varying[0] - steps[0]), 0.0) / (total * parts)
+        left = max(float(varying[0] - steps[0]), 0.0) / numbers
         one = [(series[:, 0], weight) for series, weight in own]
-        beside = np.flatnonzero(sum(weight for _, weight in own))
-        runs = int(beside[beside < cut][-1]) + 1, int(beside[beside >= cut][0]) + 1
-        return Course(float(power), size, _step_text(size, runs, count, *_share_at_once(one, cut, left)))
+        runs = _runs_beside(own, cut, left)
+        return Course(
+            float(power), size, _step_text(size, runs, count, *_share_at_once(one, cut, left)), float(steps[0])
+        )
     shape = _shapes(count)[bends[0]]
     slopes = [_slopes(series[:, k : k + 1], weight, shape[None]) for series, weight in in_deg]
-    power = sum(abs(slope[0, 0]) ** 2 * square[0] for slope, square in slopes) / total
+    power = sum(abs(slope[0, 0]) ** 2 * square[0] for slope, square in slopes) / rows
     size = float(max(abs(slope[0, 0]) for slope, _ in slopes)) * float(np.ptp(shape))
-    return Course(float(power), size, _ramp_text(shape, size))
+    return Course(float(power), size, _ramp_text(shape, size), float(trends[0]))
+
+
+def _runs_beside(own: _ByRun, cut: int, scale: float) -> tuple[int, int]:
+    """The numbers of the runs between which a step of one order may lie as well as behind run `cut`; scale: of noise.
+
+    Where the step would not show, as without a load, or where it is no larger than noise, no run says on which side it
+    is.
+    """
+    gains = _gains_of_steps(own)[:, 0]
+    least = SETTINGS.told**2 * scale + 1e-9 * gains[cut - 1]
+    refused = np.flatnonzero(gains[cut - 1] - gains > least) + 1
+    return int(refused[refused < cut].max(initial=0)) + 1, int(refused[refused > cut].min(initial=len(gains) + 1))
 
 
 def _step_text(size: float, runs: tuple[int, int], count: int, share: float, error: float) -> str:
@@ -172,17 +219,19 @@ def _others_are_quiet(p: FloatArray, cuts: IntArray, count: int) -> BoolArray:
     return np.asarray(few & (len(p) > SETTINGS.near_floors))
 
 
-#: Of each direction the sums of a residual by run (runs, K), and how many rows each run has there (runs,).
+#: Of each direction the sums by run of a residual times its weights (runs, K), and of their squares (runs,).
 _ByRun = tuple[tuple[ComplexArray, FloatArray], ...]
+#: a weight that divides nothing: what has no weight is zero itself
+_NONE = 1e-300
 
 
-def _by_run(target: FitData, z: ComplexArray, place: IntArray, count: int) -> _ByRun:
+def _by_run(target: FitData, z: ComplexArray, place: IntArray, count: int, weights: FloatArray) -> _ByRun:
     found = []
     for sign in np.unique(target.data.at.sign[target.good]):
         rows = target.good & (target.data.at.sign == sign)
         series, weight = np.zeros((count, z.shape[1]), np.complex128), np.zeros(count)
-        np.add.at(series, place[rows], z[rows])
-        np.add.at(weight, place[rows], 1.0)
+        np.add.at(series, place[rows], z[rows] * weights[rows, None])
+        np.add.at(weight, place[rows], weights[rows] ** 2)
         found.append((series, weight))
     return tuple(found)
 
@@ -190,8 +239,8 @@ def _by_run(target: FitData, z: ComplexArray, place: IntArray, count: int) -> _B
 def _varying(sums: _ByRun) -> FloatArray:
     """The sum of squares of a residual about its mean in each direction, (K,): what all runs have is no step."""
     powers = [
-        (np.abs(series) ** 2 / np.maximum(weight, 1.0)[:, None]).sum(axis=0)
-        - np.abs(series.sum(axis=0)) ** 2 / max(float(weight.sum()), 1.0)
+        (np.abs(series) ** 2 / np.maximum(weight, _NONE)[:, None]).sum(axis=0)
+        - np.abs(series.sum(axis=0)) ** 2 / max(float(weight.sum()), _NONE)
         for series, weight in sums
     ]
     return np.asarray(sum(powers))
@@ -220,7 +269,7 @@ def _share_at_once(sums: Sequence[tuple[ComplexArray, FloatArray]], cut: int, sc
 def _difference(series: ComplexArray, weight: FloatArray, cut: int, reach: int) -> complex:
     """The mean of so many runs behind a cut less that of as many before it."""
     parts = slice(max(cut - reach, 0), cut), slice(cut, cut + reach)
-    before, after = (complex(series[part].sum() / max(float(weight[part].sum()), 1.0)) for part in parts)
+    before, after = (complex(series[part].sum() / max(float(weight[part].sum()), _NONE)) for part in parts)
     return after - before
 
 
@@ -230,8 +279,8 @@ def _gains_of_steps(sums: _ByRun) -> FloatArray:
     for series, weight in sums:
         before, n = np.cumsum(series, axis=0)[:-1], np.cumsum(weight)[:-1, None]
         after, m = series.sum(axis=0) - before, weight.sum() - n
-        whole = np.abs(series.sum(axis=0)) ** 2 / max(weight.sum(), 1.0)
-        gains = gains + np.abs(before) ** 2 / np.maximum(n, 1) + np.abs(after) ** 2 / np.maximum(m, 1) - whole
+        whole = np.abs(series.sum(axis=0)) ** 2 / max(weight.sum(), _NONE)
+        gains = gains + np.abs(before) ** 2 / np.maximum(n, _NONE) + np.abs(after) ** 2 / np.maximum(m, _NONE) - whole
     return np.asarray(gains)
 
 
@@ -270,7 +319,7 @@ def _slopes(series: ComplexArray, weight: FloatArray, shapes: FloatArray) -> tup
     """What of each shape (m, runs) is in each order beside a constant, (m, K), and their sums of squares, (m,)."""
     x = _about(shapes, weight)
     square = np.maximum((weight * x * x).sum(axis=1), 1e-300)
-    mean = series.sum(axis=0) / max(float(weight.sum()), 1.0)
+    mean = series.sum(axis=0) / max(float(weight.sum()), _NONE)
     # of real and imaginary parts as columns: shapes as complex numbers would take ten times as long
     parts = np.ascontiguousarray(series - weight[:, None] * mean).view(np.float64)
     return np.asarray((x @ parts).view(np.complex128) / square[:, None]), square
@@ -400,9 +449,14 @@ def _lags(target: FitData, sums: _ByRun, numbers: IntArray, place: IntArray) -> 
     return found
 
 
-def _lasting(series: list[ComplexArray], cut: int) -> float:
-    """How much longer noise lasts than one run, beside a step."""
-    beside = [np.concatenate([part - part.mean() for part in (one[:cut], one[cut:])])[:, None] for one in series]
+def _lasting(sums: Sequence[tuple[ComplexArray, FloatArray]], cut: int) -> float:
+    """How much longer noise lasts than one run, beside a step; sums: of one order in each direction, see `_ByRun`."""
+    beside = []
+    for series, weight in sums:
+        left = series.copy()
+        for part in (slice(cut), slice(cut, None)):
+            left[part] -= weight[part] * series[part].sum() / max(float(weight[part].sum()), _NONE)
+        beside.append(left[:, None])
     return float(_length(_alike(beside))[0])
 
 

@@ -185,7 +185,7 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float
     # RMS over the angle: of a wave half the square of its amplitude, of the mean its square
     power = float((np.abs(residual[target.good, k]) ** 2).mean()) / (2 if order else 1)
     own, differ = float(noise_within(target)[k] ** 2), float(by_directions(target, residual)[1][k] ** 2)
-    what = "what orders beside it differ by" if target.data.spectral_deg is None else "the noise within the curves"
+    what = within = _noise_beside(target)
     if differ < own:
         own, what = differ, "what both directions of a run differ by"
     # what one direction alone has is what both differ by
@@ -193,7 +193,9 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float
     if direction != "both" and quiet / (2 if order else 1) < own:
         own, what = max(quiet / (2 if order else 1), SETTINGS.least_noise_deg**2), "what the other direction has"
     if not order and own < floor**2:
-        own, what = floor**2, "what the means of runs near each other differ by"
+        # the floor of the mean is that within the curves as well, where no more is known
+        of_curves = floor <= noise_within(target)[k]
+        own, what = floor**2, within if of_curves else "what the means of runs near each other differ by"
     of_runs = bool(floor**2 < own and not np.isclose(floor**2, own))
     if of_runs:
         own, what = floor**2, "what runs differ by from others like them"
@@ -212,7 +214,7 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float
         if size
         else f"{name}: no louder than {what} over all runs, but single runs that are not called bad are far off in it"
     )
-    text += "" if direction == "both" else f", {direction} only"
+    text += _side(target, residual[:, k], own * (2 if order else 1))
     text += "" if target.data.repeated or is_common else "; repeat some runs"
     share = min(1.0, size**2 / max(gap_power, 1e-300))
     return Signature(
@@ -226,6 +228,11 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float
         # what runs differ by may be more of it
         at_least=of_runs,
     )
+
+
+def _noise_beside(target: FitData) -> str:
+    """What the noise is that `noise_within` tells."""
+    return "what orders beside it differ by" if target.data.spectral_deg is None else "the noise within the curves"
 
 
 def _is_common(target: FitData, r: ComplexArray, order: int, beyond: float) -> bool:
@@ -342,7 +349,7 @@ def _signature(
     said, amplitude = _sentence(replace(target, good=loud), r, order, shares, course, formula, is_told=is_told)
     if target.data.sorted_by and target.data.sorted_by in said and "when it was measured" not in said:
         said += ", or with the time if the runs were made in the order of their list"
-    side = "" if direction == "both" else f", {direction} only"
+    side = _side(target, r, noise)
     # orders beside an order tell its noise, but nothing tells that of a table's mean
     at_least = not order and target.data.spectral_deg is None
     # what neighbours in the conditions differ by holds what changed between the times of both
@@ -360,6 +367,15 @@ def _direction(target: FitData, r: ComplexArray) -> str:
     power = _by_direction(target, r)
     loud = max(power, key=lambda name: power[name])
     return loud if len(power) == 2 and power[loud] > 9 * min(power.values()) else "both"
+
+
+def _side(target: FitData, r: ComplexArray, noise: float) -> str:
+    """The direction that a residual (n,) is in, and whether the other has more of it than noise of this power."""
+    direction, rows = _direction(target, r), int(target.good.sum()) / 2
+    if direction == "both":
+        return ""
+    is_quiet = _quietest_direction(target, r) < noise * (1.0 + SETTINGS.told / np.sqrt(rows))
+    return f", {direction} only" if is_quiet else f", mostly {direction}"
 
 
 def _quietest_direction(target: FitData, r: ComplexArray) -> float:

@@ -6,6 +6,7 @@ like any other model. Each step is one rounded operation, so that only exp and t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -28,14 +29,16 @@ _BINARY: dict[str, Callable[[Any, Any], Any]] = {
     "Sub": np.subtract,
     "Mul": np.multiply,
     "Div": np.divide,
+    "Max": np.maximum,
 }
-_UNARY: dict[str, Callable[[Any], Any]] = {"Exp": np.exp, "Tanh": np.tanh}
+_UNARY: dict[str, Callable[[Any], Any]] = {"Exp": np.exp, "Tanh": np.tanh, "Abs": np.absolute}
+#: the binary operations of complex numbers
 _OPERATORS = {np.add: "Add", np.subtract: "Sub", np.multiply: "Mul", np.divide: "Div", np.true_divide: "Div"}
-_FUNCTIONS = {np.exp: "Exp", np.tanh: "Tanh"}
+_FUNCTIONS = {ufunc: name for name, ufunc in _UNARY.items()}
 
 
 class NoFormulaError(Exception):
-    """An effect that is not a formula of arithmetic, exp and tanh."""
+    """An effect that is not a formula of arithmetic and the functions below."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +77,7 @@ class Graph:
         """`a <operator> b`, simplified where one of them is a constant that changes nothing."""
         if a.operator == b.operator == "Constant":
             return self.constant(float(_BINARY[operator](a.constant, b.constant)))
-        neutral = {"Add": 0.0, "Sub": 0.0, "Mul": 1.0, "Div": 1.0}[operator]
+        neutral = {"Add": 0.0, "Sub": 0.0, "Mul": 1.0, "Div": 1.0, "Max": -math.inf}[operator]
         if b.operator == "Constant" and b.constant == neutral:
             return a
         if operator in ("Add", "Mul") and a.operator == "Constant" and a.constant == neutral:
@@ -93,7 +96,7 @@ class Graph:
 
 
 class Symbol:
-    """A complex number of two nodes; behaves as an array of NumPy in arithmetic, np.exp and np.tanh."""
+    """A complex number of two nodes; behaves as an array of NumPy in arithmetic and the real functions of `_traced`."""
 
     def __init__(self, graph: Graph, real: FormulaNode, imag: FormulaNode | None = None) -> None:
         self.graph, self.real = graph, real
@@ -116,6 +119,8 @@ class Symbol:
             return _arithmetic("Mul", symbols[0], symbols[0])
         if ufunc in _FUNCTIONS and symbols[0].is_real:
             return Symbol(self.graph, self.graph.unary(_FUNCTIONS[ufunc], symbols[0].real))
+        if ufunc is np.maximum and all(symbol.is_real for symbol in symbols):
+            return Symbol(self.graph, self.graph.binary("Max", symbols[0].real, symbols[1].real))
         raise NoFormulaError(f"np.{ufunc.__name__}")
 
     def __add__(self, other: Any) -> Symbol:
@@ -231,7 +236,8 @@ def _traced(effect: Effect, order: int, at: Conditions, graph: Graph) -> Symbol:
         return _symbol(graph, effect.coefficient(at, order))
     except (NoFormulaError, TypeError, ValueError, AttributeError) as error:
         raise NoFormulaError(
-            f"the method `coefficient` of {effect.name} is no formula of arithmetic, np.exp and np.tanh ({error})"
+            f"the method `coefficient` of {effect.name} is no formula of arithmetic, np.exp, np.tanh, np.abs and "
+            f"np.maximum ({error})"
         ) from None
 
 

@@ -12,7 +12,7 @@ from st_codegen.reconcile.data.contrasts import speed_levels
 from st_codegen.reconcile.report.findings import Finding
 from st_codegen.reconcile.run import Reconciliation
 from st_codegen.report.picture import Draw
-from st_codegen.rig.effects import Conditions, Effect, Stage
+from st_codegen.rig.effects import Effect, Stage
 from st_codegen.rig.effects.resonance import StructuralResonance
 
 Panel = tuple[str, Draw]
@@ -111,7 +111,8 @@ def _collapsed(
             continue
         at = data.at.rows(rows)
         response = measured[rows, column] / (height * there[rows])
-        frequency = order * at.speed_rpm / (60 * effect.constants.reduction_ratio) / _factor(effect, at)
+        hertz = order * at.speed_rpm / (60 * effect.constants.reduction_ratio)
+        frequency = hertz / effect.shift(at.torque_Nm, at.temperature_C)
         level, index = np.unique(np.round(frequency, 3), return_inverse=True)
         count = np.bincount(index)
         sums = np.bincount(index, response.real) + 1j * np.bincount(index, response.imag)
@@ -119,15 +120,6 @@ def _collapsed(
         mean = np.asarray(sums / count, np.complex128)
         values.append(mean if sign > 0 else mean.conj())
     return np.concatenate(frequencies), np.concatenate(values)
-
-
-def _factor(effect: Effect, at: Conditions) -> FloatArray:
-    """How far load and oil move the frequency."""
-    warmer = (at.temperature_C - effect.constants.reference_temperature_C) / 10.0
-    found: FloatArray = (
-        1.0 + effect.scalar("frequency_per_kNm") * at.torque_Nm / 1000.0 + effect.scalar("frequency_per_10K") * warmer
-    )
-    return found
 
 
 # --- sidebands ---

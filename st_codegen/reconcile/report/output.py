@@ -49,7 +49,7 @@ def report(result: Reconciliation, update: Update | None = None, ahead: NextRuns
         "unexplained_together": together_text(result) or None,
         "gap": {"fitted": _gap(result.fitted), "held_out": _gap(result.held_out)},
         "noise_floor_at_most": result.floor_is_bound,
-        "noise_floor_without_scatter": result.noise_may_be_larger,
+        "noise_floor_without_scatter": result.scatter_beside_floor_deg > 0.0,
         "held_out_at_least": result.held_out_is_bound,
         "held_out_scatters": result.held_out_scatters,
         "held_out_because": left_text(result) or None,

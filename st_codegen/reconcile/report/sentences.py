@@ -97,16 +97,11 @@ def floor_text(result: Reconciliation) -> str:
     if result.floor_is_bound:
         also = "what is unexplained" if result.unexplained else "what differs between so few runs"
         text += f". It may be smaller: {also} may be in it as well"
-    if result.noise_may_be_larger:
-        hums = [hum.by_order for hum in result.data.hums]
-        more = math.sqrt(
-            sum(
-                max(one.rms_deg**2 - sum(float(made[one.order]) ** 2 for made in hums), 0.0)
-                for one in result.unexplained
-                if "scatter" in one.dependence
-            )
-        )
-        text += f". If what runs differ by without a pattern ({more:.2g} deg RMS) is noise, there is that more of it"
+    if held := result.scatter_in_floor_deg:
+        text += f". It holds what runs differ by in the lowest orders without a pattern ({held:.2g} deg RMS)"
+    if more := result.scatter_beside_floor_deg:
+        differ = "else differ" if held else "differ"
+        text += f". If what runs {differ} by without a pattern ({more:.2g} deg RMS) is noise, there is that more of it"
     if result.data.spectral_deg is not None:
         text += ". Orders above 5 were also compared with the noise between the orders of their own curves"
     return text + "."
@@ -361,10 +356,17 @@ def _resonance(effect: Effect, result: Reconciliation) -> str:
     where = (
         f"at {frequency:.1f} Hz" if peaks is None else f"near {frequency:.0f} Hz ({peaks[0]:.1f} to {peaks[1]:.1f} Hz)"
     )
+    slopes = [("frequency_per_kNm", "per 1000 N m"), ("frequency_per_10K", "per 10 K of oil temperature")]
+    if "levels_off_per_kNm" in effect.values and isinstance(effect, StructuralResonance):
+        # on no line: where it lies says more than how it starts
+        loads = np.quantile(np.abs(at.torque_Nm), (0.1, 0.9), method="nearest")
+        hertz = frequency * effect.shift(loads, effect.constants.reference_temperature_C)
+        where = f"at {hertz[0]:.1f} Hz at {loads[0]:g} N m and at {hertz[1]:.1f} Hz at {loads[1]:g} N m"
+        del slopes[0]
     stderr = next((c.stderr for c in result.conclusions.claims if c.piece.effect is effect), {})
     moves = [
         f"by {frequency * effect.scalar(key):+.1f} +- {frequency * stderr.get(key, 0.0):.1g} Hz {per}"
-        for key, per in (("frequency_per_kNm", "per 1000 N m"), ("frequency_per_10K", "per 10 K of oil temperature"))
+        for key, per in slopes
         if abs(effect.scalar(key)) > CLEARLY * stderr.get(key, 0.0)
     ]
     moving = f", which moves {' and '.join(moves)}" if moves else ""

@@ -43,7 +43,7 @@ def summary(result: Reconciliation) -> str:
         lines.append(f"- {taken_back_text(result.taken_back)}")
     gap = result.held_out
     floor = f"{'at most ' if result.floor_is_bound else ''}{gap.noise_floor:.3g} deg"
-    floor += " beside what runs differ by without a pattern" if result.noise_may_be_larger else ""
+    floor += " beside what runs differ by without a pattern" if result.scatter_beside_floor_deg else ""
     least = "at least " if result.held_out_is_bound else "about " if result.held_out_scatters else ""
     lines.append(f"Gap on held-out runs: {gap.before:.3g} -> {least}{gap.after:.3g} deg RMS, noise floor {floor}")
     lines += [text for text in (left_text(result), between_text(result), floor_text(result)) if text]

@@ -172,8 +172,8 @@ class Effect(ABC):
     def coefficient(self, at: Conditions, order: int) -> Any:
         """What is added to c_k of one of `touched_orders`, (n,), deg. For stages ADDITIVE and STRUCTURE.
 
-        Written with arithmetic, np.exp and np.tanh of speed, torque and temperature alone, it is also the formula that
-        `reconcile --update-models` compiles for the controller.
+        Written with arithmetic, np.exp, np.tanh, np.abs and np.maximum of speed, torque and temperature alone, it is
+        also the formula that `reconcile --update-models` compiles for the controller.
         """
         return self.contribution(at, np.array([order], np.int64))[:, 0]
 

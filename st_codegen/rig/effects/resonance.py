@@ -13,6 +13,8 @@ from st_codegen.rig.effects.base import Effect, Form, Phasor, Scalar, Stage
 
 #: how steeply a resonance comes and goes at the temperature of its state
 _STEP_PER_K = 100.0
+#: a law of the frequency is one of where it was measured: elsewhere it must not give none at all
+_LEAST_SHIFT = 0.1
 
 
 class StructuralResonance(Effect):
@@ -31,12 +33,22 @@ class StructuralResonance(Effect):
         Scalar(
             "frequency_per_kNm",
             "1/kNm",
-            -0.2,
-            0.2,
-            "relative change of the frequency with the load",
+            -20,
+            20,
+            "relative change of the frequency with the load, from none on",
             0.0,
             Form.SHAPE,
             (-0.1, -0.05, 0.05, 0.1),
+        ),
+        Scalar(
+            "levels_off_per_kNm",
+            "1/kNm",
+            0,
+            200,
+            "the inverse of the load that makes half of the change that any load does",
+            0.0,
+            Form.SHAPE,
+            shapes="frequency_per_kNm",
         ),
         Scalar(
             "frequency_per_10K",
@@ -62,13 +74,20 @@ class StructuralResonance(Effect):
             speed, sign, torque, temperature = (part[:, None] for part in (speed, sign, torque, temperature))
         ratio = speed * (order / (60 * self.constants.reduction_ratio * self.scalar("frequency_Hz")))
         if "frequency_per_kNm" in self.values or "frequency_per_10K" in self.values:
-            warmer = (temperature - self.constants.reference_temperature_C) / 10.0
-            ratio = ratio / (
-                1.0 + self.scalar("frequency_per_kNm") * (torque / 1000.0) + self.scalar("frequency_per_10K") * warmer
-            )
+            ratio = ratio / self.shift(torque, temperature)
         damping, square = self.scalar("damping_ratio"), ratio * ratio
         driven = square + self.scalar("static_share") * (1 - square) if "static_share" in self.values else square
         return 2 * damping * driven / (1 - square + (2j * damping * sign) * ratio)
+
+    def shift(self, torque: Any, temperature: Any) -> Any:
+        """The frequency at loads (N m) and oil temperatures (degC) over that at no load and the reference temperature.
+
+        It is at least a tenth.
+        """
+        load, change = np.abs(torque) / 1000.0, self.scalar("frequency_per_kNm")
+        of_load = change * load / (1.0 + self.scalar("levels_off_per_kNm") * load)
+        warmer = (temperature - self.constants.reference_temperature_C) / 10.0
+        return np.maximum(1.0 + of_load + self.scalar("frequency_per_10K") * warmer, _LEAST_SHIFT)
 
     @property
     def state_text(self) -> str:
