@@ -123,7 +123,7 @@ def command(
         result = with_empirical(result, known) if empirical else result
         ahead = next_runs(result)
         changes = _written(result, ahead, wish, out, quiet)
-        content, text = report(result, changes, ahead), f"{summary(result)}\n{next_runs_summary(ahead)}"
+        content, text = report(result, changes, ahead), f"{summary(result)}\n{next_runs_summary(ahead, result)}"
         text += "" if changes is None else "\n" + update_summary(changes)
     if not quiet:
         console.print(text)

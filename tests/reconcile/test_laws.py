@@ -122,7 +122,11 @@ def test_numbers_that_moved_only_together_are_said_to():
     before = effect("friction_windup", coulomb_arcmin=0.25, viscous_arcmin_per_krpm=0.02)
     after = effect("friction_windup", coulomb_arcmin=0.251, viscous_arcmin_per_krpm=0.021)
     errors = {"coulomb_arcmin": 0.01, "viscous_arcmin_per_krpm": 0.01}
-    assert _numbers(after, errors, before) == ("its numbers together, none of them clearly alone",)
+    assert _numbers(after, errors, before) == (
+        "its numbers together, none of them clearly alone",
+        "with it coulomb_arcmin 0.25 -> 0.251 +- 0.01 arcmin",
+        "viscous_arcmin_per_krpm 0.02 -> 0.021 +- 0.01 arcmin/krpm",
+    )
     before, after = (effect("pin_error", order=40, amplitude_deg=1e-3, phase_rad=turn) for turn in (0.0, 0.3))
     errors = {"amplitude_deg": 1e-4, "phase_rad": 0.01}
     assert _numbers(after, errors, before) == ("its phases turned",)

@@ -99,6 +99,11 @@ def rubbing(data, share):
     return replace(data, values=data.values + more)
 
 
+def braked(data, torque_Nm):
+    """Friction between a torque sensor and the gear: it reads too little forward, too much backward, at all loads."""
+    return replace(data, at=replace(data.at, torque_Nm=data.at.torque_Nm - torque_Nm * data.at.sign))
+
+
 def smoothed(data, degrees):
     """The same curves, each value the mean of 501 over so many degrees around it."""
     steps = np.radians(degrees) * np.linspace(-0.5, 0.5, 501)
@@ -138,7 +143,8 @@ MADE = {
     "torque by 40 N m": lambda data: torques(data, offset=40.0),
     "torque each by its own": lambda data: lagging(data, 18.0),
     "torque each by its own, by up to 600 N m": lambda data: saturating(data, 1200.0),
-    "torque forward by another than backward": lambda data: rubbing(data, 0.015),
+    "torque forward by another than backward, as where friction": lambda data: rubbing(data, 0.015),
+    "torque forward by another than backward": lambda data: braked(data, 6.0),
     "low_pass of 60": lambda data: through(data, 60.0),
     "smoothing over 1": lambda data: smoothed(data, 1.0),
     "filter": lambda data: led(data, 20.0),

@@ -222,6 +222,23 @@ def test_what_differs_without_a_pattern_may_be_noise_and_is_to_be_repeated(scatt
     assert {f"repeat_{run.point.file_name()}" for run in again} == {f for f in files if f.startswith("repeat_")}
 
 
+def test_what_runs_differ_by_is_in_the_floor_or_beside_it(scattered):
+    """A zero of each run was in the floor of the mean, and "there is that more of it" was said nevertheless."""
+    (one,) = scattered.unexplained
+    assert "there is that more of it" in floor_text(scattered)
+    assert "beside what runs differ by" in summary(scattered)
+    of_mean = replace(scattered, unexplained=(replace(one, order=0),))
+    held = f"It holds what runs differ by in the lowest orders without a pattern ({one.rms_deg:.2g}"
+    assert held in floor_text(of_mean)
+    assert "more of it" not in floor_text(of_mean) and "beside what runs differ by" not in summary(of_mean)
+    values = scattered.data.values.copy()
+    offsets = 1e-4 * np.random.default_rng(8).standard_normal(len(values) // 2)
+    values[:, scattered.data.orders == 0] += np.repeat(offsets, 2)[:, None]
+    result = reconcile_observations(RIG, replace(scattered.data, values=values), KNOWN)
+    mean, floor = (next(o for o in result.orders if o.order == 0).noise_floor, result.fitted.noise_floor)
+    assert 0.8e-4 < mean < 1.25e-4 and floor >= mean, "the zeros of the runs are in it, once"
+
+
 def test_a_wave_that_was_taken_out_is_no_noise_and_stands_for_its_part_of_the_gap(scattered):
     """It was counted as possible noise, and "0 % of the power is the mean" stood where it was all of the gap."""
     hum = Hum(0.0, 2e-3, (60, 60), np.full(200, 4e-4), order=17.37, sizes_deg=(0.001, 0.003))

@@ -21,6 +21,11 @@ from st_codegen.rig.model import RigModel
 
 _GAIN = "all torques seem to be {:.3g} times what they were: most orders that depend on the load agree"
 _ZERO_TORQUE = "all torques seem to be off by {:.3g} N m: most orders that depend on the load agree"
+_BY_DIRECTION = (
+    "the torques of the runs seem to be read wrong, forward by another than backward, as where friction lies between "
+    "the sensor and the gear: by {:+.2f} N m and {:+.2f} % forward, {:+.2f} N m and {:+.2f} % backward; most orders "
+    "that depend on the load agree with the others on it"
+)
 _OWN_TORQUES = (
     "the torques of the runs seem to be read wrong, each by its own, by up to {:.0f} N m and {:.0f} N m RMS: most "
     "orders that depend on the load agree with the others on it"
@@ -107,15 +112,40 @@ def wrong_torques(data: Observations, rig: RigModel) -> list[Mistake]:
         # nor is what one factor and one offset of all torques would tell as well: orders that the load moves by another
         # amount than the rig's need not agree on these
         off = its.torque_Nm - torque
-        basis = np.stack([np.ones(len(data)), torque], axis=1)
-        linear = torque + basis @ np.linalg.lstsq(basis[most], off[most], rcond=None)[0]
-        by_both = rig.coefficients(replace(data.at, torque_Nm=linear), orders)
+        linear = _linear(torque, off, most)
+        by_both = rig.coefficients(replace(data.at, torque_Nm=torque + linear), orders)
         own = again and _told_by_others(data, by_both, seen, most)
         if own and not _told_by_others(data, seen, scaled, most):
             said, gain = text.format(np.abs(off).max(), np.sqrt((off**2).mean())), again
             said += _BY_A_LAW if _follows(off, torque) else ""
             right, plain, remedy = its, seen, _TAKE_OWN
+            # of each direction one factor and one offset may be all that there is
+            turned = _linear(torque, off, most, data.at.sign)
+            in_each = replace(data.at, torque_Nm=torque + turned)
+            if not _told_by_others(data, rig.coefficients(in_each, orders), seen, most):
+                said, right, remedy = (
+                    _BY_DIRECTION.format(*_laws(torque, turned, data.at.sign)),
+                    in_each,
+                    "correct them",
+                )
     return [Mistake("torque", said, lambda given: replace(given, at=right), remedy=remedy)] if gain else []
+
+
+def _linear(torque: FloatArray, off: FloatArray, most: BoolArray, sign: FloatArray | None = None) -> FloatArray:
+    """What torques are off by, (n,), as one offset and one factor, or as those of each direction; most: rows asked."""
+    basis = np.stack([np.ones(len(torque)), torque], axis=1)
+    if sign is not None:
+        basis = np.concatenate([basis, basis * sign[:, None]], axis=1)
+    return np.asarray(basis @ np.linalg.lstsq(basis[most], off[most], rcond=None)[0])
+
+
+def _laws(torque: FloatArray, off: FloatArray, sign: FloatArray) -> list[float]:
+    """By how much torques are read too high: N m, and per cent, forward and then backward; off: along two lines."""
+    found = []
+    for own in (sign > 0, sign < 0):
+        slope, offset = np.polyfit(torque[own], -off[own], 1)
+        found += [float(offset), 100.0 * float(slope)]
+    return found
 
 
 def _follows(off: FloatArray, torque: FloatArray) -> bool:

@@ -159,9 +159,12 @@ def share_text(finding: Finding, *, first: bool) -> str:
 
 
 def _numbers(effect: Effect, stderr: Mapping[str, float], before: Effect | None = None) -> tuple[str, ...]:
-    """The parameters that matter, with standard errors; of a changed effect those that changed, old and new."""
+    """The parameters that matter, with standard errors; of a changed effect those that changed, old and new.
+
+    First those that changed clearly: the new rig has the others as well, and what it explains it explains with them.
+    """
     old = {} if before is None else parameters_of(before, {})
-    listed, turned = [], False
+    listed, beside, turned = list[str](), list[str](), False
     for key, now in parameters_of(effect, dict(stderr)).items():
         if "phase" in key:
             turn = now["value"] - old.get(key, now)["value"]
@@ -171,12 +174,17 @@ def _numbers(effect: Effect, stderr: Mapping[str, float], before: Effect | None 
         text = f"{value:.4g}" + ("" if error is None else f" +- {error:.1g}") + (f" {unit}" if unit else "")
         was = old.get(key, {}).get("value")
         if before is not None and was is not None:
-            if value == was or (error is not None and abs(value - was) < CLEARLY * error):
+            if f"{value:.4g}" == f"{was:.4g}":
                 continue
             text = f"{was:.4g} -> {text}"
+            if error is not None and abs(value - was) < CLEARLY * error:
+                beside.append(f"{key} {text}")
+                continue
         listed.append(f"{key} {text}")
     if before is not None and not listed:
         listed = ["its phases turned" if turned else "its numbers together, none of them clearly alone"]
+    if beside:
+        listed += [f"with it {beside[0]}", *beside[1:]]
     shown = listed[:_MOST_NUMBERS]
     return (*shown, *([f"and {len(listed) - len(shown)} more"] if len(listed) > len(shown) else []))
 

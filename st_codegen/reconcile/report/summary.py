@@ -65,13 +65,16 @@ def finding_text(finding: Finding, *, first: bool) -> str:
     return f"{finding.text}{changed}{others}" + (f"; {share}" if share else "")
 
 
-def next_runs_summary(ahead: NextRuns) -> str:
+def next_runs_summary(ahead: NextRuns, result: Reconciliation) -> str:
     """What to measure next, in one line."""
     if not ahead.runs:
         return f"Next measurement: none proposed; {ahead.none_because}"
     first = ahead.runs[0]
     count = f"{len(ahead.runs)} runs" if len(ahead.runs) > 1 else "1 run"
-    return f"Next measurement: {count} in next_runs.csv, the first at {point_text(first.point)}, which {first.purpose}"
+    text = f"Next measurement: {count} in next_runs.csv, the first at {point_text(first.point)}, which {first.purpose}"
+    if {"torque", "misread_torque"} & {mistake.name for mistake in result.mistakes}:
+        text += "; the torques are corrected ones, not those that the sensor shows"
+    return text
 
 
 def point_text(point: OperatingPoint) -> str:
