@@ -385,3 +385,11 @@ def test_a_label_behind_selected_columns(tmp_path):
     pipeline = make_pipeline(SelectKBest(k=2), StandardScaler(), DecisionTreeClassifier(max_depth=4, random_state=0))
     report = verified(loaded(fit(pipeline, X, THREE)), tmp_path)
     assert report.exact and not report.open_rows
+
+
+def test_rows_are_tried_that_encoders_of_several_columns_take(tmp_path):
+    """The encoders refuse all but their categories: rows of numbers between the ends would all be refused."""
+    codes = np.random.default_rng(3).integers([0, 10, -3], [7, 13, 9], size=(300, 3)) * 0.5
+    model = loaded(fit(make_pipeline(OneHotEncoder(), DecisionTreeClassifier(max_depth=4)), codes, THREE))
+    report = verified(model, tmp_path, rows=600)
+    assert report.exact and report.unanswered < 0.7 * report.n
