@@ -76,7 +76,11 @@ def _only_categories(model: ir.ModelIR) -> dict[int, FloatArray]:
             first, stop = op.start[column], op.start[column + 1]
             known = knots[np.isfinite(op.at[first:stop])]
             feature, steps = origin(model, op.inputs[0], column)
-            if feature is not None and len(known) and np.all(np.isinf(op.pieces[first + column : stop + column + 1, 0])):
+            if (
+                feature is not None
+                and len(known)
+                and np.all(np.isinf(op.pieces[first + column : stop + column + 1, 0]))
+            ):
                 found[feature] = undone(known, steps)
     return found
 

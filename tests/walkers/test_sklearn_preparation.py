@@ -326,7 +326,13 @@ def test_transformers_alone_are_verified(name, tmp_path):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("function", [np.negative, np.deg2rad, np.radians, np.rad2deg, np.degrees, np.reciprocal])
+@pytest.mark.parametrize(
+    "function",
+    [
+        *(np.negative, np.deg2rad, np.radians, np.rad2deg, np.degrees, np.reciprocal, np.fabs, np.positive, np.sign),
+        *(np.floor, np.ceil, np.rint, np.trunc),
+    ],
+)
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_functions_of_one_operation_are_exact(function, dtype):
     codes = np.arange(1.0, 400.0)[:, None] * [0.7, 1.3, -11.0]
@@ -341,6 +347,40 @@ def test_functions_of_one_operation_are_exact(function, dtype):
     answered = np.isfinite(found).all(axis=1)
     assert model.ir.exact and answered[:-2].all() and np.array_equal(found[answered], library[answered])
     assert not np.isfinite(library[~answered]).all(axis=1).any()
+
+
+@pytest.mark.parametrize("function", [np.log10, np.log2, np.exp2])
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_logarithms_and_powers_of_other_bases_lie_within_their_bound(function, dtype):
+    """Near 1, where logarithms are small, over all magnitudes, and where a number lies beside a power of the base."""
+    codes = np.sort(np.concatenate([np.geomspace(1e-30, 1e30, 200), 1.0 + np.arange(-9, 10) * 2.0**-20, [8.0, 1e3]]))
+    codes = codes[codes < 1000.0] if function is np.exp2 else codes
+    codes = codes.astype(dtype).astype(np.float64)[:, None]
+    steps = [OrdinalEncoder(dtype=dtype), FunctionTransformer(np.log1p)] if dtype == np.float32 else []
+    x = np.arange(1.0, 60.0)[:, None] if steps else codes
+    model = loaded(make_pipeline(*steps, FunctionTransformer(function)).fit(x))
+    x = x[1:] if steps else x
+    found, library = reference.evaluate(model.ir, x), model.predict(x)
+    bound = bounds.difference_bound(model.ir, x)
+    answered = np.isfinite(library) & np.isfinite(found)
+    assert answered.mean() > 0.1 and not model.ir.exact
+    assert np.all(np.abs(found - library)[answered] <= bound[answered])
+    assert np.median(bound[answered] / np.maximum(np.abs(library[answered]), 1e-3)) < 2000 * np.finfo(dtype).eps
+
+
+@pytest.mark.parametrize(
+    "limits",
+    [
+        {"a_min": -1, "a_max": 0.5},
+        {"min": 0.0, "max": None},
+        {"a_min": None, "a_max": 0.25},
+        {"a_min": 1.0, "a_max": -1},
+    ],
+)
+def test_limits_of_clip(limits, tmp_path):
+    """Limits that are turned around, too: the library then gives the upper one."""
+    report = verified(loaded(FunctionTransformer(np.clip, kw_args=limits).fit(X)), tmp_path, rows=300)
+    assert report.exact and not report.silent
 
 
 def test_the_bound_of_principal_components_covers_a_mean_that_cancels():
