@@ -139,6 +139,12 @@ PIECES = {
     "quantiles of few numbers": (QuantileTransformer(n_quantiles=50), np.round(CODES), NEAR_CODES),
     "splines": (SplineTransformer(), X, None),
     "splines, quadratic": (SplineTransformer(6, degree=2, knots="quantile", include_bias=False), X, None),
+    "splines, on lines": (SplineTransformer(extrapolation="linear", include_bias=False), X, None),
+    "quadratic splines, on lines": (
+        SplineTransformer(4, degree=2, knots="quantile", extrapolation="linear", handle_missing="zeros"),
+        np.where(X[3, 0] == X, np.nan, X),
+        None,
+    ),
     "splines and no more": (SplineTransformer(extrapolation="error"), X, None),
 }
 
@@ -278,7 +284,7 @@ def test_quantiles_of_one_number(x, tmp_path):
         (RobustScaler(quantile_range=(0, 100), unit_variance=True), X, "RobustScaler divides by 0"),
         (HistGradientBoostingRegressor(max_iter=3), INFINITE, "a split at -infinity, as training data with infinities"),
         (SplineTransformer(extrapolation="periodic"), X, "extrapolation='periodic'"),
-        (SplineTransformer(extrapolation="linear"), X, "extrapolation='linear' and degree=3"),
+        (SplineTransformer(extrapolation="linear", degree=1), X, "extrapolation='linear' and degree=1"),
         (QuantileTransformer(n_quantiles=20, output_distribution="normal"), X, "supported is 'uniform'"),
         (KNNImputer(), GAPS, "near it: SimpleImputer .KNNImputer searches"),
         (OneHotEncoder(), np.array([["a"], ["b"]] * 150), "categories that are no numbers"),
