@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import StrEnum
 from functools import singledispatch
 
@@ -31,31 +32,72 @@ def probe_rows(model: ir.ModelIR, rows: int, seed: int = 0, *, sampled: bool = F
     random = np.random.default_rng(seed)
     lower, upper = operating_range(model)
     points = _critical_points(model)
-    special = _special_rows(lower, upper, random)
-    edges = _rows_of([near for near, _ in points], lower, upper, random)
-    more = _rows_of([changeover for _, changeover in points], lower, upper, random)
+    usual = _Usual(lower, upper, _only_categories(model))
+    special = _special_rows(usual, random)
+    edges = _rows_of([near for near, _ in points], usual, random)
+    more = _rows_of([changeover for _, changeover in points], usual, random)
     room = max(rows - len(special), 0)
     if sampled and len(edges) > room:
         edges = edges[np.sort(random.choice(len(edges), room, replace=False))]
     room = max(room - len(edges), 0)
     if len(more) > room:
         more = more[np.sort(random.choice(len(more), room, replace=False))]
-    inside = _random_rows(max(room - len(more), 0), lower, upper, random)
+    inside = _random_rows(max(room - len(more), 0), usual, random)
     return np.vstack([special, edges, more, inside])
 
 
-def _random_rows(count: int, lower: FloatArray, upper: FloatArray, random: np.random.Generator) -> FloatArray:
-    """Rows in the declared range; one in ten may leave it by half its width."""
+@dataclass(frozen=True)
+class _Usual:
+    """Where rows are drawn: between two ends, and from the categories of a feature that takes nothing else."""
+
+    lower: FloatArray
+    upper: FloatArray
+    categories: dict[int, FloatArray]
+
+    def rows(self, count: int, random: np.random.Generator) -> FloatArray:
+        """So many rows."""
+        rows = self.lower + (self.upper - self.lower) * random.random((count, len(self.lower)))
+        return self.with_categories(rows, random)
+
+    def with_categories(self, rows: FloatArray, random: np.random.Generator) -> FloatArray:
+        """The rows, in which columns that take nothing else have categories."""
+        for column, known in self.categories.items():
+            rows[:, column] = random.choice(known, len(rows))
+        return rows
+
+
+def _only_categories(model: ir.ModelIR) -> dict[int, FloatArray]:
+    """The categories of each feature that an encoder refuses between and beyond them."""
+    found: dict[int, FloatArray] = {}
+    for op in model.ops:
+        if not isinstance(op, ir.Piecewise):
+            continue
+        for column, knots in enumerate(_typical(op)):
+            first, stop = op.start[column], op.start[column + 1]
+            known = knots[np.isfinite(op.at[first:stop])]
+            feature, steps = origin(model, op.inputs[0], column)
+            if (
+                feature is not None
+                and len(known)
+                and np.all(np.isinf(op.pieces[first + column : stop + column + 1, 0]))
+            ):
+                found[feature] = undone(known, steps)
+    return found
+
+
+def _random_rows(count: int, usual: _Usual, random: np.random.Generator) -> FloatArray:
+    """Rows in the declared range; one in ten may leave it by half its width, and have numbers that are no category."""
     wide = random.random(count) < 0.1
-    margin = 0.5 * (upper - lower) * wide[:, None]
-    inside: FloatArray = lower - margin + (upper - lower + 2 * margin) * random.random((count, len(lower)))
+    margin = 0.5 * (usual.upper - usual.lower) * wide[:, None]
+    width = usual.upper - usual.lower + 2 * margin
+    inside: FloatArray = usual.lower - margin + width * random.random((count, len(usual.lower)))
+    inside[~wide] = usual.with_categories(inside[~wide], random)
     return inside
 
 
-def _rows_of(points: list[FloatArray], lower: FloatArray, upper: FloatArray, random: np.random.Generator) -> FloatArray:
+def _rows_of(points: list[FloatArray], usual: _Usual, random: np.random.Generator) -> FloatArray:
     """Rows that hold every point of every column, each column's in an order of its own."""
-    count = max((len(p) for p in points), default=0)
-    rows = lower + (upper - lower) * random.random((count, len(lower)))
+    rows = usual.rows(max((len(p) for p in points), default=0), random)
     for column, values in enumerate(points):
         rows[: len(values), column] = random.permutation(values)
     return rows
@@ -90,14 +132,13 @@ def range_source(feature: ir.Feature) -> RangeSource:
     return RangeSource.GUESS if feature.seen is None else RangeSource.DATA
 
 
-def _special_rows(lower: FloatArray, upper: FloatArray, random: np.random.Generator) -> FloatArray:
+def _special_rows(usual: _Usual, random: np.random.Generator) -> FloatArray:
     """Each special value in each column, the others inside the range; then all columns at once."""
-    width = len(lower)
-    ends = np.array(
-        [[np.nextafter(a, -np.inf), a, b, np.nextafter(b, np.inf)] for a, b in zip(lower, upper, strict=True)]
-    )
+    width = len(usual.lower)
+    both = zip(usual.lower, usual.upper, strict=True)
+    ends = np.array([[np.nextafter(a, -np.inf), a, b, np.nextafter(b, np.inf)] for a, b in both])
     values = np.hstack([np.broadcast_to(SPECIAL, (width, len(SPECIAL))), ends])
-    rows = lower + (upper - lower) * random.random((values.size, width))
+    rows = usual.rows(values.size, random)
     column = np.repeat(np.arange(width), values.shape[1])
     rows[np.arange(values.size), column] = values.ravel()
     everywhere = np.repeat(SPECIAL[:, None], width, axis=1)

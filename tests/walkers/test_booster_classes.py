@@ -8,6 +8,7 @@ xgboost = pytest.importorskip("xgboost")
 
 from st_codegen.errors import UnsupportedModelError  # noqa: E402
 from st_codegen.ir import OutputKind, reference  # noqa: E402
+from st_codegen.proof import bounds  # noqa: E402
 from st_codegen.walkers.files import load_model  # noqa: E402
 from tests.classifiers import GAPS, THREE, TWO, WORDS, X, loaded, verified  # noqa: E402
 
@@ -185,7 +186,30 @@ def test_lightgbm_that_leaves_trees_out_of_its_answers_is_refused(kind, groups):
     loaded(model.set_params(pred_early_stop=False))
 
 
-def test_xgboost_with_a_probability_for_each_of_several_labels_is_refused(tmp_path):
-    several = np.column_stack([TWO, ~TWO]).astype(int)
-    with pytest.raises(UnsupportedModelError, match="with 2 outputs"):
-        loaded(xgboost.XGBClassifier(n_estimators=2).fit(X, several))
+LABELS = np.column_stack([NUMBER, THREE > 0])
+
+
+@pytest.mark.parametrize("strategy", ["one_output_per_tree", "multi_output_tree"])
+@pytest.mark.parametrize("saved", [False, True])
+def test_xgb_classifier_of_several_labels_has_an_output_for_each(strategy, saved, tmp_path):
+    classifier = xgboost.XGBClassifier(n_estimators=6, max_depth=3, multi_strategy=strategy, nthread=1)
+    classifier.fit(GAPS, LABELS).save_model(tmp_path / "m.json")
+    model = loaded(load_model(tmp_path / "m.json", "m") if saved else classifier)
+    rows = ROWS[reference.valid_rows(model.ir, ROWS)]
+    found = reference.evaluate(model.ir, rows)
+    assert model.ir.exact and np.array_equal(found, classifier.predict(rows))
+    assert np.array_equal(found, model.predict(rows)) and set(found.ravel()) == {0.0, 1.0}
+    assert verified(model, tmp_path, rows=300).exact
+
+
+def test_a_booster_of_several_labels_gives_their_probabilities(tmp_path):
+    model = extreme("binary:logistic", LABELS, tmp_path)
+    rows = ROWS[reference.valid_rows(model.ir, ROWS)]
+    difference = np.abs(reference.evaluate(model.ir, rows) - model.predict(rows))
+    assert model.ir.classes is None and len(model.ir.outputs) == 2
+    assert np.all(difference <= bounds.difference_bound(model.ir, rows)) and difference.max() < 1e-6
+
+
+def test_several_labels_by_margins_of_a_hinge_are_refused(tmp_path):
+    with pytest.raises(UnsupportedModelError, match="binary:hinge' with 2 outputs: train one for each"):
+        extreme("binary:hinge", LABELS, tmp_path)

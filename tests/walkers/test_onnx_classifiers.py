@@ -192,6 +192,26 @@ def test_support_vector_classifiers(tmp_path, kernel, labels, per_class, transfo
     assert agree(build.load(model, tmp_path), rng.normal(size=(300, 3))).size < 30
 
 
+@pytest.mark.parametrize("elem_type", [INT64, TensorProto.INT32])
+@pytest.mark.parametrize("op_type", ["trees", "linear", "machine"])
+def test_integers_are_rounded_to_float32_by_classifiers(tmp_path, op_type, elem_type):
+    """A tree compares 2**24 + 1, which is no number of float32, with 2**24."""
+    rng = np.random.default_rng(3)
+    tree = Branch("LEQ", 0, 2.0**24, Branch("LT", 2, 0.5, leaf(0.25, 0.75), leaf(1.0, 0.5)), leaf(0.5, 0.625))
+    model = {
+        "trees": lambda: build.classifier([tree, tree], (5, 9), n_features=3, elem_type=elem_type),
+        "linear": lambda: linear((5, 9), [[0.5, -1.5, 3.0]], [0.1], elem_type=elem_type),
+        "machine": lambda: machine(rng, (5, 9, 2), "RBF", [1, 2, 1], elem_type=elem_type),
+    }[op_type]()
+    large = 2**24 + np.arange(-3, 5)
+    x = np.vstack([rng.integers(-6, 7, (200, 3)), rng.permuted(np.column_stack([large, -large, large % 3]), axis=1)])
+    x = x + rng.choice([0.0, 0.5, 0.9375], x.shape)  # the fractions are cut off
+    loaded = build.load(model, tmp_path)
+    assert agree(loaded, x).size < (12 if op_type == "machine" else 5)
+    if op_type == "trees":
+        assert loaded.predict(np.array([[2.0**24 + 1, 0.0, 0.0], [2.0**24 + 2, 0.0, 0.0]]))[:, 1].tolist() == [0.5, 1.0]
+
+
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("positive", [False, True])
 def test_machines_without_support_vectors(tmp_path, seed, positive):

@@ -282,11 +282,19 @@ class _Own(BaseEstimator):
     [
         (make_pipeline(StandardScaler(), _Own()), ".*_Own is not supported"),
         (SVR(kernel="precomputed", max_iter=10), "kernel=precomputed"),
-        (make_pipeline(FunctionTransformer(np.log2), Ridge()), "func=log2: a function that is not compiled"),
+        (make_pipeline(FunctionTransformer(np.tan), Ridge()), "func=tan: a function that is not compiled"),
+        (
+            make_pipeline(FunctionTransformer(np.clip, kw_args={"a_min": [0, 1, 2], "a_max": 1}), Ridge()),
+            "numpy.clip with kw_args=.*: supported are two numbers",
+        ),
+        (
+            make_pipeline(FunctionTransformer(np.clip, kw_args={"a_min": 0, "a_max": 1, "casting": "unsafe"}), Ridge()),
+            "numpy.clip with kw_args=.*: supported are two numbers",
+        ),
         (make_pipeline(FunctionTransformer(lambda x: x), Ridge()), "func=<lambda>: a function that is not compiled"),
         (GradientBoostingRegressor(init=LinearRegression()), "init=LinearRegression"),
     ],
-    ids=["own class", "precomputed", "log2", "lambda", "init"],
+    ids=["own class", "precomputed", "tan", "limits in lists", "clip by a rule", "lambda", "init"],
 )
 def test_unsupported_models_are_named(estimator, reason):
     y = Y

@@ -139,6 +139,12 @@ PIECES = {
     "quantiles of few numbers": (QuantileTransformer(n_quantiles=50), np.round(CODES), NEAR_CODES),
     "splines": (SplineTransformer(), X, None),
     "splines, quadratic": (SplineTransformer(6, degree=2, knots="quantile", include_bias=False), X, None),
+    "splines, on lines": (SplineTransformer(extrapolation="linear", include_bias=False), X, None),
+    "quadratic splines, on lines": (
+        SplineTransformer(4, degree=2, knots="quantile", extrapolation="linear", handle_missing="zeros"),
+        np.where(X[3, 0] == X, np.nan, X),
+        None,
+    ),
     "splines and no more": (SplineTransformer(extrapolation="error"), X, None),
 }
 
@@ -278,7 +284,7 @@ def test_quantiles_of_one_number(x, tmp_path):
         (RobustScaler(quantile_range=(0, 100), unit_variance=True), X, "RobustScaler divides by 0"),
         (HistGradientBoostingRegressor(max_iter=3), INFINITE, "a split at -infinity, as training data with infinities"),
         (SplineTransformer(extrapolation="periodic"), X, "extrapolation='periodic'"),
-        (SplineTransformer(extrapolation="linear"), X, "extrapolation='linear' and degree=3"),
+        (SplineTransformer(extrapolation="linear", degree=1), X, "extrapolation='linear' and degree=1"),
         (QuantileTransformer(n_quantiles=20, output_distribution="normal"), X, "supported is 'uniform'"),
         (KNNImputer(), GAPS, "near it: SimpleImputer .KNNImputer searches"),
         (OneHotEncoder(), np.array([["a"], ["b"]] * 150), "categories that are no numbers"),
@@ -326,7 +332,13 @@ def test_transformers_alone_are_verified(name, tmp_path):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("function", [np.negative, np.deg2rad, np.radians, np.rad2deg, np.degrees, np.reciprocal])
+@pytest.mark.parametrize(
+    "function",
+    [
+        *(np.negative, np.deg2rad, np.radians, np.rad2deg, np.degrees, np.reciprocal, np.fabs, np.positive, np.sign),
+        *(np.floor, np.ceil, np.rint, np.trunc),
+    ],
+)
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_functions_of_one_operation_are_exact(function, dtype):
     codes = np.arange(1.0, 400.0)[:, None] * [0.7, 1.3, -11.0]
@@ -341,6 +353,40 @@ def test_functions_of_one_operation_are_exact(function, dtype):
     answered = np.isfinite(found).all(axis=1)
     assert model.ir.exact and answered[:-2].all() and np.array_equal(found[answered], library[answered])
     assert not np.isfinite(library[~answered]).all(axis=1).any()
+
+
+@pytest.mark.parametrize("function", [np.log10, np.log2, np.exp2])
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_logarithms_and_powers_of_other_bases_lie_within_their_bound(function, dtype):
+    """Near 1, where logarithms are small, over all magnitudes, and where a number lies beside a power of the base."""
+    codes = np.sort(np.concatenate([np.geomspace(1e-30, 1e30, 200), 1.0 + np.arange(-9, 10) * 2.0**-20, [8.0, 1e3]]))
+    codes = codes[codes < 1000.0] if function is np.exp2 else codes
+    codes = codes.astype(dtype).astype(np.float64)[:, None]
+    steps = [OrdinalEncoder(dtype=dtype), FunctionTransformer(np.log1p)] if dtype == np.float32 else []
+    x = np.arange(1.0, 60.0)[:, None] if steps else codes
+    model = loaded(make_pipeline(*steps, FunctionTransformer(function)).fit(x))
+    x = x[1:] if steps else x
+    found, library = reference.evaluate(model.ir, x), model.predict(x)
+    bound = bounds.difference_bound(model.ir, x)
+    answered = np.isfinite(library) & np.isfinite(found)
+    assert answered.mean() > 0.1 and not model.ir.exact
+    assert np.all(np.abs(found - library)[answered] <= bound[answered])
+    assert np.median(bound[answered] / np.maximum(np.abs(library[answered]), 1e-3)) < 2000 * np.finfo(dtype).eps
+
+
+@pytest.mark.parametrize(
+    "limits",
+    [
+        {"a_min": -1, "a_max": 0.5},
+        {"min": 0.0, "max": None},
+        {"a_min": None, "a_max": 0.25},
+        {"a_min": 1.0, "a_max": -1},
+    ],
+)
+def test_limits_of_clip(limits, tmp_path):
+    """Limits that are turned around, too: the library then gives the upper one."""
+    report = verified(loaded(FunctionTransformer(np.clip, kw_args=limits).fit(X)), tmp_path, rows=300)
+    assert report.exact and not report.silent
 
 
 def test_the_bound_of_principal_components_covers_a_mean_that_cancels():
@@ -385,3 +431,11 @@ def test_a_label_behind_selected_columns(tmp_path):
     pipeline = make_pipeline(SelectKBest(k=2), StandardScaler(), DecisionTreeClassifier(max_depth=4, random_state=0))
     report = verified(loaded(fit(pipeline, X, THREE)), tmp_path)
     assert report.exact and not report.open_rows
+
+
+def test_rows_are_tried_that_encoders_of_several_columns_take(tmp_path):
+    """The encoders refuse all but their categories: rows of numbers between the ends would all be refused."""
+    codes = np.random.default_rng(3).integers([0, 10, -3], [7, 13, 9], size=(300, 3)) * 0.5
+    model = loaded(fit(make_pipeline(OneHotEncoder(), DecisionTreeClassifier(max_depth=4)), codes, THREE))
+    report = verified(model, tmp_path, rows=600)
+    assert report.exact and report.unanswered < 0.7 * report.n

@@ -75,7 +75,7 @@ def _tree_classifier(call: NodeCall) -> Result:
         found.append(read_lists(node, number_type, "class", count))
         return found[0]
 
-    scores = trees(call, read)
+    scores = trees(call, call.floating(), read)
     forest = found[0]
     if len(call.node.integers("class_ids")) > len(forest.weight):
         raise UnsupportedModelError("weights at nodes that are no leaves; export the model again without them")
@@ -156,7 +156,7 @@ def _pair(walk: GraphWalk, score: Tensor, positive: bool, transform: str) -> Ten
 
 
 def _float32_row(call: NodeCall) -> Tensor:
-    return call.walk.as_type(one_row(call.computed()), FLOAT32)
+    return call.walk.as_type(one_row(call.floating()), FLOAT32)
 
 
 @operator("LinearClassifier", 1, domain=_DOMAIN)

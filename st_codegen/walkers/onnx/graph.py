@@ -74,6 +74,12 @@ class NodeCall:
         """An input that has to be computed floating-point numbers."""
         return require_float(require_tensor(self.walk.numbered(self.required(number))))
 
+    def floating(self) -> Tensor:
+        """The first input as floating-point numbers: classifiers cast integers to float32 themselves."""
+        tensor = require_tensor(self.walk.numbered(self.required()))
+        whole = tensor.dtype in INTEGERS and not tensor.given
+        return self.walk.as_type(tensor, FLOAT32) if whole else require_float(tensor)
+
     def constant(self, number: int, what: str) -> AnyArray | None:
         """The array of a constant input that may be absent."""
         operand = self.optional(number)

@@ -172,9 +172,9 @@ def _feature_vectorizer(call: NodeCall) -> Operand:
     return joined(call.walk, [call.walk.as_type(part, FLOAT32) for part in parts], axis=1)
 
 
-def trees(call: NodeCall, read: Callable[[GraphNode, NumberType], Forest]) -> Tensor:
-    """The sum (or extreme) of an ensemble, in the type of its input."""
-    tensor = one_row(call.computed())
+def trees(call: NodeCall, tensor: Tensor, read: Callable[[GraphNode, NumberType], Forest]) -> Tensor:
+    """The sum (or extreme) of an ensemble that reads a tensor, in the type of that."""
+    tensor = one_row(tensor)
     forest = read(call.node, np.float32 if tensor.dtype == FLOAT32 else np.float64)
     value, column = np.ravel(tensor.value), np.ravel(tensor.column)
     if np.any(value != value[0]):
@@ -186,7 +186,7 @@ def trees(call: NodeCall, read: Callable[[GraphNode, NumberType], Forest]) -> Te
 
 @operator("TreeEnsembleRegressor", 1, 3, domain=_DOMAIN)
 def _tree_ensemble_regressor(call: NodeCall) -> Operand:
-    sums = trees(call, read_regressor)
+    sums = trees(call, call.computed(), read_regressor)
     return transformed(call.walk, sums, read_post_transform(call.node.text("post_transform", "NONE"), sums.size))
 
 
@@ -197,7 +197,7 @@ def _tree_ensemble(call: NodeCall) -> Operand:
             f"post_transform {transform}: 1 is LOGISTIC and 2 SOFTMAX to onnxruntime, the other way round to the ONNX "
             "standard; export the model without it, and put Sigmoid or Softmax behind"
         )
-    return trees(call, read_ensemble)
+    return trees(call, call.computed(), read_ensemble)
 
 
 # --- preparation ---------------------------------------------------------------------------------------------------

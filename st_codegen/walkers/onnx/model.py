@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -141,21 +140,23 @@ def _inputs(graph: onnx.GraphProto, problems: Problems) -> list[GraphInput]:
     return inputs
 
 
+#: Which of their inputs these operators read as they are, integers too.
+_WHOLE = {
+    **dict.fromkeys(("Gather", "ArrayFeatureExtractor"), slice(1, None)),
+    **dict.fromkeys(("TreeEnsembleClassifier", "LinearClassifier", "SVMClassifier"), slice(1)),
+}
+
+
 def _reads_integers(graph: onnx.GraphProto) -> bool:
-    """Whether an encoder has integers as keys, or inputs are positions: these are integers, and nothing else."""
-    if any(
-        node.op_type in ("Gather", "ArrayFeatureExtractor") and _is_input(graph, node.input[1:]) for node in graph.node
-    ):
+    """Whether an encoder has integers as keys, inputs are positions, or classifiers read them: these are integers."""
+    read = {name for node in graph.node for name in node.input[_WHOLE.get(node.op_type, slice(0))]}
+    if not read.isdisjoint(info.name for info in graph.input):
         return True
     attributes = [one for node in graph.node if node.op_type == "LabelEncoder" for one in node.attribute]
     return any(
         (one.name == "keys_int64s" and one.ints) or (one.name == "keys_tensor" and one.t.data_type == TensorProto.INT64)
         for one in attributes
     )
-
-
-def _is_input(graph: onnx.GraphProto, names: Iterable[str]) -> bool:
-    return not {info.name for info in graph.input}.isdisjoint(names)
 
 
 def _row_shape(info: onnx.ValueInfoProto, name: str) -> tuple[tuple[int, ...], int]:

@@ -7,12 +7,24 @@ exact: StandardScaler and RobustScaler subtract, then divide; MinMaxScaler multi
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import Clip, FloatArray, Function, Int32Array, Operator, Precision, reference
+from st_codegen.ir import (
+    Clip,
+    Exceeds,
+    FloatArray,
+    Function,
+    Int32Array,
+    Operator,
+    Precision,
+    Towards,
+    WholeNumber,
+    reference,
+)
 from st_codegen.walkers.base import GraphBuilder, Walked, transforms, walk_any, walk_estimator, walk_transform, walks
 from st_codegen.walkers.fitted import Fitted
 from st_codegen.walkers.sklearn.pieces import inverse_quantiles
@@ -215,6 +227,8 @@ def _reach(steps: Steps, low: float, high: float, width: int) -> FloatArray:
 @transforms("FunctionTransformer", single=True)
 def walk_function(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """A NumPy function of each column."""
+    if fitted.estimator.func is np.clip:
+        return _clipped(fitted, builder, value)
     if fitted.get("kw_args"):
         raise UnsupportedModelError(
             f"FunctionTransformer with kw_args={fitted.estimator.kw_args}: arguments are not supported"
@@ -250,39 +264,106 @@ def _steps(scaler: Fitted, width: int) -> Steps:
     return steps
 
 
-#: Functions of NumPy that are compiled. None: the product of a column with itself.
-_UFUNCS: dict[Any, Function | None] = {
-    np.log1p: Function.LOG1P,
-    np.expm1: Function.EXPM1,
-    np.exp: Function.EXP,
-    np.log: Function.LOG,
-    np.sqrt: Function.SQRT,
-    np.square: None,
-    np.absolute: Function.ABS,
-    np.tanh: Function.TANH,
-    np.sin: Function.SIN,
-    np.cos: Function.COS,
+#: What adds a function of each column to a builder, in the precision in which NumPy computes it.
+_Adding = Callable[[GraphBuilder, int, Precision], int]
+
+
+def _function(kind: Function) -> _Adding:
+    return lambda builder, value, precision: builder.function(value, kind, precision=precision)
+
+
+def _factor(function: np.ufunc) -> _Adding:
+    """A function that is one product with what it makes of 1."""
+    return lambda builder, value, precision: builder.scale(
+        value, "*", float(function(np.dtype(precision.value).type(1.0))), precision=precision
+    )
+
+
+def _rebased(builder: GraphBuilder, value: int, factor: float, precision: Precision) -> int:
+    """A product that leads from one base of logarithms to another; the library has a formula of its own."""
+    number = np.dtype(precision.value).type(factor)
+    doubt = np.full(builder.width(value), float(np.spacing(number)))
+    return builder.scale(value, "*", float(number), precision=precision, doubt=doubt)
+
+
+def _logarithm(base: float) -> _Adding:
+    return lambda builder, value, precision: _rebased(
+        builder, builder.function(value, Function.LOG, precision=precision), 1.0 / math.log(base), precision
+    )
+
+
+def _sign(builder: GraphBuilder, value: int, _: Precision) -> int:
+    """1 above 0, -1 below it, 0 between."""
+    cut = np.zeros(builder.width(value))
+    passed, reached = (builder.add(Exceeds((value,), cut, inclusive)) for inclusive in (False, True))
+    return builder.scale(builder.combine(passed, "+", reached), "-", 1.0)
+
+
+def _whole(towards: Towards) -> _Adding:
+    """Whole numbers, -0 as 0."""
+
+    def add(builder: GraphBuilder, value: int, _: Precision) -> int:
+        builder.open_zeros = True
+        return builder.add(WholeNumber((value,), builder.width(value), towards))
+
+    return add
+
+
+#: Functions of NumPy that are compiled.
+_FUNCTIONS: dict[Any, _Adding] = {
+    np.log1p: _function(Function.LOG1P),
+    np.expm1: _function(Function.EXPM1),
+    np.exp: _function(Function.EXP),
+    np.log: _function(Function.LOG),
+    np.sqrt: _function(Function.SQRT),
+    np.square: lambda builder, value, precision: builder.combine(value, "*", value, precision=precision),
+    np.absolute: _function(Function.ABS),
+    np.tanh: _function(Function.TANH),
+    np.sin: _function(Function.SIN),
+    np.cos: _function(Function.COS),
+    **{function: _factor(function) for function in (np.negative, np.deg2rad, np.radians, np.rad2deg, np.degrees)},
+    np.reciprocal: lambda builder, value, precision: builder.scale(value, "/", 1.0, precision=precision, reverse=True),
+    np.fabs: _function(Function.ABS),
+    np.positive: lambda _, value, __: value,
+    np.log10: _logarithm(10.0),
+    np.log2: _logarithm(2.0),
+    np.exp2: lambda builder, value, precision: builder.function(
+        _rebased(builder, value, math.log(2.0), precision), Function.EXP, precision=precision
+    ),
+    np.sign: _sign,
+    np.floor: _whole(Towards.BELOW),
+    np.ceil: _whole(Towards.ABOVE),
+    np.rint: _whole(Towards.NEAREST),
+    np.trunc: _whole(Towards.ZERO),
 }
-#: Functions that are one product with what they make of 1.
-_FACTORS = (np.negative, np.deg2rad, np.radians, np.rad2deg, np.degrees)
 
 
 def _add_function(function: Any, role: str, builder: GraphBuilder, value: int) -> int:
     if function is None:
         return value
-    known = (*_UFUNCS, *_FACTORS, np.reciprocal)
-    if not isinstance(function, np.ufunc) or function not in known:
-        supported = ", ".join(f"numpy.{one.__name__}" for one in known)
+    if not isinstance(function, np.ufunc) or function not in _FUNCTIONS:
+        supported = ", ".join(f"numpy.{one.__name__}" for one in _FUNCTIONS)
         raise UnsupportedModelError(
             f"{role}={getattr(function, '__name__', function)!s}: a function that is not compiled; "
-            f"supported are None (identity), {supported}"
+            f"supported are None (identity), {supported}, and numpy.clip with its two limits as kw_args"
         )
-    precision = builder.precision(value)
-    if function is np.reciprocal:
-        return builder.scale(value, "/", 1.0, precision=precision, reverse=True)
-    if function in _FACTORS:
-        return builder.scale(value, "*", float(function(np.dtype(precision.value).type(1.0))), precision=precision)
-    kind = _UFUNCS[function]
-    if kind is None:
-        return builder.combine(value, "*", value, precision=precision)
-    return builder.function(value, kind, precision=precision)
+    return _FUNCTIONS[function](builder, value, builder.precision(value))
+
+
+#: The limits of numpy.clip by their old names and by their new ones, and what each of them does.
+_LIMITS = {"a_min": "max", "min": "max", "a_max": "min", "max": "min"}
+
+
+def _clipped(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
+    """`numpy.clip` with limits that are numbers; one of them may be missing."""
+    given = {name: limit for name, limit in (fitted.get("kw_args") or {}).items() if limit is not None}
+    known = all(name in _LIMITS and isinstance(limit, int | float | np.number) for name, limit in given.items())
+    if not known or len({_LIMITS[name] for name in given}) < len(given):
+        raise UnsupportedModelError(
+            f"numpy.clip with kw_args={fitted.estimator.kw_args}: supported are two numbers, a_min and a_max"
+        )
+    # the upper limit comes last: it holds where it lies below the lower one
+    for name in sorted(given, key=_LIMITS.__getitem__):
+        limit = float(fitted.floats_of("kw_args", given[name], ()))
+        value = builder.scale(value, _LIMITS[name], limit, precision=builder.precision(value))
+    return value

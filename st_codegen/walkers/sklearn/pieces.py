@@ -351,11 +351,12 @@ def walk_splines(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """The basis splines of each column (`preprocessing/_polynomial.py: SplineTransformer.transform`)."""
     width, mode = builder.width(value), fitted.estimator.extrapolation
     degree = fitted.integer("degree", 0, 10)
-    if mode not in ("constant", "error") or not degree:
-        # how far the library's polynomials err where they go on without end is not derived
+    if degree < {"constant": 1, "error": 1, "linear": 2}.get(mode, math.inf):
+        # how far the library's polynomials err where they go on without end is not derived; of degree 1 its lines
+        # are not those of the splines
         raise UnsupportedModelError(
             f"SplineTransformer with extrapolation={mode!r} and degree={degree}: supported are 'constant' and 'error' "
-            "with a degree from 1 on"
+            "with a degree from 1 on, and 'linear' with one from 2 on"
         )
     if getattr(fitted.estimator, "handle_missing", "error") == "zeros":
         builder.refuse_magnitude(math.inf)
@@ -365,6 +366,7 @@ def walk_splines(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
         missing = math.nan
     columns: list[Column] = []
     repeated: list[int] = []
+    lines: list[_Lines] = []
     for number, spline in enumerate(fitted.items("bsplines_", width)):
         own = Fitted(spline)
         # what native code takes; the public ones are what a function in the object makes of these
@@ -378,8 +380,12 @@ def walk_splines(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
         kept = count if fitted.flag("include_bias") else count - 1
         basis = _basis([Fraction(float(knot)) for knot in knots], degree)
         columns += [_spline(knots[degree : count + 1], basis, place, mode, missing) for place in range(kept)]
+        lines += [_lines(knots[degree : count + 1], basis, place) for place in range(kept)]
         repeated += [number] * kept
-    found = add_pieces(builder, builder.select(repeated, value), columns)
+    picked = builder.select(repeated, value)
+    found = add_pieces(builder, picked, columns)
+    if mode == "linear":
+        found = _on_lines(builder, picked, found, lines)
     builder.sparse[found] = bool(getattr(fitted.estimator, "sparse_output", False))
     return found
 
@@ -429,3 +435,35 @@ def _spline(knots: FloatArray, basis: list[list[_Polynomial]], place: int, mode:
         pieces[[0, -1]] = 0.0
         pieces[[0, -1], 0] = math.inf
     return knots, np.array([*(float(polynomial[0]) for polynomial in inner), float(end)]), pieces, missing
+
+
+#: Of the first and of the last knot of a spline: the knot, the slope beyond it, and how far that of scipy may be off.
+_Lines = tuple[tuple[float, float, float], tuple[float, float, float]]
+
+
+def _lines(knots: FloatArray, basis: list[list[_Polynomial]], place: int) -> _Lines:
+    """The lines on which a basis spline goes on beyond its ends.
+
+    scipy computes their slopes in a form of its own: as of a piece, no more than sixteen roundings for each power, of
+    numbers as large as the terms.
+    """
+    found = []
+    for interval, first, last in ((0, 0, 1), (-1, -2, -1)):
+        inner = basis[interval][place]
+        length = Fraction(float(knots[last])) - Fraction(float(knots[first]))
+        terms = [power * inner[power] * length ** (power - 1) for power in range(1, len(inner))]
+        slope = sum(terms, Fraction(0)) if interval else inner[1]
+        size = float(sum(map(abs, terms), Fraction(0)))
+        found.append((float(knots[interval]), float(slope), 32 * len(inner) * float(np.finfo(np.float64).eps) * size))
+    return found[0], found[1]
+
+
+def _on_lines(builder: GraphBuilder, value: int, found: int, lines: Sequence[_Lines]) -> int:
+    """Splines that are constant beyond their knots, and the lines there (`SplineTransformer.transform`)."""
+    # what is missing lies on a knot
+    value = builder.add(FillMissing((value,), np.array([low[0] for low, _ in lines])))
+    for side, operator in enumerate(("min", "max")):
+        knots, slopes, doubts = np.array([line[side] for line in lines]).T
+        beyond = builder.chain(value, ("-", knots), (operator, 0.0))
+        found = builder.combine(found, "+", builder.scale(beyond, "*", slopes, doubt=doubts))
+    return found

@@ -213,7 +213,7 @@ def _loaded(
     builder = GraphBuilder(model.n_features)
     result = _add(model, builder, 0, way)
     made = builder.model(name, tuple(ir.Feature(feature) for feature in model.names), _source(model, way), result)
-    predict: Predictor = _XgboostPredictor(load_booster, model, way)
+    predict: Predictor = (_LabelsPredictor if way.classifier else _XgboostPredictor)(load_booster, model, way)
     if isinstance(result, Classified):
         predict = _ClassPredictor(load_booster, model, way, result, classifier)
     return LoadedModel(made, predict)
@@ -293,6 +293,13 @@ class _XgboostPredictor:
             rows, missing=self.missing, feature_names=self.feature_names, feature_types=self.feature_types, nthread=1
         )
         return booster.predict(matrix, iteration_range=self.iteration_range, output_margin=margin)
+
+
+class _LabelsPredictor(_XgboostPredictor):
+    """0 or 1 for each of several labels (`XGBClassifier.predict`)."""
+
+    def numbers(self, rows: FloatArray, *, margin: bool = False) -> AnyArray:
+        return np.asarray(super().numbers(rows, margin=margin) > np.float32(0.5))
 
 
 class _ClassPredictor(_XgboostPredictor):
@@ -395,9 +402,7 @@ def _classified(model: BoosterModel, builder: GraphBuilder, raw: int, way: _Path
     """What objectives of classes make of the margin (`regression_loss.h`, `hinge.cc`, `multiclass_obj.cc`)."""
     objective, binary = model.objective, model.objective.startswith("binary:")
     if binary and model.n_outputs > 1:
-        raise UnsupportedModelError(
-            f"objective '{objective}' with {model.n_outputs} outputs: train one for each of them"
-        )
+        return _several_labels(model, builder, raw, way)
     labels = tuple(range(2 if binary else model.n_outputs))
     if objective == "binary:logistic":
         probability = builder.function(raw, "logistic", precision=ir.Precision.FLOAT32)
@@ -413,6 +418,17 @@ def _classified(model: BoosterModel, builder: GraphBuilder, raw: int, way: _Path
         raise UnsupportedModelError("XGBClassifier with multi:softprob and two classes predicts a matrix, not a class")
     single = ir.Precision.FLOAT32
     return Classified(labels, most_probable(builder, raw, single), softmax(builder, raw, single), raw)
+
+
+def _several_labels(model: BoosterModel, builder: GraphBuilder, raw: int, way: _Path) -> int:
+    """Of several labels a row 0 or 1 for each (`XGBClassifier.predict`), or their probabilities (`Booster.predict`)."""
+    if model.objective != "binary:logistic":
+        raise UnsupportedModelError(
+            f"objective '{model.objective}' with {model.n_outputs} outputs: train one for each of them"
+        )
+    if way.classifier:
+        return above(builder, raw, last_below(_is_second, np.float32))
+    return builder.function(raw, "logistic", precision=ir.Precision.FLOAT32)
 
 
 def _is_second(x: Any) -> bool:
