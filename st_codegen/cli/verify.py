@@ -48,7 +48,10 @@ Examples:
 @models_argument
 @names_options
 @generated_option("Folder that `generate` wrote; every target in it is verified.")
-@rows_options("Rows a model, or as many more as special values and thresholds with their neighbours take.")
+@rows_options(
+    "Rows a model, or as many more as special values and thresholds with their neighbours take; blocks around models "
+    "have rows of their own."
+)
 @click.option(
     "-j", "--jobs", type=Whole(min=1), default=None, help="Models at the same time (default: one a processor)."
 )
@@ -174,15 +177,18 @@ def _write_page(
 
 
 def _print_remarks(report: VerifyReport, bundle: Bundle, rows: int) -> None:
-    """What was proved instead of tried, which ranges are guesses, and of which models more rows than asked for."""
+    """What was proved instead of tried, which ranges are guesses, and where other numbers of rows than asked for."""
     proved = [model.name for model in report.models if model.proved]
     if proved:
         say(f"proved for all inputs, and compared with the library on a sample of rows: {', '.join(proved)}")
     if report.guessed:
         say(report.guessed)
     models = {ir.name for ir in bundle.irs}
-    if more := [model.name for model in report.models if model.n > rows and model.name in models]:
+    others = [model for model in report.models if model.n != rows]
+    if more := [model.name for model in others if model.n > rows and model.name in models]:
         say(f"special values and thresholds take more than {rows:,} rows: {', '.join(more)}")
+    if around := [f"{model.name} {model.n:,}" for model in others if model.name not in models]:
+        say(f"blocks around models have numbers of rows that --rows does not change: {', '.join(around)}")
 
 
 def agreement_table(title: str, models: Iterable[ModelReport]) -> Table:

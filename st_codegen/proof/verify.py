@@ -99,8 +99,8 @@ class ModelReport:
     On `vague` rows of the operating range the bound of an output is larger than all that it spans on the rows there:
     being within it says nothing. `unanswered` rows in that range the block refuses, where `refused_where` says. Of
     these the library was asked `asked`, and had an answer to `silent` all the same, the first at `silent_example` with
-    the library's numbers. `silent_outside`: rows of numbers outside that range which the block refuses and the
-    library answers, as far as it was asked. `nothing_compared`: there was no row that the block takes.
+    the library's numbers. Of `refused_outside` rows of numbers outside that range the library was asked
+    `asked_outside`, and answers `silent_outside`. `nothing_compared`: there was no row that the block takes.
 
     `guessed`: features of which nobody knows a range, so that the rows lie where the model's own numbers are.
 
@@ -125,6 +125,8 @@ class ModelReport:
     asked: int = 0
     silent: int = 0
     silent_example: tuple[list[float], list[float]] | None = None
+    refused_outside: int = 0
+    asked_outside: int = 0
     silent_outside: int = 0
     nothing_compared: bool = False
     open_rows: int = 0
@@ -167,9 +169,8 @@ class ModelReport:
             )
         if self.silent_outside:
             said.append(
-                f"to {self.silent_outside:,} row{'s' * (self.silent_outside > 1)} of numbers outside the range of the "
-                "inputs, which the block refuses, "
-                "the library has an answer"
+                f"of {self.refused_outside:,} rows of numbers outside the range of inputs, which the block refuses, "
+                f"the library was asked {self.asked_outside:,} and has an answer to {self.silent_outside:,}"
             )
         if self.nothing_compared:
             said.append("it takes no row that was tried, so that nothing was compared: declare its ranges")
@@ -478,7 +479,8 @@ def _ask_to_refused(
     answers[rows], asked[rows] = answers_to(model, x[rows], _ASKED)
     answered = asked & np.isfinite(answers).all(axis=1)
     report.asked, report.silent = int(np.sum(asked & inside)), int(np.sum(answered & inside))
-    report.silent_outside = int(np.sum(answered & ~inside))
+    outside = (refused & ~inside, asked & ~inside, answered & ~inside)
+    report.refused_outside, report.asked_outside, report.silent_outside = map(int, map(np.sum, outside))
     if report.silent:
         first = int(np.argmax(answered & inside))
         report.silent_example = x[first].tolist(), answers[first].tolist()
