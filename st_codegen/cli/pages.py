@@ -146,15 +146,14 @@ def _proof_section(proof: ProveReport) -> PageSection:
 
 
 def _cost_section(target: str, cost: ProjectCost, cycle_us: float | None) -> PageSection:
-    every = sorted((part for block in cost.cycle for part in block.parts), key=lambda part: -part.cold_us)
-    parts = every[:_MOST_PARTS]
+    parts = cost.parts[:_MOST_PARTS]
     rows = [(p.unit, p.total_operations, p.table_bytes, p.warm_us, p.cold_us) for p in parts]
     text = f"{cost.warm_us:.1f} us with warm caches, {cost.cold_us:.1f} us with cold ones on {cost.profile.name}."
     text += " Loops without a bound were counted once: there is no bound." if cost.unbounded else ""
     if cycle_us is not None:
         text += f" Budget: {cycle_us:g} us: it {'fits' if cost.fits(cycle_us) else 'DOES NOT FIT'}."
-    if len(parts) < len(every):
-        text += f" Of {len(every)} blocks and calls the {len(parts)} slowest are listed."
+    if len(parts) < len(cost.parts):
+        text += f" Of {len(cost.parts)} units the {len(parts)} slowest are listed."
     if cost.profile.compute_factor == cost.profile.memory_factor == 1.0:
         text += " The profile was not calibrated: the times are estimates."
 
