@@ -119,8 +119,8 @@ def verify_sections(report: VerifyReport, proof: ProveReport, bundle: Bundle) ->
     rows = [(m.name, m.n, m.max_abs_err, m.bound, m.max_ulp, m.verdict, ", ".join(m.targets)) for m in report.models]
     columns = ("model", "rows", "largest error", "allowed", "ulp", "result", "targets")
     strong = {(row, 5) for row, model in enumerate(report.models) if not model.passed}
-    remarks = [*report.notes.items(), *((model.name, model.not_judged) for model in report.models if model.not_judged)]
-    notes = "\n\n".join([*(f"{name}: {remark}" for name, remark in remarks), report.guessed])
+    remarks = [remark for model in report.models for remark in model.remarks]
+    notes = "\n\n".join([*(f"{name}: {note}" for name, note in report.notes.items()), *remarks, report.guessed])
     sections = [PageSection("Agreement", notes, PageTable(columns, rows, strong)), _proof_section(proof)]
     sources = [
         (ir.name, ir.source.file, f"{ir.source.library} {ir.source.version}", ir.source.model_class, ir.source.digest)

@@ -102,17 +102,8 @@ def command(
         for line in bundle.purpose.served(bundle.irs) if bundle.purpose else ():
             say(line)
     for model in report.models:
-        if model.jump:
-            say(
-                f"{model.name}: trees split behind an inexact step; where the number that a split compares lies "
-                f"near the threshold, their sum may differ by up to {model.jump:.3g}; on the rows of the operating "
-                f"range that were tried, near is within {model.jump_width:.2g}"
-            )
-    for model in report.models:
-        if model.not_judged and not (quiet and model.passed):
-            say(f"{model.name}: {model.not_judged}")
-        if not quiet:
-            console.print(_open_rows(model), end="", soft_wrap=True)
+        for remark in () if quiet and model.passed else model.remarks:
+            say(remark)
         for line in _failures(model):
             say(Text.assemble((model.name, "red"), f": {line}"))
     _print_times(report, cycle_us, quiet=quiet)
@@ -136,16 +127,6 @@ def _failures(model: ModelReport) -> list[str]:
     """Why the library has no answer, or the first rows that differ."""
     refusal = [] if model.refusal is None else [model.refusal]
     return refusal + [str(failure) for failure in model.failures[:3]]
-
-
-def _open_rows(model: ModelReport) -> str:
-    """How many labels the bound leaves open, and the first of them; empty where none is."""
-    if not model.open_rows:
-        return ""
-    lines = [f"{model.name}: the bound leaves the label of {model.open_rows:,} of {model.n:,} rows open, such as"]
-    for row in model.open_examples:
-        lines.append(f"  {list(row.input)}: library {row.library!r}, reference {row.reference!r}")
-    return "\n".join(lines) + "\n"
 
 
 def _print_times(report: VerifyReport, cycle_us: float | None, *, quiet: bool) -> None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -177,6 +177,22 @@ class ModelReport:
         return "; ".join(said)
 
     @property
+    def remarks(self) -> list[str]:
+        """What the line of a table does not say: jumps of trees, what was not judged, labels that are open."""
+        said = [f"{self.name}: {self.not_judged}"] if self.not_judged else []
+        if self.jump:
+            said.append(
+                f"{self.name}: trees split behind an inexact step; where the number that a split compares lies near "
+                f"the threshold, their sum may differ by up to {self.jump:.3g}; on the rows of the operating range that "
+                f"were tried, near is within {self.jump_width:.2g}"
+            )
+        if self.open_rows:
+            head = f"{self.name}: the bound leaves the label of {self.open_rows:,} of {self.n:,} rows open, such as"
+            rows = [f"  {list(r.input)}: library {r.library!r}, reference {r.reference!r}" for r in self.open_examples]
+            said.append("\n".join([head, *rows]))
+        return said
+
+    @property
     def _silence(self) -> str:
         """What the library says to the rows that the block refuses."""
         asked = "them" if self.asked == self.unanswered else f"the {self.asked:,} of them that it was asked"
@@ -236,11 +252,7 @@ class VerifyReport:
     @property
     def guessed(self) -> str:
         """Of which models no range of an input is known, and what was taken in its place; empty where all are."""
-        names = ", ".join(model.name for model in self.models if model.guessed)
-        text = (
-            "the range of an input is not known, and guessed from the model's own numbers (st-codegen.toml can give it)"
-        )
-        return f"{text}: {names}" if names else ""
+        return guesses(self.models)
 
     @property
     def over_budget(self) -> dict[str, ProjectCost]:
@@ -260,6 +272,13 @@ class VerifyReport:
                 for target, cost in self.costs.items()
             },
         }
+
+
+def guesses(models: Iterable[ModelReport]) -> str:
+    """Of which models no range of an input is known, and what was taken in its place; empty where all are."""
+    names = ", ".join(model.name for model in models if model.guessed)
+    text = "the range of an input is not known, and guessed from the model's own numbers (st-codegen.toml can give it)"
+    return f"{text}: {names}" if names else ""
 
 
 @dataclass(frozen=True)
