@@ -183,8 +183,8 @@ class ModelReport:
         if self.jump:
             said.append(
                 f"{self.name}: trees split behind an inexact step; where the number that a split compares lies near "
-                f"the threshold, their sum may differ by up to {self.jump:.3g}; on the rows of the operating range that "
-                f"were tried, near is within {self.jump_width:.2g}"
+                f"the threshold, their sum may differ by up to {self.jump:.3g}; on the rows of the operating range "
+                f"that were tried, near is within {self.jump_width:.2g}"
             )
         if self.open_rows:
             head = f"{self.name}: the bound leaves the label of {self.open_rows:,} of {self.n:,} rows open, such as"
