@@ -76,6 +76,7 @@ rig = "rig.toml"
 target = "iec"
 orders = [0, 1, 2, 40]
 families = ["DT", "ET"]
+as_is = true
 folds = 2
 
 [[axis]]

@@ -318,6 +318,7 @@ class CompileSettings:
             (formed, "has_project_forms", "--project", "has no forms of a project"),
             (self.self_check, "compiles", "--self-check", "has the models' numbers in files, not in blocks"),
             (self.with_age, "compiles", "--with-age", "has blocks that wait for the vendor's runtime"),
+            (self.options.outputs_per_cycle, "compiles", "--outputs-per-cycle", "asks for all models in each call"),
         ):
             if wished and not getattr(target, attribute):
                 able = ", ".join(name for name, other in TARGETS.items() if getattr(other, attribute))

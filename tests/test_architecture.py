@@ -28,7 +28,7 @@ MAY_USE = {
     "files": {"errors"},
     "ir": {"errors"},
     # three stages that know each other only through the intermediate representation
-    "walkers": {"entries", "errors", "ir", "processes"},
+    "walkers": {"entries", "errors", "files", "ir", "processes"},
     "passes": {"errors", "processes", "ir"},
     "emit": {"entries", "errors", "files", "ir"},
     # the reader of Structured Text shares nothing with its writer: a shared formatter would hide a shared mistake

@@ -32,18 +32,19 @@ class OrderReason:
 
 #: RMS amplitude below which an order is not chosen, by the strongest one's.
 _LEAST_SIZE = 0.01
+#: Share of the curves in which an order must be above the noise.
+_LEAST_CURVES = 0.25
 
 
 def choose_orders(
     fits: Sequence[OrderFit],
     *,
     most: int = 20,
-    least_curves: float = 0.25,
     always: Sequence[int] = (0,),
 ) -> tuple[OrderReason, ...]:
     """Judge every order that stands above the noise somewhere; the strongest first, the mean ahead of all.
 
-    An order is chosen where it is above the noise in `least_curves` (a fraction) of the curves and its root mean square
+    An order is chosen where it is above the noise in `_LEAST_CURVES` (a share) of the curves and its root mean square
     amplitude is at least `_LEAST_SIZE` of the strongest one; `most` orders at most, the mean included. `always` are
     chosen whatever the data say. Raises InputError without fits.
     """
@@ -68,7 +69,7 @@ def choose_orders(
         relative = rms[order] / strongest if order and strongest else 1.0
         if forced:
             verdict, why = True, f"always wanted; {where}"
-        elif above[order] < least_curves * len(fits):
+        elif above[order] < _LEAST_CURVES * len(fits):
             verdict, why = False, f"only {where}"
         elif relative < _LEAST_SIZE:
             why = f"{where}, but {size} is {relative:.2%} of the strongest (below {_LEAST_SIZE:.2%})"

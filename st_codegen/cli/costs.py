@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -15,7 +15,7 @@ from st_codegen.cli.console import Number, console, say, table_of
 from st_codegen.cost.profile_files import DEFAULT, profile_names
 
 if TYPE_CHECKING:
-    from st_codegen.cost.report import BlockCost, ProjectCost, UnitPart
+    from st_codegen.cost.report import ProjectCost, UnitPart
     from st_codegen.proof.explain import InputLimit, Price
 
 #: Parts of a cycle that take less than this share are added up in one row.
@@ -65,7 +65,7 @@ def print_budget(target: str, cost: ProjectCost, cycle_us: float | None) -> None
     """Who spends what, in a cycle that does not fit."""
     for text in cost.unbounded:
         say(Text.assemble((target, "red"), f": {text}"))
-    console.print(cost_table(f"{target}: worst case of a cycle on {cost.profile.name}", cost.cycle))
+    console.print(cost_table(f"{target}: worst case of a cycle on {cost.profile.name}", cost.parts))
     print_verdict(target, cost, cycle_us)
 
 
@@ -83,12 +83,10 @@ def print_verdict(target: str, cost: ProjectCost, cycle_us: float | None) -> Non
         console.print(f"{cost.profile.name} was not calibrated: the times are estimates (st-codegen calibrate)")
 
 
-def cost_table(title: str, blocks: Iterable[BlockCost]) -> Table:
+def cost_table(title: str, parts: Sequence[UnitPart]) -> Table:
     """A row for each unit whose text a cycle runs, the slowest first; times are its own, without what it calls."""
-    blocks = tuple(blocks)
     numbers = (">operations", ">tables B", ">touched B", ">code B", ">warm us", ">cold us", ">share")
     table = table_of(title, "block", *numbers)
-    parts = sorted((part for block in blocks for part in block.parts), key=lambda part: -part.cold_us)
     total = sum(part.cold_us for part in parts) or 1.0
     large = [part for part in parts if part.cold_us >= _SMALL * total]
     for part in large:
@@ -134,7 +132,7 @@ def magnitude_text(limit: InputLimit) -> str:
     return "infinite" if math.isinf(limit.magnitude) else f"{limit.magnitude:.17g}"
 
 
-def _cells(parts: list[UnitPart], total: float) -> list[str]:
+def _cells(parts: Sequence[UnitPart], total: float) -> list[str]:
     cold = sum(part.cold_us for part in parts)
     return [
         f"{sum(part.total_operations for part in parts):,}",

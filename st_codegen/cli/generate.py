@@ -168,8 +168,8 @@ Examples:
     default=LAYOUTS[0],
     help="How trees are written: trees, as they were trained, to be read; ranked, as nodes that compare ranks, "
     "which is faster; cut, the same, with deep trees cut into the cells of a coarse grid of the inputs, in fewer "
-    "steps and with more memory; table, as a table of their values in every cell. With auto, and where what is "
-    "asked for is impossible, whichever is cheapest.",
+    "steps and with more memory; ifs, as nested IFs, a model of one small tree; table, as their values in every cell. "
+    "With auto, and where what is asked for is impossible, whichever is cheapest.",
 )
 @click.option(
     "--table-limit",
@@ -278,6 +278,8 @@ def _check(
 
 def _show_generated(generated: Generated) -> None:
     """Print what was written, and what there is to know of it."""
+    from st_codegen.emit.output import MANIFEST
+
     lines = [
         f"warning: {generated.folder / name} is no longer generated; it stays, since it was changed after it was "
         "written"
@@ -285,7 +287,8 @@ def _show_generated(generated: Generated) -> None:
     ]
     lines += filter(None, (decision.change for decision in generated.compiled.decisions))
     lines += generated.purpose.remarks() if generated.purpose else ()
-    say(f"{generated.folder}: {len(generated.files)} file(s)")
+    number = len(generated.files)
+    say(f"{generated.folder}: {number} file{'s' * (number > 1)} and {MANIFEST}, the list of what was written")
     console.print(_files_table(generated))
     console.print(_models_table(generated))
     for line in lines:
@@ -320,7 +323,8 @@ def _show(found: Iterable[FileChange], limit: int, *, stat: bool) -> bool:
             if not limit or lines <= limit:
                 click.echo(inert(line.rstrip("\n")))
     if not stat and limit and lines > limit:
-        click.echo(f".. {lines - limit:,} more lines in {files:,} file(s); --limit 0 shows all, --stat a line a file")
+        where = f"{files:,} file{'s' * (files > 1)}"
+        click.echo(f".. {lines - limit:,} more lines in {where}; --limit 0 shows all, --stat a line a file")
     return files > 0
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import shlex
 from pathlib import Path
 
@@ -36,7 +35,7 @@ def command(models: Path, training_data: Path | None, force: bool, trust_pickle:
     Files that cannot be read as models are left out, with the reason beside them.
     """
     from st_codegen.errors import InputError
-    from st_codegen.files.text import write_text
+    from st_codegen.files.text import file_sha256, write_text
     from st_codegen.project.configuration import CONFIGURATION_FILE
     from st_codegen.project.initial import initial_configuration
     from st_codegen.proof.predict import read_table
@@ -45,7 +44,7 @@ def command(models: Path, training_data: Path | None, force: bool, trust_pickle:
     if path.exists() and not force:
         raise InputError(f"{path} is there already; --force replaces it")
     table = None if training_data is None else read_table(training_data)
-    digest = "" if training_data is None else hashlib.sha256(training_data.read_bytes()).hexdigest()
+    digest = "" if training_data is None else file_sha256(training_data)
     write_text(path, initial_configuration(models, table, digest, trust_pickle=trust_pickle))
     if not quiet:
         following = shlex.join(["st-codegen", "generate", str(models)])

@@ -119,8 +119,8 @@ def verify_sections(report: VerifyReport, proof: ProveReport, bundle: Bundle) ->
     rows = [(m.name, m.n, m.max_abs_err, m.bound, m.max_ulp, m.verdict, ", ".join(m.targets)) for m in report.models]
     columns = ("model", "rows", "largest error", "allowed", "ulp", "result", "targets")
     strong = {(row, 5) for row, model in enumerate(report.models) if not model.passed}
-    remarks = [*report.notes.items(), *((model.name, model.not_judged) for model in report.models if model.not_judged)]
-    notes = "\n\n".join([*(f"{name}: {remark}" for name, remark in remarks), report.guessed])
+    remarks = [remark for model in report.models for remark in model.remarks]
+    notes = "\n\n".join([*(f"{name}: {note}" for name, note in report.notes.items()), *remarks, report.guessed])
     sections = [PageSection("Agreement", notes, PageTable(columns, rows, strong)), _proof_section(proof)]
     sources = [
         (ir.name, ir.source.file, f"{ir.source.library} {ir.source.version}", ir.source.model_class, ir.source.digest)
@@ -146,15 +146,14 @@ def _proof_section(proof: ProveReport) -> PageSection:
 
 
 def _cost_section(target: str, cost: ProjectCost, cycle_us: float | None) -> PageSection:
-    every = sorted((part for block in cost.cycle for part in block.parts), key=lambda part: -part.cold_us)
-    parts = every[:_MOST_PARTS]
+    parts = cost.parts[:_MOST_PARTS]
     rows = [(p.unit, p.total_operations, p.table_bytes, p.warm_us, p.cold_us) for p in parts]
     text = f"{cost.warm_us:.1f} us with warm caches, {cost.cold_us:.1f} us with cold ones on {cost.profile.name}."
     text += " Loops without a bound were counted once: there is no bound." if cost.unbounded else ""
     if cycle_us is not None:
         text += f" Budget: {cycle_us:g} us: it {'fits' if cost.fits(cycle_us) else 'DOES NOT FIT'}."
-    if len(parts) < len(every):
-        text += f" Of {len(every)} blocks and calls the {len(parts)} slowest are listed."
+    if len(parts) < len(cost.parts):
+        text += f" Of {len(cost.parts)} units the {len(parts)} slowest are listed."
     if cost.profile.compute_factor == cost.profile.memory_factor == 1.0:
         text += " The profile was not calibrated: the times are estimates."
 

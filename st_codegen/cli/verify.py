@@ -48,7 +48,10 @@ Examples:
 @models_argument
 @names_options
 @generated_option("Folder that `generate` wrote; every target in it is verified.")
-@rows_options("Rows a model, or as many more as special values and thresholds with their neighbours take.")
+@rows_options(
+    "Rows a model, or as many more as special values and thresholds with their neighbours take; blocks around models "
+    "have rows of their own."
+)
 @click.option(
     "-j", "--jobs", type=Whole(min=1), default=None, help="Models at the same time (default: one a processor)."
 )
@@ -99,17 +102,8 @@ def command(
         for line in bundle.purpose.served(bundle.irs) if bundle.purpose else ():
             say(line)
     for model in report.models:
-        if model.jump:
-            say(
-                f"{model.name}: trees split behind an inexact step; where the number that a split compares lies "
-                f"near the threshold, their sum may differ by up to {model.jump:.3g}; on the rows of the operating "
-                f"range that were tried, near is within {model.jump_width:.2g}"
-            )
-    for model in report.models:
-        if model.not_judged and not (quiet and model.passed):
-            say(f"{model.name}: {model.not_judged}")
-        if not quiet:
-            console.print(_open_rows(model), end="", soft_wrap=True)
+        for remark in () if quiet and model.passed else model.remarks:
+            say(remark)
         for line in _failures(model):
             say(Text.assemble((model.name, "red"), f": {line}"))
     _print_times(report, cycle_us, quiet=quiet)
@@ -133,16 +127,6 @@ def _failures(model: ModelReport) -> list[str]:
     """Why the library has no answer, or the first rows that differ."""
     refusal = [] if model.refusal is None else [model.refusal]
     return refusal + [str(failure) for failure in model.failures[:3]]
-
-
-def _open_rows(model: ModelReport) -> str:
-    """How many labels the bound leaves open, and the first of them; empty where none is."""
-    if not model.open_rows:
-        return ""
-    lines = [f"{model.name}: the bound leaves the label of {model.open_rows:,} of {model.n:,} rows open, such as"]
-    for row in model.open_examples:
-        lines.append(f"  {list(row.input)}: library {row.library!r}, reference {row.reference!r}")
-    return "\n".join(lines) + "\n"
 
 
 def _print_times(report: VerifyReport, cycle_us: float | None, *, quiet: bool) -> None:
@@ -174,15 +158,18 @@ def _write_page(
 
 
 def _print_remarks(report: VerifyReport, bundle: Bundle, rows: int) -> None:
-    """What was proved instead of tried, which ranges are guesses, and of which models more rows than asked for."""
+    """What was proved instead of tried, which ranges are guesses, and where other numbers of rows than asked for."""
     proved = [model.name for model in report.models if model.proved]
     if proved:
         say(f"proved for all inputs, and compared with the library on a sample of rows: {', '.join(proved)}")
     if report.guessed:
         say(report.guessed)
     models = {ir.name for ir in bundle.irs}
-    if more := [model.name for model in report.models if model.n > rows and model.name in models]:
+    others = [model for model in report.models if model.n != rows]
+    if more := [model.name for model in others if model.n > rows and model.name in models]:
         say(f"special values and thresholds take more than {rows:,} rows: {', '.join(more)}")
+    if around := [f"{model.name} {model.n:,}" for model in others if model.name not in models]:
+        say(f"blocks around models have numbers of rows that --rows does not change: {', '.join(around)}")
 
 
 def agreement_table(title: str, models: Iterable[ModelReport]) -> Table:

@@ -27,6 +27,9 @@ from st_codegen.st.tree import Project
 #: Times that a call can have, us: from a cycle or two to a quarter of an hour.
 _SHORTEST_US, _LONGEST_US = 1e-3, 1e9
 
+#: Beyond this factor a controller is hardly the profile's, but its times in ns or ms.
+_USUAL_FACTOR = 100.0
+
 
 @dataclass(frozen=True)
 class Measurement:
@@ -52,9 +55,11 @@ class Calibration:
         if not self.is_memory_known:
             what = "one factor for both" if self.memory == self.compute else "memory keeps the factor 1"
             found.append(
-                f"these times do not tell computing from waiting for memory ({what}): measure the longest calls of the "
-                "same blocks with warm and with cold caches"
+                f"these times do not tell computing from waiting for memory, or no two factors fit ({what}): measure "
+                "the longest calls of the same blocks with warm and with cold caches"
             )
+        if not 1.0 / _USUAL_FACTOR <= self.compute <= _USUAL_FACTOR:
+            found.append(f"the times are {self.compute:.3g} times those of the profile: are they in us?")
         longer = [m.microseconds / t for m, t in zip(measurements, self.modelled, strict=True) if m.microseconds > t]
         if (most := max(longer, default=1.0)) >= 1.0005:  # less is not seen in a tenth of a percent
             found.append(

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from st_codegen.cost.memory import LINE, lines_by_region
@@ -37,6 +38,17 @@ class UnitPart:
     def total_operations(self) -> int:
         return sum(self.operations.values())
 
+    def and_for(self, other: UnitPart) -> UnitPart:
+        """What the unit does for another block as well: its tables and code are there once."""
+        return replace(
+            self,
+            operations=_added([self, other]),
+            lines=self.lines + other.lines,
+            code_lines=self.code_lines + other.code_lines,
+            warm_us=self.warm_us + other.warm_us,
+            cold_us=self.cold_us + other.cold_us,
+        )
+
 
 @dataclass(frozen=True)
 class BlockCost:
@@ -64,11 +76,7 @@ class BlockCost:
     @property
     def operations(self) -> dict[str, int]:
         """How often each operation is executed, by its name."""
-        total: dict[str, int] = {}
-        for part in self.parts:
-            for name, number in part.operations.items():
-                total[name] = total.get(name, 0) + number
-        return total
+        return _added(self.parts)
 
     def as_json(self) -> dict[str, Any]:
         """The costs of a block as a table of numbers for JSON."""
@@ -79,6 +87,14 @@ class BlockCost:
             "operations": self.operations,
             "parts": {part.unit: {**_sums([part]), "operations": part.total_operations} for part in self.parts},
         }
+
+
+def _added(parts: Iterable[UnitPart]) -> dict[str, int]:
+    """How often each operation is executed by some parts together."""
+    total: Counter[str] = Counter()
+    for part in parts:
+        total.update(part.operations)
+    return dict(total)
 
 
 def _sums(parts: Sequence[UnitPart]) -> dict[str, float]:
@@ -103,6 +119,14 @@ class ProjectCost:
     def cycle(self) -> tuple[BlockCost, ...]:
         """The costs of the blocks that a cycle runs."""
         return tuple(self.blocks[name] for name in self.entries)
+
+    @property
+    def parts(self) -> tuple[UnitPart, ...]:
+        """What each unit does in a cycle, the slowest first; what several blocks call is one part."""
+        found: dict[str, UnitPart] = {}
+        for part in (part for block in self.cycle for part in block.parts):
+            found[part.unit] = found[part.unit].and_for(part) if part.unit in found else part
+        return tuple(sorted(found.values(), key=lambda part: -part.cold_us))
 
     @property
     def warm_us(self) -> float:

@@ -67,6 +67,7 @@ class AxisOptions:
     format: str = FORMATS[0]
     skip_bad: bool = False
     keep_faulty: bool = False
+    as_is: bool = False
     share: bool = False
 
     def settings(self) -> SearchSettings:
@@ -151,8 +152,6 @@ def _axes(
         for one in [path, *before] if campaign else []:
             if not one.exists():
                 table.note(f"there is no campaign {one}")
-            elif one is not path and one.resolve() == path.resolve():
-                table.note(f"earlier names the campaign itself, {one}")
         rig_file = base / rig.replace("*", own)
         rig_name = rigs.name(rig_file, table) if rig else ""
         if own and _is_name(table, own):
@@ -200,7 +199,7 @@ def _is_name(table: TomlTable, name: str) -> bool:
 
 
 def _check_different(axes: Sequence[FleetAxis], problems: Problems) -> None:
-    """Note names that a folder on some systems cannot tell apart, and campaigns that two axes have."""
+    """Note names that a folder on some systems cannot tell apart, and campaigns that are named twice."""
     names: dict[str, str] = {}
     campaigns: dict[Path, str] = {}
     for axis in axes:
@@ -209,9 +208,12 @@ def _check_different(axes: Sequence[FleetAxis], problems: Problems) -> None:
             problems.add(f"the axes '{known}' and '{axis.name}' differ in case only: rename one")
         elif sum(other.name == axis.name for other in axes) > 1:
             problems.add(f"two axes are called '{axis.name}': rename one")
-        owner = campaigns.setdefault(axis.campaign.resolve(), axis.name)
-        if owner != axis.name:
-            problems.add(f"the axes '{owner}' and '{axis.name}' have the same campaign, {axis.campaign}")
+        for path in (axis.campaign, *axis.earlier):
+            place = path.resolve()
+            if place in campaigns:
+                owners = " and ".join(dict.fromkeys((f"'{campaigns[place]}'", f"'{axis.name}'")))
+                problems.add(f"a campaign is named twice, by {owners}: {path}")
+            campaigns[place] = axis.name
 
 
 def _options(table: TomlTable, base: AxisOptions) -> AxisOptions:
@@ -224,6 +226,7 @@ def _options(table: TomlTable, base: AxisOptions) -> AxisOptions:
         test_share=table.number("test_share", base.test_share, low=0.01, high=0.9),
         skip_bad=table.flag("skip_bad", base.skip_bad),
         keep_faulty=table.flag("keep_faulty", base.keep_faulty),
+        as_is=table.flag("as_is", base.as_is),
         share=table.flag("share", base.share),
         target=table.text("target", base.target),
         format=table.text("format", base.format),

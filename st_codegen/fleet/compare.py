@@ -94,12 +94,16 @@ class Growth:
 
 @dataclass(frozen=True)
 class FleetComparison:
-    """All that is seen from axis to axis and from campaign to campaign; the limit of `Growth.times`."""
+    """All that is seen from axis to axis and from campaign to campaign; the limit of `Growth.times`.
+
+    copies: the axes of which a campaign has the numbers of another campaign, of its own or of another axis.
+    """
 
     spreads: tuple[Spread, ...] = ()
     rare: tuple[Rare, ...] = ()
     growth: tuple[Growth, ...] = ()
     growth_limit: float | None = None
+    copies: tuple[str, ...] = ()
     not_looked_at: tuple[str, ...] = ()
 
 
@@ -119,7 +123,17 @@ def compare(fleet: Sequence[Campaigns]) -> FleetComparison:
     ]
     rare = [one for kind, axes in types.items() if len(axes) >= LEAST_AXES for one in _rare(kind, axes)]
     growth, limit = _growth(fleet)
-    return FleetComparison(tuple(limited), tuple(rare), growth, limit, tuple(_not_looked_at(types, fleet, limited)))
+    unseen = tuple(_not_looked_at(types, fleet, limited))
+    return FleetComparison(tuple(limited), tuple(rare), growth, limit, _copies(fleet), unseen)
+
+
+def _copies(fleet: Sequence[Campaigns]) -> tuple[str, ...]:
+    """The axes with a campaign whose estimates are those of another one to the bit: measurements never are."""
+    owners: dict[tuple[Estimate, ...], list[str]] = {}
+    for axis in fleet:
+        for found in filter(None, axis.estimates):
+            owners.setdefault(found, []).append(axis.axis)
+    return tuple(dict.fromkeys(name for names in owners.values() if len(names) > 1 for name in names))
 
 
 def _spreads(kind: str, axes: Sequence[Campaigns]) -> list[Spread]:
@@ -211,6 +225,11 @@ def _not_looked_at(
         found.append(
             f"parameters that the campaigns do not measure (standard error above the value): {', '.join(vague)}"
         )
+    unsure = dict.fromkeys(
+        f"{one.effect} {one.key}" for axis in fleet for one in axis.estimates[-1] if one.stderr is None
+    )
+    if unsure:
+        found.append(f"parameters without a standard error, in the axes where they have none: {', '.join(unsure)}")
     if alone := [axis.axis for axis in fleet if len(axis.estimates) < 2]:
-        found.append(f"growth, for want of an earlier campaign: {', '.join(alone)}")
+        found.append(f"growth, for want of an earlier campaign that was reconciled: {', '.join(alone)}")
     return found

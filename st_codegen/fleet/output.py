@@ -30,10 +30,11 @@ RULE = (
     f"Parameters that fewer than {LEAST_AXES} axes of a type have are not judged."
 )
 RULE_OF_GROWTH = (
-    "Rule: an effect has grown where its size is larger than in the last campaign before by more than the limit, in "
-    f"standard errors of the difference. Where nothing grew, this names something in {FALSE_ALARM:.0%} of all fleets "
-    "or fewer, if the standard errors are right and the errors of both campaigns normally distributed. What was not "
-    "found before has no such rate: it may have been there, too small to be found."
+    "Rule: an effect has grown where its size is larger than in the last reconciled campaign before, in the order of "
+    "the file, by more than the limit, in standard errors of the difference; what became smaller is not named. Where "
+    f"nothing grew, this names something in {FALSE_ALARM:.0%} of all fleets or fewer, if the standard errors are right "
+    "and the errors of both campaigns normally distributed. What was not found before has no such rate: it may have "
+    "been there, too small to be found."
 )
 
 
@@ -70,6 +71,7 @@ class FleetReport:
         return (
             *self.comparison.not_looked_at,
             "phases, which depend on how an axis was mounted: they are in effects.csv",
+            "what campaigns cannot show by their conditions and noise: cannot_show in fleet.json, and each report.html",
             *([] if self._shared() else ["whether models of axes of a type could be shared: share = true"]),
             *(f"{line}: {_named(names)}" for line, names in by_text.items()),
         )
@@ -91,7 +93,8 @@ class FleetReport:
         compared = self.comparison
         odd = list(dict.fromkeys(axis for spread in compared.spreads for axis in spread.outliers))
         rare = list(dict.fromkeys(axis for one in compared.rare for axis in one.axes))
-        grown = list(dict.fromkeys(one.axis for one in compared.growth))
+        grown = list(dict.fromkeys(one.axis for one in compared.growth if one.times is not None))
+        new = list(dict.fromkeys(one.axis for one in compared.growth if one.times is None))
         parts = [
             f"{len(self.axes)} axes; failed: {_named(failed)}; text that did not pass its check: {_named(unproved)}."
         ]
@@ -101,6 +104,10 @@ class FleetReport:
             parts.append(f"With fewer than {LEAST_AXES} axes of a type nothing is said of who stands out.")
         if compared.growth_limit is not None:
             parts.append(f"With effects that have grown: {_named(grown)}.")
+        if new:
+            parts.append(f"With effects that were not found before: {_named(new)}.")
+        if compared.copies:
+            parts.append(f"Campaigns with the numbers of another one, as copies have them: {_named(compared.copies)}.")
         return " ".join(parts)
 
     def _effects_csv(self) -> str:
@@ -206,7 +213,7 @@ class FleetReport:
             limit = compared.growth_limit
             text = RULE_OF_GROWTH + ("" if limit is None else f" The limit is {limit:.3g}.")
             history = ("axis", "effect", "parameter", "campaigns, the oldest first", "unit", "standard errors")
-            sections.append(_listed("What has grown", text, history, grown))
+            sections.append(_listed("What has grown, or was not found before", text, history, grown))
         return sections
 
     def _shared(self) -> dict[str, dict[str, Any]]:

@@ -8,6 +8,7 @@ import json
 from pathlib import Path
 
 from st_codegen.errors import StCodegenError
+from st_codegen.files.text import file_sha256
 
 #: What else decides results beside the version of st-codegen.
 LIBRARIES = ("numpy", "scipy", "scikit-learn", "lightgbm", "xgboost-cpu", "skops", "onnx", "skl2onnx", "polars")
@@ -30,8 +31,7 @@ def file_hashes(folder: Path, place: str) -> dict[str, str]:
     found = {}
     for path in files:
         if path.is_file():
-            with path.open("rb") as file:
-                found[path.relative_to(root).as_posix()] = hashlib.file_digest(file, "sha256").hexdigest()
+            found[path.relative_to(root).as_posix()] = file_sha256(path)
     return found
 
 

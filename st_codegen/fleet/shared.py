@@ -125,8 +125,8 @@ def copy_models(folder: Path, part: SharedPart, target: Path) -> int:
 
 
 def _group(axis: FleetAxis) -> str:
-    """A folder's name for the axes of a type with the same options but for target and check."""
-    options = replace(axis.options, target="", check=TextCheck.PROVE)
+    """A folder's name for the axes of a type with the same options but for target, check and as_is."""
+    options = replace(axis.options, target="", check=TextCheck.PROVE, as_is=False)
     return sha256_of(axis.type, repr(sorted(asdict(options).items())))[:12]
 
 

@@ -30,6 +30,7 @@ from st_codegen.project.bundle import load
 from st_codegen.proof.prove.certificate import certificate
 from st_codegen.proof.prove.prove import prove
 from st_codegen.proof.verify import verify
+from st_codegen.reconcile.judge.mistakes import AS_IS
 from st_codegen.reconcile.judge.spectrum import is_spectrum
 from st_codegen.reconcile.plan.next_runs import next_runs
 from st_codegen.reconcile.report.pages import report_texts
@@ -141,7 +142,7 @@ class _Stages:
     def all(self) -> Iterator[AxisStage]:
         """In the order in which they are done."""
         options = asdict(self.options)
-        target, check = options.pop("target"), options.pop("check")
+        target, check, as_is = (options.pop(key) for key in ("target", "check", "as_is"))
         reads, ratio = content_hash(self.axis.campaign), repr(self._rig.constants.reduction_ratio)
         decides = [reads, ratio, self.axis.name, repr(sorted(options.items()))]
         if self.shared is not None:
@@ -149,7 +150,7 @@ class _Stages:
         yield AxisStage(TRAIN, PLACES[TRAIN], tuple(decides), self._train)
         yield AxisStage(COMPILE, PLACES[COMPILE], (target,), self._compile, TRAIN)
         yield AxisStage(CHECK, PLACES[CHECK], (check,), self._check, COMPILE)
-        rig, skip = self._rig.text(), repr(self.options.skip_bad)
+        reconciled = (self._rig.text(), repr((self.options.skip_bad, as_is)))
         for number, path in enumerate((*self.axis.earlier, self.axis.campaign), 1):
             is_last = path == self.axis.campaign
             name = RECONCILE if is_last else f"{EARLIER} {number}"
@@ -159,7 +160,7 @@ class _Stages:
             def work(path: Path = path, place: str = place) -> dict[str, Any]:
                 return self._reconcile(path, place)
 
-            yield AxisStage(name, place, (reads, rig, skip), work)
+            yield AxisStage(name, place, (reads, *reconciled), work)
 
     @cached_property
     def _rig(self) -> Any:
@@ -232,7 +233,8 @@ class _Stages:
     def _reconcile(self, measured: Path, place: str) -> dict[str, Any]:
         if is_spectrum(measured):
             raise InputError(f"{measured}: an order spectrum; a fleet wants curves or a harmonic table")
-        result = reconcile_files(self._rig, measured, catalogue(), skip_bad=self.options.skip_bad)
+        options, accepted = self.options, {AS_IS} if self.options.as_is else ()
+        result = reconcile_files(self._rig, measured, catalogue(), accept=accepted, skip_bad=options.skip_bad)
         write_texts(self.folder / place, report_texts(result, next_runs(result)))
         return {
             "verdict": result.verdict,

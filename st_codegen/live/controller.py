@@ -31,6 +31,8 @@ from st_codegen.live.failures import (
     UnreachableError,
 )
 
+#: The state of a controller whose server does not tell it.
+UNKNOWN = "UNKNOWN"
 #: Seconds in which a controller must answer.
 TIMEOUT_S = 5.0
 _ADS_TCP_PORT = 48898
@@ -214,11 +216,11 @@ class OpcUaController(Controller):
             self._client.disconnect()
 
     def state(self) -> str:
-        """RUN where the server says nothing else; servers of controllers have no common name for it."""
+        """What the server says; UNKNOWN where it does not: servers of controllers have no common name for it."""
         try:
             return str(self.read(Signal("PLC.State")))
-        except ControllerError:
-            return "RUN"
+        except UnknownVariableError:
+            return UNKNOWN
 
     def read_all(self, signals: Sequence[Signal]) -> list[Any]:
         nodes = [self._node(signal.name) for signal in signals]
@@ -280,9 +282,9 @@ def connected(ads: str | None, opcua: str | None, timeout_s: float = TIMEOUT_S) 
 
 
 def must_run(controller: Controller) -> None:
-    """Raises ControllerError for a controller whose tasks do not run."""
+    """Raises ControllerError for a controller that says that its tasks do not run."""
     state = controller.state()
-    if state != "RUN":
+    if state not in ("RUN", UNKNOWN):
         raise NotRunningError(f"{controller.address}: the PLC is in {state}, not in RUN: start it first")
 
 

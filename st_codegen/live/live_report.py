@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from st_codegen.proof.verify import ModelReport
+from st_codegen.live.controller import UNKNOWN
+from st_codegen.proof.verify import ModelReport, guesses
 from st_codegen.report import PageSection, PageTable
 
 
@@ -80,6 +81,8 @@ class LiveReport:
         for model in self.models:
             if model.refusal is not None:
                 found.append((model.name, model.refusal))
+            if model.nothing_compared:
+                found.append((model.name, model.not_judged))
             numbers = self.failed_rows.get(model.name, [])
             rows = zip(model.failures, numbers, strict=True)
             found += [(model.name, f"row {number}: {failure}") for failure, number in rows]
@@ -94,6 +97,10 @@ class LiveReport:
                 lines.append(f"{name}: {rows:,} rows, with rows aimed at {share} leaves and splits")
             else:
                 lines.append(f"{name}: {rows:,} rows")
+        lines += [remark for model in self.models for remark in model.remarks]
+        lines += filter(None, [guesses(self.models)])
+        if self.state == UNKNOWN:
+            lines.append(f"{self.address} does not say whether the PLC is in RUN: it answered")
         if not self.same_bits:
             lines += [f"{name}: {bits}" for name, bits in self.differs.items() if bits.is_open]
         for name, found in self.times.items():
@@ -144,7 +151,7 @@ def record_sections(report: LiveReport) -> tuple[str, list[PageSection]]:
     text = "\n\n".join([*report.remarks(), *(f"{name}: {line}" for name, line in report.failures())])
     times = [(name, found.calls, found.median_us, found.high_us) for name, found in report.times.items()]
     head = ("block", "calls", "median us", "99th percentile us")
-    about = "The clock was read before and after each call; other tasks may have interrupted it."
+    about = "The clock was read before and after each call, in steps of 0.1 us; other tasks may have interrupted it."
     return summary, [
         PageSection("Agreement", text, PageTable(columns, rows, strong)),
         PageSection("Times on the controller", about, PageTable(head, times)),

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -99,8 +99,8 @@ class ModelReport:
     On `vague` rows of the operating range the bound of an output is larger than all that it spans on the rows there:
     being within it says nothing. `unanswered` rows in that range the block refuses, where `refused_where` says. Of
     these the library was asked `asked`, and had an answer to `silent` all the same, the first at `silent_example` with
-    the library's numbers. `silent_outside`: rows of numbers outside that range which the block refuses and the
-    library answers, as far as it was asked. `nothing_compared`: there was no row that the block takes.
+    the library's numbers. Of `refused_outside` rows of numbers outside that range the library was asked
+    `asked_outside`, and answers `silent_outside`. `nothing_compared`: there was no row that the block takes.
 
     `guessed`: features of which nobody knows a range, so that the rows lie where the model's own numbers are.
 
@@ -125,6 +125,8 @@ class ModelReport:
     asked: int = 0
     silent: int = 0
     silent_example: tuple[list[float], list[float]] | None = None
+    refused_outside: int = 0
+    asked_outside: int = 0
     silent_outside: int = 0
     nothing_compared: bool = False
     open_rows: int = 0
@@ -167,13 +169,28 @@ class ModelReport:
             )
         if self.silent_outside:
             said.append(
-                f"to {self.silent_outside:,} row{'s' * (self.silent_outside > 1)} of numbers outside the range of the "
-                "inputs, which the block refuses, "
-                "the library has an answer"
+                f"of {self.refused_outside:,} rows of numbers outside the range of inputs, which the block refuses, "
+                f"the library was asked {self.asked_outside:,} and has an answer to {self.silent_outside:,}"
             )
         if self.nothing_compared:
             said.append("it takes no row that was tried, so that nothing was compared: declare its ranges")
         return "; ".join(said)
+
+    @property
+    def remarks(self) -> list[str]:
+        """What the line of a table does not say: jumps of trees, what was not judged, labels that are open."""
+        said = [f"{self.name}: {self.not_judged}"] if self.not_judged else []
+        if self.jump:
+            said.append(
+                f"{self.name}: trees split behind an inexact step; where the number that a split compares lies near "
+                f"the threshold, their sum may differ by up to {self.jump:.3g}; on the rows of the operating range "
+                f"that were tried, near is within {self.jump_width:.2g}"
+            )
+        if self.open_rows:
+            head = f"{self.name}: the bound leaves the label of {self.open_rows:,} of {self.n:,} rows open, such as"
+            rows = [f"  {list(r.input)}: library {r.library!r}, reference {r.reference!r}" for r in self.open_examples]
+            said.append("\n".join([head, *rows]))
+        return said
 
     @property
     def _silence(self) -> str:
@@ -235,11 +252,7 @@ class VerifyReport:
     @property
     def guessed(self) -> str:
         """Of which models no range of an input is known, and what was taken in its place; empty where all are."""
-        names = ", ".join(model.name for model in self.models if model.guessed)
-        text = (
-            "the range of an input is not known, and guessed from the model's own numbers (st-codegen.toml can give it)"
-        )
-        return f"{text}: {names}" if names else ""
+        return guesses(self.models)
 
     @property
     def over_budget(self) -> dict[str, ProjectCost]:
@@ -259,6 +272,13 @@ class VerifyReport:
                 for target, cost in self.costs.items()
             },
         }
+
+
+def guesses(models: Iterable[ModelReport]) -> str:
+    """Of which models no range of an input is known, and what was taken in its place; empty where all are."""
+    names = ", ".join(model.name for model in models if model.guessed)
+    text = "the range of an input is not known, and guessed from the model's own numbers (st-codegen.toml can give it)"
+    return f"{text}: {names}" if names else ""
 
 
 @dataclass(frozen=True)
@@ -478,7 +498,8 @@ def _ask_to_refused(
     answers[rows], asked[rows] = answers_to(model, x[rows], _ASKED)
     answered = asked & np.isfinite(answers).all(axis=1)
     report.asked, report.silent = int(np.sum(asked & inside)), int(np.sum(answered & inside))
-    report.silent_outside = int(np.sum(answered & ~inside))
+    outside = (refused & ~inside, asked & ~inside, answered & ~inside)
+    report.refused_outside, report.asked_outside, report.silent_outside = map(int, map(np.sum, outside))
     if report.silent:
         first = int(np.argmax(answered & inside))
         report.silent_example = x[first].tolist(), answers[first].tolist()

@@ -133,7 +133,6 @@ def study(
     store: FitStore,
     backend: Backend,
     *,
-    orders: Sequence[int] | None = None,
     progress: Progress | None = None,
 ) -> Study:
     """Search one direction: learn from some rows, predict others. Both tables have the rows of one direction.
@@ -145,7 +144,7 @@ def study(
             f"{points} operating points are left to learn from, and at least {_LEAST_POINTS} are needed: keep fewer "
             "for testing, or measure more"
         )
-    groups, tasks = tasks_of(learn, test, settings, learn.orders if orders is None else orders)
+    groups, tasks = tasks_of(learn, test, settings, learn.orders)
     done = run_tasks(tasks, store, backend, progress)
     outcomes, start, width = {}, 0, len(settings.candidates)
     for order, kind in groups:

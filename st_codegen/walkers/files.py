@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import importlib
 from dataclasses import dataclass
 from pathlib import Path
 
 from st_codegen.entries import Entries
 from st_codegen.errors import InputError, UnsupportedModelError, errors_name
+from st_codegen.files.text import file_sha256
 from st_codegen.ir import digest
 from st_codegen.walkers.base import LoadedModel
 from st_codegen.walkers.limits import check_size
@@ -80,7 +80,9 @@ def load_model(path: Path, name: str, *, trust_pickle: bool = False) -> LoadedMo
     with errors_name(path.name):
         check_size(path.stat().st_size)
     loaded = _loaded(path, name, trust_pickle=trust_pickle)
-    source = dataclasses.replace(loaded.ir.source, file=path.name, digest=digest(loaded.ir), file_sha256=_sha256(path))
+    source = dataclasses.replace(
+        loaded.ir.source, file=path.name, digest=digest(loaded.ir), file_sha256=file_sha256(path)
+    )
     return LoadedModel(dataclasses.replace(loaded.ir, source=source), loaded.predict)
 
 
@@ -96,8 +98,3 @@ def _loaded(path: Path, name: str, *, trust_pickle: bool) -> LoadedModel:
             return loaded
     advice = f"; {_ADVICE[suffix]}" if suffix in _ADVICE else ""
     raise UnsupportedModelError(f"{path.name}: not a known model format{advice}; supported are {known_formats()}")
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -150,7 +150,7 @@ def test_orders_are_chosen_with_reasons():
     extra = ((159, 5e-4), (17, 3e-5))
     fits = [fit_orders(a_curve(coefficients(), noise=1e-5, seed=seed, extra=extra), ()) for seed in range(4)]
     fits += [fit_orders(a_curve(coefficients(), noise=1e-5, extra=((300, 2e-2),)), ())]
-    reasons = choose_orders(fits, least_curves=0.5)
+    reasons = choose_orders(fits)
     chosen = sorted(reason.order for reason in reasons if reason.chosen)
     assert chosen == sorted([*ORDERS, 159])
     words = {reason.order: reason.reason for reason in reasons}
@@ -158,7 +158,7 @@ def test_orders_are_chosen_with_reasons():
     assert "of the strongest (below" in words[17]
     assert words[300].startswith("only above the noise in 1 of 5 curves")
     assert sum(reason.share for reason in reasons) == pytest.approx(1.0, abs=1e-3)
-    few = [reason.order for reason in choose_orders(fits, most=2, least_curves=0.5) if reason.chosen]
+    few = [reason.order for reason in choose_orders(fits, most=2) if reason.chosen]
     assert few == [0, 1]
     with pytest.raises(InputError, match="no curves"):
         choose_orders([])

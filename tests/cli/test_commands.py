@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from st_codegen.cli.choices import LAYOUTS
+from st_codegen.cli.generate import command as generate_command
 from st_codegen.files.number_text import percent
 from tests.cli.helpers import run
 
@@ -243,3 +245,14 @@ def test_a_closed_pipe_is_no_answer(arguments):
     )
     os.close(writing)
     assert (done.returncode, done.stderr) == (141, b"")
+
+
+def test_the_files_that_were_written_are_counted_with_the_list_of_them(lone_folder, tmp_path, capsys):
+    assert run(lone_folder, "--out", tmp_path, "--target", "iec") == 0
+    assert "iec: 2 files and st-codegen.json, the list of what was written" in " ".join(capsys.readouterr().err.split())
+    assert len(list((tmp_path / "iec").iterdir())) == 3
+
+
+def test_the_help_has_every_layout():
+    (option,) = [o for o in generate_command.params if o.name == "layout"]
+    assert [name for name in LAYOUTS if f" {name}," not in option.help.replace("auto, and", "auto,")] == []

@@ -66,9 +66,36 @@ def test_the_library_is_asked_about_refused_rows_inside_the_range_first(tmp_path
     assert "the library has no finite answer to them either" in report.not_judged
 
 
-def test_one_row_is_no_rows():
-    assert "to 1 row of numbers" in ModelReport("m", silent_outside=1).not_judged
-    assert "to 2 rows of numbers" in ModelReport("m", silent_outside=2).not_judged
+def test_of_refused_rows_outside_the_range_it_is_said_how_many_the_library_was_asked(tmp_path, monkeypatch):
+    skops = pytest.importorskip("skops.io")
+    from sklearn.linear_model import LinearRegression
+    from sklearn.pipeline import make_pipeline
+    from sklearn.preprocessing import FunctionTransformer
+
+    x = np.linspace(0.1, 10.0, 50)[:, None]
+    (tmp_path / "models").mkdir()
+    skops.dump(
+        make_pipeline(FunctionTransformer(np.log), LinearRegression()).fit(x, x[:, 0]), tmp_path / "models/m.skops"
+    )
+    (tmp_path / "models" / "st-codegen.toml").write_text(RANGE.format(0, 0.0, 10.0))
+    generate(load(tmp_path / "models"), "iec", tmp_path / "out")
+    (all_asked,) = verify(load(tmp_path / "models"), tmp_path / "out", rows=300).models
+    monkeypatch.setattr("st_codegen.proof.verify._ASKED", 1)
+    (few_asked,) = verify(load(tmp_path / "models"), tmp_path / "out", rows=300).models
+    assert all_asked.refused_outside == few_asked.refused_outside > few_asked.asked_outside
+    assert ModelReport("m", refused_outside=9, asked_outside=4, silent_outside=2).not_judged == (
+        "of 9 rows of numbers outside the range of inputs, which the block refuses, the library was asked 4 and "
+        "has an answer to 2"
+    )
+
+
+def test_blocks_around_models_have_rows_of_their_own(bundle_folder, tmp_path, capsys):
+    assert run(bundle_folder, "--target", "iec", "--out", tmp_path / "out", "-q") == 0
+    for rows, is_said in ((100, True), (2000, False)):
+        capsys.readouterr()
+        assert run("verify", bundle_folder, "-g", tmp_path / "out", "-n", rows) == 0
+        said = "that --rows does not change: FB_TEPredict 2,000, FB_Compensator 2,000" in capsys.readouterr().err
+        assert said == is_said
 
 
 def test_ranges_that_nobody_knows_are_said_to_be_guesses(tmp_path, capsys):

@@ -1,7 +1,6 @@
 """Budgets, profiles and calibration."""
 
 import re
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -40,6 +39,21 @@ def test_a_cycle_runs_what_nobody_calls_and_names_who_spends():
     expected = rounds + cycles[CostClass.LOOP] + cycles[CostClass.STORE]
     assert whole.blocks["FB_Inner"].warm_us == pytest.approx(expected / PROFILE.machine["clock_MHz"])
     assert whole.as_json()["blocks"]["FB_Outer"]["parts"]["FB_Inner"]["operations"] == 50 * 4 + 2
+
+
+def test_what_several_blocks_call_has_its_tables_and_code_once():
+    shared = (
+        "FUNCTION F_Sum : LREAL VAR CONSTANT A : ARRAY[0..9] OF LREAL := [10(1.0)]; END_VAR F_Sum := A[3]; END_FUNCTION"
+    )
+    callers = [f"FUNCTION_BLOCK FB_{n} VAR y : LREAL; END_VAR y := F_Sum(); END_FUNCTION_BLOCK" for n in (1, 2)]
+    whole = cost("\n".join([shared, *callers]))
+    (part,) = [part for part in whole.parts if part.unit == "F_Sum"]
+    (one, other) = [part for block in whole.cycle for part in block.parts if part.unit == "F_Sum"]
+    assert part.table_bytes == one.table_bytes == other.table_bytes == 80
+    assert part.code_bytes == one.code_bytes
+    assert part.total_operations == 2 * one.total_operations
+    assert sum(part.cold_us for part in whole.parts) == pytest.approx(whole.cold_us)
+    assert list(cost_table("all", whole.parts).columns[2].cells)[-1] == "80"
 
 
 def test_where_there_are_programs_a_cycle_runs_them():
@@ -183,7 +197,7 @@ def test_measured_times_are_read_with_all_their_problems(tmp_path):
 def test_parts_of_less_than_a_five_hundredth_are_added_up_in_one_row():
     times = {"FB_A": 995.0, "FB_B": 2.5, "FB_C": 1.5, "FB_D": 1.0}
     parts = tuple(UnitPart(name, {}, 1, 1, 0, 0, cold, cold) for name, cold in times.items())
-    table = cost_table("all", [SimpleNamespace(parts=parts)])
+    table = cost_table("all", parts)
     assert list(table.columns[0].cells) == ["FB_A", "FB_B", "2 others", "sum"]
     assert list(table.columns[-1].cells) == ["99.5%", "0.2%", "0.2%", "100.0%"]
 
@@ -211,6 +225,8 @@ def test_factors_that_no_profile_takes_are_refused():
 def test_what_a_calibration_does_not_know_is_said():
     times = tuple(Measurement("FB_A", cold, us) for cold, us in ((False, 1.0), (True, 9.0)))
     assert Calibration(1.0, 1.0, (2.0, 9.0), True).remarks(times) == []
+    (unit,) = Calibration(965.0, 1050.0, (2.0, 9.0), True).remarks(times)
+    assert "the times are 965 times those of the profile: are they in us" in unit
     (alike,) = Calibration(0.5, 0.5, (2.0, 9.0), False).remarks(times)
     assert "one factor for both" in alike
     alone, longer = Calibration(0.5, 1.0, (0.8, 9.0), False).remarks(times)

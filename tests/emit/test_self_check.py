@@ -178,6 +178,12 @@ def test_a_target_whose_blocks_hold_no_numbers_refuses_both(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_target_that_has_all_models_in_each_call_refuses_to_spread_them(bundle_folder, tmp_path):
+    with pytest.raises(TargetError, match="--outputs-per-cycle goes with iec"):
+        generate(load(bundle_folder), "beckhoff-ml", tmp_path / "out", options=Options(outputs_per_cycle=1))
+    assert not (tmp_path / "out").exists()
+
+
 def test_the_header_names_version_layout_and_options(tmp_path):
     _, _, path = made(MODELS / "decision_tree.skops", "iec", tmp_path, max_array=40, with_age=True)
     assert re.search(

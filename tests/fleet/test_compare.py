@@ -1,5 +1,7 @@
 """Who stands out, who has what few have, what has grown; and how often that is said where there is nothing."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -28,6 +30,12 @@ def test_the_rate_of_false_alarms(axes):
     farthest = np.abs(values - middle).max(axis=1) / deviation
     for level in (0.05, 0.01):
         assert (farthest > limit_of(axes, level)).mean() == pytest.approx(level, rel=0.35)
+
+
+def test_the_documentation_has_the_limits_that_are_used():
+    page = (Path(__file__).parents[2] / "docs" / "fleet.md").read_text(encoding="utf-8")
+    nine, twenty = (limit_of(axes, FALSE_ALARM / 8) for axes in (9, 20))
+    assert f"(8 parameters: {nine:.1f} for 9 axes, {twenty:.1f} for 20)" in page
 
 
 def test_the_limit_is_shared_by_all_parameters():
@@ -143,5 +151,19 @@ def test_the_limit_of_growth_holds_for_all_axes_together():
 
 def test_axes_without_an_earlier_campaign_are_named():
     found = compare([*fleet([1.0, 1.0]), Campaigns("r9", "t", ((estimate(1.0),), (estimate(1.0),)))])
-    assert "growth, for want of an earlier campaign: r0, r1" in found.not_looked_at
+    assert "growth, for want of an earlier campaign that was reconciled: r0, r1" in found.not_looked_at
     assert found.growth_limit == pytest.approx(1.645, abs=1e-3)
+
+
+def test_a_campaign_that_is_there_twice_is_told():
+    axes = fleet([*normal(9), 1.0])
+    assert compare(axes).copies == ()
+    assert compare([*axes, Campaigns("copy", "t", axes[3].estimates)]).copies == ("r3", "copy")
+    assert compare([Campaigns("r", "t", ((estimate(1.0),), (estimate(1.0),)))]).copies == ("r",)
+    assert compare([Campaigns("r", "t", ((),)), Campaigns("q", "t", ((),))]).copies == ()  # nothing is no copy
+
+
+def test_parameters_without_a_standard_error_are_not_compared_and_named():
+    found = compare(fleet(normal(20), stderr=None))
+    assert found.spreads == ()
+    assert "in the axes where they have none: backlash gap_arcmin" in found.not_looked_at[0]

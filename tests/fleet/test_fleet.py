@@ -89,7 +89,12 @@ def test_growth_is_named(done):
     growth = {(one["axis"], one["effect"], one["key"]) for one in facts(done)["growth"]}
     assert growth == {("worn", "output_shaft_eccentricity", "amplitude_deg")}
     page = (done / "fleet.html").read_text()
-    for part in ("What has grown: 1", "odd.csv", "nothing can be said of who", "What was not looked at"):
+    for part in (
+        "What has grown, or was not found before: 1",
+        "odd.csv",
+        "nothing can be said of who",
+        "What was not looked at",
+    ):
         assert part in page
 
 
@@ -180,6 +185,19 @@ def test_a_rig_that_does_not_fit(inputs, tmp_path, monkeypatch):
     assert not report.passed
     assert "the newest campaign, which was not reconciled: 1 (worn)" in report.not_looked_at
     assert "another unit?" in report.html()
+
+
+def test_an_axis_whose_sizes_all_differ_alike_can_be_taken_as_it_is(inputs, tmp_path, monkeypatch):
+    """Reconcile asks whether the measurement is scaled; in a fleet nobody is there to answer."""
+    monkeypatch.setattr(stages._Stages, "_train", lambda self: {})
+    monkeypatch.setattr(stages._Stages, "_compile", lambda self: {})
+    monkeypatch.setattr(stages._Stages, "_check", lambda self: {"passed": True, "how": "so"})
+    table = write_campaign(tmp_path / "c.csv", 3, amplitude_deg=0.017 * 1.05, stiffness_Nm_per_arcmin=450.0 / 1.05)
+    axis = replace(read_fleet(inputs)[0], campaign=table, earlier=())
+    assert "give --accept misread_te to correct it" in do_axis((axis, tmp_path)).errors[RECONCILE]
+    taken = do_axis((replace(axis, options=replace(axis.options, as_is=True)), tmp_path))
+    assert taken.errors == {}
+    assert taken.done_now == (RECONCILE,)
 
 
 def test_what_decides_a_stage(inputs, done, tmp_path):

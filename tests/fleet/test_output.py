@@ -2,7 +2,7 @@
 
 import csv
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -89,3 +89,23 @@ def test_the_page_in_a_browser(report, tmp_path):
     count, found = browser.faults(page, 400, tmp_path)
     assert count > 5
     assert found == []
+
+
+def test_an_effect_that_was_not_found_before_is_not_said_to_have_grown():
+    """Its size before is not known: it may have been too small to be found."""
+    play = Estimate("backlash", "gap_arcmin", 0.3, 0.004, "arcmin", 1, False, False)
+    tooth = Estimate("cycloid_tooth_error of order 39", "amplitude_deg", 1e-3, 1e-5, "deg", 1, False, True)
+    facts = {"verdict": "explained", "effects": [], "gap": {}}
+    before, now = (
+        {"estimates": [asdict(one) for one in found]} | facts for found in ([play], [replace(play, value=0.301), tooth])
+    )
+    axis = FleetAxis("r", "small", Path("c"), (Path("b"),), Path("rig.toml"), AxisOptions())
+    report = FleetReport.of([axis], {"r": AxisResult({CHECK: {"passed": True}, "earlier 1": before, RECONCILE: now})})
+    assert "With effects that have grown: none. With effects that were not found before: 1 (r)." in report.summary()
+    assert "What has grown, or was not found before: 1" in report.html()
+
+
+def test_copies_are_told_in_short():
+    axes = [FleetAxis(name, "small", Path(name), (), Path("rig.toml"), AxisOptions()) for name in "ab"]
+    report = FleetReport.of(axes, dict.fromkeys("ab", result(0)))
+    assert report.summary().endswith("Campaigns with the numbers of another one, as copies have them: 2 (a, b).")

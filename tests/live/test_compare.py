@@ -15,12 +15,13 @@ from st_codegen import generate, load
 from st_codegen.cost.calibrate import read_measurements
 from st_codegen.errors import GeneratedCodeError, InputError
 from st_codegen.live.compare import LiveCode, _times, compare, compared_project
-from st_codegen.live.controller import Signal, connected
+from st_codegen.live.controller import UNKNOWN, Signal, connected
 from st_codegen.live.failures import ControllerError, NotRunningError
-from st_codegen.live.live_report import record_of, record_sections, times_csv
+from st_codegen.live.live_report import LiveReport, record_of, record_sections, times_csv
 from st_codegen.live.plc import PlcState
 from st_codegen.live.rows import _around, comparison_rows
 from st_codegen.passes.choose import Layout, Options
+from st_codegen.proof.verify import ModelReport
 from tests.cli.helpers import run
 from tests.live.conftest import Running, soft_plc
 
@@ -431,3 +432,18 @@ def test_rows_around_a_threshold_that_float32_does_not_have():
         warnings.simplefilter("error")
         rows = np.array(_around(np.zeros(2), 1, np.array([1e300])))
     assert {1e300, float(np.finfo(np.float32).max)} <= set(rows[:, 1])
+
+
+def test_what_was_not_compared_is_no_agreement_and_is_said():
+    """A block that takes no row that was tried; rows that it refuses, labels and ranges that are open."""
+    none = ModelReport("worn", n=5, nothing_compared=True)
+    partly = ModelReport("te", n=9, unbounded=2, guessed=["speed"], open_rows=1)
+    report = LiveReport("opcua x", UNKNOWN, "0", "folder", [none, partly])
+    assert [name for name, _ in report.failures()] == ["worn"]
+    assert record_sections(report)[0].startswith("FAILED: worn")
+    said = "\n".join(report.remarks())
+    for part in (
+        "te: on 2 of 9 rows no bound is known", "te: the bound leaves the label of 1 of 9 rows open",
+        "numbers (st-codegen.toml can give it): te", "opcua x does not say whether the PLC is in RUN",
+    ):  # fmt: skip
+        assert part in said

@@ -3,13 +3,14 @@
 import itertools
 import socket
 import threading
+from unittest.mock import Mock
 
 import pytest
 
 from st_codegen import load
 from st_codegen.live.compare import compare
-from st_codegen.live.controller import Signal, connected
-from st_codegen.live.failures import ControllerError
+from st_codegen.live.controller import UNKNOWN, OpcUaController, Signal, connected, must_run
+from st_codegen.live.failures import ControllerError, SilentError, UnknownVariableError
 from tests.live.conftest import Running, soft_plc
 
 asyncua = pytest.importorskip("asyncua")
@@ -103,3 +104,13 @@ def test_what_is_not_there(server):
             controller.write(Signal("GVL_Experiment.bBusy", "|b1"), True)
     with pytest.raises(ControllerError, match="cannot be reached"):
         connected(None, "opc.tcp://127.0.0.1:1/", 1.0)
+
+
+def test_a_server_without_a_state_is_not_said_to_run(monkeypatch):
+    controller = object.__new__(OpcUaController)
+    monkeypatch.setattr(OpcUaController, "read", Mock(side_effect=UnknownVariableError("no")))
+    assert controller.state() == UNKNOWN
+    must_run(controller)
+    monkeypatch.setattr(OpcUaController, "read", Mock(side_effect=SilentError("no")))
+    with pytest.raises(SilentError):
+        controller.state()

@@ -10,7 +10,7 @@ from st_codegen.st.check import arithmetic as a
 
 def truncate(value: float, lower: int, upper: int) -> int:
     """A real number to the next integer towards zero."""
-    return a.to_integer(value, lower, upper, int)
+    return a.to_integer(value if value - value else float(math.trunc(value)), lower, upper)
 
 
 def shift_left(value: int, count: int, bits: int, mask: int) -> int:

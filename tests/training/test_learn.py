@@ -370,7 +370,7 @@ def test_runs_at_one_operating_point_are_kept_apart_together(table):
 def test_more_folds_than_points_leave_each_point_out_once(table):
     few = table.rows(np.arange(12))
     with FitStore(None) as store:
-        searched = study(few, few, SearchSettings(FEW[1:2], folds=100), store, Backend(1), orders=(0,))
+        searched = study(few, few, SearchSettings(FEW[1:2], folds=100), store, Backend(1))
     (outcome,) = searched.outcomes[0, Coordinates.POLAR][0]
     assert np.isfinite(outcome.folds).all()
     with FitStore(None) as store, pytest.raises(InputError, match="9 operating points are left to learn from"):

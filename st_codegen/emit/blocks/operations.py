@@ -306,15 +306,21 @@ def _(op: Softmax, step: Step, listing: Listing) -> Section:
 
 @lay_out.register
 def _(op: Linear, step: Step, listing: Listing) -> None:
-    _lay_out_sums(op, step, listing, f"{op.width} weighted sums of {op.weights.shape[1]} numbers", {"function": None})
+    _lay_out_sums(op, step, listing, _sums_of(op.weights), {"function": None})
 
 
 def lay_out_layer(op: Linear, activation: Activation, step: Step, listing: Listing) -> None:
     """Weighted sums and the function of each in one loop; `step` has the operand of the sums and the layer's result."""
     values = _function_values(activation, step, listing)
     values["function_single"] = values.pop("single")
-    title = f"layer: {op.width} weighted sums of {op.weights.shape[1]} numbers, {activation.function.value} of each"
+    title = f"layer: {_sums_of(op.weights)}, {activation.function.value} of each"
     _lay_out_sums(op, step, listing, title, values)
+
+
+def _sums_of(weights: FloatArray) -> str:
+    """How many weighted sums of how many numbers."""
+    sums, numbers = weights.shape
+    return f"{sums} weighted sum{'s' * (sums > 1)} of {numbers} number{'s' * (numbers > 1)}"
 
 
 def layers_of(ops: Sequence[Operation]) -> dict[int, tuple[Linear, Activation]]:
@@ -397,7 +403,7 @@ def _(op: SlidingLinear, step: Step, listing: Listing) -> None:
     groups = [Group(f"row {row}", row * read, (row + 1) * read) for row in range(outputs)]
     in_order = np.array_equal(op.offsets, np.arange(read))
     listing.section(
-        f"{outputs} weighted sums of {read} numbers at {len(op.starts)} places",
+        f"{_sums_of(op.weights)} at {len(op.starts)} place{'s' * (len(op.starts) > 1)}",
         "sliding_linear",
         step=step,
         last_place=len(op.starts) - 1,

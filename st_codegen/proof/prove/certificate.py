@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from st_codegen.files.text import file_sha256
 from st_codegen.ir import ModelIR
 from st_codegen.project.bundle import Bundle
 from st_codegen.project.configuration import CONFIGURATION_FILE
@@ -47,10 +47,10 @@ def certificate(bundle: Bundle, models: Path, generated: Path, report: ProveRepo
         "format": FORMAT,
         "statement": STATEMENT,
         "assumptions": list(ASSUMPTIONS),
-        "models": {name: _sha256(folder / name) for name in named},
+        "models": {name: file_sha256(folder / name) for name in named},
         "texts": {
             target.name: {
-                path.relative_to(target).as_posix(): _sha256(path)
+                path.relative_to(target).as_posix(): file_sha256(path)
                 for path in sorted(target.rglob("*"))
                 if path.suffix.lower() in TEXTS
             }
@@ -91,7 +91,3 @@ def _entry(result: ProofResult, model: ModelIR) -> dict[str, Any]:
     else:
         entry["reason"] = result.reason
     return entry
-
-
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -116,9 +116,9 @@ def to_single(value: float) -> float:
     return result
 
 
-def to_integer(value: float, lower: int, upper: int, to_whole: Callable[[float], int] = round) -> int:
+def to_integer(value: float, lower: int, upper: int) -> int:
     """A real number to the nearest integer, ties to even."""
-    if value - value or not lower <= (result := to_whole(value)) <= upper:
+    if value - value or not lower <= (result := round(value)) <= upper:
         raise Fault(CONVERSION, (value,))
     return result
 

@@ -6,13 +6,13 @@ no more bytes are read than a model file may have (`--max-model-bytes`), however
 
 from __future__ import annotations
 
-import hashlib
 import re
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
 import onnx
 
 from st_codegen.errors import InputError, errors_name
+from st_codegen.files.text import file_sha256
 from st_codegen.walkers.limits import check_size
 from st_codegen.walkers.onnx.file import printable
 
@@ -46,7 +46,7 @@ def embed(model: onnx.ModelProto, path: Path, size: int) -> tuple[tuple[str, str
             tensor.ClearField("external_data")
             tensor.ClearField("data_location")
             found[PurePosixPath(said["location"]).as_posix()] = file
-    return tuple((name, _sha256(file)) for name, file in sorted(found.items()))
+    return tuple((name, file_sha256(file)) for name, file in sorted(found.items()))
 
 
 def _inside(folder: Path, location: str) -> Path:
@@ -67,8 +67,3 @@ def _whole(name: str, text: str) -> int:
     if not re.fullmatch("[0-9]{1,18}", text):
         raise InputError(f"the {name} of its numbers is '{printable(text)}'; the model file is damaged")
     return int(text)
-
-
-def _sha256(file: Path) -> str:
-    with file.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
