@@ -485,6 +485,17 @@ def test_a_step_below_the_noise_of_a_run_is_dated_as_well_as_it_is_known():
     assert first <= 40 < last and last - first > 2, said
 
 
+def test_a_size_beyond_what_runs_differ_by_is_a_least_one():
+    """Where no quiet order is near, the noise is what runs differ by: two thirds of a size were said to be all of it."""
+    target, residual = curves_over_runs({})
+    residual[:, 20] = 1e-3 * (0.4 + target.data.at.torque_Nm / 1800) * TURN
+    for floor, is_told in ((8e-4, False), (1e-5, True)):
+        # 80 samples tell 20 orders, all of which were loud enough to be looked at
+        near = replace(target, data=replace(target.data, samples=4000 if is_told else 80))
+        (one,) = (s for s in signatures(near, residual, 1.0, np.full(21, floor)) if s.order == 20)
+        assert one.at_least is not is_told and ("at least" in one.text) is not is_told, one.text
+
+
 def test_a_direction_that_has_less_of_it_is_not_said_to_have_none():
     """A residual of a sixth of the size in the other direction, 20 times its noise, was one of "forward only"."""
     target, residual = curves_over_runs({})

@@ -350,10 +350,11 @@ def _signature(
     if target.data.sorted_by and target.data.sorted_by in said and "when it was measured" not in said:
         said += ", or with the time if the runs were made in the order of their list"
     side = _side(target, r, noise)
-    # orders beside an order tell its noise, but nothing tells that of a table's mean
-    at_least = not order and target.data.spectral_deg is None
+    # where nothing tells the noise but what runs differ by, as in a table's mean, that holds what is looked for as well
+    within = float(noise_within(target)[k])
+    at_least = not np.isfinite(within)
     # what neighbours in the conditions differ by holds what changed between the times of both
-    at_least |= course is not None and bool(floor > SETTINGS.clearly_larger * noise_within(target)[k])
+    at_least |= course is not None and floor > SETTINGS.clearly_larger * within
     what = f"order {order}" if order else "the mean"
     size = f"{'at least ' if at_least else ''}{np.sqrt(power):.2g} deg RMS"
     is_law = formula is not None and said.startswith(formula.text)
