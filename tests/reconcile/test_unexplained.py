@@ -486,7 +486,7 @@ def test_a_step_below_the_noise_of_a_run_is_dated_as_well_as_it_is_known():
 
 
 def test_a_size_beyond_what_runs_differ_by_is_a_least_one():
-    """Where no quiet order is near, the noise is what runs differ by: two thirds of a size were said to be all of it."""
+    """Where no quiet order is near, the noise is what runs differ by: two thirds of a size were said to be all."""
     target, residual = curves_over_runs({})
     residual[:, 20] = 1e-3 * (0.4 + target.data.at.torque_Nm / 1800) * TURN
     for floor, is_told in ((8e-4, False), (1e-5, True)):
