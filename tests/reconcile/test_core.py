@@ -21,7 +21,9 @@ from st_codegen.reconcile.fit.propagation import Propagation
 from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.candidates import variants
+from st_codegen.reconcile.judge.conclusions import standard_errors
 from st_codegen.reconcile.judge.evidence import _p_of_chance, f_tail, false_discoveries
+from st_codegen.reconcile.judge.retuned import with_piece_held
 from st_codegen.rig.effects import Conditions, Constants, catalogue
 from st_codegen.rig.model import RigModel
 
@@ -182,6 +184,24 @@ def test_errors_grow_where_the_form_is_wrong_and_keep_their_correlations():
     assert times.min() >= 1.0
     assert times[1] > 10.0
     assert wide == pytest.approx(known * np.sqrt(np.outer(times, times)), rel=1e-9, abs=0.0)
+
+
+def test_errors_hold_what_a_change_that_is_held_would_move():
+    """Half of a play that changed, and was not believed, stood in the friction: 0.27 +- 0.002 arcmin of 0.22."""
+    at, orders = grid(), (0, 39)
+    play = effect("backlash", gap_arcmin=0.5, seating_torque_Nm=40.0)
+    true = RIG.with_effects([*RIG.effects, play, effect("friction_windup", coulomb_arcmin=0.22)])
+    rig = RIG.with_effects([*RIG.effects, play.with_values(dict(play.values) | {"gap_arcmin": 0.4})])
+    data = observed(true, at, orders)
+    target = FitData(data, np.full(data.values.shape, SIGMA), np.ones(len(data), bool), groups_of(at))
+    friction = piece_of(effect("friction_windup", coulomb_arcmin=0.1), added=True)
+    pieces = [piece_of(one, added=False, origin=one) for one in rig.effects]
+    joint = fit(target, State(rig, rig.zero_offset_deg, (*pieces, friction)))
+    final = with_piece_held(joint, len(pieces) - 1)
+    found = final.state.pieces[-1].effect.scalar("coulomb_arcmin")
+    assert abs(found - 0.22) > 0.02
+    assert standard_errors(joint, len(pieces), final)["coulomb_arcmin"] > 0.9 * abs(found - 0.22)
+    assert standard_errors(joint, len(pieces))["coulomb_arcmin"] < 0.2 * abs(found - 0.22)
 
 
 def test_a_linear_column_is_what_a_small_step_changes():

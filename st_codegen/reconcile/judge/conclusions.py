@@ -52,6 +52,7 @@ from st_codegen.reconcile.judge.retuned import (
 )
 from st_codegen.reconcile.judge.selection import founded
 from st_codegen.reconcile.judge.states import in_forms_as_good, in_one_piece
+from st_codegen.reconcile.judge.structure import is_lacking
 from st_codegen.reconcile.judge.surroundings import left_of_place, may_be_a_start, told_order
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Effect, Form, Stage
@@ -520,7 +521,11 @@ def standard_errors(
     if final is not None and final.state.pieces[number].coordinates() == piece.coordinates():
         own = final.state.slices()[number]
         covariance = covariance + covariance_of_corrections(final)[own, own]
-        for fitted in (*(one.best for one in wrong), *in_forms_as_good(final, number)):
+        # what the data want changed and is held, since it leaves structure, may be what moved all the same
+        kept = is_lacking(final.target, final.residual)
+        own_orders = np.isin(final.target.data.orders, piece.effect.touched_orders())
+        held = [joint] if (kept & own_orders).any() else []
+        for fitted in (*held, *(one.best for one in wrong), *in_forms_as_good(final, number)):
             other = fitted.state.pieces[number]
             if other.coordinates() == piece.coordinates():
                 moved = other.vector() - final.state.pieces[number].vector()
