@@ -338,6 +338,10 @@ class Settings:
     least_orders_beside: int = 8
     #: orders that tell what the noise of one between them is
     near_floors: int = 4
+    #: multiples of the lines of an encoder that its steps show, the first ones, and how many must be there: by chance
+    #: two of some 30 orders are among them
+    multiples_of_lines: int = 12
+    least_multiples: int = 4
     #: lines a turn that encoders have, and how far sidebands of them reach
     encoder_lines: tuple[int, ...] = (512, 1024, 2048, 2500, 3600, 4096, 5000, 8192, 9000, 16384, 18000, 32768, 65536)
     sidebands_of_lines: int = 2

@@ -212,9 +212,7 @@ def test_check_prints_no_more_than_asked(lone_folder, lightgbm_text, tmp_path, c
     if options == ["--stat"]:
         assert re.fullmatch(rf"{re.escape(str(tmp_path / 'twincat' / BLOCK))}: \+\d+ -\d+ lines", printed[0])
     if options == ["--limit", "5"]:
-        assert re.fullmatch(
-            r"\.\. \d+ more lines in 2 files; --limit 0 shows all, --stat a line a file", printed[5]
-        )
+        assert re.fullmatch(r"\.\. \d+ more lines in 2 files; --limit 0 shows all, --stat a line a file", printed[5])
 
 
 def test_structured_text_of_other_targets_has_no_traces_but_line_ends():

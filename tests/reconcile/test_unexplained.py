@@ -9,7 +9,15 @@ import pytest
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
 from st_codegen.reconcile.fit.target import FitData, groups_of
-from st_codegen.reconcile.judge.structure import floors, lifted_by_a_walk, scatter, structure, wander_within_turns
+from st_codegen.reconcile.judge.structure import (
+    floors,
+    lifted_by_a_walk,
+    of_an_encoder,
+    scatter,
+    scatter_of_encoder,
+    structure,
+    wander_within_turns,
+)
 from st_codegen.reconcile.judge.unexplained import _scattered, main_cause, signatures
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
@@ -483,6 +491,22 @@ def test_a_step_below_the_noise_of_a_run_is_dated_as_well_as_it_is_known():
     (said,) = (s.text for s in signatures(target, residual, 1.0, np.full(21, 1e-5)) if s.order == 12)
     first, last = map(int, re.search(r"between run (\d+) and run (\d+) of 96", said).groups())
     assert first <= 40 < last and last - first > 2, said
+
+
+def test_the_steps_of_an_encoder_are_those_of_one():
+    """Orders 112 and 176 of one of 65536 lines, at 720 samples a turn, were those of 2048 and of 16384 lines."""
+    steps = {m: 1e-3 / m * np.random.default_rng(m).standard_normal(96) for m in range(1, 12)}
+    target, residual = curves_over_runs(steps)
+    orders = np.array([0, *(16 * m for m in range(1, 12)), *range(200, 209)])
+    target = replace(target, data=replace(target.data, orders=orders, samples=720))
+    assert of_an_encoder(target, residual)[1:12].tolist() == [65536] * 11
+    (said,) = scatter_of_encoder(target, residual)
+    assert "orders 16, 32, 48" in said and "of 65536 lines" in said
+    # a few of them may be there by chance
+    alone = replace(
+        target, data=replace(target.data, orders=np.where((orders > 32) & (orders < 200), orders + 5, orders))
+    )
+    assert (of_an_encoder(alone, residual) == 65536).sum() == 1
 
 
 def test_a_size_beyond_what_runs_differ_by_is_a_least_one():

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from st_codegen.campaign.orders import BAND
+from st_codegen.campaign.orders import BAND, listed
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.contrasts import levels_of, neighbours, speed_levels
 from st_codegen.reconcile.data.noise import MEDIAN_1
@@ -368,21 +368,29 @@ def lifted_by_a_walk(orders: IntArray, power: FloatArray, low: BoolArray) -> Flo
 def of_an_encoder(target: FitData, residual: ComplexArray) -> IntArray:
     """The number of lines of an encoder whose error between two lines shows at an order as it was sampled, (K,), or 0.
 
-    With n samples a turn, order L of the lines shows as the distance of L from the next multiple of n; the waves of the
-    lowest orders make sidebands of it. What is louder right beside all these, without a law of its own, is not the
-    encoder's.
+    With n samples a turn, order L of the lines shows as the distance of L from the next multiple of n, and so do its
+    multiples, of which steps have many; the waves of the lowest orders make sidebands of it. What is louder right
+    beside all these, without a law of its own, is not the encoder's. The loudest lines come first: what they make is
+    not that of others.
     """
     data = target.data
     found = np.zeros(len(data.orders), np.int64)
     if not data.samples or not target.good.any():
         return found
     power = (np.abs(residual[target.good]) ** 2).mean(axis=0) * ~structure(target, residual).significant
+    high, places = data.orders > SETTINGS.wander_orders, list[tuple[float, int, BoolArray]]()
     for lines in SETTINGS.encoder_lines:
-        alias = min(lines % data.samples, -lines % data.samples)
+        alias, *multiples = (min(m * lines % data.samples, -m * lines % data.samples)
+                             for m in range(1, SETTINGS.multiples_of_lines + 1))  # fmt: skip
         off = np.abs(data.orders - alias)
         near, beside = off <= SETTINGS.sidebands_of_lines, off <= 3 * SETTINGS.sidebands_of_lines
-        if power[near].max(initial=0.0) >= power[beside & ~near].max(initial=0.0):
-            found[near & (data.orders > SETTINGS.wander_orders)] = lines
+        loudest = float(power[near].max(initial=0.0))
+        if loudest >= power[beside & ~near].max(initial=0.0):
+            steps = np.isin(data.orders, multiples) & (power <= loudest)
+            own = near | steps if steps.sum() >= SETTINGS.least_multiples else near
+            places.append((loudest, lines, own))
+    for _, lines, own in sorted(places, key=lambda place: -place[0]):
+        found[own & high & (found == 0)] = lines
     return found
 
 
@@ -391,11 +399,15 @@ def scatter_of_encoder(target: FitData, residual: ComplexArray) -> tuple[str, ..
     data, lines = target.data, of_an_encoder(target, residual)
     follows = structure(target, residual).significant
     columns = [k for k in scatter(target, residual) if lines[k] and not follows[k]]
-    return tuple(
-        f"order {data.orders[k]} differs from run to run, as the error of an encoder of {lines[k]} lines between "
-        f"two of them would at {data.samples} samples a turn: it counts as noise"
-        for k in columns
-    )
+    found = []
+    for number in np.unique(lines[columns]):
+        own = [int(data.orders[k]) for k in columns if lines[k] == number]
+        which = f"order {own[0]} differs" if len(own) == 1 else f"orders {listed(own)} differ"
+        found.append(
+            f"{which} from run to run, as the error of an encoder of {number} lines between two of them would at "
+            f"{data.samples} samples a turn: it counts as noise"
+        )
+    return tuple(found)
 
 
 def wander_within_turns(target: FitData, residual: ComplexArray) -> float:
