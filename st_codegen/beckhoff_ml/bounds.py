@@ -27,6 +27,7 @@ from st_codegen.ir import (
     TreeEnsemble,
     reference,
 )
+from st_codegen.ir.trees import of_each_tree
 from st_codegen.proof import bounds
 
 #: Roundings of `scaling * x + offset` and of its two numbers.
@@ -126,10 +127,7 @@ def _tree_error(op: TreeEnsemble, result: FloatArray) -> FloatArray:
     same = op.divisor == 1.0 and op.sum_precision is Precision.FLOAT64 and not op.base_last
     if same or not op.n_trees:
         return np.zeros_like(result)
-    leaves = np.flatnonzero(op.split < 0)
-    tree = np.searchsorted(op.roots, leaves, side="right") - 1
-    largest = np.zeros((op.n_trees, op.leaf_value.shape[1]))
-    np.maximum.at(largest, tree, np.abs(op.leaf_value[op.leaf[leaves]]))
+    largest = of_each_tree(op, np.maximum, np.abs(op.leaf_value))
     total = np.zeros(op.width)
     if largest.shape[1] == op.width:
         total += np.sum(largest, axis=0)

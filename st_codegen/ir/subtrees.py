@@ -98,7 +98,7 @@ def _by_height(op: TreeEnsemble, substitute: IntArray, inner: IntArray) -> list[
     return [group for group in groups if group.size]
 
 
-def distinct_rows(values: FloatArray) -> tuple[IntArray, IntArray]:
+def distinct_rows(values: FloatArray | IntArray) -> tuple[IntArray, IntArray]:
     """Rows that are equal to the bit: the first row of each kind, in their order, and the kind of every row."""
     bits = np.ascontiguousarray(values).view(np.int64)
     if bits.shape[1] == 1:

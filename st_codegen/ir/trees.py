@@ -264,3 +264,10 @@ def depths_of(op: TreeEnsemble) -> IntArray:
             return depths
         depths[tree] += 1  # once for each tree, however many of its nodes are on this level
         node, tree = np.concatenate([op.left[node], op.right[node]]), np.tile(tree, 2)
+
+
+def of_each_tree(op: TreeEnsemble, extreme: np.ufunc, leaf_value: FloatArray) -> FloatArray:
+    """The largest or the smallest (`np.maximum`, `np.minimum`) of the leaves of each tree, shape (trees, width)."""
+    leaves = np.flatnonzero(op.split < 0)
+    found: FloatArray = extreme.reduceat(leaf_value[op.leaf[leaves]], np.searchsorted(leaves, op.roots), axis=0)
+    return found

@@ -48,6 +48,7 @@ from st_codegen.ir import (
     WeightedMedian,
 )
 from st_codegen.ir.base import EXPONENTIALS
+from st_codegen.ir.trees import of_each_tree
 
 #: Limits tried for the arguments of exponentials, largest first: e**690 is about 1e299, e**88 about 1.7e38.
 _EXP_LIMITS = {Precision.FLOAT64: (690.0, 345.0, 170.0, 80.0, 40.0), Precision.FLOAT32: (88.0, 44.0, 22.0, 11.0, 5.0)}
@@ -331,9 +332,7 @@ def _(op: TreeEnsemble, operands: list[FloatArray]) -> tuple[float, FloatArray]:
         linear = np.abs(op.linear.constant)
         np.add.at(linear, np.repeat(np.arange(len(linear)), np.diff(op.linear.start)), products)
         value = np.maximum(value, linear[:, None])
-    leaves = np.flatnonzero(op.split < 0)
-    of_tree = np.zeros((op.n_trees, value.shape[1]))
-    np.maximum.at(of_tree, np.searchsorted(op.roots, leaves, side="right") - 1, value[op.leaf[leaves]])
+    of_tree = of_each_tree(op, np.maximum, value)
     total = np.abs(op.base)
     if value.shape[1] > 1:
         total = total + np.sum(of_tree, axis=0)

@@ -18,6 +18,7 @@ import numpy as np
 from st_codegen import ir
 from st_codegen.ir import reference
 from st_codegen.ir.arrays import BoolArray, FloatArray
+from st_codegen.ir.trees import of_each_tree
 from st_codegen.passes.kernels import grid_of
 
 #: Unit roundoff of each precision.
@@ -613,19 +614,13 @@ def _leaf_spread(op: ir.TreeEnsemble) -> FloatArray:
     """The largest possible change of each output: every tree goes from its largest to its smallest leaf."""
     if op.linear is not None:
         return np.full(op.width, np.inf)
-    leaves = np.flatnonzero(op.split < 0)
-    tree = np.searchsorted(op.roots, leaves, side="right") - 1
-    values = op.leaf_value[op.leaf[leaves]]
-    high = np.full((op.n_trees, values.shape[1]), -np.inf)
-    low = np.full((op.n_trees, values.shape[1]), np.inf)
-    np.maximum.at(high, tree, values)
-    np.minimum.at(low, tree, values)
-    spread = high - low
-    if values.shape[1] == op.width:
+    high, low = (of_each_tree(op, extreme, op.leaf_value) for extreme in (np.maximum, np.minimum))
+    spread, largest = high - low, max(float(np.max(np.abs(end))) for end in (high, low))
+    if spread.shape[1] == op.width:
         total = spread.sum(axis=0)
     else:
         total = np.zeros(op.width)
         np.add.at(total, op.tree_output, spread[:, 0])
-    rounding = 2 * gamma(op.n_trees + 2, op.sum_precision) * (np.abs(op.base) + op.n_trees * np.max(np.abs(values)))
+    rounding = 2 * gamma(op.n_trees + 2, op.sum_precision) * (np.abs(op.base) + op.n_trees * largest)
     bound: FloatArray = (total + rounding) / abs(op.divisor)
     return bound

@@ -22,7 +22,8 @@ from st_codegen.emit.blocks.operations import Step
 from st_codegen.errors import TargetError
 from st_codegen.ir import Aggregate, CutTrees, FloatArray, Int32Array, IntArray, Precision, TreeEnsemble, depth_of
 from st_codegen.ir.preorder import larger_first
-from st_codegen.ir.subtrees import distinct_families, subtrees
+from st_codegen.ir.subtrees import distinct_families, distinct_rows, subtrees
+from st_codegen.ir.trees import depths_of
 
 #: Trees that go down together.
 ABREAST = 4
@@ -119,9 +120,10 @@ def _parts(
     pairs = distinct_families(op, equal, cells)
     runs = listing.chunks(np.maximum(2 * cells + 4 * pairs, (pairs + cells) * op.leaf_value.shape[1]), "tree")
     parts: list[dict[str, object]] = []
+    depths = depths_of(op)
     for number, (first, stop) in enumerate(runs):
         suffix = "" if len(runs) == 1 else f"_{number}"
-        tables = _tables(op, equal, (first, stop), cells, keys)
+        tables = _tables(op, equal, depths[first * cells : stop * cells], (first, stop), cells, keys)
         parts.append(
             {
                 "node": listing.table(step.table(f"NODE{suffix}"), "DINT", tables.node, tables.groups),
@@ -193,7 +195,9 @@ class _Tables:
     groups: tuple[Group, ...]
 
 
-def _tables(op: TreeEnsemble, equal: IntArray, run: tuple[int, int], cells: int, keys: _Keys) -> _Tables:
+def _tables(
+    op: TreeEnsemble, equal: IntArray, depths: IntArray, run: tuple[int, int], cells: int, keys: _Keys
+) -> _Tables:
     """Nodes of trees `run[0]` to `run[1]` - 1: the roots, cell by cell, then pairs of children."""
     first, stop = run
     begin = int(op.roots[first * cells])
@@ -208,14 +212,14 @@ def _tables(op: TreeEnsemble, equal: IntArray, run: tuple[int, int], cells: int,
     node = np.empty((n_roots + 2 * n_pairs, 2), np.int64)
     # the record of a node: the same for all nodes whose subtrees are equal
     children = 2 * (n_roots + 2 * pair_of)
-    classes = depth_classes(part.depths().reshape(trees, cells).max(axis=1), ABREAST, PRICES)
+    classes = depth_classes(depths.reshape(trees, cells).max(axis=1), ABREAST, PRICES)
     roots = part.roots.reshape(trees, cells)[classes.order].T.ravel()
     source = np.concatenate([roots, np.column_stack([part.left[owner], part.right[owner]]).ravel()])
     node[:, 0] = key[source]
     own = 2 * np.arange(len(source))
     # a leaf is its own left child: its key is above every rank, so it stays
     node[:, 1] = np.where(part.split[source] >= 0, children[source], own)
-    tree = part.tree_of(owner) // cells
+    tree = (np.searchsorted(part.roots, owner, side="right") - 1) // cells
     edges = np.searchsorted(tree, np.arange(trees + 1))
     groups = [Group("roots", 0, 2 * n_roots)]
     for number, (low, high) in enumerate(pairwise(edges.tolist())):
@@ -237,18 +241,6 @@ class _Part:
         self.right = np.where(inner, op.right[begin:end].astype(np.int64) - begin, -1)
         self.number = equal
 
-    def depths(self) -> IntArray:
-        """The largest number of splits on a path of each tree."""
-        node, tree, level = self.roots, np.arange(len(self.roots)), 0
-        depths = np.zeros(len(self.roots), np.int64)
-        while True:
-            inner = self.split[node] >= 0
-            node, tree, level = node[inner], tree[inner], level + 1
-            if not node.size:
-                return depths
-            depths[tree] = level
-            node, tree = np.concatenate([self.left[node], self.right[node]]), np.concatenate([tree, tree])
-
     def pairs(self) -> tuple[IntArray, IntArray]:
         """Distinct pairs of children: a node that owns each, and the pair of every node.
 
@@ -258,14 +250,7 @@ class _Part:
         walk = order[self.split[order] >= 0]
         left, right = self.number[self.left[walk]], self.number[self.right[walk]]
         both = left * (self.number.max(initial=0) + 1) + right
-        _, first, kind = np.unique(both, return_index=True, return_inverse=True)
-        in_order = np.argsort(first)
-        rank = np.empty_like(in_order)
-        rank[in_order] = np.arange(len(in_order))
+        first, kind = distinct_rows(both[:, None])
         pair = np.full(len(self.split), -1, np.int64)
-        pair[walk] = rank[kind]
-        return walk[first[in_order]], pair
-
-    def tree_of(self, node: IntArray) -> IntArray:
-        """The tree of each node."""
-        return np.searchsorted(self.roots, node, side="right") - 1
+        pair[walk] = kind
+        return walk[first], pair

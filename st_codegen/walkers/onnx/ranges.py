@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from st_codegen import ir
+from st_codegen.ir.trees import of_each_tree
 from st_codegen.walkers.base import GraphBuilder
 from st_codegen.walkers.onnx.graph import GraphWalk
 from st_codegen.walkers.onnx.operands import FLOAT32, Tensor
@@ -112,12 +113,8 @@ def _magnitude(builder: GraphBuilder, value: int, column: int) -> float:
 
 
 def _range_of_trees(op: ir.TreeEnsemble, column: int) -> tuple[float, float]:
-    leaves = np.flatnonzero(op.split < 0)
-    of_tree = np.searchsorted(op.roots, leaves, side="right") - 1
-    value = op.leaf_value[op.leaf[leaves]]
-    low, high = np.full((op.n_trees, value.shape[1]), np.inf), np.full((op.n_trees, value.shape[1]), -np.inf)
-    np.minimum.at(low, of_tree, value)
-    np.maximum.at(high, of_tree, value)
-    taken = op.tree_output == column if value.shape[1] < op.width or op.width == 1 else np.ones(op.n_trees, np.bool_)
-    at = column if value.shape[1] == op.width else 0
-    return tuple(float(np.sum(end[taken, at]) + op.base[column]) / op.divisor for end in (low, high))  # type: ignore
+    width = op.leaf_value.shape[1]
+    taken = op.tree_output == column if width < op.width or op.width == 1 else np.ones(op.n_trees, np.bool_)
+    at = column if width == op.width else 0
+    ends = (of_each_tree(op, extreme, op.leaf_value) for extreme in (np.minimum, np.maximum))
+    return tuple(float(np.sum(end[taken, at]) + op.base[column]) / op.divisor for end in ends)  # type: ignore
