@@ -83,7 +83,7 @@ class Generated:
 
 
 class Wishes(TypedDict, total=False):
-    """What `generate`, `check` and `differences` take beside models, target and folder; `generate` explains each."""
+    """What `generate` and `differences` take beside models, target and folder; `generate` explains each."""
 
     max_array: int | None
     options: Options | None
@@ -208,19 +208,6 @@ def generate(
                 announce(_large_file(folder / name, size, target))
         changed = output.install(staged.stage, folder, force=force)
     return Generated(target.name, folder, files, staged.compiled, staged.purpose, staged.facts, changed)
-
-
-def check(
-    models: Bundle | Path | str,
-    target: Target | str,
-    out: Path | str,
-    *,
-    provenance: bool = False,
-    **wishes: Unpack[Wishes],
-) -> Iterator[str]:
-    """The unified diff, line by line, of all `differences`; empty when there is none."""
-    found = differences(models, target, out, provenance=provenance, **wishes)
-    return (line for difference in found for line in difference.lines())
 
 
 def differences(

@@ -9,7 +9,7 @@ import shutil
 import numpy as np
 import pytest
 
-from st_codegen.driver import check, generate
+from st_codegen.driver import differences, generate
 from st_codegen.emit import output
 from st_codegen.emit.blocks.listing import Listing
 from st_codegen.ir import digest
@@ -86,8 +86,8 @@ def test_a_model_trained_again_on_equal_data_is_no_difference(train, tmp_path):
     generate(load(path, trust_pickle=True), "twincat", out)
     kept.append(train(tmp_path))
     again = load(path, trust_pickle=True)
-    assert list(check(again, "twincat", out)) == []
-    assert bool(list(check(again, "twincat", out, provenance=True))) == (path.read_bytes() != first)
+    assert list(differences(again, "twincat", out)) == []
+    assert bool(list(differences(again, "twincat", out, provenance=True))) == (path.read_bytes() != first)
 
 
 def test_a_skops_file_that_is_saved_again_has_other_bytes(tmp_path):
@@ -160,7 +160,7 @@ def test_a_row_more_keeps_the_layout_that_is_in_place(tmp_path):
     assert not any(decision.change for decision in kept.compiled.decisions)
     again = generate(bundle, "twincat", tmp_path / "kept", options=limit, relayout=True)
     assert again.facts["models"]["model"]["layout"] == other
-    assert list(check(bundle, "twincat", tmp_path / "kept", options=limit)) == []
+    assert list(differences(bundle, "twincat", tmp_path / "kept", options=limit)) == []
 
 
 def test_a_layout_that_is_no_longer_possible_is_replaced_and_announced(tmp_path, capsys):

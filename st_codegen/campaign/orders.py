@@ -99,12 +99,6 @@ class OrderFit:
         found: FloatArray = np.abs(self.waves)
         return found
 
-    @property
-    def significant(self) -> BoolArray:
-        """Which orders stand above the noise, bool (orders,)."""
-        above: BoolArray = np.abs(self.coefficients) > SIGNIFICANT * self.noise_floor
-        return above
-
 
 def listed(orders: Sequence[int]) -> str:
     """The first of some orders, for messages."""

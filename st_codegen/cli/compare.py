@@ -112,7 +112,9 @@ def command(
     if times is not None:
         write_text(times, times_csv(report))
     if not quiet:
-        _print(report)
+        console.print(agreement_table(f"library = controller, {report.address}", report.models))
+        for line in report.remarks():
+            say(line)
     for name, line in report.failures():
         say(Text.assemble((name, "red"), f": {line}"))
     if calibrated is not None:
@@ -147,9 +149,3 @@ def _calibrate(report: LiveReport, folder: Path, base: Profile, out: Path, *, qu
         say(f"{out} is not written: all calls were quicker than the controller's clock")
     else:
         write_profile(folder, base, measured, out, quiet=quiet)
-
-
-def _print(report: LiveReport) -> None:
-    console.print(agreement_table(f"library = controller, {report.address}", report.models))
-    for line in report.remarks():
-        say(line)

@@ -20,7 +20,6 @@ from st_codegen.files.text import write_text
 if TYPE_CHECKING:
     from st_codegen.training.export import BundleHead
     from st_codegen.training.learn import Lesson
-    from st_codegen.training.measured import Measured
     from st_codegen.training.search import Backend
     from st_codegen.training.study import SearchSettings
 
@@ -105,7 +104,8 @@ def command(
         measured = measured_table(
             campaign, wanted, most_orders, skip_bad=skip_bad, where=where, cache=cache, progress=progress
         )
-    _say_left_out(measured, quiet)
+    for text in () if quiet else measured.left_out:
+        console.print(f"left out: {text}")
     check_learnable(measured.table)
     lessons = []
     with FitStore(work) as store:
@@ -147,14 +147,6 @@ def _orders(text: str) -> tuple[int, ...] | None:
     if min(orders) < 0:
         raise InputError(f"--orders {text}: give whole numbers from 0 with commas between, or auto")
     return orders
-
-
-def _say_left_out(measured: Measured, quiet: bool) -> None:
-    """Print which curve files were left out with --skip-bad, and single samples far from those around them."""
-    if quiet:
-        return
-    for text in measured.left_out:
-        console.print(f"left out: {text}")
 
 
 def _facts(lesson: Lesson) -> dict[str, Any]:

@@ -14,10 +14,9 @@ from st_codegen.training.study import Solution, Study
 
 @dataclass(frozen=True)
 class Choice:
-    """The solutions by order, and what was asked for."""
+    """The solutions by order."""
 
     solutions: tuple[Solution, ...]
-    limit_us: float
 
     @property
     def cost_us(self) -> float:
@@ -48,7 +47,7 @@ def choose(study: Study, *, limit_us: float = math.inf) -> Choice:
     taken = [0] * len(orders)
     while sum(choices[at].cost_us for choices, at in zip(options, taken, strict=True)) > limit_us:
         taken = _exchanged(options, taken)
-    return Choice(tuple(choices[at] for choices, at in zip(options, taken, strict=True)), limit_us)
+    return Choice(tuple(choices[at] for choices, at in zip(options, taken, strict=True)))
 
 
 def loss(solution: Solution) -> float:

@@ -120,14 +120,10 @@ def _extra_trees(params: Params, x: FloatArray, y: FloatArray, seed: int) -> Any
 
 def _lgbm(params: Params, x: FloatArray, y: FloatArray, seed: int) -> Any:
     lightgbm = extra_package("lightgbm", "lightgbm", "the family LGBM")
-    fixed: dict[str, Any] = {
-        "random_state": seed,
-        "n_jobs": 1,
-        "verbose": -1,
-        "deterministic": True,
-        "force_row_wise": True,
-    }
-    return lightgbm.LGBMRegressor(**fixed, **params).fit(x, y)
+    learner = lightgbm.LGBMRegressor(
+        random_state=seed, n_jobs=1, verbose=-1, deterministic=True, force_row_wise=True, **params
+    )
+    return learner.fit(x, y)
 
 
 def _xgbm(params: Params, x: FloatArray, y: FloatArray, seed: int) -> Any:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from st_codegen import generate, verify
-from st_codegen.driver import check
+from st_codegen.driver import differences
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import TargetError
 from st_codegen.project.bundle import load
@@ -74,8 +74,8 @@ def test_only_what_is_asked_for_is_added_and_verify_leaves_its_task_out(bundle_f
         *("GVL_Record.TcGVL", "PRG_Record.TcPOU"),
     }
     assert verify(bundle, tmp_path / "more", rows=200).passed
-    assert not list(check(bundle, "twincat", tmp_path / "more", with_comparison=True))
-    assert list(check(bundle, "twincat", tmp_path / "more"))
+    assert not list(differences(bundle, "twincat", tmp_path / "more", with_comparison=True))
+    assert list(differences(bundle, "twincat", tmp_path / "more"))
 
 
 def test_the_fingerprint_is_that_of_the_text(lone_folder, tmp_path):

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from st_codegen.driver import check, generate
+from st_codegen.driver import differences, generate
 from st_codegen.emit.blocks.model import block_name
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import UnsupportedModelError
@@ -20,8 +20,8 @@ from st_codegen.proof.predict import read_table
 from st_codegen.proof.runner import GeneratedCode
 from st_codegen.proof.verify import verify
 from st_codegen.st import load_project
-from st_codegen.st.check.portable import violations
 from st_codegen.st.syntax.source import read_paths
+from tests.st.helpers import violations
 
 pytest.importorskip("skops")
 pytest.importorskip("lightgbm")
@@ -252,5 +252,5 @@ def test_the_example_of_a_users_repository_is_up_to_date(request):
     bundle = load(example / "models")
     if request.config.getoption("--update-golden"):
         generate(bundle, "twincat", example / "plc", relayout=True, force=True)
-    lines = list(check(bundle, "twincat", example / "plc"))
+    lines = [line for change in differences(bundle, "twincat", example / "plc") for line in change.lines()]
     assert not lines, "".join(lines) + "\nif this is wanted: pytest tests/emit/test_golden.py --update-golden"

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from st_codegen.driver import check, generate
+from st_codegen.driver import differences, generate
 from st_codegen.emit import output
 from st_codegen.emit.render import RenderedFile
 from st_codegen.emit.targets import TARGETS
@@ -139,7 +139,7 @@ def test_a_link_in_place_of_the_folder_is_refused(lone_folder, tmp_path, target)
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "elsewhere" / "mine.txt").write_text("mine")
     (tmp_path / "twincat").symlink_to(tmp_path / target)
-    for command in (generate, lambda *given: list(check(*given))):
+    for command in (generate, lambda *given: list(differences(*given))):
         with pytest.raises(InputError, match="is a symbolic link"):
             command(load(lone_folder), TWINCAT, tmp_path)
     assert (tmp_path / "twincat").is_symlink()
@@ -171,12 +171,12 @@ def test_names_that_differ_in_case_only_are_refused(lone_folder, tmp_path):
 
 
 def test_check_writes_nothing_not_even_a_folder(lone_folder, tmp_path):
-    assert list(check(load(lone_folder), TWINCAT, tmp_path / "deep" / "out"))
+    assert list(differences(load(lone_folder), TWINCAT, tmp_path / "deep" / "out"))
     assert not (tmp_path / "deep").exists()
     generate(load(lone_folder), TWINCAT, tmp_path / "out")
     (tmp_path / "out").chmod(0o500)
     try:
-        assert list(check(load(lone_folder), TWINCAT, tmp_path / "out")) == []
+        assert list(differences(load(lone_folder), TWINCAT, tmp_path / "out")) == []
     finally:
         (tmp_path / "out").chmod(0o700)
 
@@ -329,7 +329,7 @@ def test_a_killed_run_leaves_a_whole_project(lone_folder, lightgbm_text, tmp_pat
 def test_check_is_silent_when_the_files_are_up_to_date(lone_folder, tmp_path):
     generate(load(lone_folder), TWINCAT, tmp_path)
     before = snapshot(tmp_path)
-    assert list(check(load(lone_folder), TWINCAT, tmp_path)) == []
+    assert list(differences(load(lone_folder), TWINCAT, tmp_path)) == []
     assert snapshot(tmp_path) == before
 
 
@@ -338,7 +338,7 @@ def test_check_shows_a_unified_diff(lone_folder, lightgbm_text, tmp_path):
     path = folder / "POUs" / "FB_Te.TcPOU"
     path.write_text(path.read_text(encoding="utf-8").replace("bUsable := TRUE", "bUsable := FALSE"), encoding="utf-8")
     (lone_folder / "new.txt").write_text(lightgbm_text)
-    lines = list(check(load(lone_folder), TWINCAT, tmp_path))
+    lines = [line for change in differences(load(lone_folder), TWINCAT, tmp_path) for line in change.lines()]
     assert "-bUsable := FALSE;\n" in lines
     assert "+bUsable := TRUE;\n" in lines
     assert any("FB_New.TcPOU (generated)" in line for line in lines)
@@ -348,4 +348,4 @@ def test_check_does_not_mind_line_ends(lone_folder, tmp_path):
     folder = generate(load(lone_folder), TWINCAT, tmp_path).folder
     path = folder / "POUs" / "FB_Te.TcPOU"
     path.write_bytes(path.read_bytes().replace(b"\r\n", b"\n"))
-    assert list(check(load(lone_folder), TWINCAT, tmp_path)) == []
+    assert list(differences(load(lone_folder), TWINCAT, tmp_path)) == []

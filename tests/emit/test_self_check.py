@@ -7,7 +7,7 @@ import zlib
 import numpy as np
 import pytest
 
-from st_codegen.driver import check, generate
+from st_codegen.driver import differences, generate
 from st_codegen.emit.blocks.self_check import SLICE, checksum
 from st_codegen.emit.literals import real
 from st_codegen.emit.targets import TARGETS
@@ -98,8 +98,8 @@ def test_self_check_changes_no_answer(tmp_path):
     generate(bundle, "iec", tmp_path, self_check=True, with_age=True)
     result = verify(bundle, tmp_path, rows=300)
     assert result.passed
-    assert list(check(bundle, "iec", tmp_path, self_check=True, with_age=True)) == []
-    assert list(check(bundle, "iec", tmp_path))
+    assert list(differences(bundle, "iec", tmp_path, self_check=True, with_age=True)) == []
+    assert list(differences(bundle, "iec", tmp_path))
 
 
 def test_blocks_of_a_bundle_check_themselves(bundle_folder, tmp_path):

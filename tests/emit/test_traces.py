@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from st_codegen.driver import check, generate
+from st_codegen.driver import differences, generate
 from st_codegen.emit.blocks.application import Packaging, ProjectForm
 from st_codegen.emit.traces import without_traces
 from st_codegen.errors import InputError
@@ -105,7 +105,7 @@ def test_what_the_development_environment_leaves_is_no_difference_and_stays(lone
     saved_in_xae(folder)
     before = snapshot(folder)
     assert before[BLOCK] != fresh
-    assert list(check(bundle, "twincat", tmp_path)) == []
+    assert list(differences(bundle, "twincat", tmp_path)) == []
     generate(bundle, "twincat", tmp_path)
     assert snapshot(folder) == before
 
@@ -114,7 +114,7 @@ def test_a_bundle_whose_tasks_were_saved_in_xae_has_no_difference_either(bundle_
     bundle = load(bundle_folder)
     folder = generate(bundle, "twincat", tmp_path).folder
     saved_in_xae(folder)
-    assert list(check(bundle, "twincat", tmp_path)) == []
+    assert list(differences(bundle, "twincat", tmp_path)) == []
 
 
 @pytest.mark.parametrize(
@@ -131,7 +131,7 @@ def test_what_an_engineer_adds_to_the_solution_is_a_change_and_is_kept(lone_fold
     bundle = load(lone_folder)
     folder = generate(bundle, "twincat", tmp_path).folder
     saved(folder / f"Models.{suffix}", lambda text: text.replace(old, new, 1))
-    assert list(check(bundle, "twincat", tmp_path)) != []
+    assert list(differences(bundle, "twincat", tmp_path)) != []
     if suffix == "plcproj":
         return
     kept = (folder / f"Models.{suffix}").read_bytes()

@@ -9,7 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from st_codegen.st import Machine, StCheckError, StRuntimeError, parse_project
+from st_codegen.st import Machine, Problem, StCheckError, StRuntimeError, parse_project
+from st_codegen.st.check.check import check
+from st_codegen.st.check.portable import violations_in
+from st_codegen.st.dialects import IEC
+from st_codegen.st.syntax.source import ParsedFiles
 from st_codegen.st.tree import Project
 
 ROWS = 3
@@ -40,6 +44,11 @@ def problems(text: str, dialect: str = "twincat") -> list[str]:
     with pytest.raises(StCheckError) as caught:
         project(text, dialect)
     return [problem.message for problem in caught.value.problems]
+
+
+def violations(source: ParsedFiles) -> tuple[Problem, ...]:
+    """What in a source, which the checker must accept, is not portable."""
+    return violations_in(source, check(source, IEC))
 
 
 def run(text: str, read: str | tuple[str, ...], dialect: str = "twincat", calls: int = 1, **inputs: Any) -> Any:

@@ -7,9 +7,9 @@ from hypothesis import strategies as s
 
 from st_codegen.st import StCheckError
 from st_codegen.st.check import portable
-from st_codegen.st.check.portable import violations
 from st_codegen.st.syntax.scan import Segment
 from st_codegen.st.syntax.source import read_texts
+from tests.st.helpers import violations
 
 GOOD = """
 (* a forest *)

@@ -5,10 +5,10 @@ import re
 
 import pytest
 
-from st_codegen.st.check.portable import violations
 from st_codegen.st.syntax.source import read_texts
 from st_codegen.te.compensation.programs import SINGLE_TASK, TWO_TASKS
 from st_codegen.te.harmonics import Direction
+from tests.st.helpers import violations
 from tests.te.projects import BOTH, PAPER_ORDERS, PLAY, contents, described, loaded, project, texts
 
 SHAPES = [

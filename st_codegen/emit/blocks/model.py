@@ -229,9 +229,7 @@ def _check_different(inputs: Collection[BlockVariable]) -> None:
 
 def renamed(variable: BlockVariable) -> BlockVariable:
     """The input by the name that it has where its own is taken, by a variable of its block or by a compiler."""
-    return BlockVariable(
-        f"fInput_{variable.name[1:]}", variable.type, variable.length, variable.initial, variable.comment
-    )
+    return replace(variable, name=f"fInput_{variable.name[1:]}")
 
 
 def feature_text(feature: Feature) -> str:
@@ -300,7 +298,8 @@ def model_header(model: ModelIR, *closing: str, remarks: Iterable[str] = ()) -> 
     open_ = "" if model.classes is None else ", but for classes that it leaves open"
     exact = exact if model.exact else f"Equals the library within the bound that verify states{open_}."
     lines.extend(closing or (exact,))
-    lines.extend(_refused_lines(model))
+    if where := refused_where(model):
+        lines.append(f"Where {where}, bValid is FALSE, even if the library goes on.")
     return header_lines(lines)
 
 
@@ -318,12 +317,6 @@ def refused_where(model: ModelIR) -> str:
             "a number on the way does not exist or is too large (a root of a number below 0, a quotient by 0, ..)"
         )
     return ", or ".join(said)
-
-
-def _refused_lines(model: ModelIR) -> tuple[str, ...]:
-    """Where the block has no answer although its inputs are numbers, and the library may have one."""
-    where = refused_where(model)
-    return (f"Where {where}, bValid is FALSE, even if the library goes on.",) if where else ()
 
 
 def header_lines(lines: Iterable[str]) -> tuple[str, ...]:

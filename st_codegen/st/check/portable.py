@@ -12,9 +12,7 @@ from functools import cached_property
 
 from st_codegen.st import tree as t
 from st_codegen.st import walk
-from st_codegen.st.check.check import check
 from st_codegen.st.check.constants import NotConstantError, evaluate
-from st_codegen.st.dialects import IEC
 from st_codegen.st.errors import Problem
 from st_codegen.st.syntax import declarations as d
 from st_codegen.st.syntax.scan import CommentKind, Scanned
@@ -107,14 +105,6 @@ class Text:
                 ):
                     found.append((value.variable, t.Identifier(value.variable.name, position=value.position)))
         return found
-
-
-def violations(source: ParsedFiles) -> tuple[Problem, ...]:
-    """What in a source is not portable, in the order of the text.
-
-    Raises `StCheckError` when it does not even pass the checker for the `iec` dialect.
-    """
-    return violations_in(source, check(source, IEC))
 
 
 def violations_in(source: ParsedFiles, project: t.Project) -> tuple[Problem, ...]:

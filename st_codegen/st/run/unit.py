@@ -105,11 +105,8 @@ class Unit:
         size = self.module.layout.size_of(variable.type)
         if variable in self._kept or size > _STACK_BYTES:
             return self._framed(size)
-        return self.w.slot(value_type(variable.type)) if self._is_plain(variable.type) else self.w.local(size)
-
-    @staticmethod
-    def _is_plain(type_: Type) -> bool:
-        return is_scalar(type_) and value_type(type_) != "i1"
+        is_plain = is_scalar(variable.type) and value_type(variable.type) != "i1"
+        return self.w.slot(value_type(variable.type)) if is_plain else self.w.local(size)
 
     def _framed(self, size: int) -> str:
         """Memory of the row that stays where it is: no unit runs twice at the same time, for there is no recursion."""

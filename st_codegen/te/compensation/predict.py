@@ -17,10 +17,9 @@ def predict_block(te: TransmissionError) -> Block:
         model: BlockVariable(f"fb{block_name(model)[3:]}", block_name(model), comment=f"model {model}")
         for model in models
     }
+    names = {model: instance.name for model, instance in instances.items()}
     harmonics = [
-        _harmonic(te, direction, number, {model: instance.name for model, instance in instances.items()})
-        for direction in te.directions
-        for number in range(len(te.orders))
+        _harmonic(te, direction, number, names) for direction in te.directions for number in range(len(te.orders))
     ]
     return Block(
         "FB_TEPredict",
@@ -43,7 +42,7 @@ def predict_block(te: TransmissionError) -> Block:
                 "te_inputs",
                 {"inputs": names_of(inputs), "spread": bool(te.cycles)},
             ),
-            *_model_sections(te, inputs, {model: instance.name for model, instance in instances.items()}),
+            *_model_sections(te, inputs, names),
             CodeSection(
                 "amplitudes, phases and parts",
                 "te_harmonics",

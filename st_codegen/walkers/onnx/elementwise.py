@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import partial
+from operator import itemgetter
 
 import numpy as np
 
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import FLOAT32_OVERFLOW, Exceeds, Function, Operator, Piecewise, Towards, WholeNumber
-from st_codegen.ir.arrays import AnyArray, BoolArray
 from st_codegen.walkers.onnx.between import as_between, function_of
 from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, operator
 from st_codegen.walkers.onnx.operands import (
@@ -193,7 +192,7 @@ def _power(call: NodeCall) -> Operand:
     each, value, column = np.broadcast_to(exponents, shape), np.zeros(shape, np.int64), np.zeros(shape, np.int64)
     for number in np.unique(exponents):
         own = each == number
-        found = apply_activation(call.walk, wide.moved(partial(_where, own=own)), Function.POWER, float(number))
+        found = apply_activation(call.walk, wide.moved(itemgetter(own)), Function.POWER, float(number))
         value[own], column[own] = found.value, found.column
     return replace(found, value=value, column=column)
 
@@ -218,11 +217,6 @@ def _power_of_constant(walk: GraphWalk, base: ConstantOperand, exponent: Tensor)
     logarithm = np.log(np.broadcast_to(base.array.astype(np.float64), shape).ravel())
     moved = walk.builder.scale(value, "*", logarithm, doubt=np.abs(logarithm) * 2.0**-50)
     return apply_activation(walk, walk.computed(moved, shape, exponent.dtype), Function.EXP)
-
-
-def _where(array: AnyArray, own: BoolArray) -> AnyArray:
-    """What an array has where a condition holds."""
-    return np.asarray(array[own])
 
 
 _TOWARDS = {"Round": Towards.NEAREST, "Floor": Towards.BELOW, "Ceil": Towards.ABOVE}

@@ -76,17 +76,15 @@ for _name in _SYMBOLS:
     operator(_name, 7, 13, 14)(_arithmetic)
 
 
-@operator("Sum", 8, 13)
-def _sum(call: NodeCall) -> Operand:
-    return _total(call)
-
-
 def _total(call: NodeCall) -> Operand:
     """All inputs, added in order."""
     total = call.required()
     for number in range(1, len(call.operands)):
         total = combined(call.walk, ir.Operator.ADD, total, call.required(number))
     return total
+
+
+operator("Sum", 8, 13)(_total)
 
 
 @operator("Mean", 8, 13)

@@ -19,6 +19,15 @@ from st_codegen.walkers.fitted import SPARSE, Fitted
 from st_codegen.walkers.sklearn.pieces import add_pieces
 
 
+@walks(
+    """
+    ARDRegression BayesianRidge ElasticNet ElasticNetCV HuberRegressor Lars LarsCV Lasso LassoCV LassoLars
+    LassoLarsCV LassoLarsIC LinearRegression LinearSVR MultiTaskElasticNet MultiTaskElasticNetCV MultiTaskLasso
+    MultiTaskLassoCV OrthogonalMatchingPursuit OrthogonalMatchingPursuitCV PassiveAggressiveRegressor
+    QuantileRegressor Ridge RidgeCV SGDRegressor TheilSenRegressor
+    """,
+    single=True,
+)
 def _weighted_sum(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """`X @ coef_.T + intercept_` (`sklearn/linear_model/_base.py: LinearModel._decision_function`)."""
     width = builder.width(value)
@@ -30,20 +39,6 @@ def _weighted_sum(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     single = np.result_type(np.float32, fitted.estimator.intercept_) == np.float32
     total = builder.linear(value, weights, intercept if single else 0.0, precision=Precision.FLOAT32)
     return total if single else builder.scale(total, "+", intercept)
-
-
-@walks(
-    """
-    ARDRegression BayesianRidge ElasticNet ElasticNetCV HuberRegressor Lars LarsCV Lasso LassoCV LassoLars
-    LassoLarsCV LassoLarsIC LinearRegression LinearSVR MultiTaskElasticNet MultiTaskElasticNetCV MultiTaskLasso
-    MultiTaskLassoCV OrthogonalMatchingPursuit OrthogonalMatchingPursuitCV PassiveAggressiveRegressor
-    QuantileRegressor Ridge RidgeCV SGDRegressor TheilSenRegressor
-    """,
-    single=True,
-)
-def walk_linear(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
-    """One weighted sum an output."""
-    return _weighted_sum(fitted, builder, value)
 
 
 @walks(

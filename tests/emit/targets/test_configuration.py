@@ -11,9 +11,9 @@ from st_codegen.project.bundle import load
 from st_codegen.proof.predict import read_table
 from st_codegen.proof.verify import verify
 from st_codegen.st import Machine, StCheckError, load_project, parse_project
-from st_codegen.st.check.portable import violations
 from st_codegen.st.syntax.declarations import ConfigurationDeclaration
 from st_codegen.st.syntax.source import read_paths
+from tests.st.helpers import violations
 
 GOLDEN = Path(__file__).resolve().parents[3] / "golden"
 TASK = "TASK Main(INTERVAL := T#1ms, PRIORITY := 1);"
