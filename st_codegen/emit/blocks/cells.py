@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from st_codegen.emit.blocks.listing import ArrayElement, Group, Listing
+from st_codegen.emit.blocks.listing import ArrayElement, Group, Listing, suffixes
 from st_codegen.emit.blocks.operations import Step, lay_out
 from st_codegen.ir import CellTable, Rank, RankColumn, TableAxis
 
@@ -103,8 +103,7 @@ def _joined_tables(searches: list[_RankSearch], step: Step, listing: Listing) ->
     counts = [search.first.highest for search in searches]
     parts = []
     runs = listing.chunks(counts, "column")
-    for number, (first, stop) in enumerate(runs):
-        suffix = "" if len(runs) == 1 else f"_{number}"
+    for suffix, (first, stop) in zip(suffixes(len(runs)), runs, strict=True):
         run = searches[first:stop]
         starts = np.cumsum([0, *counts[first:stop]])
         groups = [Group(f"column {s.first.column}", starts[n], starts[n + 1]) for n, s in enumerate(run)]
@@ -156,8 +155,7 @@ def _(op: CellTable, step: Step, listing: Listing) -> None:
     rows = max(listing.max_array // max(width, 1), 1)
     starts = range(0, cells if width else 0, rows)
     parts = []
-    for number, start in enumerate(starts):
-        suffix = "" if len(starts) == 1 else f"_{number}"
+    for suffix, start in zip(suffixes(len(starts)), starts, strict=True):
         stop = min(start + rows, cells)
         values = op.values[start:stop].ravel()
         name = listing.table(

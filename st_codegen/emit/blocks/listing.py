@@ -307,3 +307,8 @@ class Listing:
         runs.append((first, len(sizes)))
         self.cuts.append(tuple(start for start, _ in runs[1:]))
         return runs
+
+
+def suffixes(runs: int) -> list[str]:
+    """Ends of the names of tables that each run of items (`Listing.chunks`) has for itself."""
+    return [""] if runs == 1 else [f"_{number}" for number in range(runs)]

@@ -11,7 +11,7 @@ from typing import TypeVar, get_type_hints
 
 import numpy as np
 
-from st_codegen.emit.blocks.listing import ArrayElement, Group, Listing
+from st_codegen.emit.blocks.listing import ArrayElement, Group, Listing, suffixes
 from st_codegen.emit.literals import real
 from st_codegen.ir import (
     Activation,
@@ -341,12 +341,11 @@ def _lay_out_sums(op: Linear, step: Step, listing: Listing, title: str, function
     runs = listing.chunks(np.full(outputs, columns), "neuron")
     listing.loop("nColumn", columns)
     parts = []
-    for number, (first, stop) in enumerate(runs):
-        stem = "WEIGHT" if len(runs) == 1 else f"WEIGHT_{number}"
+    for suffix, (first, stop) in zip(suffixes(len(runs)), runs, strict=True):
         groups = [
             Group(f"row {row}", (row - first) * columns, (row - first + 1) * columns) for row in range(first, stop)
         ]
-        name = listing.table(step.table(stem), "LREAL", np.ravel(op.weights[first:stop]), groups)
+        name = listing.table(step.table(f"WEIGHT{suffix}"), "LREAL", np.ravel(op.weights[first:stop]), groups)
         parts.append({"name": name, "loops": _loops_of_sums(range(first, stop), columns, listing)})
     if stepwise:
         listing.local("fTerm", "LREAL")
@@ -503,8 +502,7 @@ def _(op: KernelSum, step: Step, listing: Listing) -> None:
         listing.constant(step.table("COEF0"), op.coef0) if op.kernel in (Kernel.POLYNOMIAL, Kernel.SIGMOID) else None
     )
     parts = []
-    for number, (first, stop) in enumerate(runs):
-        suffix = "" if len(runs) == 1 else f"_{number}"
+    for suffix, (first, stop) in zip(suffixes(len(runs)), runs, strict=True):
         vector = _vectors(op.support_vectors[first:stop], step.table(f"VECTOR{suffix}"), listing)
         coefficient = listing.table(
             step.table(f"COEFFICIENT{suffix}"), "LREAL", np.ravel(op.coefficients[:, first:stop].T)
@@ -540,8 +538,7 @@ def _(op: Distances, step: Step, listing: Listing) -> None:
     listing.local("nBase", "DINT")
     listing.locals("LREAL", "fSum", "fDelta")
     parts = []
-    for number, (first, stop) in enumerate(runs):
-        suffix = "" if len(runs) == 1 else f"_{number}"
+    for suffix, (first, stop) in zip(suffixes(len(runs)), runs, strict=True):
         vector = _vectors(op.vectors[first:stop], step.table(f"TRAINING_ROW{suffix}"), listing)
         parts.append({"vector": vector, "first": first, "last": stop - first - 1})
     listing.section(

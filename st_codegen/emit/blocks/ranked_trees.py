@@ -17,7 +17,7 @@ from itertools import pairwise
 import numpy as np
 
 from st_codegen.emit.blocks.depth_classes import DepthClasses, Prices, depth_classes
-from st_codegen.emit.blocks.listing import Group, Listing
+from st_codegen.emit.blocks.listing import Group, Listing, suffixes
 from st_codegen.emit.blocks.operations import Step
 from st_codegen.errors import TargetError
 from st_codegen.ir import Aggregate, CutTrees, FloatArray, Int32Array, IntArray, Precision, TreeEnsemble, depth_of
@@ -121,8 +121,7 @@ def _parts(
     runs = listing.chunks(np.maximum(2 * cells + 4 * pairs, (pairs + cells) * op.leaf_value.shape[1]), "tree")
     parts: list[dict[str, object]] = []
     depths = depths_of(op)
-    for number, (first, stop) in enumerate(runs):
-        suffix = "" if len(runs) == 1 else f"_{number}"
+    for suffix, (first, stop) in zip(suffixes(len(runs)), runs, strict=True):
         tables = _tables(op, equal, depths[first * cells : stop * cells], (first, stop), cells, keys)
         parts.append(
             {

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from st_codegen.emit.blocks.listing import Group, Listing
+from st_codegen.emit.blocks.listing import Group, Listing, suffixes
 from st_codegen.emit.blocks.operations import Step, lay_out
 from st_codegen.emit.blocks.ranked_trees import lay_out_ranked, sum_values
 from st_codegen.errors import InputError
@@ -210,7 +210,7 @@ def _category_values(
             "codes": listing.local(f"anCode{step.number}", "DINT", len(numbers)),
             "left": [
                 listing.table(step.table(f"CATEGORY_LEFT{suffix}"), "SINT", part.left.astype(np.int8))
-                for suffix, part in zip(_suffixes(len(answers)), answers, strict=True)
+                for suffix, part in zip(suffixes(len(answers)), answers, strict=True)
             ],
             "first": len(slots.column),
         }
@@ -245,11 +245,6 @@ def _leaf_values(op: TreeEnsemble, step: Step, listing: Listing) -> dict[str, ob
     return values
 
 
-def _suffixes(runs: int) -> list[str]:
-    """Ends of the names of tables that each run of trees has for itself."""
-    return [""] if runs == 1 else [f"_{number}" for number in range(runs)]
-
-
 def _node_tables(
     op: TreeEnsemble, step: Step, listing: Listing, slots: _Slots, runs: list[tuple[int, int]], answers: list[_Answers]
 ) -> list[dict[str, object]]:
@@ -272,7 +267,7 @@ def _node_tables(
     jump = np.where(inner, op.right - nodes, (0 if narrow and op.linear is None else row * op.leaf_value.shape[1]))
     compares = bool(np.any(slots.of_node >= 0))
     parts: list[dict[str, object]] = []
-    for suffix, (first, stop), part in zip(_suffixes(len(runs)), runs, answers, strict=True):
+    for suffix, (first, stop), part in zip(suffixes(len(runs)), runs, answers, strict=True):
         listing.loop("nTree", stop - first)
         begin, end = int(op.roots[first]), int(stops[stop - 1])
         groups = [Group(f"tree {t}", int(op.roots[t]) - begin, int(stops[t]) - begin) for t in range(first, stop)]
