@@ -1,5 +1,6 @@
 """What no effect explains: its size, what it depends on, and its formula, against numbers known beforehand."""
 
+import json
 import re
 from dataclasses import replace
 
@@ -480,7 +481,7 @@ def test_a_step_in_proportion_to_a_condition_is_said_as_such():
     target = replace(target, data=replace(target.data, at=at))
     said = {s.order: s.text for s in signatures(target, residual, 1.0, np.full(21, 1e-5))}
     # an amplitude of 4e-4 deg at the largest load, nothing without: runs 47 to 50 have none
-    dated = "a step of 0.0004 deg between run 46 and run 51 of 96, in their order"
+    dated = "a step of some 0.0004 deg between run 46 and run 51 of 96, in their order"
     assert f"{dated}, in proportion to the torque: so much at {load.max():g} N m" in said[12], said[12]
     assert re.search(r"a step of 0\.0004 deg between run 47 and run 48 of 96, in their order$", said[15]), said[15]
 
@@ -490,6 +491,8 @@ def test_a_step_below_the_noise_of_a_run_is_dated_as_well_as_it_is_known():
     target, residual = curves_over_runs({12: 1.2e-5 * (np.arange(96) >= 40) * TURN})
     (said,) = (s.text for s in signatures(target, residual, 1.0, np.full(21, 1e-5)) if s.order == 12)
     first, last = map(int, re.search(r"between run (\d+) and run (\d+) of 96", said).groups())
+    (one,) = (s for s in signatures(target, residual, 1.0, np.full(21, 5e-5)) if s.order == 12)
+    assert json.loads(json.dumps(one.at_least)) is True, "what neighbours differ by holds it"
     assert first <= 40 < last and last - first > 2, said
 
 

@@ -102,8 +102,16 @@ class Search:
     """Candidates for a fit, with their scores."""
 
     def __init__(
-        self, known: Catalogue, fit: Fit, *, stages: Sequence[Stage] = STAGES, touching: Sequence[int] = ()
+        self,
+        known: Catalogue,
+        fit: Fit,
+        *,
+        stages: Sequence[Stage] = STAGES,
+        touching: Sequence[int] = (),
+        moved: bool = False,
     ) -> None:
+        """moved: of what peaks at a frequency, only what moves by more than its width, and nothing else."""
+        self.moved = moved
         self.known = known
         self.fit = fit
         self.stages = tuple(stages)
@@ -140,12 +148,12 @@ class Search:
             if effect.stage not in self.stages or not effect.searched or len(self._foreign) < effect.least_foreign:
                 continue
             if effect.orders_key == "orders":
-                if any(s.unit == "Hz" for s in effect.scalars):
+                if any(s.unit == "Hz" for s in effect.scalars) and not self.moved:
                     yield from self._moving(effect)
                 # lists of orders are searched where a frequency says which belong together
                 if self.data.angle_rad is None and any(s.unit == "Hz" for s in effect.scalars):
                     yield from self._many_orders(effect)
-            else:
+            elif not self.moved:
                 yield from self._growths(effect)
                 yield from self._additions(effect)
 
@@ -254,7 +262,8 @@ class Search:
 
     def _many_orders(self, effect: type[Effect]) -> Iterator[Candidate]:
         """One start for each promising frequency: the orders that gain by it."""
-        for start in Frequencies(effect, self.fit, self.scorer.weights, self.scorer.powers).starts():
+        frequencies = Frequencies(effect, self.fit, self.scorer.weights, self.scorer.powers)
+        for start in frequencies.moved() if self.moved else frequencies.starts():
             # a size that grows comes on top of one that is there
             growing = [s for s in effect.scalars if s.default == 0.0 and s.lower == 0.0 and s.starts]
             for optional in ({}, *({s.key: s.starts[1]} for s in growing if s.form is Form.SHAPE)):

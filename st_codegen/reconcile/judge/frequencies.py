@@ -65,24 +65,34 @@ class Frequencies:
         self.loud = self._loud_orders()
 
     def starts(self) -> list[Start]:
-        """The frequencies that gain most, the best first, and those that move with the load where they gain more."""
+        """The frequencies that gain most, the best first."""
         named = [piece.effect for piece in self.fit.state.pieces if piece.effect.name == self.effect.name]
-        still, moved = list[Start](), list[Start]()
+        found = list[Start]()
+        for fixed, grid in self._forms():
+            found += self._promising(self._gains(fixed, grid, self.target.good), fixed, grid)
+        return self._apart(sorted((one for one in found if not self._is_known(one, named)), key=lambda one: -one.gain))
+
+    def moved(self) -> list[Start]:
+        """The frequency that moves with the load or the oil temperature and gains most, if there is one.
+
+        Of orders that a resonance has already none: how it lacks what they keep is not told by another one.
+        """
+        taken = {order for piece in self.fit.state.pieces if piece.effect.name == self.effect.name
+                 for order in piece.effect.orders}  # fmt: skip
+        found = [
+            one for fixed, grid in self._forms() for along in self._axes for one in self._moved(fixed, grid, along)
+            if not taken & set(one.orders)
+        ]  # fmt: skip
+        return [max(found, key=lambda one: one.gain)] if found else []
+
+    def _forms(self) -> Iterator[tuple[dict[str, float], FloatArray]]:
+        """The starts of all that shapes a peak but its frequency, each with a grid as fine as it asks."""
         shapes = [s for s in self.effect.scalars if s.form is Form.SHAPE and s.default is None]
-        for values in itertools.product(*(s.starts for s in shapes if s is not self.frequency)):
-            fixed = {s.key: v for s, v in zip((s for s in shapes if s is not self.frequency), values, strict=True)}
+        others = [s for s in shapes if s is not self.frequency]
+        for values in itertools.product(*(s.starts for s in others)):
             grid = self._grid(0.7 * min(values))
             if len(grid):
-                still += self._promising(self._gains(fixed, grid, self.target.good), fixed, grid)
-                for along in self._axes:
-                    moved += self._moved(fixed, grid, along)
-        still = [one for one in still if not self._is_known(one, named)]
-        still.sort(key=lambda one: -one.gain)
-        best = max(moved, key=lambda one: one.gain, default=None)
-        found = self._apart(still)
-        if best is not None and best.gain > SETTINGS.order_gain + max((one.gain for one in still), default=0.0):
-            found.append(best)
-        return found
+                yield {s.key: v for s, v in zip(others, values, strict=True)}, grid
 
     @property
     def _axes(self) -> tuple[_Along, ...]:
@@ -207,12 +217,19 @@ class Frequencies:
 
     def _is_known(self, start: Start, named: Sequence[Effect]) -> bool:
         """Whether a resonance of the same orders is there already: what is left of it is no second one."""
-        key = self.frequency.key
         return any(
-            abs(np.log(start.values[key] / other.scalar(key))) < SETTINGS.same_resonance
+            self._apart_by(start.values[self.frequency.key], other) < SETTINGS.same_resonance
             and set(start.orders) & set(other.orders)
             for other in named
         )
+
+    def _apart_by(self, hertz: float, other: Effect) -> float:
+        """How far (logarithm of the ratio) a frequency lies from those that a resonance has in these runs."""
+        own, at = other.scalar(self.frequency.key), self.data.at
+        moves = isinstance(other, StructuralResonance)
+        shift = other.shift(at.torque_Nm, at.temperature_C) if moves else np.ones(1)  # type: ignore[attr-defined]
+        low, high = np.log(own * float(np.min(shift))), np.log(own * float(np.max(shift)))
+        return float(max(low - np.log(hertz), np.log(hertz) - high, 0.0))
 
 
 def _is_inside(effect: type[Effect], values: dict[str, float]) -> bool:

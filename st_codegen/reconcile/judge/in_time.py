@@ -127,7 +127,9 @@ def _courses(
     of_sure = tuple((series[:, sure], weight) for series, weight in sums)
     for k in np.array(sure, np.int64)[_are_of_their_order(of_sure, gains[sure], all_numbers[sure])]:
         course = _described(near, in_deg, k, total * int(parts[k]))
-        text = f"{course.text}{along.text}"
+        # of what is in proportion the constant that a fit has taken off is a part
+        text = course.text.replace(" of ", " of some ", 1) if along.in_proportion else course.text
+        text += along.text
         text = text if alone[k] else f"{text}, which noise that lasts over runs may look like"
         found[k] = replace(course, text=text, power=share * course.power)
     return found

@@ -44,6 +44,8 @@ def search(
         found = _next(current, current, known, refused, judged)
         if found is None and is_lacking(target, current.residual).any():
             found = _next(_softer(current), current, known, softly, judged)
+            # what moves by more than its width is a resonance only where nothing simpler is left
+            found = found or _next(current, current, known, dict[object, float](), judged, moved=True)
         if found is None:
             break
         current = in_their_forms(found)
@@ -65,10 +67,16 @@ def _softer(current: Fit) -> Fit:
 
 
 def _next(
-    seen: Fit, current: Fit, known: Catalogue, refused: dict[object, float], judged: list[tuple[Candidate, Evidence]]
+    seen: Fit,
+    current: Fit,
+    known: Catalogue,
+    refused: dict[object, float],
+    judged: list[tuple[Candidate, Evidence]],
+    *,
+    moved: bool = False,
 ) -> Fit | None:
     """The fit with one more effect, or None; seen: the fit by whose weights candidates are found and tried."""
-    finder = Search(known, seen)
+    finder = Search(known, seen, moved=moved)
     ranked = [c for c in finder.ranked(least=20.0) if finder.net(c) > 0]
     for _ in range(SETTINGS.rounds):
         ranked = [c for c in ranked if not _failed_before(c, refused)]

@@ -5,6 +5,7 @@ Whether there is something is decided in `structure`; sizes and causes are measu
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -352,9 +353,9 @@ def _signature(
     side = _side(target, r, noise)
     # where nothing tells the noise but what runs differ by, as in a table's mean, that holds what is looked for as well
     within = float(noise_within(target)[k])
-    at_least = not np.isfinite(within)
+    at_least = not math.isfinite(within)
     # what neighbours in the conditions differ by holds what changed between the times of both
-    at_least |= course is not None and floor > SETTINGS.clearly_larger * within
+    at_least |= course is not None and bool(floor > SETTINGS.clearly_larger * within)
     what = f"order {order}" if order else "the mean"
     size = f"{'at least ' if at_least else ''}{np.sqrt(power):.2g} deg RMS"
     is_law = formula is not None and said.startswith(formula.text)
