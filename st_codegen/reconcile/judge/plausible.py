@@ -54,6 +54,8 @@ def inside_bounds(fitted: Fit, number: int) -> Fit | None:
         return None
     scalars = {scalar.key: scalar for scalar in piece.effect.scalars}
     free = piece.free - {c.key for c in met}
+    if piece.added and not free:
+        return None
     trials = []
     for values in itertools.product(*(_inner(scalars[c.key], c, piece.origin) for c in met)):
         held = {key: value for key, value in piece.effect.values.items() if key not in {c.key for c in met}}
