@@ -10,7 +10,8 @@ from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.reconcile.data.contrasts import levels_of, speed_levels
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Effect, Stage
+from st_codegen.rig.effects import Conditions, Effect, Stage
+from st_codegen.rig.effects.resonance import StructuralResonance
 
 #: random peaks whose agreement is counted: a share of one in 100 is known to a sixth
 _DRAWS = 4000
@@ -21,6 +22,12 @@ def has_a_frequency(effect: Effect) -> bool:
     return effect.stage is Stage.STRUCTURE and effect.orders_key == "orders" and "frequency_Hz" in effect.values
 
 
+def where_there(effect: Effect, at: Conditions) -> BoolArray:
+    """The operating points at whose temperatures a resonance is there, (n,)."""
+    found: BoolArray = effect.growth(at) > 0.5 if isinstance(effect, StructuralResonance) else np.ones(len(at), bool)
+    return found
+
+
 def bracket(target: FitData, residual: ComplexArray, effect: Effect) -> tuple[float, float] | None:
     """The frequencies (Hz) between which the peaks of an effect's orders put it; None where they do not agree.
 
@@ -28,11 +35,11 @@ def bracket(target: FitData, residual: ComplexArray, effect: Effect) -> tuple[fl
     peaks nearer to it than to its neighbours: between the middles to both. What orders and directions have in common
     counts. Where it lies elsewhere at one load or temperature, it has no frequency of all.
     """
-    at = target.data.at
-    low, high, _ = _between(target, residual, effect, target.good)
+    at, there = target.data.at, target.good & where_there(effect, target.data.at)
+    low, high, _ = _between(target, residual, effect, there)
     for level in (levels_of(np.abs(at.torque_Nm)), levels_of(at.temperature_C)):
         for number in np.unique(level):
-            rows = target.good & (level == number)
+            rows = there & (level == number)
             own_low, own_high, shown = _between(target, residual, effect, rows, SETTINGS.loud_order)
             if shown > 1 and own_low < own_high and not (own_low < high and low < own_high):
                 return None

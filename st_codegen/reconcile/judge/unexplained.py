@@ -351,9 +351,10 @@ def _signature(
     if target.data.sorted_by and target.data.sorted_by in said and "when it was measured" not in said:
         said += ", or with the time if the runs were made in the order of their list"
     side = _side(target, r, noise)
-    # where nothing tells the noise but what runs differ by, as in a table's mean, that holds what is looked for as well
+    # where nothing tells the noise but what runs differ by, that holds what is looked for as well: so in a table's mean,
+    # of which both directions tell least, and in orders of curves that are far from quiet ones
     within = float(noise_within(target)[k])
-    at_least = not math.isfinite(within)
+    at_least = not order if target.data.spectral_deg is None else not math.isfinite(within)
     # what neighbours in the conditions differ by holds what changed between the times of both
     at_least |= course is not None and bool(floor > SETTINGS.clearly_larger * within)
     what = f"order {order}" if order else "the mean"

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from st_codegen.campaign.orders import listed
-from st_codegen.ir.arrays import BoolArray, ComplexArray
+from st_codegen.ir.arrays import ComplexArray
 from st_codegen.reconcile.data.observations import rms_deg
 from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.judge.conclusions import Claim
 from st_codegen.reconcile.judge.misread import Misread
+from st_codegen.reconcile.judge.peaks import where_there
 from st_codegen.reconcile.judge.plausible import explained
 from st_codegen.reconcile.judge.structure import in_both_directions
 from st_codegen.reconcile.judge.surroundings import angle_of_rest
@@ -21,7 +22,7 @@ from st_codegen.reconcile.judge.unexplained import beside_the_rigs
 from st_codegen.reconcile.outcome import Outcome
 from st_codegen.reconcile.run import Reconciliation, TakenBack
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Conditions, Effect
+from st_codegen.rig.effects import Effect
 from st_codegen.rig.effects.base import ARCMIN
 from st_codegen.rig.effects.resonance import StructuralResonance
 
@@ -326,18 +327,12 @@ def _drift(effect: Effect, result: Reconciliation) -> str:
     return f"the mean drifts by {_value(effect, 'drift_arcmin_per_K'):.2g} arcmin a kelvin of oil temperature"
 
 
-def _there(effect: Effect, at: Conditions) -> BoolArray:
-    """The rows at whose temperatures a resonance is there."""
-    found: BoolArray = effect.growth(at) > 0.5 if isinstance(effect, StructuralResonance) else np.ones(len(at), bool)
-    return found
-
-
 def _resonance(effect: Effect, result: Reconciliation) -> str:
     """Which order is lifted how far at which speed."""
     peaks = next((claim.peaks for claim in result.conclusions.claims if claim.piece.effect is effect), None)
     frequency = _value(effect, "frequency_Hz") if peaks is None else sum(peaks) / 2
     final = result.conclusions.final
-    at = result.data.at.rows(np.flatnonzero(_there(effect, result.data.at)))
+    at = result.data.at.rows(np.flatnonzero(where_there(effect, result.data.at)))
     without = final.state.model().with_effects(e for e in final.state.model().effects if e is not effect)
     parts = []
     for order in effect.orders:
