@@ -351,8 +351,8 @@ def _signature(
     if target.data.sorted_by and target.data.sorted_by in said and "when it was measured" not in said:
         said += ", or with the time if the runs were made in the order of their list"
     side = _side(target, r, noise)
-    # where nothing tells the noise but what runs differ by, that holds what is looked for as well: so in a table's mean,
-    # of which both directions tell least, and in orders of curves that are far from quiet ones
+    # where nothing tells the noise but what runs differ by, that holds what is looked for as well: so in the mean of a
+    # table, and in orders of curves that are far from quiet ones
     within = float(noise_within(target)[k])
     at_least = not order if target.data.spectral_deg is None else not math.isfinite(within)
     # what neighbours in the conditions differ by holds what changed between the times of both
