@@ -13,6 +13,7 @@ from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.judge.candidates import Candidate, Search
 from st_codegen.reconcile.judge.evidence import Evidence, judge
+from st_codegen.reconcile.judge.peaks import has_a_frequency
 from st_codegen.reconcile.judge.plausible import (
     at_nobodys_expense,
     at_two_frequencies,
@@ -43,9 +44,7 @@ def search(
             progress(number, SETTINGS.most_effects, f"{len(current.state.pieces)} effects")
         found = _next(current, current, known, refused, judged)
         if found is None and is_lacking(target, current.residual).any():
-            found = _next(_softer(current), current, known, softly, judged)
-            # what moves by more than its width is a resonance only where nothing simpler is left
-            found = found or _next(current, current, known, dict[object, float](), judged, moved=True)
+            found = _next(_softer(current), current, known, softly, judged) or _moved(current, known, judged)
         if found is None:
             break
         current = in_their_forms(found)
@@ -64,6 +63,23 @@ def _softer(current: Fit) -> Fit:
     target, good = current.target, current.target.good
     loudest = float(np.sqrt((np.abs(current.residual[good]) ** 2).mean(axis=0)).max(initial=0.0))
     return fit(replace(target, wide=np.maximum(target.spread, SETTINGS.form * loudest)), current.state)
+
+
+def _moved(current: Fit, known: Catalogue, judged: list[tuple[Candidate, Evidence]]) -> Fit | None:
+    """The fit with a resonance that moves by more than its width, where nothing simpler is left, or None.
+
+    One that does not move, or two, may have been found at the levels where most of its peaks are: it stands in place
+    of these where it explains more.
+    """
+    added = [i for i, piece in enumerate(current.state.pieces) if piece.added and has_a_frequency(piece.effect)]
+    found = _next(current, current, known, dict[object, float](), judged, moved=True)
+    for gone in ([[i] for i in added] + [added] * (len(added) > 1)) if found is None else ():
+        kept = tuple(piece for i, piece in enumerate(current.state.pieces) if i not in gone)
+        without = fit(current.target, replace(current.state, pieces=kept), steps=SETTINGS.quick_steps)
+        one = _next(without, without, known, dict[object, float](), judged, moved=True)
+        if one is not None and one.loss < current.loss - SETTINGS.order_gain:
+            return one
+    return found
 
 
 def _next(
