@@ -238,6 +238,8 @@ class Settings:
     at_once: float = 0.5
     #: runs at which a trend may begin or end
     bends: int = 24
+    #: steps that are compared beside a condition: of more runs as many, evenly
+    most_cuts: int = 512
 
     # --- what lies around ---
     #: power of one of many random waves over their mean: exponential, so that one in 8,000 is so large

@@ -14,18 +14,21 @@ from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.judge.evidence import chi_square_tail
 from st_codegen.reconcile.settings import SETTINGS
 
+#: what is said of a course that noise may be
+_MAY_LAST = ", which noise that lasts over runs may look like"
+
 
 @dataclass(frozen=True)
 class Course:
     """A step, a trend or a lag over the runs: its mean power (deg^2), the size of the change (deg), and a phrase.
 
-    gain: what it explains, in noises, squared.
+    is_lag: whether it follows the oil.
     """
 
     power: float
     amplitude_deg: float
     text: str
-    gain: float
+    is_lag: bool = False
 
 
 def course_of(target: FitData, z: ComplexArray, whole: ComplexArray, parts: IntArray) -> list[Course | None]:
@@ -38,48 +41,87 @@ def course_of(target: FitData, z: ComplexArray, whole: ComplexArray, parts: IntA
     have its sign, and not be there without one: so play shows that wears. Else it may be in proportion to a condition.
     """
     found: list[Course | None] = [None] * z.shape[1]
-    good = target.good
-    usual = np.maximum(1.0, np.sqrt((np.abs(whole[good]) ** 2).mean(axis=0)))
+    if target.data.run is None:
+        return found
+    usual = np.maximum(1.0, np.sqrt((np.abs(whole[target.good]) ** 2).mean(axis=0)))
     few_wild = whole * np.minimum(1.0, SETTINGS.cut * usual / np.maximum(np.abs(whole), 1e-300))
-    numbers, power = good.sum() * parts, (np.abs(few_wild[good]) ** 2).sum(axis=0)
-    for along in _ways(target) if target.data.run is not None else ():
+    for along in _ways(target):
         for k, course in enumerate(_courses(target, z, whole, few_wild, parts, along)):
-            best = found[k]
-            if best is None and not along.in_proportion:
-                found[k] = course
-            elif best is not None and course is not None and along.in_proportion and course.gain > best.gain:
-                left = max(float(power[k]) - course.gain, 1e-300)
-                # of a scatter that nobody knows, likelihoods differ by the logarithm of what is left
-                if numbers[k] * np.log((left + course.gain - best.gain) / left) > SETTINGS.order_gain:
-                    found[k] = course
+            if found[k] is None and course is not None:
+                found[k] = course if course.is_lag else _in_proportion(target, few_wild, k, course, along)
     return found
 
 
 @dataclass(frozen=True)
 class _Along:
-    """What a course may follow beside the order of the runs: weights (n,) of at most 1, and what is said of it.
-
-    in_proportion: whether it stands in place of a simpler way that explains less alone; else where there is none.
-    """
+    """What a course may follow beside the order of the runs: weights (n,) of at most 1, and what is said of it."""
 
     weights: FloatArray
     text: str = ""
-    in_proportion: bool = False
 
 
 def _ways(target: FitData) -> list[_Along]:
-    """The ways of the rows that count, the simplest first."""
-    at, good = target.data.at, target.good
-    sign = np.sign(at.torque_Nm)
-    found = [_Along(np.ones(len(sign)))]
-    if len(np.unique(sign[good])) > 1:
-        found.append(_Along(sign, ", with the load"))
+    """The ways of what is of one size, of the rows that count: the simplest first."""
+    sign = np.sign(target.data.at.torque_Nm)
+    with_load = [_Along(sign, ", with the load")] if len(np.unique(sign[target.good])) > 1 else []
+    return [_Along(np.ones(len(sign))), *with_load]
+
+
+def _in_proportion(target: FitData, few_wild: ComplexArray, k: int, course: Course, along: _Along) -> Course:
+    """The course of an order in proportion to the torque or the speed where that leaves clearly less; else as it is.
+
+    Each beside a constant and the condition itself, of which the rig's own numbers have taken off what they could.
+    few_wild: in noises, (n, K); along: the way of the course.
+    """
+    at, good, best = target.data.at, target.good, (SETTINGS.order_gain, course)
+    z, numbers = few_wild[:, k], good.sum() * (2 if target.data.orders[k] else 1)
     for values, name, unit in ((at.torque_Nm, "torque", "N m"), (at.speed_rpm, "speed", "rpm")):
         most = float(np.abs(values[good]).max(initial=0.0))
-        if len(np.unique(np.abs(values[good]))) > 1:
-            text = f", in proportion to the {name}: so much at {most:g} {unit}"
-            found.append(_Along(values / most, text, in_proportion=True))
-    return found
+        if len(np.unique(np.abs(values[good]))) < 2:
+            continue
+        weights = values / most
+        (plain, _), (left, constant) = (_beside(target, z, weights, one) for one in (along.weights, weights))
+        # of a scatter that nobody knows, likelihoods differ by the logarithm of what is left
+        gain = float(numbers * np.log(plain / left))
+        if gain > best[0]:
+            run = target.data.run
+            assert run is not None
+            places = np.unique(run[good])
+            place = np.searchsorted(places, run)
+            sums, in_deg = (_by_run(target, one[:, None], place, len(places), weights)
+                            for one in (z - constant, (z - constant) * target.sigma[:, k]))  # fmt: skip
+            found = _described(sums, in_deg, 0, int(numbers))
+            said = f"{found.text}, in proportion to the {name}: so much at {most:g} {unit}"
+            best = gain, replace(found, text=f"{said}{_MAY_LAST}" if course.text.endswith(_MAY_LAST) else said)
+    return best[1]
+
+
+def _beside(target: FitData, z: ComplexArray, base: FloatArray, weights: FloatArray) -> tuple[float, ComplexArray]:
+    """What the best step or ramp, times weights (n,), leaves of an order (n,) beside a constant and a condition (n,).
+
+    In noises, squared; and the constants of each direction, (n,).
+    """
+    run, good, constant = target.data.run, target.good, np.zeros(len(z), np.complex128)
+    assert run is not None
+    places = np.unique(run[good])
+    place, count = np.searchsorted(places, run), len(places)
+    edge = max(2, count // 20)
+    cuts = np.unique(np.linspace(edge, count - edge, SETTINGS.most_cuts).round())
+    profiles = np.concatenate([np.arange(count) >= cuts[:, None], _shapes(count)]).T
+    gains, left, directions = np.zeros(profiles.shape[1]), 0.0, list[BoolArray]()
+    for sign in np.unique(target.data.at.sign[good]):
+        rows = good & (target.data.at.sign == sign)
+        directions.append(rows)
+        q = np.linalg.qr(np.stack([np.ones(int(rows.sum())), base[rows]], axis=1))[0]
+        x, y = weights[rows, None] * profiles[place[rows]], z[rows]
+        x, y = x - q @ (q.T @ x), y - q @ (q.T @ y)
+        gains += np.abs(x.T @ y) ** 2 / np.maximum((x * x).sum(axis=0), 1e-9)
+        left += float((np.abs(y) ** 2).sum())
+    best = int(gains.argmax())
+    for rows in directions:
+        own = np.stack([np.ones(int(rows.sum())), base[rows], weights[rows] * profiles[place[rows], best]], axis=1)
+        constant[rows] = np.linalg.lstsq(own, z[rows], rcond=None)[0][0]
+    return max(left - float(gains[best]), 1e-9), constant
 
 
 def _courses(
@@ -116,7 +158,7 @@ def _courses(
         least = lefts[k] / max(varying[k], 1e-300) * varying_whole[k]
         if lag is not None and lag.left < least and lag.is_sure(int(degrees[k])):
             power = (varying_whole[k] - lag.left) / total * sigma[k] ** 2
-            found[k] = Course(float(power) * share, float(sigma[k]) * lag.reach, lag.text(float(sigma[k])), np.inf)
+            found[k] = Course(float(power) * share, float(sigma[k]) * lag.reach, lag.text(float(sigma[k])), is_lag=True)
             continue
         if gains[k] < SETTINGS.least_excess_in_time * lefts[k] and not alone[k]:
             continue
@@ -127,10 +169,8 @@ def _courses(
     of_sure = tuple((series[:, sure], weight) for series, weight in sums)
     for k in np.array(sure, np.int64)[_are_of_their_order(of_sure, gains[sure], all_numbers[sure])]:
         course = _described(near, in_deg, k, total * int(parts[k]))
-        # of what is in proportion the constant that a fit has taken off is a part
-        text = course.text.replace(" of ", " of some ", 1) if along.in_proportion else course.text
-        text += along.text
-        text = text if alone[k] else f"{text}, which noise that lasts over runs may look like"
+        text = f"{course.text}{along.text}"
+        text = text if alone[k] else f"{text}{_MAY_LAST}"
         found[k] = replace(course, text=text, power=share * course.power)
     return found
 
@@ -171,14 +211,12 @@ def _described(near: _ByRun, in_deg: _ByRun, k: int, numbers: int) -> Course:
         left = max(float(varying[0] - steps[0]), 0.0) / numbers
         one = [(series[:, 0], weight) for series, weight in own]
         runs = _runs_beside(own, cut, left)
-        return Course(
-            float(power), size, _step_text(size, runs, count, *_share_at_once(one, cut, left)), float(steps[0])
-        )
+        return Course(float(power), size, _step_text(size, runs, count, *_share_at_once(one, cut, left)))
     shape = _shapes(count)[bends[0]]
     slopes = [_slopes(series[:, k : k + 1], weight, shape[None]) for series, weight in in_deg]
     power = sum(abs(slope[0, 0]) ** 2 * square[0] for slope, square in slopes) / rows
     size = float(max(abs(slope[0, 0]) for slope, _ in slopes)) * float(np.ptp(shape))
-    return Course(float(power), size, _ramp_text(shape, size), float(trends[0]))
+    return Course(float(power), size, _ramp_text(shape, size))
 
 
 def _runs_beside(own: _ByRun, cut: int, scale: float) -> tuple[int, int]:
