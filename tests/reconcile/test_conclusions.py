@@ -306,6 +306,21 @@ def test_peaks_that_lie_elsewhere_at_one_load_have_no_bracket(per_kNm, is_one):
     assert (bracket(target, data.values, whole) is not None) == is_one
 
 
+def test_the_peaks_of_a_state_are_those_of_its_temperatures():
+    """That the other state peaks elsewhere took the bracket of the real table's from it."""
+    axes = np.meshgrid(np.arange(100.0, 1801.0, 50.0), [0.0, 900.0, 1800.0], [20.0, 30.0, 35.0], [1.0, -1.0])
+    at = Conditions.of(axes[3].ravel(), axes[0].ravel(), axes[1].ravel(), axes[2].ravel())
+    shape = {"orders": [156, 162, 240], "damping_ratio": 0.02, "amplitude_deg": [1e-3] * 3}
+    warm = effect("structural_resonance", frequency_Hz=54.0, above_C=25.0, **shape)
+    cold = effect("structural_resonance", frequency_Hz=48.0, below_C=25.0, **shape)
+    data = observed(RigModel(effects=(warm, cold)), at, orders=(0, 156, 162, 240))
+    target = FitData(data, np.full(data.values.shape, SIGMA), np.ones(len(at), bool), groups_of(at))
+    for state in (warm, cold):
+        low, high = bracket(target, data.values, state)
+        assert low < state.scalar("frequency_Hz") < high
+    assert bracket(target, data.values, effect("structural_resonance", frequency_Hz=54.0, **shape)) is None
+
+
 @pytest.mark.parametrize(("is_play", "sigma"), [(True, SIGMA), (False, SIGMA), (False, 20 * SIGMA)])
 def test_play_and_a_transmission_that_is_softer_at_low_loads_are_told_apart_where_the_torques_do(is_play, sigma):
     """Play of a transmission without any was stated with 0.98, the surer the less noise there was."""
