@@ -120,6 +120,60 @@ def test_a_resonance_whose_frequency_moves_by_more_than_its_width(law, key, accu
         assert re.search(r"at (39\.[89]|40\.[01]) Hz at 0 N m and at 57\.[0-2] Hz at 1800 N m", text), text
 
 
+@pytest.mark.parametrize(
+    ("high", "lifted", "largest_Nm"),
+    [
+        (lambda share: share, "0.007. deg high at 1800 N m and .* deg at 0 N m", 1800.0),
+        (lambda share: 1.0 - 0.8 * share, "0.0016 deg high at 1800 N m and 0.0078 deg at 0 N m", 1800.0),
+        (lambda share: 1.0 + 3.0 * share, "0.031 deg high at 6 N m and 0.0078 deg at 0 N m", 6.0),
+    ],
+    ids=["in proportion to the load", "less under load", "of a gear of some N m"],
+)
+def test_a_resonance_whose_height_follows_the_load(high, lifted, largest_Nm):
+    """All three were named in part: growth was one number of all orders, from 0 to 5 a 1000 N m."""
+    at, orders = grid(np.arange(100, 1801, 100.0), 4), [0, 156, 162, 240]
+    at = replace(at, torque_Nm=at.torque_Nm * largest_Nm / 1800.0)
+    heights = {156: 4e-3 * np.exp(1j), 162: 6e-3, 240: 3e-3j}
+
+    def wave(order):
+        ratio = order * at.speed_rpm / 60 / 81 / 40.0
+        response = 0.06 * ratio**2 / (1 - ratio**2 + 0.06j * ratio * at.sign)
+        return heights[order] * high(at.torque_Nm / largest_Nm) * response
+
+    mesh = part([name for name in MESH if name != "load_dependent_mesh"], orders)
+    result = reconciled(mesh, at, orders, {order: wave(order) for order in heights})
+    (claim,) = result.conclusions.claims
+    effect = claim.piece.effect
+    assert effect.name == "structural_resonance" and set(effect.orders) == set(heights)
+    assert effect.scalar("frequency_Hz") == pytest.approx(40.0, rel=1e-3)
+    for place, order in enumerate(effect.orders):
+        shown = heights[order] * high(at.torque_Nm / largest_Nm)
+        assert np.abs(effect.height(at, place) - shown).max() < 0.01 * np.abs(shown).max()
+    assert result.held_out.after < 1.2 * SIGMA * np.sqrt(len(orders))
+    (text,) = (finding.text for finding in findings(result) if finding.effect is effect)
+    assert re.search(lifted, text), text
+
+
+def test_a_height_of_another_law_does_not_move_the_frequency():
+    """Of a height as the root of the load, the peak that is not there without load went to 17.7 Hz, between speeds."""
+    at, orders = grid(np.arange(200, 2401, 200.0), 1, (25.0, 45.0)), [0, 82, 85, 126]
+    at = Conditions(*(np.tile(values, 3) for values in (at.sign, at.speed_rpm, at.torque_Nm, at.temperature_C)))
+    at = replace(at, torque_Nm=np.repeat([0.0, 250.0, 600.0], len(at) // 3))
+    heights = {82: 1.3e-3, 85: 1.5e-3 * np.exp(-0.5j), 126: 9e-4 * np.exp(2.2j)}
+
+    def wave(order):
+        ratio = order * at.speed_rpm / 60 / 81 / 20.0
+        response = 0.06 * ratio**2 / (1 - ratio**2 + 0.06j * ratio * at.sign)
+        return heights[order] * np.sqrt(at.torque_Nm / 400.0) * response
+
+    result = reconciled(part((), ()), at, orders, {order: wave(order) for order in heights}, 5e-6)
+    effects = [claim.piece.effect for claim in result.conclusions.claims]
+    assert [effect.name for effect in effects] == ["structural_resonance"]
+    hertz = effects[0].scalar("frequency_Hz") * effects[0].shift(at.torque_Nm, at.temperature_C)
+    assert hertz == pytest.approx(20.0, rel=0.01)
+    assert result.unexplained, "its height is no line over the load"
+
+
 def test_two_resonances_that_cross_are_not_one_that_grows():
     """One of 52.0 Hz and a damping ratio of 0.049, found where the two meet, stood in the place of both."""
     at, orders = grid(np.arange(100, 1801, 100.0), 7, (30.0,)), [0, 120, 156, 162, 240]

@@ -264,18 +264,19 @@ class Search:
         """One start for each promising frequency: the orders that gain by it."""
         frequencies = Frequencies(effect, self.fit, self.scorer.weights, self.scorer.powers)
         for start in frequencies.moved() if self.moved else frequencies.starts():
-            # a size that grows comes on top of one that is there
-            growing = [s for s in effect.scalars if s.default == 0.0 and s.lower == 0.0 and s.starts]
-            for optional in ({}, *({s.key: s.starts[1]} for s in growing if s.form is Form.SHAPE)):
-                keys = set(start.values) | set(optional)
-                for phasor in effect.phasors:
-                    for backward in (False, True)[: 1 + self.data.both_directions()]:
-                        keys |= set(phasor.keys(backward))
-                values = start.values | optional
-                yield Candidate(_started(effect, frozenset(keys), values, start.orders, self.constants))
+            # where the height follows the load nothing of one height may explain enough to begin with
+            keys = frozenset(start.values) | self._sizes(effect, required=True)
+            for chosen in dict.fromkeys((keys, keys | self._sizes(effect, required=False))):
+                yield Candidate(_started(effect, chosen, start.values, start.orders, self.constants))
+
+    def _sizes(self, effect: type[Effect], *, required: bool) -> frozenset[str]:
+        """The keys of the phasors that an effect must have, or of those that it may have."""
+        sides = (False, True)[: 1 + self.data.both_directions()]
+        own = [phasor for phasor in effect.phasors if phasor.required == required]
+        return frozenset(key for phasor in own for side in sides for key in phasor.keys(side))
 
     def _moving(self, effect: type[Effect]) -> Iterator[Candidate]:
-        """A frequency (or size) of a piece that is there and may move with a condition, from where it does not."""
+        """A frequency of a piece that is there and may move with a condition, from where it does not, or a size."""
         shapes = [s for s in effect.scalars if s.default == 0.0 and s.form is Form.SHAPE]
         for number, piece in enumerate(self.fit.state.pieces):
             if piece.effect.name != effect.name:
@@ -286,6 +287,11 @@ class Search:
                     yield Candidate(
                         Piece(still, piece.free | {s.key}, piece.added, piece.origin), number, frozenset({s.key})
                     )
+            keys = self._sizes(effect, required=False)
+            if keys and not keys & set(piece.effect.values):
+                none = {key: (0.0,) * len(piece.effect.orders) for key in keys}
+                level = piece.effect.with_values(dict(piece.effect.values) | none)
+                yield Candidate(Piece(level, piece.free | keys, piece.added, piece.origin), number, keys)
 
 
 def _untied(effect: type[Effect], have: set[str]) -> set[frozenset[str]]:

@@ -24,8 +24,8 @@ def has_a_frequency(effect: Effect) -> bool:
 
 def where_there(effect: Effect, at: Conditions) -> BoolArray:
     """The operating points at whose temperatures a resonance is there, (n,)."""
-    found: BoolArray = effect.growth(at) > 0.5 if isinstance(effect, StructuralResonance) else np.ones(len(at), bool)
-    return found
+    presence = effect.presence(at) if isinstance(effect, StructuralResonance) else 1.0
+    return np.broadcast_to(presence > 0.5, len(at))
 
 
 def bracket(target: FitData, residual: ComplexArray, effect: Effect) -> tuple[float, float] | None:

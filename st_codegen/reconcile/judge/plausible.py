@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
+from st_codegen.reconcile.data.contrasts import levels_of
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.parameters import Coordinate, Piece
 from st_codegen.reconcile.fit.target import FitData
@@ -32,8 +33,8 @@ def bounds_met(piece: Piece) -> list[Coordinate]:
             if c.part == 2 and sizes[c.key, c.place] > c.upper * (1.0 - SETTINGS.edge):
                 found.append(c)
         edge = SETTINGS.edge * (c.upper - c.lower)
-        # an inverse spans decades: its range is as good as its upper bound, and most of its values lie near the lower
-        low = x - c.lower < (SETTINGS.edge * c.lower if c.form is Form.INVERSE else edge)
+        # what spans decades has most of its values near the lower bound: its range is as good as the upper one
+        low = x - c.lower <= (SETTINGS.edge * c.lower if c.form is Form.INVERSE or c.lower == 0.0 else edge)
         low = low and not (c.form is Form.LINEAR and c.lower == 0.0)
         if c.part == 0 and (low or c.upper - x < edge):
             found.append(c)
@@ -194,7 +195,8 @@ def law_holds(without: Fit, fitted: Fit, number: int) -> bool:
     piece, target = fitted.state.pieces[number], fitted.target
     if has_a_frequency(piece.effect):
         own = np.isin(target.data.orders, piece.effect.orders)
-        return beats_waves(without, fitted, own, np.ones((len(target.data), 1)))
+        is_one = beats_waves(without, fitted, own, np.ones((len(target.data), 1)))
+        return is_one and is_where_it_moves(fitted, piece)
     if piece.effect.stage is not Stage.MODULATION:
         return True
     size = np.sqrt((np.abs(explained(fitted, piece)[target.good] / target.sigma[target.good]) ** 2).mean(axis=0))
@@ -205,6 +207,18 @@ def law_holds(without: Fit, fitted: Fit, number: int) -> bool:
     loads = np.stack([np.ones(len(target.data)), target.data.at.torque_Nm], axis=1)
     follows = beats_waves(without, fitted, own, loads) and not (own & is_lacking(target, fitted.residual)).any()
     return foreign and follows
+
+
+def is_where_it_moves(fitted: Fit, piece: Piece) -> bool:
+    """Whether a frequency that moves with load or oil explains something at each level of it, or claims nothing there.
+
+    Where the size follows another law than its own, a peak that a level has not goes between its speeds.
+    """
+    target, at, own = fitted.target, fitted.target.data.at, explained(fitted, piece)
+    gain = (target.losses(fitted.residual + own) - target.losses(fitted.residual)).sum(axis=1)
+    followed = (("frequency_per_kNm", np.abs(at.torque_Nm)), ("frequency_per_10K", at.temperature_C))
+    levels = [levels_of(values) for key, values in followed if piece.effect.values.get(key)]
+    return all(gain[level == number].sum() > -SETTINGS.order_gain for level in levels for number in np.unique(level))
 
 
 def beats_waves(without: Fit, fitted: Fit, own: BoolArray, laws: FloatArray) -> bool:

@@ -134,6 +134,7 @@ def _first_that_passes(
         # what is judged has reached where it goes
         reached = fit(current.target, fitted.state, steps=SETTINGS.long_steps, tolerance=tolerance)
         number = raw.place(reached.state)
+        reached = _of_one_height(reached, number, finder.penalty)
         inside = inside_bounds(reached, number)
         if inside is None:
             continue
@@ -148,6 +149,27 @@ def _first_that_passes(
             del refused[raw.identity]
             return inside
     return None
+
+
+def _of_one_height(fitted: Fit, number: int, penalty: float) -> Fit:
+    """The fit with a resonance of one height at all loads, where parts that follow the load save less than they cost.
+
+    penalty: what a number must save.
+    """
+    piece = fitted.state.pieces[number]
+    idle = {
+        key
+        for phasor in piece.effect.phasors
+        if not phasor.required
+        for key in (*phasor.keys(False), *phasor.keys(True))
+    }
+    if not has_a_frequency(piece.effect) or not piece.added or not idle & set(piece.effect.values):
+        return fitted
+    values = {key: x for key, x in piece.effect.values.items() if key not in idle}
+    plain = replace(piece, effect=piece.effect.with_values(values), free=piece.free - idle)
+    found = fit(fitted.target, fitted.state.replaced(number, plain), steps=SETTINGS.long_steps)
+    fewer = len(fitted.prior) - len(found.prior)
+    return found if found.loss - fitted.loss < penalty * fewer else fitted
 
 
 def founded(without: Fit, with_it: Fit, number: int, places: list[int]) -> tuple[Evidence, bool]:

@@ -104,13 +104,13 @@ def _collapsed(
     frequencies: list[FloatArray] = [np.zeros(0)]
     values: list[ComplexArray] = [np.zeros(0, np.complex128)]
     for sign in (1.0, -1.0):
-        height = effect.complex_value("amplitude_deg", sign < 0, place)
-        there = effect.growth(data.at)
-        rows = np.flatnonzero(good & (data.at.sign == sign) & (there > _THERE))
-        if not height or not len(rows):
+        height = effect.height(data.at, place)
+        # where it is all but absent its response is noise
+        rows = np.flatnonzero(good & (data.at.sign == sign) & (np.abs(height) > _THERE * np.abs(height).max()))
+        if not len(rows):
             continue
         at = data.at.rows(rows)
-        response = measured[rows, column] / (height * there[rows])
+        response = measured[rows, column] / height[rows]
         hertz = order * at.speed_rpm / (60 * effect.constants.reduction_ratio)
         frequency = hertz / effect.shift(at.torque_Nm, at.temperature_C)
         level, index = np.unique(np.round(frequency, 3), return_inverse=True)

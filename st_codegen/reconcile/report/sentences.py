@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.campaign.orders import listed
-from st_codegen.ir.arrays import ComplexArray
+from st_codegen.ir.arrays import BoolArray, ComplexArray
 from st_codegen.reconcile.data.observations import rms_deg
 from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.judge.conclusions import Claim
@@ -22,12 +22,14 @@ from st_codegen.reconcile.judge.unexplained import beside_the_rigs
 from st_codegen.reconcile.outcome import Outcome
 from st_codegen.reconcile.run import Reconciliation, TakenBack
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Effect
+from st_codegen.rig.effects import Conditions, Effect
 from st_codegen.rig.effects.base import ARCMIN
 from st_codegen.rig.effects.resonance import StructuralResonance
 
 #: standard errors by which a parameter must differ to be shown as changed, or as not zero
 CLEARLY = 2.0
+#: how many times as high a resonance must be in one direction for that to be said
+_ONE_SIDED = 3.0
 VERDICT_TEXT = {
     Outcome.EXPLAINED: "What differs is named; no pattern over the conditions was found in what is left.",
     Outcome.PARTLY_EXPLAINED: "Part of what differs is named; for the rest no effect of the catalogue was found.",
@@ -365,8 +367,34 @@ def _resonance(effect: Effect, result: Reconciliation) -> str:
         if abs(effect.scalar(key)) > CLEARLY * stderr.get(key, 0.0)
     ]
     moving = f", which moves {' and '.join(moves)}" if moves else ""
+    if isinstance(effect, StructuralResonance):
+        moving += _heights(effect, at)
     state = f"{effect.state_text} of oil" if effect.state_text else ""
     return f"{', '.join(parts)}: {one} of the structure {where}{moving}{state}"
+
+
+def _heights(effect: StructuralResonance, at: Conditions) -> str:
+    """How high the orders of a resonance are together at the lowest and the largest load, and in each direction.
+
+    Empty where loads and directions are alike.
+    """
+    heights, loads = np.array([effect.height(at, place) for place in range(len(effect.orders))]), np.abs(at.torque_Nm)
+
+    def rms(rows: BoolArray) -> float:
+        return float(np.sqrt((np.abs(heights[:, rows]) ** 2).mean(axis=1).sum()))
+
+    found = ""
+    if "slope_deg_per_kNm" in effect.values:
+        least, most = float(loads.min()), float(loads.max())
+        found = (
+            f", {rms(loads == most):.2g} deg high at {most:g} N m and {rms(loads == least):.2g} deg at {least:g} N m "
+            "(of all its orders)"
+        )
+    if len(np.unique(at.sign)) == 2:
+        (low, quiet), (high, loud) = sorted([(rms(at.sign > 0), "forward"), (rms(at.sign < 0), "backward")])
+        if high > _ONE_SIDED * low:
+            found += f", {high / low:.0f} times as high {loud} as {quiet}" if low else f", {loud} only"
+    return found
 
 
 def _growing(effect: Effect, result: Reconciliation) -> str:

@@ -52,7 +52,7 @@ class LoadDependentMesh(_MeshError):
 
     name = "load_dependent_mesh"
     title = "mesh order that grows with the load"
-    phasors = (Phasor("slope_deg_per_kNm", "phase_rad", "deg/kNm", 1, "growth with the load", own_flanks=True),)
+    phasors = (Phasor("slope_deg_per_kNm", "phase_rad", "deg/kNm", 100, "growth with the load", own_flanks=True),)
 
     @classmethod
     def allowed_orders(cls, constants: Constants) -> tuple[int, ...]:

@@ -33,8 +33,8 @@ class StructuralResonance(Effect):
         Scalar(
             "frequency_per_kNm",
             "1/kNm",
-            -20,
-            20,
+            -1000,
+            1000,
             "relative change of the frequency with the load, from none on",
             0.0,
             Form.SHAPE,
@@ -44,7 +44,7 @@ class StructuralResonance(Effect):
             "levels_off_per_kNm",
             "1/kNm",
             0,
-            200,
+            10000,
             "the inverse of the load that makes half of the change that any load does",
             0.0,
             Form.SHAPE,
@@ -63,9 +63,12 @@ class StructuralResonance(Effect):
         Scalar("static_share", "", 0, 1, "0: excited by a motion of its base, 1: by a force", 0.0, Form.FIXED, (1,)),
         Scalar("above_C", "degC", -100, 200, "oil temperature from which on it is there", -100.0, Form.FIXED),
         Scalar("below_C", "degC", -100, 200, "oil temperature up to which it is there", 200.0, Form.FIXED),
-        Scalar("growth_per_kNm", "1/kNm", 0, 5, "relative growth with the load", 0.0, Form.SHAPE, (0.0, 0.5, 2.0)),
+        Scalar("growth_per_kNm", "1/kNm", 0, 5, "relative growth of all orders with the load", 0.0, Form.FIXED),
     )
-    phasors = (Phasor("amplitude_deg", "phase_rad", "deg", 1, "height at the resonance", own_flanks=True),)
+    phasors = (
+        Phasor("amplitude_deg", "phase_rad", "deg", 1, "height at the resonance without load", own_flanks=True),
+        Phasor("slope_deg_per_kNm", "slope_phase_rad", "deg/kNm", 100, "load part", required=False, own_flanks=True),
+    )
 
     def response(self, at: Conditions, order: Any) -> Any:
         """H at the frequencies of an order, conjugate backward; (n,), or (n, orders) for an array of orders (1, K)."""
@@ -94,9 +97,9 @@ class StructuralResonance(Effect):
         parts = (("above_C", "above"), ("below_C", "below"))
         return "".join(f", {word} {self.scalar(key):g} degC" for key, word in parts if key in self.values)
 
-    def growth(self, at: Conditions) -> Any:
-        """By how much all orders grow with the load; 0 at temperatures at which the resonance is not there, (n,)."""
-        found = 1 + self.scalar("growth_per_kNm") * at.torque_Nm / 1000
+    def presence(self, at: Conditions) -> Any:
+        """1 at the temperatures at which the resonance is there, 0 at others, (n,)."""
+        found: Any = 1.0
         # steps within some hundredths of a kelvin, written so that they are formulas for a controller as well
         for key, side in (("above_C", 1.0), ("below_C", -1.0)):
             if key in self.values:
@@ -104,9 +107,17 @@ class StructuralResonance(Effect):
                 found = found * (0.5 + 0.5 * np.tanh(warmer))
         return found
 
+    def height(self, at: Conditions, place: int) -> Any:
+        """What an order, by its place in the list, has where it meets the frequency: complex128 (n,), deg."""
+        without_load, of_load = (self.complex_at(phasor.key, at, place) for phasor in self.phasors)
+        return self._under_load(at, without_load, of_load)
+
+    def _under_load(self, at: Conditions, without_load: Any, of_load: Any) -> Any:
+        load = at.torque_Nm / 1000
+        return (without_load * (1 + self.scalar("growth_per_kNm") * load) + of_load * load) * self.presence(at)
+
     def coefficient(self, at: Conditions, order: int) -> ComplexArray:
-        height = self.complex_at("amplitude_deg", at, self.orders.index(order))
-        found: ComplexArray = height * self.growth(at) * self.response(at, order)
+        found: ComplexArray = self.height(at, self.orders.index(order)) * self.response(at, order)
         return found
 
     def contribution(self, at: Conditions, orders: IntArray) -> ComplexArray:
@@ -116,18 +127,17 @@ class StructuralResonance(Effect):
         acting = {order: sides for order, sides in self._acting.items() if order in wanted}
         if acting:
             own = np.array(list(acting))
-            height = np.where(at.sign[:, None] > 0, *np.array(list(acting.values())).T[:, None, :])
-            growth = self.growth(at)
-            response = self.response(at, own[None, :])
+            forward, backward = np.moveaxis(np.array(list(acting.values())), 0, -1)
+            sides = np.where(at.sign > 0, forward[..., None], backward[..., None])
             # orders are rising wherever coefficients are computed
-            found[:, np.searchsorted(orders, own)] = height * growth[:, None] * response
+            found[:, np.searchsorted(orders, own)] = self._under_load(at, *sides).T * self.response(at, own[None, :])
         return found
 
     @cached_property
-    def _acting(self) -> dict[int, tuple[complex, complex]]:
-        """The heights forward and backward of the orders that have one."""
+    def _acting(self) -> dict[int, list[list[complex]]]:
+        """Of the orders that have a height: without load and its load part, forward and backward."""
         heights = {
-            order: (self.complex_value("amplitude_deg", False, index), self.complex_value("amplitude_deg", True, index))
-            for index, order in enumerate(self.orders)
+            order: [[self.complex_value(phasor.key, side, place) for phasor in self.phasors] for side in (False, True)]
+            for place, order in enumerate(self.orders)
         }
-        return {order: sides for order, sides in heights.items() if any(sides)}
+        return {order: sides for order, sides in heights.items() if np.any(sides)}

@@ -154,13 +154,15 @@ def response(frequency_Hz: np.ndarray, natural_Hz: float, damping: float) -> np.
 
 def _resonant(effect: Effect, at: Point) -> Spectrum:
     out: Spectrum = {}
-    grown = 1.0 + effect.get("growth_per_kNm", 0.0) * at.torque / 1000.0
-    keys = [key for key in effect if key.endswith(("amplitude_deg", "phase_rad"))]
+    keys = [key for key in effect if key.endswith(("deg", "phase_rad", "deg_per_kNm"))]
     for place, order in enumerate(effect["orders"]):
         one = {key: effect[key][place] for key in keys}
         answer = response(order * at.f_out, effect["frequency_Hz"], effect["damping_ratio"])
         both = np.stack([answer, np.conj(answer)])
-        out[int(order)] = at.spread(_wave(one, "amplitude_deg", "phase_rad") * grown * both)
+        height = _wave(one, "amplitude_deg", "phase_rad")
+        if "slope_deg_per_kNm" in one:
+            height = height + _wave(one, "slope_deg_per_kNm", "slope_phase_rad") * at.torque / 1000.0
+        out[int(order)] = at.spread(height * both)
     return out
 
 

@@ -184,18 +184,20 @@ def resonance(rng: np.random.Generator) -> dict[str, Any]:
         "damping_ratio": float(rng.uniform(0.015, 0.05)),
         "orders": orders,
     }
-    if rng.random() < 0.4:
-        table["growth_per_kNm"] = float(rng.uniform(0.3, 1.0))
+    growth = float(rng.uniform(0.3, 1.0)) if rng.random() < 0.4 else 0.0
     for side in ("", "backward_"):
         table[f"{side}amplitude_deg"] = [_about(rng, 4e-3) for _ in orders]
         table[f"{side}phase_rad"] = [_phase(rng) for _ in orders]
+        if growth:
+            table[f"{side}slope_deg_per_kNm"] = [growth * size for size in table[f"{side}amplitude_deg"]]
+            table[f"{side}slope_phase_rad"] = table[f"{side}phase_rad"]
     return table
 
 
 def _resonance(rng: np.random.Generator) -> Hidden:
     table = resonance(rng)
-    keys = ("frequency_Hz", "damping_ratio", *(("growth_per_kNm",) if "growth_per_kNm" in table else ()))
-    return Hidden(table, ("amplitude_deg", "backward_amplitude_deg"), keys)
+    scaled = [f"{side}{key}" for key in ("amplitude_deg", "slope_deg_per_kNm") for side in ("", "backward_")]
+    return Hidden(table, tuple(key for key in scaled if key in table), ("frequency_Hz", "damping_ratio"))
 
 
 def _delay(rng: np.random.Generator) -> Hidden:
