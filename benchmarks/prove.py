@@ -63,7 +63,7 @@ def projects() -> None:
     with tempfile.TemporaryDirectory() as out:
         example = ROOT / "examples" / "rv160n" / "models"
         for target in ("twincat", "iec"):
-            generate(load(example), target, Path(out) / target)
+            generate(load(example), target, Path(out))
         folders = [
             (ROOT / "golden" / name / "models", ROOT / "golden" / name / "generated") for name in ("lone", "bundle")
         ]

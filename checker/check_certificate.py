@@ -434,7 +434,11 @@ class Machine:
         sure = inside & index.exact
         at = np.where(sure, index.a[0], 0)
         if isinstance(table, np.ndarray):
-            return V(np.array([table[at]] * 2, np.int64 if narrow else None), ~sure)
+            found = np.array([table[at]] * 2, np.int64 if narrow else None)
+            if self.known and kind(found) is int:  # somewhere in the table: between its least and its largest number
+                found[:, inside & ~sure] = [[np.min(table)], [np.max(table)]]
+                sure = inside
+            return V(found, ~sure)
         items = {p: self.wide(self.read(name, p, table[p])) for p in np.unique(at[sure]).tolist()}
         out = V(np.zeros((2, self.n), self.kinds[name]), ~sure)
         for p, item in items.items():
@@ -924,6 +928,11 @@ def named(entry, together):
     return "" if model == stem else f" ({file})"
 
 
+def folder_of(target, out):
+    """The folder of a target: in the given one, or that one itself, which may also be called as its target is."""
+    return out if out.name == target and not (out / target).is_dir() else inside(out, target)
+
+
 def unsaid(out, said):
     """Print the blocks of the texts below a folder that are not among those (folder, block) of which entries speak."""
     for path in sorted(texts_in(out)):
@@ -946,7 +955,7 @@ def main(certificate, models, out):
     need(content["models"].keys() >= files, "other model files")
     held = {name: inside(folder, name) for name in content["models"]}
     need(all(path.is_file() and content["models"][n] == sha256(path) for n, path in held.items()), "other model files")
-    targets = {name: out if out.name == name else inside(out, name) for name in content["texts"]}
+    targets = {name: folder_of(name, out) for name in content["texts"]}
     for target, path in targets.items():
         need("/" not in target and path.is_dir(), f"{target}: no such folder")
         texts = {p.relative_to(path).as_posix(): sha256(p) for p in texts_in(path)}

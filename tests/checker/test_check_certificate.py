@@ -94,6 +94,31 @@ def test_golden_models_are_confirmed(target, tmp_path):
     assert result.stdout.count(": confirmed") == len(KNOWN)
 
 
+def test_tables_of_one_block_may_read_different_inputs(tmp_path):
+    """Orders 78 and 81 of the example have one block: a table by speed and torque, one by torque and temperature."""
+    example, models = ROOT / "examples" / "rv160n" / "models", tmp_path / "models"
+    models.mkdir()
+    head, *harmonics = (example / "bundle.toml").read_text().split("[[harmonic]]")
+    here = [h for h in harmonics if 'direction = "backward"' in h and re.search(r"^order = (78|81)$", h, re.M)]
+    head = re.sub(r"^orders = .*$", "orders = [78, 81]", head, flags=re.M)
+    head = re.sub(r"^directions = .*$", 'directions = ["backward"]', head, flags=re.M)
+    (models / "bundle.toml").write_text("[[harmonic]]".join([head, *here]))
+    for name in re.findall(r'= "(\S+\.\w+)"', "".join(here)):
+        shutil.copy(example / name, models)
+    generate(load(models), "iec", tmp_path / "out")
+    result = check(written(tmp_path, models, tmp_path / "out"), models, tmp_path / "out")
+    assert (result.returncode, result.stdout.count(": confirmed")) == (3, 4), result.stdout  # FB_TEPredict: not checked
+
+
+def test_a_folder_that_is_called_as_a_target_is_no_target(tmp_path):
+    models, out = folder_of(tmp_path, ["lightgbm_gbdt.txt"]), tmp_path / "iec"
+    generate(load(models), "iec", out)
+    path = written(tmp_path, models, out)
+    for folder in (out, out / "iec"):
+        result = check(path, models, folder)
+        assert result.returncode == 0, result.stdout
+
+
 @pytest.mark.parametrize("ranks", [True, False])
 def test_sums_of_trees_are_confirmed(ranks, tmp_path):
     models = folder_of(tmp_path, KNOWN)
