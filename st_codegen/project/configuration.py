@@ -61,16 +61,16 @@ from st_codegen.errors import InputError, Problems
 from st_codegen.files.toml_tables import TomlTable, nearest, read_toml, shown
 from st_codegen.ir import Feature, ModelIR, Output, OutputKind
 from st_codegen.passes.choose import Layout
+from st_codegen.project.build_options import BUILD_OPTIONS
 
 CONFIGURATION_FILE = "st-codegen.toml"
 
 #: Options of the command line that [build] may give a default, and what each takes; a list is one of texts.
 BUILD_KEYS: Mapping[str, type] = {
     **dict.fromkeys(("target", "entry"), list),
-    **dict.fromkeys(("out", "layout", "outputs", "profile"), str),
-    **dict.fromkeys(("project", "library_version", "company", "namespace"), str),
-    **dict.fromkeys(("table_limit", "outputs_per_cycle", "max_array", "max_bytes", "rows", "features"), int),
-    **dict.fromkeys(("with_tests", "with_comparison", "with_configuration", "self_check", "with_age", "real"), bool),
+    **dict.fromkeys(("out", "outputs", "profile"), str),
+    **dict.fromkeys(("rows", "features"), int),
+    **{name: option.kind for name, option in BUILD_OPTIONS.items()},
     "cycle_us": float,
 }
 
