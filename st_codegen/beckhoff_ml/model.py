@@ -124,7 +124,7 @@ class _File:
         """The model, and the evaluation of the file."""
         builder = GraphBuilder(self.n_inputs)
         builder.refuse_nan()
-        value = self.add(builder, self._first(builder))
+        value = self.add(builder, 0 if self.input is None else self.input.add(builder, 0))
         if self.output is not None and self.labels:
             raise UnsupportedModelError(f"{self.model.file}: a transformation of labels is not read")
         if self.output is not None:
@@ -143,9 +143,6 @@ class _File:
         features = tuple(ir.Feature(f"f{number}") for number in range(self.n_inputs))
         result = Classified(self.labels, value) if self.labels else None
         return LoadedModel(builder.model(name, features, source, result), self._predictor())
-
-    def _first(self, builder: GraphBuilder) -> int:
-        return self.input.add(builder, 0) if self.input is not None else 0
 
     def _predictor(self) -> Predictor:
         def predict(x: FloatArray) -> FloatArray:

@@ -84,7 +84,8 @@ def _rewritten(model: ir.ModelIR, values: list[list[Column]]) -> ir.ModelIR:
         if isinstance(op, ir.TreeEnsemble):
             given = [column for value in op.inputs for column in values[value]]
             read = [given[op.columns[column].column] for column in np.unique(op.split[op.split >= 0])]
-            if any(isinstance(chain, Chain) and _functions(chain) for chain in read):
+            functions = (step for chain in read if isinstance(chain, Chain) for step in chain.steps)
+            if any(isinstance(step, ir.Activation) for step in functions):
                 ops[number] = _on_inputs(model, op, given)
     changed = dataclasses.replace(model, ops=tuple(ops))
     unread = sorted(set(range(1, len(ops) + 1)) - read_values(changed))
@@ -101,10 +102,6 @@ def _rewritten(model: ir.ModelIR, values: list[list[Column]]) -> ir.ModelIR:
     )
     source = dataclasses.replace(model.source, notes=(*model.source.notes, note))
     return dataclasses.replace(without_unread(changed), source=source, accepted=_accepted(model, chains))
-
-
-def _functions(chain: Chain) -> list[ir.Activation]:
-    return [step for step in chain.steps if isinstance(step, ir.Activation)]
 
 
 def _rises(step: ir.Operation) -> bool:

@@ -47,9 +47,10 @@ import dataclasses
 import fnmatch
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -390,7 +391,7 @@ def _model(table: TomlTable) -> ModelEntry | None:
         outputs = tuple(_output(entry) for entry in table.tables("outputs"))
         window = _window(table)
         table.declare("layout")
-        gives = table.list_of("gives", _kind(table)) if "gives" in table else None
+        gives = table.list_of("gives", partial(table.choice_of, kind=OutputKind)) if "gives" in table else None
         table.declare("gives")
         digest, metrics = table.text("training_sha256", ""), table.table("metrics")
         if digest and not re.fullmatch("[0-9a-f]{64}", digest):
@@ -421,10 +422,6 @@ def _window(table: TomlTable) -> Window | None:
         table.note("two numbers of a sample have the same name")
     length = table.whole("window", low=2, high=2**16)
     return Window(length, samples, order is WindowOrder.SAMPLE)
-
-
-def _kind(table: TomlTable) -> Callable[[str, Any], OutputKind | None]:
-    return lambda key, found: table.choice_of(key, found, OutputKind)
 
 
 def _output(table: TomlTable) -> Output:
