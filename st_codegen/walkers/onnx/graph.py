@@ -233,6 +233,11 @@ class GraphWalk:
             self.builder.refuse_nan()
             self.builder.refuse_magnitude(ir.FLOAT32_OVERFLOW if self.narrows else math.inf)
 
+    def settle_finite(self, tensor: Tensor) -> int:
+        """The value of a tensor, as `settle`, for an operator that is certain of finite numbers only."""
+        self.refuse_special(tensor)
+        return self.settle(tensor)
+
     def cut(self, tensor: Tensor) -> Tensor:
         """A tensor whose integers are no longer to be cut."""
         return self.computed(self.settle(tensor), tensor.shape, tensor.dtype) if tensor.uncut else tensor
