@@ -357,9 +357,9 @@ def _staged(
     What the caller does with the printed files is the last step.
     """
     bundle = models if isinstance(models, Bundle) else load(models)
-    earlier = Choices() if settings.relayout else _earlier(folder)
-    compiled, purpose = _compiled(bundle, target, settings, earlier)
-    cuts = {} if settings.relayout else _earlier_cuts(folder, settings.limits.max_array)
+    before = {} if settings.relayout else output.read_manifest(folder).facts[output.CHOICES]
+    compiled, purpose = _compiled(bundle, target, settings, _earlier(before))
+    cuts = _earlier_cuts(before, settings.limits.max_array)
     is_large = sum(decision.candidates[0].cost.table_bytes for decision in compiled.decisions) > _LARGE_TABLES
     with reader(is_large=is_large) as other:  # who gets ready while the text is planned
         plans = _planned(bundle, compiled, purpose, target, settings, cuts)
@@ -373,9 +373,8 @@ def _staged(
             yield _Staged(stage, compiled, purpose, known)
 
 
-def _earlier(folder: Path) -> Choices:
-    """What the run that wrote a folder had chosen; nothing where there is none."""
-    found = output.read_manifest(folder).facts[output.CHOICES]
+def _earlier(found: Mapping[str, Any]) -> Choices:
+    """What the run that left these facts in the manifest had chosen; nothing where there was none."""
     try:
         shared = {str(name): [[str(m) for m in group] for group in groups] for name, groups in found["shared"].items()}
         return Choices({str(name): str(layout) for name, layout in found["layouts"].items()}, shared)
@@ -383,9 +382,8 @@ def _earlier(folder: Path) -> Choices:
         return Choices()
 
 
-def _earlier_cuts(folder: Path, max_array: int) -> dict[str, Cuts]:
-    """Where the blocks of a folder cut their arrays; nothing where the limit was another one."""
-    found = output.read_manifest(folder).facts[output.CHOICES]
+def _earlier_cuts(found: Mapping[str, Any], max_array: int) -> dict[str, Cuts]:
+    """Where the blocks of that run cut their arrays; nothing where the limit was another one."""
     try:
         if found[_CUT_AT] != max_array:
             return {}
