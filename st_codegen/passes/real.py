@@ -185,8 +185,7 @@ def _towards(values: FloatArray, *, up: bool) -> FloatArray:
         single = np.asarray(values, np.float64).astype(np.float32)
     wrong = single < values if up else single > values
     end = np.float32(np.inf if up else -np.inf)
-    found: FloatArray = np.where(wrong, np.nextafter(single, end), single).astype(np.float64)
-    return found
+    return np.where(wrong, np.nextafter(single, end), single).astype(np.float64)
 
 
 def _nearest(values: FloatArray) -> FloatArray:
