@@ -30,6 +30,7 @@ from st_codegen.files.text import make_folder
 from st_codegen.ir import AnyArray, FloatArray, KernelSum, ModelIR, TreeEnsemble
 from st_codegen.passes.choose import Choices, CostFunction, Layout, Options, simple_cost
 from st_codegen.passes.pipeline import Compiled, compile_models, unchanged
+from st_codegen.project.build_options import option_name
 from st_codegen.project.bundle import Bundle, load
 from st_codegen.project.purpose import Purpose
 from st_codegen.proof.emitted import check_emitted, reader
@@ -48,6 +49,16 @@ _LARGE_TABLES = 5_000_000
 _CUTS, _CUT_AT = "cuts", "cut_at"
 #: Blocks that an error names
 _NAMED = 5
+#: For each option that not every target has the attribute of those that do, and what is said of the others.
+_ABILITIES = {
+    "with_tests": ("has_tests", "has no test suites"),
+    "with_configuration": ("has_configuration", "has its own tasks"),
+    "with_comparison": ("has_comparison", "has no clock"),
+    "project": ("has_project_forms", "has no forms of a project"),
+    "self_check": ("compiles", "has the models' numbers in files, not in blocks"),
+    "with_age": ("compiles", "has blocks that wait for the vendor's runtime"),
+    "outputs_per_cycle": ("compiles", "asks for all models in each call"),
+}
 
 
 @dataclass(frozen=True, repr=False)
@@ -126,9 +137,9 @@ def wishes_of(given: Mapping[str, Any], targets: Sequence[Target]) -> dict[str, 
 def _packaging(given: Mapping[str, Any]) -> Packaging:
     """The form of the project. Raises InputError for what only libraries have."""
     form = ProjectForm(given.get("project", AS_SOLUTION.form))
-    version, company, namespace = (given.get(key) for key in ("library_version", "company", "namespace"))
-    named = {"--library-version": version, "--company": company, "--namespace": namespace}
-    wrong = [option for option, value in named.items() if value]
+    keys = ("library_version", "company", "namespace")
+    version, company, namespace = (given.get(key) for key in keys)
+    wrong = [option_name(key) for key in keys if given.get(key)]
     if wrong and form is not ProjectForm.LIBRARY:
         raise InputError(f"{', '.join(wrong)}: libraries have these; give --project library, or leave them out")
     return Packaging(form, version or Packaging.version, company or "", namespace or "")
@@ -297,19 +308,12 @@ class CompileSettings:
 
     def _check(self, target: Target) -> None:
         """Raise TargetError for what the target does not have."""
-        formed = self.packaging != AS_SOLUTION
-        for wished, attribute, option, lack in (
-            (self.with_tests, "has_tests", "--with-tests", "has no test suites"),
-            (self.with_configuration, "has_configuration", "--with-configuration", "has its own tasks"),
-            (self.with_comparison, "has_comparison", "--with-comparison", "has no clock"),
-            (formed, "has_project_forms", "--project", "has no forms of a project"),
-            (self.self_check, "compiles", "--self-check", "has the models' numbers in files, not in blocks"),
-            (self.with_age, "compiles", "--with-age", "has blocks that wait for the vendor's runtime"),
-            (self.options.outputs_per_cycle, "compiles", "--outputs-per-cycle", "asks for all models in each call"),
-        ):
-            if wished and not getattr(target, attribute):
-                able = ", ".join(name for name, other in TARGETS.items() if getattr(other, attribute))
-                raise TargetError(f"the target {target.name} {lack}; {option} goes with {able}")
+        formed, spread = self.packaging != AS_SOLUTION, self.options.outputs_per_cycle
+        wished = {**vars(self), "project": formed, "outputs_per_cycle": spread}
+        for option, (ability, lack) in _ABILITIES.items():
+            if wished[option] and not getattr(target, ability):
+                able = ", ".join(name for name, other in TARGETS.items() if getattr(other, ability))
+                raise TargetError(f"the target {target.name} {lack}; {option_name(option)} goes with {able}")
         if (self.with_tests or self.with_comparison) and self.packaging.form is ProjectForm.LIBRARY:
             wrong = "--with-tests" if self.with_tests else "--with-comparison"
             raise TargetError(f"a library has no task that runs programs: leave out {wrong} or --project library")
@@ -318,13 +322,13 @@ class CompileSettings:
         """By what a block was generated: version, layout, and the options that shape it where they are no defaults."""
         usual, own = Options(), self.options
         given = {
-            "--layout": own.layout if own.layout != usual.layout else None,
-            "--table-limit": own.table_bytes // 1024 if own.table_bytes != usual.table_bytes else None,
-            "--outputs-per-cycle": own.outputs_per_cycle,
-            "--max-array": own.max_array if own.max_array != target.limits.max_array else None,
+            "layout": own.layout if own.layout != usual.layout else None,
+            "table_limit": own.table_bytes // 1024 if own.table_bytes != usual.table_bytes else None,
+            "outputs_per_cycle": own.outputs_per_cycle,
+            "max_array": own.max_array if own.max_array != target.limits.max_array else None,
         }
-        words = [f"{option} {value}" for option, value in given.items() if value is not None]
-        words += [f"--{word}" for word, on in (("self-check", self.self_check), ("with-age", self.with_age)) if on]
+        words = [f"{option_name(option)} {value}" for option, value in given.items() if value is not None]
+        words += [option_name(flag) for flag in ("self_check", "with_age") if getattr(self, flag)]
         options = f", options {' '.join(words)}" if words else ""
         return f"Generated by: st-codegen {VERSION}{f', layout {layout}' if layout else ''}{options}"
 
@@ -353,9 +357,9 @@ def _staged(
     What the caller does with the printed files is the last step.
     """
     bundle = models if isinstance(models, Bundle) else load(models)
-    earlier = Choices() if settings.relayout else _earlier(folder)
-    compiled, purpose = _compiled(bundle, target, settings, earlier)
-    cuts = {} if settings.relayout else _earlier_cuts(folder, settings.limits.max_array)
+    before = {} if settings.relayout else output.read_manifest(folder).facts[output.CHOICES]
+    compiled, purpose = _compiled(bundle, target, settings, _earlier(before))
+    cuts = _earlier_cuts(before, settings.limits.max_array)
     is_large = sum(decision.candidates[0].cost.table_bytes for decision in compiled.decisions) > _LARGE_TABLES
     with reader(is_large=is_large) as other:  # who gets ready while the text is planned
         plans = _planned(bundle, compiled, purpose, target, settings, cuts)
@@ -369,9 +373,8 @@ def _staged(
             yield _Staged(stage, compiled, purpose, known)
 
 
-def _earlier(folder: Path) -> Choices:
-    """What the run that wrote a folder had chosen; nothing where there is none."""
-    found = output.read_manifest(folder).facts[output.CHOICES]
+def _earlier(found: Mapping[str, Any]) -> Choices:
+    """What the run that left these facts in the manifest had chosen; nothing where there was none."""
     try:
         shared = {str(name): [[str(m) for m in group] for group in groups] for name, groups in found["shared"].items()}
         return Choices({str(name): str(layout) for name, layout in found["layouts"].items()}, shared)
@@ -379,9 +382,8 @@ def _earlier(folder: Path) -> Choices:
         return Choices()
 
 
-def _earlier_cuts(folder: Path, max_array: int) -> dict[str, Cuts]:
-    """Where the blocks of a folder cut their arrays; nothing where the limit was another one."""
-    found = output.read_manifest(folder).facts[output.CHOICES]
+def _earlier_cuts(found: Mapping[str, Any], max_array: int) -> dict[str, Cuts]:
+    """Where the blocks of that run cut their arrays; nothing where the limit was another one."""
     try:
         if found[_CUT_AT] != max_array:
             return {}

@@ -11,22 +11,11 @@ from functools import singledispatch
 
 import numpy as np
 
+from st_codegen import ir
 from st_codegen.beckhoff_ml.blocks import engine_limits
 from st_codegen.beckhoff_ml.engines import Affine, Engine, SvmEngine, checked_engines, engines_of, output_of
-from st_codegen.ir import (
-    CEILING,
-    Activation,
-    BoolArray,
-    FloatArray,
-    Linear,
-    ModelIR,
-    Operation,
-    Precision,
-    Round,
-    Scale,
-    TreeEnsemble,
-    reference,
-)
+from st_codegen.ir import reference
+from st_codegen.ir.arrays import BoolArray, FloatArray
 from st_codegen.ir.trees import of_each_tree
 from st_codegen.proof import bounds
 
@@ -36,13 +25,13 @@ _AFFINE_ROUNDINGS = 8
 _TINY = 1e-36
 
 
-def engine_bound(model: ModelIR, x: FloatArray) -> FloatArray:
+def engine_bound(model: ir.ModelIR, x: FloatArray) -> FloatArray:
     """Bound on |library - engine| for rows of `x` (rows, features), shape (rows, outputs).
 
     0 where every step is exact, infinite where rounding may send a row through other leaves of a tree without bound.
     """
     engine = engines_of(model)[0]
-    unit = max((bounds.UNIT[op.precision] for op in model.ops if isinstance(op, Scale)), default=0.0)
+    unit = max((bounds.UNIT[op.precision] for op in model.ops if isinstance(op, ir.Scale)), default=0.0)
     values = reference.trace(model, x)
     differences = [np.zeros_like(values[0])]
     with np.errstate(all="ignore"):
@@ -55,8 +44,8 @@ def engine_bound(model: ModelIR, x: FloatArray) -> FloatArray:
             if engine.first <= number <= engine.last and not isinstance(engine, SvmEngine):
                 # of support vectors `proof.bounds` allows for two evaluations in float64
                 difference = difference + _own_error(op, engine, operands[0], given[0], values[number])
-            elif isinstance(op, Round):
-                difference = difference + bounds.UNIT[Precision.FLOAT32] * np.abs(
+            elif isinstance(op, ir.Round):
+                difference = difference + bounds.UNIT[ir.Precision.FLOAT32] * np.abs(
                     operands[0]
                 )  # the engine does not round
             differences.append(np.where(np.isnan(difference), np.inf, difference))
@@ -64,11 +53,11 @@ def engine_bound(model: ModelIR, x: FloatArray) -> FloatArray:
         difference = differences[-1] + _affine_error(
             output_of(model, engine.last), core, differences[engine.last], unit
         )
-    if engine.precision is Precision.FLOAT32:  # it hands the result over as REAL
-        difference = difference + bounds.UNIT[Precision.FLOAT32] * np.abs(values[-1])
+    if engine.precision is ir.Precision.FLOAT32:  # it hands the result over as REAL
+        difference = difference + bounds.UNIT[ir.Precision.FLOAT32] * np.abs(values[-1])
         # beyond REAL, on the way or at the end, the engine has no answer and the block flags the row
         largest = np.max(np.abs(np.hstack(values)), axis=1, keepdims=True)
-        difference = np.where(largest < CEILING[Precision.FLOAT32], difference, np.inf)
+        difference = np.where(largest < ir.CEILING[ir.Precision.FLOAT32], difference, np.inf)
     return np.asarray(difference)
 
 
@@ -80,9 +69,9 @@ def _input_error(engine: Engine, x: FloatArray, operand: FloatArray, unit: float
         # any column may come from any feature: the largest error of all of them is one for each
         whole = _affine_error(engine.input, x, np.zeros_like(x), unit)
         error = error + np.max(whole, axis=1, keepdims=True)
-    if engine.rounds or engine.precision is Precision.FLOAT32:
+    if engine.rounds or engine.precision is ir.Precision.FLOAT32:
         # the input itself is handed over as REAL, and what is computed from it is rounded again
-        single = bounds.UNIT[Precision.FLOAT32]
+        single = bounds.UNIT[ir.Precision.FLOAT32]
         handed = np.max(np.abs(engine.input.scaling * x), axis=1, keepdims=True)
         error = error + 2 * single * (size + handed + error)
     return error
@@ -97,13 +86,15 @@ def _affine_error(affine: Affine, x: FloatArray, difference: FloatArray, unit: f
 
 
 @singledispatch
-def _own_error(op: Operation, engine: Engine, operand: FloatArray, given: FloatArray, result: FloatArray) -> FloatArray:
+def _own_error(
+    op: ir.Operation, engine: Engine, operand: FloatArray, given: FloatArray, result: FloatArray
+) -> FloatArray:
     """What the engine's own numbers and arithmetic add to the difference: one rounding, unless registered otherwise."""
     return bounds.UNIT[engine.precision] * np.abs(result)
 
 
 @_own_error.register
-def _(op: Linear, engine: Engine, operand: FloatArray, given: FloatArray, result: FloatArray) -> FloatArray:
+def _(op: ir.Linear, engine: Engine, operand: FloatArray, given: FloatArray, result: FloatArray) -> FloatArray:
     weights = np.abs(op.weights)
     size = (np.abs(operand) + given) @ weights.T + np.abs(op.bias)
     # one rounding of each weight, one of each product, and the sum; the weights' own error grows the sum a little
@@ -112,19 +103,19 @@ def _(op: Linear, engine: Engine, operand: FloatArray, given: FloatArray, result
 
 
 @_own_error.register
-def _(op: Activation, engine: Engine, operand: FloatArray, given: FloatArray, result: FloatArray) -> FloatArray:
+def _(op: ir.Activation, engine: Engine, operand: FloatArray, given: FloatArray, result: FloatArray) -> FloatArray:
     roundings = np.where(op.exact, 1.0, bounds.FUNCTION_ROUNDINGS)
     return roundings * bounds.UNIT[engine.precision] * (np.abs(result) + given + 1.0) + _TINY
 
 
 @_own_error.register
-def _(op: TreeEnsemble, engine: Engine, operand: FloatArray, given: FloatArray, result: FloatArray) -> FloatArray:
+def _(op: ir.TreeEnsemble, engine: Engine, operand: FloatArray, given: FloatArray, result: FloatArray) -> FloatArray:
     return _tree_error(op, result)
 
 
-def _tree_error(op: TreeEnsemble, result: FloatArray) -> FloatArray:
+def _tree_error(op: ir.TreeEnsemble, result: FloatArray) -> FloatArray:
     """Leaves that were divided one by one, and sums in another precision or order than the library's."""
-    same = op.divisor == 1.0 and op.sum_precision is Precision.FLOAT64 and not op.base_last
+    same = op.divisor == 1.0 and op.sum_precision is ir.Precision.FLOAT64 and not op.base_last
     if same or not op.n_trees:
         return np.zeros_like(result)
     largest = of_each_tree(op, np.maximum, np.abs(op.leaf_value))
@@ -136,10 +127,10 @@ def _tree_error(op: TreeEnsemble, result: FloatArray) -> FloatArray:
     size = total / abs(op.divisor) + np.abs(op.base) / (1.0 if op.base_last else abs(op.divisor))
     terms = op.n_trees + 2
     library = bounds.gamma(terms, op.sum_precision)
-    return np.broadcast_to((library + bounds.gamma(terms, Precision.FLOAT64)) * size, result.shape)
+    return np.broadcast_to((library + bounds.gamma(terms, ir.Precision.FLOAT64)) * size, result.shape)
 
 
-def engine_answers(model: ModelIR, x: FloatArray) -> BoolArray:
+def engine_answers(model: ir.ModelIR, x: FloatArray) -> BoolArray:
     """The rows of `x` that an engine answers: none with a missing value, and none that does not fit its numbers."""
     answered: BoolArray = ~np.any(np.isnan(x), axis=1)
     for column, limit in enumerate(engine_limits(model, checked_engines(model)[0])):

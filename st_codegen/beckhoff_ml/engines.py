@@ -14,31 +14,10 @@ from typing import ClassVar
 
 import numpy as np
 
+from st_codegen import ir
 from st_codegen.beckhoff_ml.file import ACTIVATIONS, KERNELS
 from st_codegen.errors import UnsupportedModelError, errors_name
-from st_codegen.ir import (
-    FLOAT32_OVERFLOW,
-    Activation,
-    Aggregate,
-    ArgMax,
-    Comparison,
-    Exceeds,
-    Float32Array,
-    FloatArray,
-    Function,
-    Int32Array,
-    Kernel,
-    KernelSum,
-    Linear,
-    ModelIR,
-    Operation,
-    Operator,
-    Precision,
-    Round,
-    Scale,
-    Select,
-    TreeEnsemble,
-)
+from st_codegen.ir.arrays import Float32Array, FloatArray, Int32Array
 from st_codegen.walkers.base import GraphBuilder
 from st_codegen.walkers.classes import pair_coefficients, pair_votes
 
@@ -62,17 +41,17 @@ class Affine:
     def changes_nothing(self) -> bool:
         return bool(np.all(self.scaling == 1.0) and not np.any(self.offset))
 
-    def then(self, op: Scale) -> Affine:
+    def then(self, op: ir.Scale) -> Affine:
         """Behind one more step. Raises UnsupportedModelError for constant / x."""
         a, b, t, c = self.scaling, self.offset, self.terms, op.constant
-        if op.operator in (Operator.ADD, Operator.SUBTRACT):
-            plus = op.operator is Operator.ADD
+        if op.operator in (ir.Operator.ADD, ir.Operator.SUBTRACT):
+            plus = op.operator is ir.Operator.ADD
             sign = -1.0 if not plus and op.reverse else 1.0
             shift = c if plus or op.reverse else -c
             return Affine(sign * a, sign * b + shift, t + np.abs(c))
-        if op.operator is Operator.MULTIPLY:
+        if op.operator is ir.Operator.MULTIPLY:
             return Affine(a * c, b * c, t * np.abs(c))
-        if op.operator in (Operator.MAXIMUM, Operator.MINIMUM):
+        if op.operator in (ir.Operator.MAXIMUM, ir.Operator.MINIMUM):
             raise UnsupportedModelError("a limit of a computed number: the format scales and shifts only")
         if op.reverse:
             raise UnsupportedModelError("a constant divided by an input: the format scales and shifts only")
@@ -124,7 +103,7 @@ class Engine:
     first: int
     last: int
     rounds: bool
-    precision: ClassVar[Precision] = Precision.FLOAT64
+    precision: ClassVar[ir.Precision] = ir.Precision.FLOAT64
     folder: ClassVar[str]
     template: ClassVar[str]
 
@@ -165,7 +144,7 @@ class MlpEngine(Engine):
     """mlp_fp32_engine: weights and arithmetic in float32."""
 
     layers: tuple[Layer, ...]
-    precision: ClassVar[Precision] = Precision.FLOAT32
+    precision: ClassVar[ir.Precision] = ir.Precision.FLOAT32
     folder: ClassVar[str] = "mlp"
     template: ClassVar[str] = "mlp"
 
@@ -178,7 +157,7 @@ class SvmEngine(Engine):
     (classes - 1, vectors), `rho` (pairs). The format wants two classes, `vectors_per_class`, even of a regression.
     """
 
-    kernel: Kernel
+    kernel: ir.Kernel
     gamma: float
     coef0: float
     degree: int
@@ -200,7 +179,7 @@ class SvmEngine(Engine):
         return range(len(self.vectors_per_class)) if self.classifies else range(1, 3)
 
 
-def engines_of(model: ModelIR) -> tuple[Engine, ...]:
+def engines_of(model: ir.ModelIR) -> tuple[Engine, ...]:
     """The engines that compute a model: one, or one for each output where an engine has only one.
 
     Raises UnsupportedModelError with all that the format cannot say.
@@ -211,12 +190,12 @@ def engines_of(model: ModelIR) -> tuple[Engine, ...]:
     columns = np.arange(len(model.features), dtype=np.int32)
     affine = Affine.identity(len(columns))
     for number, op in enumerate(model.ops, 1):
-        if isinstance(op, Select):
+        if isinstance(op, ir.Select):
             columns = columns[op.columns]
             affine = affine.of(op.columns)
-        elif isinstance(op, Scale):
+        elif isinstance(op, ir.Scale):
             affine = affine.then(op)
-        elif not isinstance(op, Round):
+        elif not isinstance(op, ir.Round):
             return _engines(op, _Front(model, number, columns, affine))
     raise UnsupportedModelError("the model only scales its inputs: no engine does that")
 
@@ -225,7 +204,7 @@ def engines_of(model: ModelIR) -> tuple[Engine, ...]:
 class _Front:
     """What comes before operation `number` (from 1): it reads features `columns`, scaled."""
 
-    model: ModelIR
+    model: ir.ModelIR
     number: int
     columns: Int32Array
     affine: Affine
@@ -233,7 +212,7 @@ class _Front:
     @property
     def rounds(self) -> bool:
         """Whether the features are rounded to float32."""
-        return any(isinstance(op, Round) for op in self.model.ops[: self.number - 1])
+        return any(isinstance(op, ir.Round) for op in self.model.ops[: self.number - 1])
 
     def in_place(self, unused: float = 1.0) -> Affine:
         """The transformation of all features in their order; what the model leaves out is multiplied by `unused`.
@@ -248,32 +227,32 @@ class _Front:
 
 
 @singledispatch
-def _engines(op: Operation, front: _Front) -> tuple[Engine, ...]:
+def _engines(op: ir.Operation, front: _Front) -> tuple[Engine, ...]:
     """The engines whose first operation is `op`."""
     raise UnsupportedModelError(f"{type(op).__name__} of the inputs: no engine computes it")
 
 
-def output_of(model: ModelIR, last: int) -> Affine:
+def output_of(model: ir.ModelIR, last: int) -> Affine:
     """What happens to the result of operation `last`. Raises UnsupportedModelError for all but scaling and shifting."""
     affine = Affine.identity(model.value_width(last))
     for op in model.ops[last:]:
-        if isinstance(op, Scale):
+        if isinstance(op, ir.Scale):
             affine = affine.then(op)
-        elif isinstance(op, Activation) and op.function is not Function.IDENTITY:
+        elif isinstance(op, ir.Activation) and op.function is not ir.Function.IDENTITY:
             raise UnsupportedModelError(
                 f"the result is passed through {op.function}; the format scales and shifts only"
             )
-        elif not isinstance(op, Round | Activation):
+        elif not isinstance(op, ir.Round | ir.Activation):
             raise UnsupportedModelError(f"{type(op).__name__} of the result: the format scales and shifts only")
     return affine
 
 
 @_engines.register
-def _(op: TreeEnsemble, front: _Front) -> tuple[Engine, ...]:
+def _(op: ir.TreeEnsemble, front: _Front) -> tuple[Engine, ...]:
     _check_trees(op)
     width = len(front.model.features)
     inputs = Affine.identity(width) if front.affine.changes_nothing else front.in_place()
-    single = op.input_precision is Precision.FLOAT32 or front.rounds
+    single = op.input_precision is ir.Precision.FLOAT32 or front.rounds
     split = _EngineSplits(
         threshold_for_less_or_equal(op, single=single),
         front.columns[np.array([column.column for column in op.columns] or [0], np.int32)],
@@ -308,7 +287,7 @@ class _EngineSplits:
     feature: Int32Array
 
 
-def _tree(op: TreeEnsemble, splits: _EngineSplits, number: int, output: int) -> Tree:
+def _tree(op: ir.TreeEnsemble, splits: _EngineSplits, number: int, output: int) -> Tree:
     start = int(op.roots[number])
     stop = int(op.roots[number + 1]) if number + 1 < op.n_trees else op.n_nodes
     split = op.split[start:stop]
@@ -322,7 +301,7 @@ def _tree(op: TreeEnsemble, splits: _EngineSplits, number: int, output: int) -> 
     )
 
 
-def _check_trees(op: TreeEnsemble) -> None:
+def _check_trees(op: ir.TreeEnsemble) -> None:
     reasons = []
     if op.has_categories:
         reasons.append("splits by category")
@@ -332,7 +311,7 @@ def _check_trees(op: TreeEnsemble) -> None:
         reasons.append("splits trained on missing values")
     if op.linear is not None:
         reasons.append("linear models in leaves")
-    if op.aggregate is not Aggregate.SUM:
+    if op.aggregate is not ir.Aggregate.SUM:
         reasons.append(f"the {op.aggregate} over trees")
     if not op.is_forest:
         reasons.append("nodes that several splits share")
@@ -340,7 +319,7 @@ def _check_trees(op: TreeEnsemble) -> None:
         raise UnsupportedModelError(f"trees with {', '.join(reasons)}: not expressible")
 
 
-def threshold_for_less_or_equal(op: TreeEnsemble, *, single: bool) -> FloatArray:
+def threshold_for_less_or_equal(op: ir.TreeEnsemble, *, single: bool) -> FloatArray:
     """Thresholds t' with `x <= t'` for float64 x exactly where the library goes left; `single`: it reads float32(x).
 
     A library that compares float32(x) goes left up to the largest float64 that rounds to the last float32 on the left:
@@ -348,33 +327,33 @@ def threshold_for_less_or_equal(op: TreeEnsemble, *, single: bool) -> FloatArray
     """
     threshold = np.where(op.split >= 0, op.threshold, 0.0)
     if not single:
-        return np.nextafter(threshold, -np.inf) if op.comparison is Comparison.LESS else threshold
+        return np.nextafter(threshold, -np.inf) if op.comparison is ir.Comparison.LESS else threshold
     with np.errstate(over="ignore"):
         last = threshold.astype(np.float32)
-    beyond = last > threshold if op.comparison is Comparison.LESS_OR_EQUAL else last >= threshold
+    beyond = last > threshold if op.comparison is ir.Comparison.LESS_OR_EQUAL else last >= threshold
     last = np.where(beyond, np.nextafter(last, np.float32(-np.inf)), last)
     following = np.nextafter(last, np.float32(np.inf))
     largest = np.isinf(following)  # what rounds to the largest float32 ends below the overflow limit
-    middle = (last.astype(np.float64) + np.where(largest, FLOAT32_OVERFLOW, following.astype(np.float64))) / 2
-    middle = np.where(largest, FLOAT32_OVERFLOW, middle)
+    middle = (last.astype(np.float64) + np.where(largest, ir.FLOAT32_OVERFLOW, following.astype(np.float64))) / 2
+    middle = np.where(largest, ir.FLOAT32_OVERFLOW, middle)
     even = (last.view(np.int32) & 1) == 0
     exact = np.where(even & ~largest, middle, np.nextafter(middle, -np.inf))
     return np.maximum(exact, -np.finfo(np.float64).max)
 
 
 @_engines.register
-def _(op: Linear, front: _Front) -> tuple[Engine, ...]:
+def _(op: ir.Linear, front: _Front) -> tuple[Engine, ...]:
     inputs = front.in_place()
     model = front.model
-    layers: list[tuple[Linear, Function]] = []
+    layers: list[tuple[ir.Linear, ir.Function]] = []
     last = front.number
     for at in range(front.number, len(model.ops) + 1):
         current = model.ops[at - 1]
-        if isinstance(current, Linear):
-            layers.append((current, Function.IDENTITY))
-        elif isinstance(current, Activation) and layers and layers[-1][1] is Function.IDENTITY:
+        if isinstance(current, ir.Linear):
+            layers.append((current, ir.Function.IDENTITY))
+        elif isinstance(current, ir.Activation) and layers and layers[-1][1] is ir.Function.IDENTITY:
             layers[-1] = (layers[-1][0], current.function)
-        elif not isinstance(current, Round):
+        elif not isinstance(current, ir.Round):
             break
         last = at
     unknown = sorted({function.value for _, function in layers if function not in _ACTIVATION_NAMES})
@@ -410,7 +389,7 @@ def _single(values: FloatArray) -> Float32Array:
 
 
 @_engines.register
-def _(op: KernelSum, front: _Front) -> tuple[Engine, ...]:
+def _(op: ir.KernelSum, front: _Front) -> tuple[Engine, ...]:
     if not len(op.support_vectors):
         raise UnsupportedModelError("a support vector machine without support vectors")
     # a vector of an RBF kernel measures the distance along every input
@@ -448,13 +427,13 @@ def _(op: KernelSum, front: _Front) -> tuple[Engine, ...]:
     )
 
 
-def _voting(op: KernelSum, front: _Front, engine: SvmEngine) -> SvmEngine:
+def _voting(op: ir.KernelSum, front: _Front, engine: SvmEngine) -> SvmEngine:
     """The engine of a classifier of which each pair of classes votes, as libsvm decides."""
     builder = GraphBuilder(op.width)
     count = len(front.model.classes.labels) if front.model.classes is not None else 0
     votes = pair_votes(builder, 0, count)
-    builder.add(ArgMax((votes,), count))
-    rest = [step for step in front.model.ops[front.number :] if not isinstance(step, Select)]
+    builder.add(ir.ArgMax((votes,), count))
+    rest = [step for step in front.model.ops[front.number :] if not isinstance(step, ir.Select)]
     if op.width != count * (count - 1) // 2 or [_said(step) for step in rest] != [_said(step) for step in builder.ops]:
         raise UnsupportedModelError("a label that is not that of most votes of pairs: the format says no other")
     # a vector has a coefficient above 0 in pairs of which its class is the first, and one below 0 in others
@@ -472,17 +451,17 @@ def _voting(op: KernelSum, front: _Front, engine: SvmEngine) -> SvmEngine:
     return replace(engine, last=last, coefficients=dual, vectors_per_class=per_class, classifies=True)
 
 
-def _said(op: Operation) -> tuple[object, ...]:
+def _said(op: ir.Operation) -> tuple[object, ...]:
     """What an operation computes, for comparison with another one."""
-    numbers = (op.cut,) if isinstance(op, Exceeds) else (op.weights, op.bias) if isinstance(op, Linear) else ()
-    inclusive = op.inclusive if isinstance(op, Exceeds) else None
+    numbers = (op.cut,) if isinstance(op, ir.Exceeds) else (op.weights, op.bias) if isinstance(op, ir.Linear) else ()
+    inclusive = op.inclusive if isinstance(op, ir.Exceeds) else None
     return type(op), op.width, op.operand_width, inclusive, *(array.tolist() for array in numbers)
 
 
-def checked_engines(model: ModelIR) -> tuple[Engine, ...]:
+def checked_engines(model: ir.ModelIR) -> tuple[Engine, ...]:
     """`engines_of`, its errors with the name of the model."""
     with errors_name(f"model '{model.name}'"):
-        has_file = model.classes is None or any(isinstance(op, KernelSum) for op in model.ops)
+        has_file = model.classes is None or any(isinstance(op, ir.KernelSum) for op in model.ops)
         engines = engines_of(model) if has_file else ()
         if not engines:
             raise UnsupportedModelError(

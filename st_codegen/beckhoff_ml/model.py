@@ -15,34 +15,23 @@ from typing import Any
 
 import numpy as np
 
+from st_codegen import ir
 from st_codegen.beckhoff_ml.file import ACTIVATIONS, KERNELS, MAX_INPUTS, SHOWN, XmlElement, parse
 from st_codegen.errors import InputError, UnsupportedModelError, errors_name
-from st_codegen.ir import (
-    FLOAT32_OVERFLOW,
-    Feature,
-    FloatArray,
-    Function,
-    IntArray,
-    Kernel,
-    KernelSum,
-    Precision,
-    Round,
-    Source,
-    TreeColumn,
-)
+from st_codegen.ir.arrays import FloatArray, IntArray
 from st_codegen.ir.preorder import preorder
 from st_codegen.walkers.base import Classified, GraphBuilder, LoadedModel, Predictor
 from st_codegen.walkers.classes import largest, pair_coefficients, pair_votes
 from st_codegen.walkers.forest import laid_out
 from st_codegen.walkers.limits import check_size
 
-_FUNCTIONS: dict[Function, Callable[[Any], Any]] = {
-    Function.LOGISTIC: lambda x: 1 / (1 + np.exp(-x)),
-    Function.EXP: np.exp,
-    Function.TANH: np.tanh,
-    Function.RELU: lambda x: np.maximum(x, 0),
-    Function.SOFTPLUS: lambda x: np.logaddexp(0, x),
-    Function.IDENTITY: lambda x: x,
+_FUNCTIONS: dict[ir.Function, Callable[[Any], Any]] = {
+    ir.Function.LOGISTIC: lambda x: 1 / (1 + np.exp(-x)),
+    ir.Function.EXP: np.exp,
+    ir.Function.TANH: np.tanh,
+    ir.Function.RELU: lambda x: np.maximum(x, 0),
+    ir.Function.SOFTPLUS: lambda x: np.logaddexp(0, x),
+    ir.Function.IDENTITY: lambda x: x,
 }
 
 
@@ -135,7 +124,7 @@ class _File:
         """The model, and the evaluation of the file."""
         builder = GraphBuilder(self.n_inputs)
         builder.refuse_nan()
-        value = self.add(builder, self._first(builder))
+        value = self.add(builder, 0 if self.input is None else self.input.add(builder, 0))
         if self.output is not None and self.labels:
             raise UnsupportedModelError(f"{self.model.file}: a transformation of labels is not read")
         if self.output is not None:
@@ -145,18 +134,15 @@ class _File:
         attributes: dict[str, str] = {}
         if information is not None:
             attributes = {str(key): str(value) for key, value in information.element.attrib.items()}
-        source = Source(
+        source = ir.Source(
             library=_plain(attributes.get("str_producer", "Beckhoff MLlib")),
             version=_plain(attributes.get("str_producerVersion", "unknown")),
             model_class=self.model.text("modelName"),
             notes=("evaluated by the arithmetic of the file format, not by the vendor's runtime",),
         )
-        features = tuple(Feature(f"f{number}") for number in range(self.n_inputs))
+        features = tuple(ir.Feature(f"f{number}") for number in range(self.n_inputs))
         result = Classified(self.labels, value) if self.labels else None
         return LoadedModel(builder.model(name, features, source, result), self._predictor())
-
-    def _first(self, builder: GraphBuilder) -> int:
-        return self.input.add(builder, 0) if self.input is not None else 0
 
     def _predictor(self) -> Predictor:
         def predict(x: FloatArray) -> FloatArray:
@@ -238,7 +224,7 @@ class _Trees(_File):
             laid_out(
                 value,
                 layout,
-                columns=tuple(TreeColumn(column) for column in range(self.n_inputs)),
+                columns=tuple(ir.TreeColumn(column) for column in range(self.n_inputs)),
                 split=self.variables[layout.order],
                 threshold=values,
                 missing_left=np.zeros(len(values), np.bool_),
@@ -270,7 +256,7 @@ class _Network(_File):
     def read(self) -> int:
         count = self.configuration.count("numLayers", len(self.configuration.element))
         bias = self.configuration.text("bool_usesBias").lower() == "true"
-        self.layers: list[tuple[FloatArray, FloatArray, Function]] = []
+        self.layers: list[tuple[FloatArray, FloatArray, ir.Function]] = []
         width = self.n_inputs
         announced = self.configuration.numbered("MlpLayer", count)
         for described, layer in zip(announced, self.parameters.numbered("MlpLayer", count), strict=True):
@@ -294,11 +280,11 @@ class _Network(_File):
         return width
 
     def add(self, builder: GraphBuilder, value: int) -> int:
-        builder.refuse_magnitude(FLOAT32_OVERFLOW)
-        value = builder.add(Round((value,), self.n_inputs))
+        builder.refuse_magnitude(ir.FLOAT32_OVERFLOW)
+        value = builder.add(ir.Round((value,), self.n_inputs))
         for weights, constant, function in self.layers:
-            value = builder.linear(value, weights, constant, precision=Precision.FLOAT32)
-            value = builder.function(value, function, precision=Precision.FLOAT32)
+            value = builder.linear(value, weights, constant, precision=ir.Precision.FLOAT32)
+            value = builder.function(value, function, precision=ir.Precision.FLOAT32)
         return value
 
     def evaluate(self, x: FloatArray) -> FloatArray:
@@ -323,10 +309,10 @@ class _SupportVectors(_File):
                 f"{self.model.file}: the kernel '{name[:SHOWN]}' is not read; known are {', '.join(KERNELS)}"
             )
         self.kernel = KERNELS[name]
-        self.gamma = 1.0 if self.kernel is Kernel.LINEAR else self.configuration.double("gamma")
-        shifted = self.kernel in (Kernel.POLYNOMIAL, Kernel.SIGMOID)
+        self.gamma = 1.0 if self.kernel is ir.Kernel.LINEAR else self.configuration.double("gamma")
+        shifted = self.kernel in (ir.Kernel.POLYNOMIAL, ir.Kernel.SIGMOID)
         self.coef0 = self.configuration.double("coef0") if shifted else 0.0
-        self.degree = self.configuration.count("degree", 1000) if self.kernel is Kernel.POLYNOMIAL else 3
+        self.degree = self.configuration.count("degree", 1000) if self.kernel is ir.Kernel.POLYNOMIAL else 3
         return self.configuration.count("numInputAttributes", MAX_INPUTS)
 
     def read(self) -> int:
@@ -360,7 +346,7 @@ class _SupportVectors(_File):
     def add(self, builder: GraphBuilder, value: int) -> int:
         builder.refuse_magnitude(np.inf)
         sums = builder.add(
-            KernelSum(
+            ir.KernelSum(
                 inputs=(value,),
                 kernel=self.kernel,
                 support_vectors=self.vectors,
@@ -379,11 +365,11 @@ class _SupportVectors(_File):
         kernels = np.empty((len(x), len(self.vectors)))
         for number, vector in enumerate(self.vectors):
             product = x @ vector
-            if self.kernel is Kernel.RBF:
+            if self.kernel is ir.Kernel.RBF:
                 product = np.exp(-self.gamma * np.sum((x - vector) ** 2, axis=1))
-            elif self.kernel is Kernel.POLYNOMIAL:
+            elif self.kernel is ir.Kernel.POLYNOMIAL:
                 product = (self.gamma * product + self.coef0) ** self.degree
-            elif self.kernel is Kernel.SIGMOID:
+            elif self.kernel is ir.Kernel.SIGMOID:
                 product = np.tanh(self.gamma * product + self.coef0)
             kernels[:, number] = product
         if self.classifies:

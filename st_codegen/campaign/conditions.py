@@ -83,8 +83,7 @@ class Conditions:
 
     def output_rad_s(self, reduction_ratio: float) -> FloatArray:
         """Speed of the output, rad/s, with the sign of the direction."""
-        speed: FloatArray = self.sign * self.speed_rpm * (2 * np.pi / 60 / reduction_ratio)
-        return speed
+        return self.sign * self.speed_rpm * (2 * np.pi / 60 / reduction_ratio)
 
 
 def temperatures_of_no_oil(temperature_C: FloatArray) -> BoolArray:

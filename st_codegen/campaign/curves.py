@@ -15,7 +15,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -26,10 +26,6 @@ from st_codegen.files.number_text import parse_number
 from st_codegen.files.text import whole_file
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.te.harmonics import Direction
-
-if TYPE_CHECKING:
-    import polars
-
 
 #: the header of the rig, with its typing error
 RIG_HEADER = (
@@ -235,7 +231,7 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def _table(path: Path, layout: _Layout) -> polars.DataFrame | list[Any]:
+def _table(path: Path, layout: _Layout) -> list[Any]:
     """The columns of a file, by number; empty cells are null."""
     pl = extra_package(*_POLARS)
     width = sum(column is not None for column in layout.columns)
@@ -251,8 +247,7 @@ def _table(path: Path, layout: _Layout) -> polars.DataFrame | list[Any]:
         )
     except (pl.exceptions.PolarsError, OSError) as error:
         raise _first_fault(path, layout, width, str(error)) from None
-    columns: list[Any] = frame.get_columns()
-    return columns
+    return list(frame.get_columns())
 
 
 def _first_fault(path: Path, layout: _Layout, width: int, otherwise: str) -> BadFileError:

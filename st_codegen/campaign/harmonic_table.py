@@ -89,8 +89,7 @@ class HarmonicTable:
             raise InputError(
                 f"order {order} is not in the harmonic table, which has {', '.join(map(str, self.orders))}"
             )
-        column: ComplexArray = self.coefficients[:, self.orders.index(order)]
-        return column
+        return self.coefficients[:, self.orders.index(order)]
 
     def rows(self, choice: npt.ArrayLike) -> HarmonicTable:
         """The rows that a mask or an index array chooses, in its order."""

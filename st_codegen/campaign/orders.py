@@ -96,8 +96,7 @@ class OrderFit:
     @property
     def spectrum(self) -> FloatArray:
         """Amplitudes of all orders, float64 (band + 1,), deg."""
-        found: FloatArray = np.abs(self.waves)
-        return found
+        return np.abs(self.waves)
 
 
 def listed(orders: Sequence[int]) -> str:
@@ -196,8 +195,7 @@ def square_error(sums: Sums, orders: Sequence[int], coefficients: ComplexArray) 
 def _angle_sum(sums: Sums, m: npt.NDArray[np.intp]) -> ComplexArray:
     """Sum of exp(-i*m*theta) for positive and negative m."""
     at = sums.angle[np.abs(m)]
-    values: ComplexArray = np.where(m < 0, at.conj(), at)
-    return values
+    return np.where(m < 0, at.conj(), at)
 
 
 def _normal_matrix(sums: Sums, orders: npt.NDArray[np.intp]) -> FloatArray:
@@ -212,8 +210,7 @@ def _normal_matrix(sums: Sums, orders: npt.NDArray[np.intp]) -> FloatArray:
 
 def _unknowns(orders: npt.NDArray[np.intp]) -> BoolArray:
     """All cosines, and sines except that of order 0."""
-    mask: BoolArray = np.concatenate([np.ones(len(orders), np.bool_), orders > 0])
-    return mask
+    return np.concatenate([np.ones(len(orders), np.bool_), orders > 0])
 
 
 def _solve(sums: Sums, orders: npt.NDArray[np.intp], belief: FloatArray | None = None) -> ComplexArray:

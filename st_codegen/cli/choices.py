@@ -6,10 +6,6 @@ A test compares them with the rooms'.
 from __future__ import annotations
 
 TARGETS = ("iec", "plcopen", "codesys", "scl", "twincat", "beckhoff-ml")
-#: What a development environment is given to open.
-PROJECT_FORMS = ("solution", "plc", "library")
-LAYOUTS = ("auto", "trees", "ranked", "cut", "ifs", "table")
-TABLE_KILOBYTES = 64
 OUTPUTS = ("class", "probability", "decision", "mean", "deviation", "column", "reconstruction")
 EVALUATORS = ("st", "reference", "source")
 EXCHANGES = ("start", "end")

@@ -15,17 +15,15 @@ from st_codegen.cli.calibrate import must_be_a_profile, write_profile
 from st_codegen.cli.codes import show_codes
 from st_codegen.cli.console import (
     FILE,
+    GivenModels,
     console,
     controller_options,
     generated_option,
-    load_generated,
-    models_argument,
-    names_options,
+    models_options,
     progress_bar,
-    quiet_option,
+    reading_options,
     rows_options,
     say,
-    trust_option,
 )
 from st_codegen.cli.costs import profile_option
 from st_codegen.cli.verify import agreement_table
@@ -48,8 +46,7 @@ Examples:
   st-codegen compare models/ --ads 192.168.0.5.1.1:851 --calibrated mine.toml
   st-codegen verify models/ --cycle-us 250 --profile mine.toml""",
 )
-@models_argument
-@names_options
+@models_options
 @generated_option("Folder that `generate --with-comparison` wrote, and that the controller runs.")
 @controller_options
 @click.option("--block", metavar="FB_X", help="Only this block. Default: the blocks of all models.")
@@ -71,11 +68,9 @@ Examples:
 @profile_option
 @click.option("--json", "json_file", type=FILE, help="Write the record as JSON.")
 @click.option("--html", type=FILE, help="Write the record as a page.")
-@trust_option
-@quiet_option
+@reading_options
 def command(
-    models: Path,
-    names: dict[str, str | None],
+    given: GivenModels,
     generated: Path,
     connect: Callable[[], Controller],
     block: str | None,
@@ -87,8 +82,6 @@ def command(
     profile: str,
     json_file: Path | None,
     html: Path | None,
-    trust_pickle: bool,
-    quiet: bool,
 ) -> None:
     """Run rows of inputs through MODELS on a controller and compare its answers with the libraries'.
 
@@ -104,21 +97,21 @@ def command(
     if calibrated is not None:
         must_be_a_profile(calibrated)
     folder = generated_folder(generated)
-    bundle = load_generated(models, generated, names, trust_pickle=trust_pickle, quiet=quiet)
-    with progress_bar("comparing", quiet=quiet) as progress:
+    bundle = given.load_generated(generated)
+    with progress_bar("comparing", quiet=given.quiet) as progress:
         report = compare(bundle, folder, connect, rows=rows, seed=seed, block=block, progress=progress)
     report.same_bits = same_bits
-    _write(report, models, json_file, html)
+    _write(report, given.models, json_file, html)
     if times is not None:
         write_text(times, times_csv(report))
-    if not quiet:
+    if not given.quiet:
         console.print(agreement_table(f"library = controller, {report.address}", report.models))
         for line in report.remarks():
             say(line)
     for name, line in report.failures():
         say(Text.assemble((name, "red"), f": {line}"))
     if calibrated is not None:
-        _calibrate(report, folder, base, calibrated, quiet=quiet)
+        _calibrate(report, folder, base, calibrated, quiet=given.quiet)
     if not report.passed:
         show_codes(["STC2003"])
     sys.exit(0 if report.passed else 1)

@@ -7,6 +7,7 @@ import inspect
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
@@ -19,12 +20,13 @@ from rich.text import Text
 from st_codegen.cli.choices import OUTPUTS
 from st_codegen.files.number_text import parse_number, parse_whole
 from st_codegen.files.text import inert
+from st_codegen.project.build_options import BUILD_OPTIONS, option_name
 from st_codegen.walkers.limits import DEFAULT_MAX_MODEL_BYTES, set_features, set_max_model_bytes
 
 if TYPE_CHECKING:
     from st_codegen.ir import OutputKind
     from st_codegen.live.controller import Controller
-    from st_codegen.project.bundle import Bundle
+    from st_codegen.project.bundle import Bundle, Outputs
     from st_codegen.rig.effects import Effect
 
 
@@ -94,8 +96,6 @@ def _with_defaults(context: click.Context, _: click.Parameter, models: Path) -> 
     return models
 
 
-#: The argument MODELS; the [build] table beside the models gives the options of the command their defaults.
-models_argument = click.argument("models", type=PLACE, is_eager=True, callback=_with_defaults)
 #: The option --quiet.
 quiet_option = click.option("-q", "--quiet", is_flag=True, help="No progress, no summary: errors and warnings only.")
 
@@ -157,15 +157,49 @@ def gathered(name: str, make: Callable[..., Any], *options: Callable[[Any], Any]
     return add
 
 
-#: The options --prefix and --block-name: `names`.
-names_options = gathered(
-    "names",
-    lambda prefix, block_name: {"prefix": prefix, "block_name": block_name},
+@dataclass(frozen=True)
+class GivenModels:
+    """The models of a command: where they are, what they are called, and how they are read."""
+
+    models: Path
+    prefix: str | None
+    block_name: str | None
+    trust_pickle: bool
+    quiet: bool
+
+    def load(self, outputs: Outputs, *, real: bool) -> Bundle:
+        """The models with such outputs of classifiers, computed in LREAL or in REAL."""
+        from st_codegen.project.bundle import load
+
+        with progress_bar("loading", quiet=self.quiet) as progress:
+            return load(
+                self.models,
+                trust_pickle=self.trust_pickle,
+                outputs=outputs,
+                progress=progress,
+                prefix=self.prefix,
+                block_name=self.block_name,
+                real=real,
+            )
+
+    def load_generated(self, generated: Path) -> Bundle:
+        """The models with the outputs and the numbers (LREAL, REAL) that text was generated with."""
+        from st_codegen.emit.output import is_real, kinds_of_outputs
+
+        return self.load(kinds_of_outputs(generated), real=is_real(generated))
+
+
+#: The argument MODELS and the first options of a command with models. The [build] table beside the models gives the
+#: options of the command their defaults.
+models_options = together(
+    click.argument("models", type=PLACE, is_eager=True, callback=_with_defaults),
     click.option(
         "--prefix", metavar="TEXT", help="In front of the names of all models: FB_P1_Te. Default: that of [project]."
     ),
     click.option("--block-name", metavar="NAME", help="Of a single model: FB_NAME instead of its file's name."),
 )
+#: The last options of such a command; all that it is given of models is one value, `given`.
+reading_options = gathered("given", GivenModels, trust_option, quiet_option)
 
 
 def _catalogue(effects: tuple[Path, ...]) -> Mapping[str, type[Effect]]:
@@ -198,18 +232,6 @@ controller_options = gathered(
 )
 
 
-def load_generated(
-    models: Path, generated: Path, names: dict[str, str | None], *, trust_pickle: bool, quiet: bool
-) -> Bundle:
-    """The models with the outputs and the numbers (LREAL, REAL) that text was generated with."""
-    from st_codegen.emit.output import is_real, kinds_of_outputs
-    from st_codegen.project.bundle import load
-
-    kinds, real = kinds_of_outputs(generated), is_real(generated)
-    with progress_bar("loading", quiet=quiet) as progress:
-        return load(models, trust_pickle=trust_pickle, outputs=kinds, progress=progress, real=real, **names)
-
-
 def _kinds(_context: click.Context, _option: click.Parameter, value: str) -> tuple[OutputKind, ...]:
     from st_codegen.ir import OutputKind
 
@@ -228,14 +250,18 @@ outputs_option = click.option(
     help="What classifiers give: class (always), probability, decision (the library's scores); Gaussian processes: "
     "mean (always), deviation; a PCA: column (always), reconstruction (the squared error of it).",
 )
-#: The option --outputs-per-cycle.
-spread_option = click.option(
-    "--outputs-per-cycle",
-    type=Whole(min=1),
-    default=None,
-    help="Spread the models of a bundle over several calls of about equal cost, so many outputs in each in the mean. "
-    "Default: all in each.",
-)
+
+
+def build_options(*names: str) -> Callable[[Command], Command]:
+    """Options of generated files, as `project.build_options` has them."""
+    options = []
+    for name in names:
+        own = BUILD_OPTIONS[name]
+        kind: Any = click.Choice(own.choices) if own.choices else Whole(min=1) if own.kind is int else own.kind
+        default = own.choices[0] if own.choices else own.default
+        given = {"is_flag": True} if own.kind is bool else {"type": kind, "default": default, "metavar": own.metavar}
+        options.append(click.option(option_name(name), help=own.help, **given))
+    return together(*options)
 
 
 def table_of(title: str | None, *columns: str) -> Table:

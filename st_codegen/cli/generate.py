@@ -10,22 +10,20 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 from rich.table import Table
 
-from st_codegen.cli.choices import LAYOUTS, PROJECT_FORMS, TABLE_KILOBYTES, TARGETS
+from st_codegen.cli.choices import TARGETS
 from st_codegen.cli.codes import show_codes
 from st_codegen.cli.console import (
     FILE,
     FOLDER,
+    GivenModels,
     Whole,
+    build_options,
     console,
-    models_argument,
-    names_options,
+    models_options,
     outputs_option,
-    progress_bar,
-    quiet_option,
+    reading_options,
     say,
-    spread_option,
     table_of,
-    trust_option,
 )
 from st_codegen.cli.costs import Explanation, print_explanation
 from st_codegen.files.text import inert
@@ -53,8 +51,7 @@ Examples:
   st-codegen models/ --outputs class,probability             classifiers: the class, and how probable each class is
   st-codegen generate models/ --target twincat --check      in CI: fail when the files are not up to date""",
 )
-@models_argument
-@names_options
+@models_options
 @click.option(
     "-t",
     "--target",
@@ -95,61 +92,8 @@ Examples:
     is_flag=True,
     help="With --check: the model files themselves must be the same, not only what was read from them.",
 )
-@click.option(
-    "--with-tests",
-    is_flag=True,
-    help="Also write TcUnit suites that compare every block with the library's answers, and a task that runs them.",
-)
-@click.option(
-    "--with-configuration",
-    is_flag=True,
-    help="For iec: write one file with programs that call the blocks and a CONFIGURATION that runs them.",
-)
-@click.option(
-    "--with-comparison",
-    is_flag=True,
-    help="For twincat: also write the programs that `compare` and `record` need on the controller.",
-)
-@click.option(
-    "--self-check",
-    is_flag=True,
-    help="Blocks check their constants, a few in each call, and a row with a known answer in the first one: after "
-    "damage bValid stays FALSE. prove does not follow them.",
-)
-@click.option(
-    "--with-age",
-    is_flag=True,
-    help="Blocks have the output nAge: the calls since their outputs were valid.",
-)
-@click.option(
-    "--real",
-    is_flag=True,
-    help="For iec, plcopen, codesys: REAL instead of LREAL, for controllers that have no LREAL. What is lost is "
-    "computed and printed.",
-)
-@click.option(
-    "--project",
-    type=click.Choice(PROJECT_FORMS),
-    default=PROJECT_FORMS[0],
-    help="For TwinCAT: a solution that opens by itself, a PLC project alone to be added to a solution of yours, or a "
-    "library of the blocks, without programs and tasks.",
-)
-@click.option("--library-version", metavar="1.0.0.0", help="With --project library: its version. Default: 1.0.0.0.")
-@click.option("--company", metavar="NAME", help="With --project library: who offers it.")
-@click.option("--namespace", metavar="NAME", help="With --project library: its namespace. Default: the project's name.")
-@click.option(
-    "--max-array",
-    type=Whole(min=1),
-    default=None,
-    help="Largest number of elements in one array (default: the target's). Tables of trees, neurons and support "
-    "vectors are cut into several, a tree or a vector never; what cannot be cut is refused.",
-)
-@click.option(
-    "--max-bytes",
-    type=Whole(min=1),
-    default=None,
-    help="Largest number of bytes of all tables together (default: the target's); more is an error.",
-)
+@build_options("with_tests", "with_configuration", "with_comparison", "self_check", "with_age", "real")
+@build_options("project", "library_version", "company", "namespace", "max_array", "max_bytes")
 @click.option(
     "--profile",
     metavar="NAME|FILE",
@@ -162,28 +106,11 @@ Examples:
     help="Print which inputs are refused, the layouts of each model with prices, and who spends what.",
 )
 @click.option("--html", type=FILE, help="With --explain: write what it says to this file as a page with pictures.")
-@click.option(
-    "--layout",
-    type=click.Choice(LAYOUTS),
-    default=LAYOUTS[0],
-    help="How trees are written: trees, as they were trained, to be read; ranked, as nodes that compare ranks, "
-    "which is faster; cut, the same, with deep trees cut into the cells of a coarse grid of the inputs, in fewer "
-    "steps and with more memory; ifs, as nested IFs, a model of one small tree; table, as their values in every cell. "
-    "With auto, and where what is asked for is impossible, whichever is cheapest.",
-)
-@click.option(
-    "--table-limit",
-    type=Whole(min=1),
-    default=TABLE_KILOBYTES,
-    help="Largest table of an output in KB; one that is in place may grow to a quarter more.",
-)
-@spread_option
+@build_options("layout", "table_limit", "outputs_per_cycle")
 @outputs_option
-@trust_option
-@quiet_option
+@reading_options
 def command(
-    models: Path,
-    names: dict[str, str | None],
+    given: GivenModels,
     targets: tuple[str, ...],
     out: Path,
     only_check: bool,
@@ -196,8 +123,6 @@ def command(
     explain: bool,
     html: Path | None,
     outputs: Collection[OutputKind],
-    trust_pickle: bool,
-    quiet: bool,
     **wished: Any,
 ) -> None:
     """Compile MODELS, a folder of model files (or one file), to Structured Text.
@@ -208,7 +133,6 @@ def command(
     from st_codegen.driver import generate, wishes_of
     from st_codegen.emit.output import check_place
     from st_codegen.emit.targets import target_named
-    from st_codegen.project.bundle import load
     from st_codegen.proof.emitted import one_reader
     from st_codegen.proof.prove.range_bound import real_remarks
 
@@ -220,8 +144,7 @@ def command(
         check_place(out / target.name)
     wishes = wishes_of(wished, chosen)
     with one_reader():
-        with progress_bar("loading", quiet=quiet) as progress:
-            bundle = load(models, trust_pickle=trust_pickle, outputs=outputs, progress=progress, real=real, **names)
+        bundle = given.load(outputs, real=real)
         for name, text in real_remarks(bundle.irs).items():
             say(f"{name}: {text}")
         for target in chosen if profile is not None else ():
@@ -229,10 +152,10 @@ def command(
         if only_check:
             _check(bundle, chosen, out, wishes, limit=limit, stat=stat, provenance=provenance)
         explained: list[Explanation] = []
-        announce = None if quiet else say
+        announce = None if given.quiet else say
         for target in chosen:
             generated = generate(bundle, target, out, force=force, announce=announce, **wishes[target.name])
-            if not quiet:
+            if not given.quiet:
                 _show_generated(generated)
             if explain:
                 explained.append(_explanation(bundle, generated, target, pricing[target.name]))
@@ -241,7 +164,7 @@ def command(
         from st_codegen.cli.pages import explain_sections, write_pages
 
         summary, sections = explain_sections(explained)
-        write_pages(f"Layouts and times of {models}", sections, summary, html, None)
+        write_pages(f"Layouts and times of {given.models}", sections, summary, html, None)
 
 
 def _pricing(chosen: Sequence[Target], profile: str | None, max_array: int | None) -> dict[str, Pricing]:

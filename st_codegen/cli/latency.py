@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
 
 import click
 
 from st_codegen.cli.choices import EXCHANGES
 from st_codegen.cli.console import Number, Whole
 from st_codegen.errors import Problems
-
-if TYPE_CHECKING:
-    from st_codegen.te.latency import Latency
 
 
 @click.command(
@@ -84,20 +80,16 @@ def command(
         chain = [TaskTiming("bus", cycle, run_us=cycle), *chain]
     found = latency(chain, output_us=output_us, exchange=Exchange(exchange))
     if as_json:
-        click.echo(json.dumps(_numbers(found, order), indent=1))
+        more = {
+            "frequency_hz": found.frequency_hz,
+            "order": order,
+            "output_speed_rpm": found.output_speed_rpm(order),
+            "lead_s": found.mean_us * 1e-6,
+        }
+        click.echo(json.dumps({**asdict(found), **more}, indent=1))
         return
     times = (found.best_us, found.mean_us, found.worst_us)
     click.echo("delay: {:.1f} us of a new value, {:.1f} us in the mean, {:.1f} us at most".format(*times))
     click.echo(f"upper limit of the correction: {found.frequency_hz:.1f} Hz")
     click.echo(f"order {order} up to {found.output_speed_rpm(order):.1f} rpm at the output shaft")
     click.echo(f"lead time for the compensator: fLead_s := {found.mean_us * 1e-6:.7f}")
-
-
-def _numbers(found: Latency, order: int) -> dict[str, Any]:
-    return {
-        **asdict(found),
-        "frequency_hz": found.frequency_hz,
-        "order": order,
-        "output_speed_rpm": found.output_speed_rpm(order),
-        "lead_s": found.mean_us * 1e-6,
-    }

@@ -12,12 +12,10 @@ from st_codegen.cli.choices import EVALUATORS
 from st_codegen.cli.console import (
     FILE,
     PLACE,
-    models_argument,
-    names_options,
+    GivenModels,
+    models_options,
     outputs_option,
-    progress_bar,
-    quiet_option,
-    trust_option,
+    reading_options,
 )
 from st_codegen.files.text import write_text
 
@@ -32,8 +30,7 @@ Examples:
   st-codegen predict models/ --input X.csv --output Y.csv
   st-codegen predict models/ --input X.csv --output Y.csv --engine source     by the library itself""",
 )
-@models_argument
-@names_options
+@models_options
 @click.option(
     "-i",
     "--input",
@@ -51,31 +48,25 @@ Examples:
     help="Who computes: the generated text as machine code, the reference in NumPy, or the source library.",
 )
 @outputs_option
-@trust_option
-@quiet_option
+@reading_options
 def command(
-    models: Path,
-    names: dict[str, str | None],
+    given: GivenModels,
     source: Path,
     result: Path,
     engine: str,
     outputs: Collection[OutputKind],
-    trust_pickle: bool,
-    quiet: bool,
 ) -> None:
     """Predict MODELS for the rows of a table. A row that a model does not take gives nan.
 
     A classifier gives the library's own labels, and further outputs beside them.
     """
     from st_codegen.driver import Evaluator, predict
-    from st_codegen.project.bundle import load
     from st_codegen.proof.predict import read_table, table_text
 
     if result.exists() and result.samefile(source):
         raise click.BadParameter(f"{result} is the table of inputs; give another file.", param_hint="'--output'")
     table = read_table(source)
-    with progress_bar("loading", quiet=quiet) as progress:
-        bundle = load(models, trust_pickle=trust_pickle, outputs=outputs, progress=progress, real=False, **names)
+    bundle = given.load(outputs, real=False)
     text = table_text(predict(bundle, table, Evaluator(engine), table=str(source)))
     if str(result) == "-":
         click.echo(text, nl=False)

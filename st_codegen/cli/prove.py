@@ -15,16 +15,14 @@ from rich.text import Text
 from st_codegen.cli.codes import show_codes
 from st_codegen.cli.console import (
     PLACE,
+    GivenModels,
     console,
     generated_option,
-    load_generated,
-    models_argument,
-    names_options,
+    models_options,
     progress_bar,
-    quiet_option,
+    reading_options,
     say,
     table_of,
-    trust_option,
 )
 from st_codegen.files.text import write_text
 
@@ -43,8 +41,7 @@ Examples:
   st-codegen prove models/ --generated generated --certificate certificate.json
   python checker/check_certificate.py certificate.json models/ generated/""",
 )
-@models_argument
-@names_options
+@models_options
 @generated_option("Folder that `generate` wrote; every target in it is proved.")
 @click.option(
     "--certificate",
@@ -52,15 +49,11 @@ Examples:
     type=PLACE,
     help="Write what was proved to this file, for checker/check_certificate.py.",
 )
-@trust_option
-@quiet_option
+@reading_options
 def command(
-    models: Path,
-    names: dict[str, str | None],
+    given: GivenModels,
     generated: Path,
     certificate_file: Path | None,
-    trust_pickle: bool,
-    quiet: bool,
 ) -> None:
     """Prove that the generated text computes what MODELS demand, for every float64 input.
 
@@ -74,13 +67,13 @@ def command(
     from st_codegen.proof.prove.certificate import certificate
     from st_codegen.proof.prove.prove import prove
 
-    bundle = load_generated(models, generated, names, trust_pickle=trust_pickle, quiet=quiet)
-    with progress_bar("proving", quiet=quiet) as progress:
+    bundle = given.load_generated(generated)
+    with progress_bar("proving", quiet=given.quiet) as progress:
         report = prove(bundle, generated, progress=progress)
     if certificate_file is not None:
-        content = certificate(bundle, models, generated, report)
+        content = certificate(bundle, given.models, generated, report)
         write_text(certificate_file, json.dumps(content, indent=1, sort_keys=True) + "\n")
-    if not quiet:
+    if not given.quiet:
         console.print(_table(report))
         for result in report.results:
             for claim in result.claims:

@@ -16,12 +16,12 @@ from st_codegen.cli.console import (
     PLACE,
     Number,
     Whole,
+    build_options,
     console,
     effects_option,
     progress_bar,
     quiet_option,
     say,
-    spread_option,
     table_of,
     trust_option,
 )
@@ -86,7 +86,7 @@ Examples:
 @click.option("--drift", type=Number(-60, 60), help="Its drift, K a minute (default: the rig's).")
 @click.option("--seed", type=Whole(min=0), default=0, help="Seed of noise and jitter.")
 @click.option("--target", type=click.Choice(DIALECTS), default=DIALECTS[0], help="Dialect that is generated and run.")
-@spread_option
+@build_options("outputs_per_cycle")
 @click.option(
     "--recording", is_flag=True, help="Also write recording.csv, the uncompensated motion as reconcile reads it."
 )

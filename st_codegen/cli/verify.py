@@ -15,18 +15,16 @@ from rich.text import Text
 from st_codegen.cli.codes import show_codes
 from st_codegen.cli.console import (
     FILE,
+    GivenModels,
     Whole,
     console,
     generated_option,
-    load_generated,
-    models_argument,
-    names_options,
+    models_options,
     progress_bar,
-    quiet_option,
+    reading_options,
     rows_options,
     say,
     table_of,
-    trust_option,
 )
 from st_codegen.cli.costs import cycle_option, entry_option, print_budget, print_verdict, profile_option
 from st_codegen.files.text import write_text
@@ -45,8 +43,7 @@ Examples:
   st-codegen verify models/ --cycle-us 250 --profile cx5140      fail when a cycle may take longer
   st-codegen verify models/ --cycle-us 250 --profile mine.toml --entry FB_TEPredict""",
 )
-@models_argument
-@names_options
+@models_options
 @generated_option("Folder that `generate` wrote; every target in it is verified.")
 @rows_options(
     "Rows a model, or as many more as special values and thresholds with their neighbours take; blocks around models "
@@ -60,11 +57,9 @@ Examples:
 @entry_option
 @click.option("--json", "json_file", type=FILE, help="Write the report to this file.")
 @click.option("--html", type=FILE, help="Write a page, with a proof, to this file.")
-@trust_option
-@quiet_option
+@reading_options
 def command(
-    models: Path,
-    names: dict[str, str | None],
+    given: GivenModels,
     generated: Path,
     rows: int,
     seed: int,
@@ -74,8 +69,6 @@ def command(
     entries: tuple[str, ...],
     json_file: Path | None,
     html: Path | None,
-    trust_pickle: bool,
-    quiet: bool,
 ) -> None:
     """Compare the numbers of the generated text with those of MODELS, on a sample of inputs.
 
@@ -88,13 +81,13 @@ def command(
     from st_codegen.proof.verify import Budget, verify
 
     budget = Budget(load_profile(profile), cycle_us, entries)
-    bundle = load_generated(models, generated, names, trust_pickle=trust_pickle, quiet=quiet)
-    with progress_bar("verifying", quiet=quiet) as progress:
+    bundle = given.load_generated(generated)
+    with progress_bar("verifying", quiet=given.quiet) as progress:
         report = verify(bundle, generated, rows=rows, seed=seed, budget=budget, progress=progress, jobs=jobs)
     if json_file is not None:
         write_text(json_file, json.dumps(report.as_json(), indent=1) + "\n")
-    refuted = html is not None and _write_page(html, models, generated, report, bundle, quiet=quiet)
-    if not quiet:
+    refuted = html is not None and _write_page(html, given, generated, report, bundle)
+    if not given.quiet:
         console.print(agreement_table("library, reference and generated text compared", report.models))
         for target, note in report.notes.items():
             say(f"{target}: {note}")
@@ -102,11 +95,11 @@ def command(
         for line in bundle.purpose.served(bundle.irs) if bundle.purpose else ():
             say(line)
     for model in report.models:
-        for remark in () if quiet and model.passed else model.remarks:
+        for remark in () if given.quiet and model.passed else model.remarks:
             say(remark)
         for line in _failures(model):
             say(Text.assemble((model.name, "red"), f": {line}"))
-    _print_times(report, cycle_us, quiet=quiet)
+    _print_times(report, cycle_us, quiet=given.quiet)
     show_codes([*_codes(report), *(["STC2101"] if refuted else [])])
     sys.exit(0 if report.passed and not refuted else 1)
 
@@ -139,18 +132,16 @@ def _print_times(report: VerifyReport, cycle_us: float | None, *, quiet: bool) -
                 print_verdict(target, cost, cycle_us)
 
 
-def _write_page(
-    path: Path, models: Path, generated: Path, report: VerifyReport, bundle: Bundle, *, quiet: bool
-) -> bool:
+def _write_page(path: Path, given: GivenModels, generated: Path, report: VerifyReport, bundle: Bundle) -> bool:
     """Write the page, with proofs. Returns whether one of them found an input that refutes it, which is printed."""
     from st_codegen.cli.pages import verify_sections, write_pages
     from st_codegen.cli.prove import sentence
     from st_codegen.proof.prove.prove import Verdict, prove
 
-    with progress_bar("proving", quiet=quiet) as progress:
+    with progress_bar("proving", quiet=given.quiet) as progress:
         proof = prove(bundle, generated, progress=progress)
     summary, sections = verify_sections(report, proof, bundle)
-    write_pages(f"Verification of {models}", sections, summary, path, None)
+    write_pages(f"Verification of {given.models}", sections, summary, path, None)
     refuted = [result for result in proof.results if result.verdict is Verdict.REFUTED]
     for result in refuted:
         say(sentence(result))

@@ -12,50 +12,15 @@ from functools import singledispatch
 
 import numpy as np
 
-from st_codegen.ir import (
-    Activation,
-    Aggregate,
-    ArgMax,
-    CellTable,
-    ColumnFunction,
-    Combine,
-    Comparison,
-    Distances,
-    Elementwise,
-    FactoredKernel,
-    Function,
-    Kernel,
-    KernelSum,
-    Linear,
-    ModelIR,
-    NanRule,
-    NearestMean,
-    Norm,
-    Normalize,
-    Operation,
-    Operator,
-    Precision,
-    Rank,
-    RankColumn,
-    Round,
-    Scale,
-    Scan,
-    Select,
-    SlidingLinear,
-    Softmax,
-    SummationOrder,
-    TreeColumn,
-    TreeEnsemble,
-    WeightedMedian,
-)
+from st_codegen import ir
 from st_codegen.ir.arrays import BoolArray, FloatArray, Int32Array, IntArray
 from st_codegen.ir.base import COS_REACH
 
 #: What evaluates an operation on its operands, each (rows, width).
-Evaluation = Callable[[Operation, list[FloatArray]], FloatArray]
+Evaluation = Callable[[ir.Operation, list[FloatArray]], FloatArray]
 
 
-def evaluate(model: ModelIR, x: FloatArray, by: Evaluation | None = None) -> FloatArray:
+def evaluate(model: ir.ModelIR, x: FloatArray, by: Evaluation | None = None) -> FloatArray:
     """Predict rows of `x` (rows, features) -> (rows, outputs), each operation evaluated `by` a function or `apply`.
 
     A row that the library refuses (NaN where it takes none, too large a number), in which a number ceases to exist on
@@ -70,27 +35,27 @@ def evaluate(model: ModelIR, x: FloatArray, by: Evaluation | None = None) -> Flo
     return np.where(usable[:, None], values[-1], np.nan)
 
 
-def _lost(op: Operation, result: FloatArray, operands: list[FloatArray]) -> BoolArray:
+def _lost(op: ir.Operation, result: FloatArray, operands: list[FloatArray]) -> BoolArray:
     """Rows in which an operation made NaN of numbers; where columns stay apart, each for itself."""
     missing = [np.isnan(operand) for operand in operands]
     lost: BoolArray
-    if isinstance(op, Elementwise):
+    if isinstance(op, ir.Elementwise):
         lost = np.any(np.isnan(result) & ~np.any(missing, axis=0), axis=1)
         return lost
     lost = np.any(np.isnan(result), axis=1) & ~np.any(np.hstack(missing), axis=1)
     return lost
 
 
-def limited(model: ModelIR, x: FloatArray) -> FloatArray:
+def limited(model: ir.ModelIR, x: FloatArray) -> FloatArray:
     """Rows as the generated block reads them, every feature limited to its declared range; NaN stays NaN."""
     lower = [-np.inf if feature.lower is None else feature.lower for feature in model.features]
     upper = [np.inf if feature.upper is None else feature.upper for feature in model.features]
     with np.errstate(over="ignore"):
-        given = rounded(np.array(x, dtype=np.float64), Precision.REAL if model.is_real else Precision.FLOAT64)
+        given = rounded(np.array(x, dtype=np.float64), ir.Precision.REAL if model.is_real else ir.Precision.FLOAT64)
     return np.clip(given, lower, upper)
 
 
-def valid_rows(model: ModelIR, x: FloatArray) -> BoolArray:
+def valid_rows(model: ir.ModelIR, x: FloatArray) -> BoolArray:
     """Which rows the source library accepts, shape (rows,)."""
     refused = np.isnan(x) & [not model.takes_nan(column) for column in range(x.shape[1])]
     for column, limit in enumerate(model.magnitude_limits):
@@ -103,7 +68,7 @@ def valid_rows(model: ModelIR, x: FloatArray) -> BoolArray:
     return accepted
 
 
-def trace(model: ModelIR, x: FloatArray, by: Evaluation | None = None) -> list[FloatArray]:
+def trace(model: ir.ModelIR, x: FloatArray, by: Evaluation | None = None) -> list[FloatArray]:
     """All values of the model for rows of `x`: the inputs, then the result of each operation, each (rows, width)."""
     values = [np.array(x, dtype=np.float64)]
     with np.errstate(all="ignore"):
@@ -112,70 +77,72 @@ def trace(model: ModelIR, x: FloatArray, by: Evaluation | None = None) -> list[F
     return values
 
 
-def rounded(value: FloatArray, precision: Precision) -> FloatArray:
+def rounded(value: FloatArray, precision: ir.Precision) -> FloatArray:
     """`value` rounded to `precision`, as float64."""
-    return value if precision is Precision.FLOAT64 else value.astype(np.float32).astype(np.float64)
+    return value if precision is ir.Precision.FLOAT64 else value.astype(np.float32).astype(np.float64)
 
 
-def _each_step(op: KernelSum) -> Precision:
+def _each_step(op: ir.KernelSum) -> ir.Precision:
     """To what every operation inside a sum of kernels is rounded; libraries say nothing of it, so it is bounded."""
-    return Precision.REAL if op.precision is Precision.REAL else Precision.FLOAT64
+    return ir.Precision.REAL if op.precision is ir.Precision.REAL else ir.Precision.FLOAT64
 
 
 #: What each operator does to two numbers.
-OPERATORS: dict[Operator, Callable[[FloatArray, FloatArray], FloatArray]] = {
-    Operator.ADD: np.add,
-    Operator.SUBTRACT: np.subtract,
-    Operator.MULTIPLY: np.multiply,
-    Operator.DIVIDE: np.divide,
-    Operator.MAXIMUM: np.maximum,
-    Operator.MINIMUM: np.minimum,
+OPERATORS: dict[ir.Operator, Callable[[FloatArray, FloatArray], FloatArray]] = {
+    ir.Operator.ADD: np.add,
+    ir.Operator.SUBTRACT: np.subtract,
+    ir.Operator.MULTIPLY: np.multiply,
+    ir.Operator.DIVIDE: np.divide,
+    ir.Operator.MAXIMUM: np.maximum,
+    ir.Operator.MINIMUM: np.minimum,
 }
 
 
 @singledispatch
-def apply(op: Operation, operands: list[FloatArray]) -> FloatArray:
+def apply(op: ir.Operation, operands: list[FloatArray]) -> FloatArray:
     """The result of one operation on its operands, each (rows, width)."""
     raise NotImplementedError(type(op).__name__)
 
 
 @apply.register
-def _(op: Select, operands: list[FloatArray]) -> FloatArray:
+def _(op: ir.Select, operands: list[FloatArray]) -> FloatArray:
     return np.hstack(operands)[:, op.columns]
 
 
 @apply.register
-def _(op: Scale, operands: list[FloatArray]) -> FloatArray:
+def _(op: ir.Scale, operands: list[FloatArray]) -> FloatArray:
     left, right = (op.constant[None, :], operands[0]) if op.reverse else (operands[0], op.constant[None, :])
     # + - * / of two float32 numbers computed in float64 and rounded once equal the float32 operation
     result = rounded(OPERATORS[op.operator](left, right), op.precision)
-    return _guarded(result, left, right, op) if op.reverse and op.operator is Operator.DIVIDE else result
+    return _guarded(result, left, right, op) if op.reverse and op.operator is ir.Operator.DIVIDE else result
 
 
 @apply.register
-def _(op: Combine, operands: list[FloatArray]) -> FloatArray:
+def _(op: ir.Combine, operands: list[FloatArray]) -> FloatArray:
     left, right = operands
     result = rounded(OPERATORS[op.operator](left, right), op.precision)
-    return _guarded(result, left, right, op) if op.operator is Operator.DIVIDE else result
+    return _guarded(result, left, right, op) if op.operator is ir.Operator.DIVIDE else result
 
 
-def _guarded(quotient: FloatArray, left: FloatArray, right: FloatArray, op: Scale | Combine | Normalize) -> FloatArray:
+def _guarded(
+    quotient: FloatArray, left: FloatArray, right: FloatArray, op: ir.Scale | ir.Combine | ir.Normalize
+) -> FloatArray:
     """A quotient, NaN where the divisor is too small for it."""
     return np.where(np.abs(right) <= np.abs(left) * (1.0 / op.ceiling), np.nan, quotient)
 
 
 @apply.register
-def _(_: Round, operands: list[FloatArray]) -> FloatArray:
-    return rounded(operands[0], Precision.FLOAT32)
+def _(_: ir.Round, operands: list[FloatArray]) -> FloatArray:
+    return rounded(operands[0], ir.Precision.FLOAT32)
 
 
 @apply.register
-def _(op: ColumnFunction, operands: list[FloatArray]) -> FloatArray:
+def _(op: ir.ColumnFunction, operands: list[FloatArray]) -> FloatArray:
     return op.value(operands[0])
 
 
 @apply.register
-def _(op: ArgMax, operands: list[FloatArray]) -> FloatArray:
+def _(op: ir.ArgMax, operands: list[FloatArray]) -> FloatArray:
     x = operands[0]
     reached = np.max(x, axis=1, keepdims=True) - x <= op.merged
     first: FloatArray = np.argmax(reached, axis=1, keepdims=True).astype(np.float64)
@@ -183,7 +150,7 @@ def _(op: ArgMax, operands: list[FloatArray]) -> FloatArray:
 
 
 @apply.register
-def _(op: Softmax, operands: list[FloatArray]) -> FloatArray:
+def _(op: ir.Softmax, operands: list[FloatArray]) -> FloatArray:
     x = operands[0]
     below = x - np.max(x, axis=1, keepdims=True)
     powers = rounded(np.exp(below), op.precision)
@@ -192,10 +159,10 @@ def _(op: Softmax, operands: list[FloatArray]) -> FloatArray:
 
 
 @apply.register
-def _(op: Linear, operands: list[FloatArray]) -> FloatArray:
+def _(op: ir.Linear, operands: list[FloatArray]) -> FloatArray:
     x = operands[0]
     total = np.broadcast_to(op.bias, (len(x), op.width)).copy()
-    if op.order is SummationOrder.SEQUENTIAL:
+    if op.order is ir.SummationOrder.SEQUENTIAL:
         for column in range(x.shape[1]):
             product = rounded(x[:, column, None] * op.weights[None, :, column], op.precision)
             total = rounded(total + product, op.precision)
@@ -206,7 +173,7 @@ def _(op: Linear, operands: list[FloatArray]) -> FloatArray:
 
 
 @apply.register
-def _(op: SlidingLinear, operands: list[FloatArray]) -> FloatArray:
+def _(op: ir.SlidingLinear, operands: list[FloatArray]) -> FloatArray:
     read, columns = operands[0], op.columns
     total = np.broadcast_to(op.bias, (len(read), len(op.starts), len(op.bias))).copy()
     for number in range(columns.shape[1]):
@@ -215,11 +182,11 @@ def _(op: SlidingLinear, operands: list[FloatArray]) -> FloatArray:
 
 
 @apply.register
-def _(op: Scan, operands: list[FloatArray]) -> FloatArray:
+def _(op: ir.Scan, operands: list[FloatArray]) -> FloatArray:
     return np.hstack([values[-1] for values in rounds(op, operands[0])])
 
 
-def rounds(op: Scan, x: FloatArray) -> Iterator[list[FloatArray]]:
+def rounds(op: ir.Scan, x: FloatArray) -> Iterator[list[FloatArray]]:
     """All values of the body in each round, for rows `x` of the operand."""
     state = np.broadcast_to(op.initial, (len(x), len(op.initial)))
     for start in op.starts.tolist():
@@ -231,8 +198,8 @@ def rounds(op: Scan, x: FloatArray) -> Iterator[list[FloatArray]]:
 
 
 @apply.register
-def _(op: Activation, operands: list[FloatArray]) -> FloatArray:
-    x, power = operands[0], op.function is Function.POWER
+def _(op: ir.Activation, operands: list[FloatArray]) -> FloatArray:
+    x, power = operands[0], op.function is ir.Function.POWER
     beyond = x > op.limit if not power else np.abs(x) > op.furthest if op.parameter > 0 else np.abs(x) < op.furthest
     x = np.where(beyond, np.nan, x)
     return rounded(_FUNCTIONS[op.function](x, op.parameter), op.precision)
@@ -251,42 +218,42 @@ def _power(x: FloatArray, exponent: float) -> FloatArray:
     return np.power(np.where((x == 0) & (exponent < 0), np.nan, x), exponent)
 
 
-_FUNCTIONS: dict[Function, Callable[[FloatArray, float], FloatArray]] = {
-    Function.IDENTITY: lambda x, _: x,
-    Function.TANH: lambda x, _: np.tanh(x),
-    Function.LOGISTIC: _logistic,
-    Function.RELU: lambda x, _: np.maximum(x, 0.0),
-    Function.LEAKY_RELU: lambda x, slope: np.where(x < 0, slope * x, x),
-    Function.ELU: lambda x, scale: np.where(x < 0, scale * np.expm1(np.minimum(x, 0.0)), x),
-    Function.SOFTPLUS: lambda x, _: np.maximum(x, 0.0) + np.log1p(np.exp(-np.abs(x))),
-    Function.EXP: lambda x, _: np.exp(x),
-    Function.EXPM1: lambda x, _: np.expm1(x),
-    Function.LOG1P: lambda x, _: np.log1p(np.where(x > -1.0, x, np.nan)),
-    Function.ABS: lambda x, _: np.abs(x),
-    Function.SQRT: lambda x, _: np.sqrt(x),
-    Function.LOG: lambda x, _: np.log(np.where(x > 0.0, x, np.nan)),
-    Function.SOFTSIGN: lambda x, _: x / (1.0 + np.abs(x)),
-    Function.ERF: lambda x, _: _erf(x),
-    Function.GELU: lambda x, _: 0.5 * x * (1.0 + _erf(x * math.sqrt(0.5))),
-    Function.SIN: lambda x, _: np.sin(np.where(np.abs(x) <= COS_REACH, x, np.nan)),
-    Function.COS: lambda x, _: np.cos(np.where(np.abs(x) <= COS_REACH, x, np.nan)),
-    Function.SIGNED_SQUARE: lambda x, _: np.sign(x) * x * x,
-    Function.POWER: _power,
+_FUNCTIONS: dict[ir.Function, Callable[[FloatArray, float], FloatArray]] = {
+    ir.Function.IDENTITY: lambda x, _: x,
+    ir.Function.TANH: lambda x, _: np.tanh(x),
+    ir.Function.LOGISTIC: _logistic,
+    ir.Function.RELU: lambda x, _: np.maximum(x, 0.0),
+    ir.Function.LEAKY_RELU: lambda x, slope: np.where(x < 0, slope * x, x),
+    ir.Function.ELU: lambda x, scale: np.where(x < 0, scale * np.expm1(np.minimum(x, 0.0)), x),
+    ir.Function.SOFTPLUS: lambda x, _: np.maximum(x, 0.0) + np.log1p(np.exp(-np.abs(x))),
+    ir.Function.EXP: lambda x, _: np.exp(x),
+    ir.Function.EXPM1: lambda x, _: np.expm1(x),
+    ir.Function.LOG1P: lambda x, _: np.log1p(np.where(x > -1.0, x, np.nan)),
+    ir.Function.ABS: lambda x, _: np.abs(x),
+    ir.Function.SQRT: lambda x, _: np.sqrt(x),
+    ir.Function.LOG: lambda x, _: np.log(np.where(x > 0.0, x, np.nan)),
+    ir.Function.SOFTSIGN: lambda x, _: x / (1.0 + np.abs(x)),
+    ir.Function.ERF: lambda x, _: _erf(x),
+    ir.Function.GELU: lambda x, _: 0.5 * x * (1.0 + _erf(x * math.sqrt(0.5))),
+    ir.Function.SIN: lambda x, _: np.sin(np.where(np.abs(x) <= COS_REACH, x, np.nan)),
+    ir.Function.COS: lambda x, _: np.cos(np.where(np.abs(x) <= COS_REACH, x, np.nan)),
+    ir.Function.SIGNED_SQUARE: lambda x, _: np.sign(x) * x * x,
+    ir.Function.POWER: _power,
 }
 
 
 @apply.register
-def _(op: Normalize, operands: list[FloatArray]) -> FloatArray:
+def _(op: ir.Normalize, operands: list[FloatArray]) -> FloatArray:
     x = operands[0]
-    if op.norm is Norm.MAX:
+    if op.norm is ir.Norm.MAX:
         size = np.max(x, axis=1)
     else:
-        terms = np.abs(x) if op.norm is Norm.L1 else rounded(x * x, op.precision)
+        terms = np.abs(x) if op.norm is ir.Norm.L1 else rounded(x * x, op.precision)
         size = np.zeros(len(x))
         for column in range(op.width):
             size = rounded(size + terms[:, column], op.precision)
     divisor = np.where(size == 0, 1.0, size)[:, None]
-    if op.norm is Norm.L2:
+    if op.norm is ir.Norm.L2:
         root = rounded(np.sqrt(rounded(terms / divisor, op.precision)), op.precision)
         quotient = np.where(x < 0, -root, root)
     else:
@@ -295,7 +262,7 @@ def _(op: Normalize, operands: list[FloatArray]) -> FloatArray:
 
 
 @apply.register
-def _(op: KernelSum, operands: list[FloatArray]) -> FloatArray:
+def _(op: ir.KernelSum, operands: list[FloatArray]) -> FloatArray:
     x = operands[0]
     total = np.broadcast_to(op.intercept, (len(x), op.width)).copy()
     for vector, coefficients in zip(op.support_vectors, op.coefficients.T, strict=True):
@@ -305,14 +272,14 @@ def _(op: KernelSum, operands: list[FloatArray]) -> FloatArray:
 
 
 @apply.register
-def _(op: Distances, operands: list[FloatArray]) -> FloatArray:
+def _(op: ir.Distances, operands: list[FloatArray]) -> FloatArray:
     power = 2 if op.squared else 1
     sums = np.column_stack([np.sum(np.abs(operands[0] - vector) ** power, axis=1) for vector in op.vectors])
     return np.sqrt(sums) if op.root else sums
 
 
 @apply.register
-def _(op: NearestMean, operands: list[FloatArray]) -> FloatArray:
+def _(op: ir.NearestMean, operands: list[FloatArray]) -> FloatArray:
     x, factors = operands[0], operands[1] if len(operands) > 1 else np.ones_like(operands[0])
     nearest = np.argsort(x, axis=1, kind="stable")[:, : op.count]
     weights = np.ones(nearest.shape)
@@ -330,7 +297,7 @@ def _(op: NearestMean, operands: list[FloatArray]) -> FloatArray:
 
 
 @apply.register
-def _(op: WeightedMedian, operands: list[FloatArray]) -> FloatArray:
+def _(op: ir.WeightedMedian, operands: list[FloatArray]) -> FloatArray:
     x = operands[0]
     order = np.argsort(x, axis=1, kind="stable")
     reached = np.cumsum(op.weights[order], axis=1)
@@ -339,7 +306,7 @@ def _(op: WeightedMedian, operands: list[FloatArray]) -> FloatArray:
 
 
 @apply.register
-def _(op: FactoredKernel, operands: list[FloatArray]) -> FloatArray:
+def _(op: ir.FactoredKernel, operands: list[FloatArray]) -> FloatArray:
     x = operands[0]
     total = np.broadcast_to(op.coefficients, (len(x), *op.coefficients.shape))
     for column, axis in reversed(list(zip(op.columns, op.axes, strict=True))):
@@ -348,19 +315,19 @@ def _(op: FactoredKernel, operands: list[FloatArray]) -> FloatArray:
     return rounded(total[:, :, 0] + op.intercept, op.precision)
 
 
-def kernel_value(op: KernelSum, x: FloatArray, vector: FloatArray) -> FloatArray:
+def kernel_value(op: ir.KernelSum, x: FloatArray, vector: FloatArray) -> FloatArray:
     """The kernel between rows of `x` and one support vector, shape (rows,)."""
     step = _each_step(op)
-    if op.kernel is Kernel.RBF:
+    if op.kernel is ir.Kernel.RBF:
         distance = _sum(rounded(x - vector, step) ** 2, step)
         return rounded(np.exp(rounded(-op.gamma * distance, step)), step)
     product = _sum(x * vector, step)
-    if op.kernel is Kernel.LINEAR:
+    if op.kernel is ir.Kernel.LINEAR:
         return product
     argument = rounded(rounded(op.gamma * product, step) + op.coef0, step)
-    if op.kernel is Kernel.SIGMOID:
+    if op.kernel is ir.Kernel.SIGMOID:
         return rounded(np.tanh(argument), step)
-    if step is Precision.FLOAT64:
+    if step is ir.Precision.FLOAT64:
         return argument**op.degree
     power = np.ones_like(argument)
     for _ in range(op.degree):
@@ -368,9 +335,9 @@ def kernel_value(op: KernelSum, x: FloatArray, vector: FloatArray) -> FloatArray
     return power
 
 
-def _sum(terms: FloatArray, step: Precision) -> FloatArray:
+def _sum(terms: FloatArray, step: ir.Precision) -> FloatArray:
     """The sum of each row, of which every operation is rounded; of float64 in an order that libraries leave open."""
-    if step is Precision.FLOAT64:
+    if step is ir.Precision.FLOAT64:
         return np.asarray(np.sum(terms, axis=1))
     total = np.zeros(len(terms))
     for column in range(terms.shape[1]):
@@ -379,11 +346,11 @@ def _sum(terms: FloatArray, step: Precision) -> FloatArray:
 
 
 @apply.register
-def _(op: TreeEnsemble, operands: list[FloatArray]) -> FloatArray:
+def _(op: ir.TreeEnsemble, operands: list[FloatArray]) -> FloatArray:
     return TreeEvaluator(op, operands[0]).total()
 
 
-def leaf_values(op: TreeEnsemble, x: FloatArray, tree: int) -> FloatArray:
+def leaf_values(op: ir.TreeEnsemble, x: FloatArray, tree: int) -> FloatArray:
     """What one tree gives to rows of the ensemble's operand, shape (rows, width of a leaf)."""
     with np.errstate(all="ignore"):
         return TreeEvaluator(op, x).leaf_values(tree)
@@ -392,7 +359,7 @@ def leaf_values(op: TreeEnsemble, x: FloatArray, tree: int) -> FloatArray:
 class TreeEvaluator:
     """One ensemble on one set of rows."""
 
-    def __init__(self, op: TreeEnsemble, x: FloatArray) -> None:
+    def __init__(self, op: ir.TreeEnsemble, x: FloatArray) -> None:
         self.op = op
         self.raw = x
         rows = len(x)
@@ -405,9 +372,9 @@ class TreeEvaluator:
         self.any_missing = bool(self.missing.any())
         self.any_infinite = bool(np.isinf(op.threshold).any())
 
-    def _read(self, number: int, column: TreeColumn, value: FloatArray) -> None:
+    def _read(self, number: int, column: ir.TreeColumn, value: FloatArray) -> None:
         nan = np.isnan(value)
-        missing = nan & (column.nan is NanRule.MISSING)
+        missing = nan & (column.nan is ir.NanRule.MISSING)
         value = np.where(nan, 0.0, value)
         if column.missing_interval is not None:
             low, high = column.missing_interval
@@ -435,7 +402,7 @@ class TreeEvaluator:
         op = self.op
         value = self.value[column, row]
         threshold = op.threshold[node]
-        go_left = value < threshold if op.comparison is Comparison.LESS else value <= threshold
+        go_left = value < threshold if op.comparison is ir.Comparison.LESS else value <= threshold
         if self.any_infinite:
             go_left |= threshold == np.inf
         if self.any_missing:
@@ -468,11 +435,13 @@ class TreeEvaluator:
     def total(self) -> FloatArray:
         """The ensemble's result, shape (rows, outputs), with every addition rounded as the library rounds it."""
         op = self.op
-        dtype = np.float64 if op.sum_precision is Precision.FLOAT64 else np.float32
+        dtype = np.float64 if op.sum_precision is ir.Precision.FLOAT64 else np.float32
         base = op.base.astype(dtype)
-        combine = {Aggregate.SUM: np.add, Aggregate.MINIMUM: np.minimum, Aggregate.MAXIMUM: np.maximum}[op.aggregate]
-        neutral = {Aggregate.SUM: 0.0, Aggregate.MINIMUM: np.inf, Aggregate.MAXIMUM: -np.inf}[op.aggregate]
-        first = np.full(op.width, neutral, dtype) if op.base_last or op.aggregate is not Aggregate.SUM else base
+        combine = {ir.Aggregate.SUM: np.add, ir.Aggregate.MINIMUM: np.minimum, ir.Aggregate.MAXIMUM: np.maximum}[
+            op.aggregate
+        ]
+        neutral = {ir.Aggregate.SUM: 0.0, ir.Aggregate.MINIMUM: np.inf, ir.Aggregate.MAXIMUM: -np.inf}[op.aggregate]
+        first = np.full(op.width, neutral, dtype) if op.base_last or op.aggregate is not ir.Aggregate.SUM else base
         result = np.broadcast_to(first, (len(self.raw), op.width)).copy()
         for tree in range(op.n_trees):
             value = self.leaf_values(tree).astype(dtype)
@@ -483,25 +452,25 @@ class TreeEvaluator:
                 result = combine(result, value)
         if op.divisor != 1.0:
             result = result / dtype(op.divisor)
-        if op.base_last or op.aggregate is not Aggregate.SUM:
+        if op.base_last or op.aggregate is not ir.Aggregate.SUM:
             result = result + base
         return np.asarray(result, np.float64)
 
 
 @apply.register
-def _(op: Rank, operands: list[FloatArray]) -> FloatArray:
+def _(op: ir.Rank, operands: list[FloatArray]) -> FloatArray:
     x = np.hstack(operands)
     return np.column_stack([_rank(column, x[:, column.column]) for column in op.columns])
 
 
-def _rank(column: RankColumn, x: FloatArray) -> FloatArray:
+def _rank(column: ir.RankColumn, x: FloatArray) -> FloatArray:
     below = np.searchsorted(column.edges, x, side="left")
     rank = column.highest - below if column.descending else below
     return np.where(np.isnan(x), column.missing, rank).astype(np.float64)
 
 
 @apply.register
-def _(op: CellTable, operands: list[FloatArray]) -> FloatArray:
+def _(op: ir.CellTable, operands: list[FloatArray]) -> FloatArray:
     ranks = np.hstack(operands).astype(np.int64)
     row = np.zeros(len(ranks), np.int64)
     for axis in op.axes:
@@ -512,7 +481,7 @@ def _(op: CellTable, operands: list[FloatArray]) -> FloatArray:
     return result
 
 
-def category_code(column: TreeColumn, value: FloatArray) -> IntArray:
+def category_code(column: ir.TreeColumn, value: FloatArray) -> IntArray:
     """Category codes 0 .. n_categories-1 of numbers, n_categories for all others, shape of `value`."""
     n = column.n_categories
     if column.categories is not None:

@@ -269,5 +269,4 @@ def depths_of(op: TreeEnsemble) -> IntArray:
 def of_each_tree(op: TreeEnsemble, extreme: np.ufunc, leaf_value: FloatArray) -> FloatArray:
     """The largest or the smallest (`np.maximum`, `np.minimum`) of the leaves of each tree, shape (trees, width)."""
     leaves = np.flatnonzero(op.split < 0)
-    found: FloatArray = extreme.reduceat(leaf_value[op.leaf[leaves]], np.searchsorted(leaves, op.roots), axis=0)
-    return found
+    return extreme.reduceat(leaf_value[op.leaf[leaves]], np.searchsorted(leaves, op.roots), axis=0)

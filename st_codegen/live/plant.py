@@ -97,7 +97,8 @@ class SimulatedRig:
         self._load += (torque - self._load) * -math.expm1(
             -2.0 * math.pi * self._rig.axis.load.torque_bandwidth_Hz * cycle_s
         )
-        self._warm(speed, cycle_s)
+        if abs(speed) > _WARM_RPM and self._oil < self._signals[_WANTED_C].item() + _WARM_ABOVE_K:
+            self._oil += _WARM_K_PER_S * cycle_s
         self._update((speed, self._load, self._oil))
         self.axis.advance(
             self._reference + correction,
@@ -106,10 +107,6 @@ class SimulatedRig:
             self._harmonics.parts[0],
         )
         self._sense()
-
-    def _warm(self, speed: float, cycle_s: float) -> None:
-        if abs(speed) > _WARM_RPM and self._oil < self._signals[_WANTED_C].item() + _WARM_ABOVE_K:
-            self._oil += _WARM_K_PER_S * cycle_s
 
     def _update(self, point: tuple[float, float, float]) -> None:
         """New harmonics where the operating point has moved far enough, or has come to rest somewhere else."""

@@ -14,22 +14,8 @@ from functools import singledispatch
 
 import numpy as np
 
+from st_codegen import ir
 from st_codegen.errors import InputError
-from st_codegen.ir import (
-    BranchedTree,
-    CellTable,
-    CutTrees,
-    FactoredKernel,
-    KernelSum,
-    Linear,
-    ModelIR,
-    Operation,
-    Rank,
-    Scan,
-    SlidingLinear,
-    TreeEnsemble,
-    depth_of,
-)
 from st_codegen.ir.preorder import larger_first
 
 
@@ -104,7 +90,7 @@ class CallCost:
         return self.instructions * 1.5 / 1.91 + self.lines * 100.0
 
 
-CostFunction = Callable[[ModelIR], CallCost]
+CostFunction = Callable[[ir.ModelIR], CallCost]
 
 
 @dataclass(frozen=True)
@@ -112,7 +98,7 @@ class PricedLayout:
     """One layout of a model, and what it costs."""
 
     layout: str
-    model: ModelIR
+    model: ir.ModelIR
     cost: CallCost
 
 
@@ -122,12 +108,12 @@ _SEARCH_CODE, _SPLIT_CODE, _LEAF_CODE, _UNROLLED = 28, 32, 6, 8
 _TABLE_LINES, _WALK_LINES, _RANKED_WALK_LINES = 2, 4, 8
 
 
-def simple_cost(model: ModelIR) -> CallCost:
+def simple_cost(model: ir.ModelIR) -> CallCost:
     """What one call of a model costs, estimated from its operations without printing them."""
     total = CallCost(instructions=8.0 * len(model.features) + 4.0 * len(model.outputs), lines=4.0)
     for op in model.ops:
-        ranked = isinstance(op, TreeEnsemble) and model.reads_ranks(op)
-        total += _ranked_cost(op) if ranked and isinstance(op, TreeEnsemble) else _cost(op)
+        ranked = isinstance(op, ir.TreeEnsemble) and model.reads_ranks(op)
+        total += _ranked_cost(op) if ranked and isinstance(op, ir.TreeEnsemble) else _cost(op)
     return total
 
 
@@ -145,7 +131,7 @@ def preferred(candidates: Sequence[PricedLayout], earlier: str | None) -> Priced
     return best if best.cost.nanoseconds <= SAVES_MUCH * kept.cost.nanoseconds else kept
 
 
-def priced(layout: str, model: ModelIR, cost: CostFunction) -> PricedLayout:
+def priced(layout: str, model: ir.ModelIR, cost: CostFunction) -> PricedLayout:
     """A candidate with its cost."""
     return PricedLayout(layout, model, cost(model))
 
@@ -156,13 +142,13 @@ def _touched(n_bytes: float) -> float:
 
 
 @singledispatch
-def _cost(op: Operation) -> CallCost:
+def _cost(op: ir.Operation) -> CallCost:
     """The cost of an operation that works column by column; operations that cost something else are registered."""
     return CallCost(instructions=6.0 * op.width, lines=1.0 + _touched(8.0 * op.width), table_bytes=8 * op.width)
 
 
 @_cost.register
-def _(op: Rank) -> CallCost:
+def _(op: ir.Rank) -> CallCost:
     total, steps = CallCost(), [0]
     searched = {(column.column, column.edges.tobytes()): column.highest for column in op.columns}
     for edges in searched.values():
@@ -174,7 +160,7 @@ def _(op: Rank) -> CallCost:
 
 
 @_cost.register
-def _(op: CellTable) -> CallCost:
+def _(op: ir.CellTable) -> CallCost:
     lists = sum(axis.stride is None for axis in op.axes)
     return CallCost(
         instructions=3.0 * len(op.axes) + 3.0 * op.width,
@@ -184,20 +170,20 @@ def _(op: CellTable) -> CallCost:
 
 
 @_cost.register
-def _(op: TreeEnsemble) -> CallCost:
-    visits = op.n_trees * depth_of(op)
+def _(op: ir.TreeEnsemble) -> CallCost:
+    visits = op.n_trees * ir.depth_of(op)
     lines = 2.0 * visits + (_WALK_LINES if visits else 0.0)
     return CallCost(12.0 * visits + 12.0 * op.n_trees, lines, 16 * op.n_nodes)
 
 
 @_cost.register
-def _(op: BranchedTree) -> CallCost:
+def _(op: ir.BranchedTree) -> CallCost:
     """The longest path, and the numbers of its leaf."""
     lines = _path_lines(op) + 1.0 + _touched(8.0 * op.leaf_value.shape[1])
-    return CallCost(4.0 * depth_of(op) + 6.0 * op.width, lines, op.leaf_value.nbytes)
+    return CallCost(4.0 * ir.depth_of(op) + 6.0 * op.width, lines, op.leaf_value.nbytes)
 
 
-def _path_lines(op: TreeEnsemble) -> int:
+def _path_lines(op: ir.TreeEnsemble) -> int:
     """Cache lines of code on the longest path of a tree, with larger subtrees first."""
     laid = larger_first(op.roots, op.left, op.right)
     inner = laid.left >= 0
@@ -210,16 +196,16 @@ def _path_lines(op: TreeEnsemble) -> int:
     return int(lines.max())
 
 
-def _ranked_cost(op: TreeEnsemble) -> CallCost:
+def _ranked_cost(op: ir.TreeEnsemble) -> CallCost:
     """Two integers a node, side by side; half of the children lie in the line of their parent."""
-    cut, numbers = (op.cut, op.numbers) if isinstance(op, CutTrees) else (op, 2 * op.n_nodes)
-    visits = op.n_trees * depth_of(cut)
+    cut, numbers = (op.cut, op.numbers) if isinstance(op, ir.CutTrees) else (op, 2 * op.n_nodes)
+    visits = op.n_trees * ir.depth_of(cut)
     lines = 0.5 * visits + op.n_trees + _RANKED_WALK_LINES
     return CallCost(7.0 * visits + 10.0 * op.n_trees, lines, 4 * numbers + op.leaf_value.nbytes)
 
 
 @_cost.register
-def _(op: KernelSum) -> CallCost:
+def _(op: ir.KernelSum) -> CallCost:
     vectors, columns = op.support_vectors.shape
     return CallCost(
         instructions=vectors * (6.0 * columns + 60.0 + 4.0 * op.width),
@@ -229,26 +215,26 @@ def _(op: KernelSum) -> CallCost:
 
 
 @_cost.register
-def _(op: FactoredKernel) -> CallCost:
+def _(op: ir.FactoredKernel) -> CallCost:
     values = sum(len(axis) for axis in op.axes)
     size = op.coefficients.size
     return CallCost(instructions=80.0 * values + 8.0 * 1.5 * size, lines=_touched(8.0 * size), table_bytes=8 * size)
 
 
 @_cost.register
-def _(op: Linear) -> CallCost:
+def _(op: ir.Linear) -> CallCost:
     return CallCost(
         instructions=6.0 * op.weights.size, lines=_touched(op.weights.nbytes), table_bytes=int(op.weights.nbytes)
     )
 
 
 @_cost.register
-def _(op: SlidingLinear) -> CallCost:
+def _(op: ir.SlidingLinear) -> CallCost:
     read = int(op.weights.nbytes)
     return CallCost(instructions=8.0 * len(op.starts) * op.weights.size, lines=_touched(read), table_bytes=read)
 
 
 @_cost.register
-def _(op: Scan) -> CallCost:
+def _(op: ir.Scan) -> CallCost:
     once = sum(map(_cost, op.body), CallCost(instructions=6.0 * len(op.initial)))
     return CallCost(len(op.starts) * once.instructions, once.lines, once.table_bytes)

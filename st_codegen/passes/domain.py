@@ -13,57 +13,29 @@ from functools import singledispatch
 
 import numpy as np
 
+from st_codegen import ir
 from st_codegen.errors import InputError
-from st_codegen.ir import (
-    CEILING,
-    FLOAT32_OVERFLOW,
-    Activation,
-    ArgMax,
-    CellTable,
-    ColumnFunction,
-    Combine,
-    Distances,
-    FactoredKernel,
-    FloatArray,
-    Function,
-    Kernel,
-    KernelSum,
-    Linear,
-    ModelIR,
-    NearestMean,
-    Norm,
-    Normalize,
-    Operation,
-    Operator,
-    Precision,
-    Quotient,
-    Rank,
-    Round,
-    Scale,
-    Scan,
-    Select,
-    SlidingLinear,
-    Softmax,
-    TreeEnsemble,
-    WeightedMedian,
-)
+from st_codegen.ir.arrays import FloatArray
 from st_codegen.ir.base import EXPONENTIALS
 from st_codegen.ir.trees import of_each_tree
 
 #: Limits tried for the arguments of exponentials, largest first: e**690 is about 1e299, e**88 about 1.7e38.
-_EXP_LIMITS = {Precision.FLOAT64: (690.0, 345.0, 170.0, 80.0, 40.0), Precision.FLOAT32: (88.0, 44.0, 22.0, 11.0, 5.0)}
-_EXP_LIMITS[Precision.REAL] = _EXP_LIMITS[Precision.FLOAT32]
+_EXP_LIMITS = {
+    ir.Precision.FLOAT64: (690.0, 345.0, 170.0, 80.0, 40.0),
+    ir.Precision.FLOAT32: (88.0, 44.0, 22.0, 11.0, 5.0),
+}
+_EXP_LIMITS[ir.Precision.REAL] = _EXP_LIMITS[ir.Precision.FLOAT32]
 
 #: Limits tried at the same time for quotients of computed numbers.
 _QUOTIENT_LIMITS = {
-    Precision.FLOAT64: (1e300, 1e150, 1e75, 1e37, 1e18),
-    Precision.FLOAT32: (3e38, 1e19, 1e9, 1e5, 1e3),
+    ir.Precision.FLOAT64: (1e300, 1e150, 1e75, 1e37, 1e18),
+    ir.Precision.FLOAT32: (3e38, 1e19, 1e9, 1e5, 1e3),
 }
-_QUOTIENT_LIMITS[Precision.REAL] = _QUOTIENT_LIMITS[Precision.FLOAT32]
+_QUOTIENT_LIMITS[ir.Precision.REAL] = _QUOTIENT_LIMITS[ir.Precision.FLOAT32]
 
 #: The largest result of an operation. The sum of ten thousand results, as the blocks around a model may form it, does
 #: not overflow either.
-_LARGEST = {**CEILING, Precision.FLOAT64: 1e305}
+_LARGEST = {**ir.CEILING, ir.Precision.FLOAT64: 1e305}
 
 #: Limits of inputs that are tried, rising: numbers of one digit, so that a model trained again rarely has another one.
 _LIMITS = tuple(float(f"{digit}e{exponent}") for exponent in range(305) for digit in range(1, 10))
@@ -72,7 +44,7 @@ _LIMITS = tuple(float(f"{digit}e{exponent}") for exponent in range(305) for digi
 _WIDE = 1e37
 
 
-def limit_inputs(model: ModelIR) -> ModelIR:
+def limit_inputs(model: ir.ModelIR) -> ir.ModelIR:
     """The model with `magnitude_limits`, and `limit` of exponentials and quotients, narrowed: no operation overflows.
 
     Models that only compare their inputs stay as they are, and so do inputs that no arithmetic reads. Every output is
@@ -81,7 +53,7 @@ def limit_inputs(model: ModelIR) -> ModelIR:
     unlimited = np.full(len(model.features), np.inf)
     if _is_safe(model, unlimited):
         return model
-    count = len(_EXP_LIMITS[Precision.FLOAT64])
+    count = len(_EXP_LIMITS[ir.Precision.FLOAT64])
     candidates = [
         dataclasses.replace(model, ops=tuple(_limited(op, number) for op in model.ops)) for number in range(count)
     ]
@@ -89,8 +61,8 @@ def limit_inputs(model: ModelIR) -> ModelIR:
     best = max(range(count), key=lambda number: min(ranges[number], _WIDE))
     if not ranges[best]:
         raise InputError(
-            f"model '{model.name}': its numbers are so large that a result beyond {_LARGEST[Precision.FLOAT64]:g} is "
-            "possible for inputs of magnitude 1; check the training data and scale the target"
+            f"model '{model.name}': its numbers are so large that a result beyond {_LARGEST[ir.Precision.FLOAT64]:g} "
+            "is possible for inputs of magnitude 1; check the training data and scale the target"
         )
     needed = np.full(len(model.features), ranges[best])
     chosen = _raised(candidates[best], needed)
@@ -106,13 +78,13 @@ def limit_inputs(model: ModelIR) -> ModelIR:
     return dataclasses.replace(chosen, magnitude_limits=limits)
 
 
-def _raised(model: ModelIR, inputs: FloatArray) -> ModelIR:
+def _raised(model: ir.ModelIR, inputs: FloatArray) -> ir.ModelIR:
     """The model with the limit of each exponential, the last one first, as large as is safe for inputs of this range.
 
     Exponentials behind one another need not have the same limit: what the last one leaves is often the output.
     """
     for number, op in reversed(tuple(enumerate(model.ops))):
-        if isinstance(op, Activation) and op.function in EXPONENTIALS:
+        if isinstance(op, ir.Activation) and op.function in EXPONENTIALS:
             largest = _EXP_LIMITS[op.precision][0]
             tried = [
                 dataclasses.replace(
@@ -126,22 +98,22 @@ def _raised(model: ModelIR, inputs: FloatArray) -> ModelIR:
     return model
 
 
-def _widest(model: ModelIR) -> float:
+def _widest(model: ir.ModelIR) -> float:
     """The largest limit for the magnitudes of all inputs with which no operation overflows; 0.0 where there is none."""
     safe = bisect.bisect_left(_LIMITS, True, key=lambda limit: not _is_safe(model, np.full(len(model.features), limit)))
     return _LIMITS[safe - 1] if safe else 0.0
 
 
-def _limited(op: Operation, attempt: int) -> Operation:
+def _limited(op: ir.Operation, attempt: int) -> ir.Operation:
     """An exponential or a quotient with the limit of an attempt; any other operation as it is."""
-    if isinstance(op, Activation) and op.function in EXPONENTIALS:
+    if isinstance(op, ir.Activation) and op.function in EXPONENTIALS:
         return dataclasses.replace(op, limit=_EXP_LIMITS[op.precision][attempt])
-    if isinstance(op, Quotient):  # all of them are dataclasses
+    if isinstance(op, ir.Quotient):  # all of them are dataclasses
         return dataclasses.replace(op, limit=_QUOTIENT_LIMITS[op.precision][attempt])  # type: ignore[type-var]
     return op
 
 
-def _check_ranges(model: ModelIR, limits: FloatArray) -> None:
+def _check_ranges(model: ir.ModelIR, limits: FloatArray) -> None:
     for feature, limit in zip(model.features, limits.tolist(), strict=True):
         if feature.lower is not None and feature.upper is not None and max(-feature.lower, feature.upper) >= limit:
             raise InputError(
@@ -150,7 +122,7 @@ def _check_ranges(model: ModelIR, limits: FloatArray) -> None:
             )
 
 
-def _is_safe(model: ModelIR, limits: FloatArray) -> bool:
+def _is_safe(model: ir.ModelIR, limits: FloatArray) -> bool:
     """Whether no operation overflows for inputs of magnitudes up to `limits`, one for each feature."""
     bounds = [limits]
     with np.errstate(all="ignore"):
@@ -159,24 +131,24 @@ def _is_safe(model: ModelIR, limits: FloatArray) -> bool:
             peak, bound = magnitudes(op, operands)
             if op.inputs != (0,) and _refuses_overflow(op, operands):
                 return False
-            ceiling = _LARGEST[getattr(op, "precision", Precision.FLOAT64)]
+            ceiling = _LARGEST[getattr(op, "precision", ir.Precision.FLOAT64)]
             if not peak <= ceiling:  # NaN is not safe either
                 return False
             bounds.append(bound)
     return bool(np.all(np.isfinite(bounds[-1])))
 
 
-def _refuses_overflow(op: Operation, operands: list[FloatArray]) -> bool:
+def _refuses_overflow(op: ir.Operation, operands: list[FloatArray]) -> bool:
     """Trees that compare in float32 after other operations: libraries refuse what overflows in the conversion.
 
     For trees that read the inputs themselves the model's own `magnitude_limits` say so.
     """
-    single = isinstance(op, TreeEnsemble) and op.input_precision is Precision.FLOAT32
-    return single and not all(float(np.max(operand)) < FLOAT32_OVERFLOW for operand in operands)
+    single = isinstance(op, ir.TreeEnsemble) and op.input_precision is ir.Precision.FLOAT32
+    return single and not all(float(np.max(operand)) < ir.FLOAT32_OVERFLOW for operand in operands)
 
 
 @singledispatch
-def magnitudes(op: Operation, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+def magnitudes(op: ir.Operation, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     """Largest magnitude of any intermediate result, and bounds on the magnitude of each output column."""
     raise NotImplementedError(type(op).__name__)
 
@@ -186,69 +158,69 @@ def _peak(bound: FloatArray) -> tuple[float, FloatArray]:
 
 
 @magnitudes.register
-def _(op: Select, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+def _(op: ir.Select, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     return 0.0, np.concatenate(operands)[op.columns]
 
 
 @magnitudes.register
-def _(op: Scale, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+def _(op: ir.Scale, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     constant = np.abs(op.constant)
-    if op.operator in (Operator.ADD, Operator.SUBTRACT):
+    if op.operator in (ir.Operator.ADD, ir.Operator.SUBTRACT):
         return _peak(operands[0] + constant)
-    if op.operator is Operator.MULTIPLY:
+    if op.operator is ir.Operator.MULTIPLY:
         return _peak(operands[0] * constant)
-    if op.operator in (Operator.MAXIMUM, Operator.MINIMUM):
+    if op.operator in (ir.Operator.MAXIMUM, ir.Operator.MINIMUM):
         return _peak(np.maximum(operands[0], constant))
     # constant / x is guarded at run time against results above the ceiling
     return _peak(np.full(len(constant), op.ceiling) if op.reverse else operands[0] / constant)
 
 
 @magnitudes.register
-def _(op: Combine, operands: list[FloatArray]) -> tuple[float, FloatArray]:
-    if op.operator in (Operator.ADD, Operator.SUBTRACT):
+def _(op: ir.Combine, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+    if op.operator in (ir.Operator.ADD, ir.Operator.SUBTRACT):
         return _peak(operands[0] + operands[1])
-    if op.operator is Operator.MULTIPLY:
+    if op.operator is ir.Operator.MULTIPLY:
         return _peak(operands[0] * operands[1])
-    if op.operator in (Operator.MAXIMUM, Operator.MINIMUM):
+    if op.operator in (ir.Operator.MAXIMUM, ir.Operator.MINIMUM):
         return _peak(np.maximum(operands[0], operands[1]))
     return _peak(np.full(op.width, op.ceiling))
 
 
 @magnitudes.register
-def _(_: Round, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+def _(_: ir.Round, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     largest = float(np.max(operands[0]))
-    return (largest if largest < FLOAT32_OVERFLOW else math.inf), operands[0]
+    return (largest if largest < ir.FLOAT32_OVERFLOW else math.inf), operands[0]
 
 
 @magnitudes.register
-def _(op: ColumnFunction, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+def _(op: ir.ColumnFunction, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     bound = op.largest(operands[0])
     return _peak(bound) if op.computes else (0.0, bound)
 
 
 @magnitudes.register
-def _(op: ArgMax, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+def _(op: ir.ArgMax, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     return 2.0 * float(np.max(operands[0])), np.array([op.n_columns - 1.0])
 
 
 @magnitudes.register
-def _(op: Softmax, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+def _(op: ir.Softmax, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     span = 2.0 * float(np.max(operands[0])) + np.log(op.width)
     return span, np.full(op.width, span if op.logarithm else 1.0)
 
 
 @magnitudes.register
-def _(op: Linear, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+def _(op: ir.Linear, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     return _peak(np.abs(op.weights) @ operands[0] + np.abs(op.bias))
 
 
 @magnitudes.register
-def _(op: SlidingLinear, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+def _(op: ir.SlidingLinear, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     return _peak(np.ravel(operands[0][op.columns] @ np.abs(op.weights).T + np.abs(op.bias)))
 
 
 @magnitudes.register
-def _(op: Scan, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+def _(op: ir.Scan, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     state, found, peak = np.abs(op.initial), [], 0.0
     for start in op.starts.tolist():
         bounds = [np.concatenate([operands[0][start : start + op.columns], state])]
@@ -259,73 +231,76 @@ def _(op: Scan, operands: list[FloatArray]) -> tuple[float, FloatArray]:
         state = bounds[-1]
         found.append(state)
     # all that is computed is a number of float32
-    return (peak if peak <= _LARGEST[Precision.FLOAT32] else math.inf), np.concatenate(found)
+    return (peak if peak <= _LARGEST[ir.Precision.FLOAT32] else math.inf), np.concatenate(found)
 
 
 @magnitudes.register
-def _(op: Activation, operands: list[FloatArray]) -> tuple[float, FloatArray]:  # noqa: PLR0911 - one return a function
+def _(op: ir.Activation, operands: list[FloatArray]) -> tuple[float, FloatArray]:  # noqa: PLR0911 - one return a function
     x = operands[0]
-    if op.function in (Function.TANH, Function.LOGISTIC):
+    if op.function in (ir.Function.TANH, ir.Function.LOGISTIC):
         return 0.0, np.ones(op.width)
-    if op.function is Function.SIGNED_SQUARE:
+    if op.function is ir.Function.SIGNED_SQUARE:
         return _peak(x * x)
-    if op.function in (Function.EXP, Function.EXPM1):
+    if op.function in (ir.Function.EXP, ir.Function.EXPM1):
         return _peak(np.exp(np.minimum(x, op.limit)))
-    if op.function is Function.POWER:
+    if op.function is ir.Function.POWER:
         end = op.furthest
         bound = (np.minimum(x, end) if op.parameter > 0 else np.full(op.width, end)) ** op.parameter
         return float(np.max([x, bound])), bound  # infinities are refused, whatever their power is
-    if op.function in (Function.LOG, Function.LOG1P):  # LN of the smallest number is -744.4, of 2**-53 it is -36.7
-        return float(np.max(x)), np.maximum(np.log1p(x), 745.0 if op.function is Function.LOG else 37.0)
-    if op.function in (Function.ERF, Function.GELU, Function.SOFTSIGN):
-        return float(np.max(x * x)), x if op.function is Function.GELU else np.ones(op.width)
-    if op.function in (Function.SIN, Function.COS):
+    if op.function in (
+        ir.Function.LOG,
+        ir.Function.LOG1P,
+    ):  # LN of the smallest number is -744.4, of 2**-53 it is -36.7
+        return float(np.max(x)), np.maximum(np.log1p(x), 745.0 if op.function is ir.Function.LOG else 37.0)
+    if op.function in (ir.Function.ERF, ir.Function.GELU, ir.Function.SOFTSIGN):
+        return float(np.max(x * x)), x if op.function is ir.Function.GELU else np.ones(op.width)
+    if op.function in (ir.Function.SIN, ir.Function.COS):
         return 0.0, np.ones(op.width)
     return _peak((1.0 + abs(op.parameter)) * x + 1.0)
 
 
 @magnitudes.register
-def _(op: Normalize, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+def _(op: ir.Normalize, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     peak = float(np.sum(operands[0] * operands[0]) + np.sum(operands[0]))
-    return peak, np.full(op.width, op.ceiling if op.norm is Norm.MAX else 2.0)
+    return peak, np.full(op.width, op.ceiling if op.norm is ir.Norm.MAX else 2.0)
 
 
 @magnitudes.register
-def _(op: KernelSum, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+def _(op: ir.KernelSum, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     vectors = np.abs(op.support_vectors)
     weights = np.sum(np.abs(op.coefficients), axis=1)
-    if op.kernel is Kernel.RBF:
+    if op.kernel is ir.Kernel.RBF:
         distance = np.max(np.sum((operands[0] + vectors) ** 2, axis=1))
         return max(float(distance) * max(op.gamma, 1.0), float(np.max(weights))), weights + np.abs(op.intercept)
     argument = vectors @ operands[0]
     kernel = argument
-    if op.kernel is not Kernel.LINEAR:
+    if op.kernel is not ir.Kernel.LINEAR:
         argument = abs(op.gamma) * argument + abs(op.coef0)
-        kernel = np.ones(len(argument)) if op.kernel is Kernel.SIGMOID else argument**op.degree
+        kernel = np.ones(len(argument)) if op.kernel is ir.Kernel.SIGMOID else argument**op.degree
     total = np.abs(op.coefficients) @ kernel + np.abs(op.intercept)
     return max(float(np.max(argument)), float(np.max(kernel)), float(np.max(total))), total
 
 
 @magnitudes.register
-def _(op: Distances, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+def _(op: ir.Distances, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     reach = operands[0] + np.abs(op.vectors)
     peak, bound = _peak(np.sum(reach**2 if op.squared else reach, axis=1))
     return peak, np.sqrt(bound) if op.root else bound
 
 
 @magnitudes.register
-def _(op: NearestMean, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+def _(op: ir.NearestMean, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     bound = np.max(np.abs(op.values) * (operands[1] if len(operands) > 1 else 1.0), axis=1)
     return op.count * (float(np.max(bound)) + 1.0), bound if op.divides else op.count * bound
 
 
 @magnitudes.register
-def _(op: WeightedMedian, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+def _(op: ir.WeightedMedian, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     return float(np.sum(op.weights)), np.array([np.max(operands[0])])
 
 
 @magnitudes.register
-def _(op: TreeEnsemble, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+def _(op: ir.TreeEnsemble, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     value = np.abs(op.leaf_value)
     if op.linear is not None:
         products = np.abs(op.linear.coefficient) * operands[0][op.linear.column]
@@ -344,12 +319,12 @@ def _(op: TreeEnsemble, operands: list[FloatArray]) -> tuple[float, FloatArray]:
 
 
 @magnitudes.register
-def _(op: Rank, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+def _(op: ir.Rank, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     return 0.0, np.array([float(max(column.highest, abs(column.missing))) for column in op.columns])
 
 
 @magnitudes.register
-def _(op: CellTable, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+def _(op: ir.CellTable, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     bound = np.abs(op.constant)
     kept = np.flatnonzero(op.stored >= 0)
     bound[kept] = np.max(np.abs(op.values), axis=0)[op.stored[kept]]
@@ -357,7 +332,7 @@ def _(op: CellTable, operands: list[FloatArray]) -> tuple[float, FloatArray]:
 
 
 @magnitudes.register
-def _(op: FactoredKernel, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+def _(op: ir.FactoredKernel, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     distance = max(
         float(np.max((operands[0][column] + np.abs(axis)) ** 2))
         for column, axis in zip(op.columns, op.axes, strict=True)

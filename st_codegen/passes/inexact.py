@@ -19,26 +19,9 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from st_codegen.ir import (
-    Activation,
-    BoolArray,
-    Clip,
-    Comparison,
-    FillMissing,
-    FloatArray,
-    Function,
-    IntArray,
-    ModelIR,
-    NanRule,
-    Operation,
-    Operator,
-    Precision,
-    Round,
-    Scale,
-    TreeColumn,
-    TreeEnsemble,
-    reference,
-)
+from st_codegen import ir
+from st_codegen.ir import reference
+from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray
 from st_codegen.passes.jumps import largest_jump
 from st_codegen.passes.monotone import (
     Chain,
@@ -54,7 +37,7 @@ from st_codegen.passes.monotone import (
 from st_codegen.passes.unread import read_values, without_unread
 
 #: Rising functions that NumPy computes for the library.
-RISING = frozenset({Function.LOG1P, Function.EXPM1, Function.EXP})
+RISING = frozenset({ir.Function.LOG1P, ir.Function.EXPM1, ir.Function.EXP})
 
 #: The largest error of these functions that is assumed, in units in the last place.
 MOST_ULPS = 4
@@ -76,7 +59,7 @@ class _StaysError(Exception):
     """The steps cannot be removed."""
 
 
-def without_inexact_steps(model: ModelIR) -> ModelIR:
+def without_inexact_steps(model: ir.ModelIR) -> ir.ModelIR:
     """The model with its trees on the inputs themselves where logarithms and exponentials stood in front of them.
 
     Equal to the library in every bit then, as far as its other operations are. Where inexact steps stay in front of
@@ -95,20 +78,21 @@ def without_inexact_steps(model: ModelIR) -> ModelIR:
         return dataclasses.replace(model, source=dataclasses.replace(model.source, notes=(*model.source.notes, note)))
 
 
-def _rewritten(model: ModelIR, values: list[list[Column]]) -> ModelIR:
+def _rewritten(model: ir.ModelIR, values: list[list[Column]]) -> ir.ModelIR:
     ops = list(model.ops)
     for number, op in enumerate(model.ops):
-        if isinstance(op, TreeEnsemble):
+        if isinstance(op, ir.TreeEnsemble):
             given = [column for value in op.inputs for column in values[value]]
             read = [given[op.columns[column].column] for column in np.unique(op.split[op.split >= 0])]
-            if any(isinstance(chain, Chain) and _functions(chain) for chain in read):
+            functions = (step for chain in read if isinstance(chain, Chain) for step in chain.steps)
+            if any(isinstance(step, ir.Activation) for step in functions):
                 ops[number] = _on_inputs(model, op, given)
     changed = dataclasses.replace(model, ops=tuple(ops))
     unread = sorted(set(range(1, len(ops) + 1)) - read_values(changed))
     dropped = [column for value in unread for column in values[value]]
     chains = [column for column in dropped if isinstance(column, Chain)]
     gone = [model.ops[value - 1] for value in unread]
-    removed = {op.function.value for op in gone if isinstance(op, Activation)}
+    removed = {op.function.value for op in gone if isinstance(op, ir.Activation)}
     if not removed or len(chains) < len(dropped):
         raise _StaysError  # something that is no chain may refuse inputs in a way that would be lost
     note = (
@@ -120,16 +104,12 @@ def _rewritten(model: ModelIR, values: list[list[Column]]) -> ModelIR:
     return dataclasses.replace(without_unread(changed), source=source, accepted=_accepted(model, chains))
 
 
-def _functions(chain: Chain) -> list[Activation]:
-    return [step for step in chain.steps if isinstance(step, Activation)]
-
-
-def _rises(step: Operation) -> bool:
-    if isinstance(step, Scale):
-        if step.operator in (Operator.MULTIPLY, Operator.DIVIDE):
+def _rises(step: ir.Operation) -> bool:
+    if isinstance(step, ir.Scale):
+        if step.operator in (ir.Operator.MULTIPLY, ir.Operator.DIVIDE):
             return bool(step.constant[0] > 0)
-        return not (step.reverse and step.operator is Operator.SUBTRACT)
-    return isinstance(step, Round | Clip | FillMissing | Activation)
+        return not (step.reverse and step.operator is ir.Operator.SUBTRACT)
+    return isinstance(step, ir.Round | ir.Clip | ir.FillMissing | ir.Activation)
 
 
 def _value(chain: Chain, x: FloatArray, shift: int = 0) -> FloatArray:
@@ -137,9 +117,9 @@ def _value(chain: Chain, x: FloatArray, shift: int = 0) -> FloatArray:
     with np.errstate(all="ignore"):
         for step in chain.steps:
             x = reference.apply(step, [x[:, None]])[:, 0]
-            if shift and isinstance(step, Activation):
+            if shift and isinstance(step, ir.Activation):
                 # where a moved argument has no logarithm, or too large an exponential
-                x = np.where(np.isnan(x), -np.inf if step.function is Function.LOG1P else np.inf, x)
+                x = np.where(np.isnan(x), -np.inf if step.function is ir.Function.LOG1P else np.inf, x)
                 ends = to_order(np.array([-np.inf, np.inf]))
                 x = from_order(np.clip(to_order(x) + shift, *ends))
     return x
@@ -188,15 +168,15 @@ def _batches(sizes: IntArray) -> Iterable[tuple[int, int]]:
     return zip([0, *stops[:-1]], stops, strict=True)
 
 
-def _inside(model: ModelIR, chain: Chain) -> Domain:
+def _inside(model: ir.ModelIR, chain: Chain) -> Domain:
     """The numbers of a chain's input for which all of its functions exist."""
     domain = domain_of(model, chain.feature)
     if not all(_rises(step) for step in chain.steps):
         raise _StaysError
     for number, step in enumerate(chain.steps):
-        if not isinstance(step, Activation):
+        if not isinstance(step, ir.Activation):
             continue
-        least = step.function is Function.LOG1P
+        least = step.function is ir.Function.LOG1P
         limit = -1.0 if least else step.limit
         edge, left = _edges(Chain(chain.feature, chain.steps[:number]), lambda v, _, c=limit: v <= c, 1, domain)  # type: ignore[misc]
         if np.isnan(edge[0]):
@@ -209,7 +189,7 @@ def _inside(model: ModelIR, chain: Chain) -> Domain:
     return domain
 
 
-def _accepted(model: ModelIR, chains: Iterable[Chain]) -> tuple[tuple[float, float] | None, ...]:
+def _accepted(model: ir.ModelIR, chains: Iterable[Chain]) -> tuple[tuple[float, float] | None, ...]:
     """For each input the numbers for which all chains on it exist; None: no function narrows them."""
     result: list[tuple[float, float] | None] = [None] * len(model.features)
     for chain in chains:
@@ -225,11 +205,11 @@ def _accepted(model: ModelIR, chains: Iterable[Chain]) -> tuple[tuple[float, flo
     return tuple(result) if any(result) else ()
 
 
-def _on_inputs(model: ModelIR, op: TreeEnsemble, given: list[Column]) -> TreeEnsemble:
+def _on_inputs(model: ir.ModelIR, op: ir.TreeEnsemble, given: list[Column]) -> ir.TreeEnsemble:
     """The ensemble with splits of the inputs."""
     if op.linear is not None or op.has_categories:
         raise _StaysError
-    columns: list[TreeColumn] = []
+    columns: list[ir.TreeColumn] = []
     split, threshold = np.full(op.n_nodes, -1, np.int32), np.zeros(op.n_nodes)
     left, right, missing_left = op.left.copy(), op.right.copy(), op.missing_left.copy()
     for number in np.unique(op.split[op.split >= 0]).tolist():
@@ -243,14 +223,14 @@ def _on_inputs(model: ModelIR, op: TreeEnsemble, given: list[Column]) -> TreeEns
         filled = chain.value(np.array([np.nan]))
         if not np.isnan(filled[0]):  # something in front of the trees replaces missing values
             missing_left[nodes] = decide(np.broadcast_to(filled, len(nodes)), at)
-        elif column.nan is NanRule.ZERO:
+        elif column.nan is ir.NanRule.ZERO:
             missing_left[nodes] = decide(np.zeros(len(nodes)), at)
         threshold[nodes] = np.where(np.isnan(edge), np.inf, edge)[at]
         swapped = nodes[(np.isnan(edge) & ~all_left)[at]]  # all numbers go right
         left[swapped], right[swapped] = op.right[swapped], op.left[swapped]
         missing_left[swapped] = ~missing_left[swapped]
         split[nodes] = len(columns)
-        columns.append(TreeColumn(chain.feature, seen_missing=column.seen_missing))
+        columns.append(ir.TreeColumn(chain.feature, seen_missing=column.seen_missing))
     return dataclasses.replace(
         op,
         inputs=(0,),
@@ -260,12 +240,12 @@ def _on_inputs(model: ModelIR, op: TreeEnsemble, given: list[Column]) -> TreeEns
         left=left,
         right=right,
         missing_left=missing_left,
-        comparison=Comparison.LESS_OR_EQUAL,
-        input_precision=Precision.FLOAT64,
+        comparison=ir.Comparison.LESS_OR_EQUAL,
+        input_precision=ir.Precision.FLOAT64,
     )
 
 
-def _decision(op: TreeEnsemble, thresholds: FloatArray) -> Decide:
+def _decision(op: ir.TreeEnsemble, thresholds: FloatArray) -> Decide:
     """Whether values go left at the splits with some of the thresholds."""
 
     def decide(value: FloatArray, chosen: IntArray) -> BoolArray:

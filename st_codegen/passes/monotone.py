@@ -15,27 +15,9 @@ from functools import singledispatch
 
 import numpy as np
 
-from st_codegen.ir import (
-    Activation,
-    BoolArray,
-    Clip,
-    Comparison,
-    FillMissing,
-    FloatArray,
-    Function,
-    IntArray,
-    ModelIR,
-    Operation,
-    Operator,
-    Precision,
-    Rank,
-    Round,
-    Scale,
-    Select,
-    TreeColumn,
-    TreeEnsemble,
-    reference,
-)
+from st_codegen import ir
+from st_codegen.ir import reference
+from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray
 from st_codegen.ir.operations import one_column
 
 #: Stands for infinity among the neighbours of a float32 number: as far behind the largest one as that is from the next.
@@ -54,7 +36,7 @@ class Chain:
     """A column that rises (or falls) with one feature; `steps` are operations of width 1, none for the input itself."""
 
     feature: int
-    steps: tuple[Operation, ...] = ()
+    steps: tuple[ir.Operation, ...] = ()
 
     def value(self, x: FloatArray) -> FloatArray:
         """The column for numbers `x` of the feature, shape (rows,)."""
@@ -63,7 +45,7 @@ class Chain:
                 x = reference.apply(step, [x[:, None]])[:, 0]
         return x
 
-    def then(self, step: Operation) -> Chain:
+    def then(self, step: ir.Operation) -> Chain:
         """The chain with one more operation of width 1."""
         return Chain(self.feature, (*self.steps, step))
 
@@ -71,7 +53,7 @@ class Chain:
 Column = Chain | Dependence
 
 
-def columns_of(model: ModelIR, rising: Collection[Function] = ()) -> list[list[Column]]:
+def columns_of(model: ir.ModelIR, rising: Collection[ir.Function] = ()) -> list[list[Column]]:
     """For every value of a model (0: the inputs) and every column, how it depends on the inputs.
 
     Functions in `rising` are taken as steps of a chain although they are inexact.
@@ -79,7 +61,7 @@ def columns_of(model: ModelIR, rising: Collection[Function] = ()) -> list[list[C
     values: list[list[Column]] = [[Chain(feature) for feature in range(len(model.features))]]
     for op in model.ops:
         given = [column for number in op.inputs for column in values[number]]
-        if isinstance(op, Activation) and op.function in rising and op.precision is Precision.FLOAT64:
+        if isinstance(op, ir.Activation) and op.function in rising and op.precision is ir.Precision.FLOAT64:
             values.append(_extended(op, given, is_monotone=True))
         else:
             values.append(_after(op, given))
@@ -87,13 +69,13 @@ def columns_of(model: ModelIR, rising: Collection[Function] = ()) -> list[list[C
 
 
 @singledispatch
-def _after(op: Operation, given: list[Column]) -> list[Column]:
+def _after(op: ir.Operation, given: list[Column]) -> list[Column]:
     """How the columns of an operation's result depend on the inputs, from how those of its operands (`given`) do."""
     steps = all(column is Dependence.STEPS for column in given)
     return [Dependence.STEPS if steps else Dependence.OTHER] * op.width
 
 
-def _extended(op: Operation, given: list[Column], *, is_monotone: bool) -> list[Column]:
+def _extended(op: ir.Operation, given: list[Column], *, is_monotone: bool) -> list[Column]:
     """The columns behind an operation that works column by column."""
     result: list[Column] = []
     for number, column in enumerate(given):
@@ -105,30 +87,30 @@ def _extended(op: Operation, given: list[Column], *, is_monotone: bool) -> list[
 
 
 @_after.register
-def _(op: Select, given: list[Column]) -> list[Column]:
+def _(op: ir.Select, given: list[Column]) -> list[Column]:
     return [given[column] for column in op.columns]
 
 
-@_after.register(Scale)
-@_after.register(Round)
-@_after.register(Clip)
-@_after.register(FillMissing)
-def _(op: Scale | Round | Clip | FillMissing, given: list[Column]) -> list[Column]:
-    if isinstance(op, Scale):
-        is_monotone = op.exact and not (op.reverse and op.operator is Operator.DIVIDE)
+@_after.register(ir.Scale)
+@_after.register(ir.Round)
+@_after.register(ir.Clip)
+@_after.register(ir.FillMissing)
+def _(op: ir.Scale | ir.Round | ir.Clip | ir.FillMissing, given: list[Column]) -> list[Column]:
+    if isinstance(op, ir.Scale):
+        is_monotone = op.exact and not (op.reverse and op.operator is ir.Operator.DIVIDE)
     else:
-        is_monotone = not isinstance(op, FillMissing) or op.sentinel is None
+        is_monotone = not isinstance(op, ir.FillMissing) or op.sentinel is None
     return _extended(op, given, is_monotone=is_monotone)
 
 
 @_after.register
-def _(op: Rank, given: list[Column]) -> list[Column]:
+def _(op: ir.Rank, given: list[Column]) -> list[Column]:
     whole = all(given[column.column] is not Dependence.OTHER for column in op.columns)
     return [Dependence.STEPS if whole else Dependence.OTHER] * op.width
 
 
 @_after.register
-def _(op: TreeEnsemble, given: list[Column]) -> list[Column]:
+def _(op: ir.TreeEnsemble, given: list[Column]) -> list[Column]:
     steps = op.linear is None and all(given[column.column] is not Dependence.OTHER for column in op.columns)
     return [Dependence.STEPS if steps else Dependence.OTHER] * op.width
 
@@ -146,7 +128,7 @@ class Domain:
         return min(max(0.0, self.lower), self.upper)
 
 
-def domain_of(model: ModelIR, feature: int) -> Domain:
+def domain_of(model: ir.ModelIR, feature: int) -> Domain:
     """What is left of a feature's numbers by the declared range and by what is refused."""
     declared, limit = model.features[feature], model.magnitude_limits[feature]
     lower, upper = -np.inf, np.inf
@@ -204,7 +186,7 @@ class SplitEdges:
     left_below: BoolArray
 
 
-def split_edges(op: TreeEnsemble, number: int, chain: Chain, domain: Domain) -> SplitEdges:
+def split_edges(op: ir.TreeEnsemble, number: int, chain: Chain, domain: Domain) -> SplitEdges:
     """The changeovers of column `number` of an ensemble that reads a monotone chain."""
     thresholds = np.unique(op.threshold[op.split == number])
     with np.errstate(over="ignore"):
@@ -215,18 +197,18 @@ def split_edges(op: TreeEnsemble, number: int, chain: Chain, domain: Domain) -> 
     return SplitEdges(thresholds, edge, left)
 
 
-def goes_left(op: TreeEnsemble, value: FloatArray, thresholds: FloatArray) -> BoolArray:
+def goes_left(op: ir.TreeEnsemble, value: FloatArray, thresholds: FloatArray) -> BoolArray:
     """Whether splits with these thresholds send numbers left."""
     value = reference.rounded(value, op.input_precision)
-    if op.comparison is Comparison.LESS:
+    if op.comparison is ir.Comparison.LESS:
         return np.asarray(value < thresholds, np.bool_)
     return np.asarray((value <= thresholds) | (thresholds == np.inf), np.bool_)
 
 
-def _direct(op: TreeEnsemble, thresholds: FloatArray, domain: Domain) -> tuple[FloatArray, BoolArray]:
+def _direct(op: ir.TreeEnsemble, thresholds: FloatArray, domain: Domain) -> tuple[FloatArray, BoolArray]:
     """What `changeovers` finds where an input is compared as it is, or rounded to float32: without a search."""
-    less = op.comparison is Comparison.LESS
-    if op.input_precision is Precision.FLOAT64:
+    less = op.comparison is ir.Comparison.LESS
+    if op.input_precision is ir.Precision.FLOAT64:
         edge = np.nextafter(thresholds, -np.inf) if less else thresholds
     else:
         below = thresholds.astype(np.float32)
@@ -245,7 +227,7 @@ def _direct(op: TreeEnsemble, thresholds: FloatArray, domain: Domain) -> tuple[F
     return np.where(left & (edge < domain.upper), edge, np.nan), np.asarray(left, np.bool_)
 
 
-def step_edges(op: TreeEnsemble, number: int, chain: Chain, domain: Domain) -> FloatArray:
+def step_edges(op: ir.TreeEnsemble, number: int, chain: Chain, domain: Domain) -> FloatArray:
     """All numbers behind which anything that column `number` of an ensemble does may change: sorted, distinct.
 
     Besides thresholds these are the ends of the interval that counts as missing, and of category codes.
@@ -267,7 +249,7 @@ def step_edges(op: TreeEnsemble, number: int, chain: Chain, domain: Domain) -> F
     return edges[~np.isnan(edges)]
 
 
-def _other_edges(column: TreeColumn) -> tuple[FloatArray, FloatArray]:
+def _other_edges(column: ir.TreeColumn) -> tuple[FloatArray, FloatArray]:
     """Numbers c of a column at which `value < c` matters, and those at which `value <= c` does."""
     below: list[float] = []
     up_to: list[float] = []

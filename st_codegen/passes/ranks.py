@@ -12,37 +12,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from st_codegen.ir import (
-    BoolArray,
-    Comparison,
-    FloatArray,
-    Int32Array,
-    IntArray,
-    ModelIR,
-    NanRule,
-    Operation,
-    Precision,
-    Rank,
-    RankColumn,
-    TreeColumn,
-    TreeEnsemble,
-)
+from st_codegen import ir
+from st_codegen.ir.arrays import BoolArray, FloatArray, Int32Array, IntArray
 from st_codegen.passes.monotone import Chain, Column, columns_of, domain_of, goes_left, split_edges
 from st_codegen.passes.unread import without_unread
 
 
-def ranked(model: ModelIR) -> ModelIR | None:
+def ranked(model: ir.ModelIR) -> ir.ModelIR | None:
     """The model with each ensemble on ranks, and without operations that nobody reads any more.
 
     None where some ensemble has categories, linear leaves, shared nodes or inputs that are not monotone in one feature.
     """
     values = columns_of(model)
-    ops: list[Operation] = []
+    ops: list[ir.Operation] = []
     moved = [0]
     found = False
     for op in model.ops:
         inputs = tuple(moved[number] for number in op.inputs)
-        if isinstance(op, TreeEnsemble):
+        if isinstance(op, ir.TreeEnsemble):
             given = [column for number in op.inputs for column in values[number]]
             pair = _ranked_ensemble(model, op, given)
             if pair is None:
@@ -72,10 +59,12 @@ class _RankedSplits:
     missing_left: BoolArray
 
 
-def _ranked_ensemble(model: ModelIR, op: TreeEnsemble, given: list[Column]) -> tuple[Rank, TreeEnsemble] | None:
+def _ranked_ensemble(
+    model: ir.ModelIR, op: ir.TreeEnsemble, given: list[Column]
+) -> tuple[ir.Rank, ir.TreeEnsemble] | None:
     if op.linear is not None or op.has_categories or not op.is_forest:
         return None
-    columns: list[RankColumn] = []
+    columns: list[ir.RankColumn] = []
     split = np.full(op.n_nodes, -1, np.int32)
     threshold = np.zeros(op.n_nodes)
     for number, column in enumerate(op.columns):
@@ -94,22 +83,22 @@ def _ranked_ensemble(model: ModelIR, op: TreeEnsemble, given: list[Column]) -> t
             missing = 0 if not model.accepts_nan else -1 if left else highest + 1
             split[splits.nodes[chosen]] = len(columns)
             threshold[splits.nodes[chosen]] = splits.threshold[chosen]
-            columns.append(RankColumn(chain.feature, splits.edges, missing, splits.descending))
+            columns.append(ir.RankColumn(chain.feature, splits.edges, missing, splits.descending))
     if not columns:
-        columns = [RankColumn(0, np.zeros(0))]  # every tree is a leaf
+        columns = [ir.RankColumn(0, np.zeros(0))]  # every tree is a leaf
     trees = dataclasses.replace(
         op,
-        columns=tuple(TreeColumn(number) for number in range(len(columns))),
+        columns=tuple(ir.TreeColumn(number) for number in range(len(columns))),
         split=split,
         threshold=threshold,
         missing_left=np.zeros(op.n_nodes, np.bool_),
-        comparison=Comparison.LESS_OR_EQUAL,
-        input_precision=Precision.FLOAT64,
+        comparison=ir.Comparison.LESS_OR_EQUAL,
+        input_precision=ir.Precision.FLOAT64,
     )
-    return Rank((0,), tuple(columns)), trees
+    return ir.Rank((0,), tuple(columns)), trees
 
 
-def _splits(model: ModelIR, op: TreeEnsemble, number: int, chain: Chain, nodes: IntArray) -> _RankedSplits:
+def _splits(model: ir.ModelIR, op: ir.TreeEnsemble, number: int, chain: Chain, nodes: IntArray) -> _RankedSplits:
     """The splits of column `number` in ranks."""
     found = split_edges(op, number, chain, domain_of(model, chain.feature))
     changes = ~np.isnan(found.edge)
@@ -122,9 +111,9 @@ def _splits(model: ModelIR, op: TreeEnsemble, number: int, chain: Chain, nodes: 
     rank = np.where(changes, rank, np.where(found.left_below, len(edges), -1))
     at = np.searchsorted(found.thresholds, op.threshold[nodes])
     missing_left = op.missing_left[nodes]
-    if op.columns[number].nan is NanRule.ZERO:
+    if op.columns[number].nan is ir.NanRule.ZERO:
         threshold = op.threshold[nodes]
-        missing_left = threshold > 0 if op.comparison is Comparison.LESS else threshold >= 0
+        missing_left = threshold > 0 if op.comparison is ir.Comparison.LESS else threshold >= 0
     filled = chain.value(np.array([np.nan]))
     if not np.isnan(filled[0]):  # something in front of the trees replaces missing values
         missing_left = goes_left(op, filled, op.threshold[nodes])
@@ -133,7 +122,9 @@ def _splits(model: ModelIR, op: TreeEnsemble, number: int, chain: Chain, nodes: 
     return _RankedSplits(nodes, rank[at].astype(np.int64), edges, descending, missing_left)
 
 
-def compact(columns: tuple[RankColumn, ...], used: list[IntArray]) -> tuple[tuple[RankColumn, ...], list[Int32Array]]:
+def compact(
+    columns: tuple[ir.RankColumn, ...], used: list[IntArray]
+) -> tuple[tuple[ir.RankColumn, ...], list[Int32Array]]:
     """Columns with only those edges that are compared with, and the new thresholds.
 
     `used` are the thresholds of each column's splits. Columns that share a search go on sharing it.

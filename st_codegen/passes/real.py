@@ -13,48 +13,23 @@ from functools import singledispatch
 
 import numpy as np
 
+from st_codegen import ir
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import (
-    FLOAT32_OVERFLOW,
-    Activation,
-    ArgMax,
-    Clip,
-    Combine,
-    Comparison,
-    Exceeds,
-    Feature,
-    FloatArray,
-    Function,
-    KernelSum,
-    Linear,
-    ModelIR,
-    Operation,
-    Operator,
-    Output,
-    Precision,
-    Round,
-    Scale,
-    Select,
-    Softmax,
-    SummationOrder,
-    TreeColumn,
-    TreeEnsemble,
-    WholeNumber,
-)
+from st_codegen.ir.arrays import FloatArray
 from st_codegen.passes.domain import limit_inputs
 
 #: Thresholds, leaves and sums stay below this: numbers above stand for missing and for infinite ones.
 LARGEST = 1e38
 #: Functions that only pick or turn a sign, so that nothing is rounded.
-_PICKS = (Function.IDENTITY, Function.RELU, Function.ABS)
+_PICKS = (ir.Function.IDENTITY, ir.Function.RELU, ir.Function.ABS)
 #: Functions whose formulas keep their digits in REAL.
 _COMPUTED = (
-    *(Function.LEAKY_RELU, Function.TANH, Function.LOGISTIC, Function.EXP, Function.ELU),
-    *(Function.SOFTPLUS, Function.SOFTSIGN),
+    *(ir.Function.LEAKY_RELU, ir.Function.TANH, ir.Function.LOGISTIC, ir.Function.EXP, ir.Function.ELU),
+    *(ir.Function.SOFTPLUS, ir.Function.SOFTSIGN),
 )
 
 
-def in_real(model: ModelIR) -> ModelIR:
+def in_real(model: ir.ModelIR) -> ir.ModelIR:
     """The model with every number a REAL. Raises UnsupportedModelError with the reason where it cannot be one."""
     try:
         ops = tuple(_operation(op) for op in model.ops)
@@ -76,91 +51,91 @@ def in_real(model: ModelIR) -> ModelIR:
 
 def _limit(limit: float | None) -> float | None:
     """A limit of magnitudes as a REAL that is not above it."""
-    return None if limit is None else FLOAT32_OVERFLOW if limit >= FLOAT32_OVERFLOW else _inside(0.0, limit)[1]
+    return None if limit is None else ir.FLOAT32_OVERFLOW if limit >= ir.FLOAT32_OVERFLOW else _inside(0.0, limit)[1]
 
 
 @singledispatch
-def _operation(op: Operation) -> Operation:
+def _operation(op: ir.Operation) -> ir.Operation:
     """An operation in REAL. Raises UnsupportedModelError where its loss has no bound that is known."""
     raise UnsupportedModelError(f"this one has {type(op).__name__}, of which no bound in REAL is derived")
 
 
 @_operation.register
-def _(op: Select) -> Operation:
+def _(op: ir.Select) -> ir.Operation:
     return op
 
 
 @_operation.register
-def _(op: Round) -> Operation:
-    return Select(op.inputs, np.arange(op.width, dtype=np.int32))  # a REAL is rounded already
+def _(op: ir.Round) -> ir.Operation:
+    return ir.Select(op.inputs, np.arange(op.width, dtype=np.int32))  # a REAL is rounded already
 
 
 @_operation.register
-def _(op: WholeNumber) -> Operation:
+def _(op: ir.WholeNumber) -> ir.Operation:
     return op  # the whole number beside a REAL is a REAL
 
 
 @_operation.register
-def _(op: ArgMax) -> Operation:
+def _(op: ir.ArgMax) -> ir.Operation:
     # distances below a digit of REAL: rows in which the library sees two columns as equal are open
     return dataclasses.replace(op, merged=0.0, open_below=max(op.merged, op.open_below))
 
 
 @_operation.register
-def _(op: Exceeds) -> Operation:
+def _(op: ir.Exceeds) -> ir.Operation:
     return dataclasses.replace(op, cut=_kept(op.cut))
 
 
 @_operation.register
-def _(op: Clip) -> Operation:
+def _(op: ir.Clip) -> ir.Operation:
     return dataclasses.replace(op, lower=_kept(op.lower), upper=_kept(op.upper))
 
 
 @_operation.register
-def _(op: Scale) -> Operation:
-    if op.operator is Operator.DIVIDE and op.reverse:
+def _(op: ir.Scale) -> ir.Operation:
+    if op.operator is ir.Operator.DIVIDE and op.reverse:
         raise UnsupportedModelError("it divides by a computed number")
     constant = _nearest(op.constant)
-    if op.operator is Operator.DIVIDE and not np.all(constant):
+    if op.operator is ir.Operator.DIVIDE and not np.all(constant):
         raise UnsupportedModelError("it divides by a number that is too small for REAL")
     doubt = np.abs(op.constant - constant) + (0.0 if op.doubt is None else op.doubt)
-    return dataclasses.replace(op, constant=constant, doubt=doubt, precision=Precision.REAL)
+    return dataclasses.replace(op, constant=constant, doubt=doubt, precision=ir.Precision.REAL)
 
 
 @_operation.register
-def _(op: Combine) -> Operation:
-    if op.operator is Operator.DIVIDE:
+def _(op: ir.Combine) -> ir.Operation:
+    if op.operator is ir.Operator.DIVIDE:
         raise UnsupportedModelError("it divides by a computed number")
-    return dataclasses.replace(op, precision=Precision.REAL)
+    return dataclasses.replace(op, precision=ir.Precision.REAL)
 
 
 @_operation.register
-def _(op: Linear) -> Operation:
+def _(op: ir.Linear) -> ir.Operation:
     return dataclasses.replace(
         op,
         weights=_nearest(op.weights),
         bias=_nearest(op.bias),
-        order=SummationOrder.SEQUENTIAL,
-        precision=Precision.REAL,
+        order=ir.SummationOrder.SEQUENTIAL,
+        precision=ir.Precision.REAL,
     )
 
 
 @_operation.register
-def _(op: Activation) -> Operation:
+def _(op: ir.Activation) -> ir.Operation:
     if op.function in _PICKS:
         return op
     if op.function not in _COMPUTED:
         raise UnsupportedModelError(f"of the function {op.function} no bound in REAL is derived")
-    return dataclasses.replace(op, parameter=float(_nearest(np.array(op.parameter))), precision=Precision.REAL)
+    return dataclasses.replace(op, parameter=float(_nearest(np.array(op.parameter))), precision=ir.Precision.REAL)
 
 
 @_operation.register
-def _(op: Softmax) -> Operation:
-    return dataclasses.replace(op, precision=Precision.REAL)
+def _(op: ir.Softmax) -> ir.Operation:
+    return dataclasses.replace(op, precision=ir.Precision.REAL)
 
 
 @_operation.register
-def _(op: KernelSum) -> Operation:
+def _(op: ir.KernelSum) -> ir.Operation:
     vectors = _nearest(op.support_vectors)
     gamma, coef0 = (float(_nearest(np.array(value))) for value in (op.gamma, op.coef0))
     return dataclasses.replace(
@@ -170,14 +145,14 @@ def _(op: KernelSum) -> Operation:
         intercept=_nearest(op.intercept),
         gamma=gamma,
         coef0=coef0,
-        precision=Precision.REAL,
+        precision=ir.Precision.REAL,
         # what a vector loses is relative to its own numbers, not to its distance from a row
         expands=op.expands or not np.array_equal(vectors, op.support_vectors),
     )
 
 
 @_operation.register
-def _(op: TreeEnsemble) -> Operation:
+def _(op: ir.TreeEnsemble) -> ir.Operation:
     largest = float(max(np.max(np.abs(values), initial=0.0) for values in (op.leaf_value, op.base))) * (op.n_trees + 1)
     largest = max(largest, float(np.max(np.abs(op.threshold[np.isfinite(op.threshold)]), initial=0.0)))
     reasons = {
@@ -190,17 +165,17 @@ def _(op: TreeEnsemble) -> Operation:
     for reason, holds in reasons.items():
         if holds:
             raise UnsupportedModelError(reason)
-    below = op.comparison is Comparison.LESS_OR_EQUAL
+    below = op.comparison is ir.Comparison.LESS_OR_EQUAL
     threshold = np.where(np.isfinite(op.threshold), _towards(op.threshold, up=not below), op.threshold)
-    same = op.sum_precision is Precision.FLOAT32  # then leaves and sums are the library's own
+    same = op.sum_precision is ir.Precision.FLOAT32  # then leaves and sums are the library's own
     return dataclasses.replace(
         op,
         columns=tuple(_column(column) for column in op.columns),
         threshold=threshold,
         leaf_value=_nearest(op.leaf_value),
         base=_nearest(op.base),
-        input_precision=Precision.FLOAT32,
-        sum_precision=Precision.FLOAT32 if same else Precision.REAL,
+        input_precision=ir.Precision.FLOAT32,
+        sum_precision=ir.Precision.FLOAT32 if same else ir.Precision.REAL,
     )
 
 
@@ -210,8 +185,7 @@ def _towards(values: FloatArray, *, up: bool) -> FloatArray:
         single = np.asarray(values, np.float64).astype(np.float32)
     wrong = single < values if up else single > values
     end = np.float32(np.inf if up else -np.inf)
-    found: FloatArray = np.where(wrong, np.nextafter(single, end), single).astype(np.float64)
-    return found
+    return np.where(wrong, np.nextafter(single, end), single).astype(np.float64)
 
 
 def _nearest(values: FloatArray) -> FloatArray:
@@ -237,12 +211,12 @@ def _inside(lower: float, upper: float) -> tuple[float, float]:
     return max(low, -largest), min(high, largest)
 
 
-def _column(column: TreeColumn) -> TreeColumn:
+def _column(column: ir.TreeColumn) -> ir.TreeColumn:
     interval = column.missing_interval
     return column if interval is None else dataclasses.replace(column, missing_interval=_inside(*interval))
 
 
-def _feature(feature: Feature) -> Feature:
+def _feature(feature: ir.Feature) -> ir.Feature:
     ranges: dict[str, object] = {}
     if feature.lower is not None and feature.upper is not None:
         ranges["lower"], ranges["upper"] = _inside(feature.lower, feature.upper)
@@ -251,7 +225,7 @@ def _feature(feature: Feature) -> Feature:
     return dataclasses.replace(feature, **ranges)  # type: ignore[arg-type]
 
 
-def _port(port: Output) -> Output:
+def _port(port: ir.Output) -> ir.Output:
     if port.lower is None or port.upper is None:
         return port
     lower, upper = _inside(port.lower, port.upper)

@@ -16,19 +16,9 @@ from functools import partial
 
 import numpy as np
 
-from st_codegen.ir import (
-    CellTable,
-    FloatArray,
-    Int32Array,
-    ModelIR,
-    Operation,
-    Rank,
-    RankColumn,
-    Select,
-    TableAxis,
-    TreeEnsemble,
-    reference,
-)
+from st_codegen import ir
+from st_codegen.ir import reference
+from st_codegen.ir.arrays import FloatArray, Int32Array
 from st_codegen.passes import grids
 from st_codegen.passes.monotone import Chain, Column, Dependence, columns_of, domain_of, step_edges
 
@@ -64,7 +54,7 @@ class Cells:
         return 8 * self.values.size
 
 
-def cells_of(model: ModelIR, most: int) -> Cells | None:
+def cells_of(model: ir.ModelIR, most: int) -> Cells | None:
     """The cells of a model, or None: not piecewise constant, no answer in some cell, or more than `most` numbers."""
     axes = _axes(model, most)
     if axes is None:
@@ -79,20 +69,20 @@ def cells_of(model: ModelIR, most: int) -> Cells | None:
     return without_equal_slices(Cells(axes, values.reshape(*shape, len(model.outputs)), model.exact))
 
 
-def _axes(model: ModelIR, most: int) -> tuple[CellAxis, ...] | None:
+def _axes(model: ir.ModelIR, most: int) -> tuple[CellAxis, ...] | None:
     """The axes of a model, those with few cells first: neighbours along the longest one are neighbours in memory."""
     values = columns_of(model)
     if any(column is not Dependence.STEPS for column in values[-1]):
         return None
-    if any(isinstance(op, TreeEnsemble) and _too_many_thresholds(op, most) for op in model.ops):
+    if any(isinstance(op, ir.TreeEnsemble) and _too_many_thresholds(op, most) for op in model.ops):
         return None
     edges: dict[int, list[FloatArray]] = {}
     for op in model.ops:
-        if isinstance(op, TreeEnsemble):
+        if isinstance(op, ir.TreeEnsemble):
             given = [column for number in op.inputs for column in values[number]]
             for number, column in enumerate(op.columns):
                 _collect(model, op, number, given[column.column], edges)
-        elif isinstance(op, Rank):
+        elif isinstance(op, ir.Rank):
             return None  # already rewritten
     joined = {feature: np.unique(np.concatenate(parts)) for feature, parts in edges.items()}
     if any(np.any(np.isinf(found)) for found in joined.values()):
@@ -108,21 +98,23 @@ def _axes(model: ModelIR, most: int) -> tuple[CellAxis, ...] | None:
     return tuple(sorted(axes, key=lambda axis: (axis.cells, axis.feature)))
 
 
-def _too_many_thresholds(op: TreeEnsemble, most: int) -> bool:
+def _too_many_thresholds(op: ir.TreeEnsemble, most: int) -> bool:
     """Whether the thresholds of one column alone are far too many: spares the exact count for large ensembles."""
     numbers = [np.unique(op.threshold[op.split == number]) for number in range(len(op.columns))]
     with np.errstate(over="ignore"):  # beyond float32 all are alike: LightGBM has 1e300 for infinity
         return any(len(np.unique(found.astype(np.float32))) > most for found in numbers)
 
 
-def _collect(model: ModelIR, op: TreeEnsemble, number: int, column: Column, edges: dict[int, list[FloatArray]]) -> None:
+def _collect(
+    model: ir.ModelIR, op: ir.TreeEnsemble, number: int, column: Column, edges: dict[int, list[FloatArray]]
+) -> None:
     """Add the edges that a column of an ensemble gives to its feature."""
     if isinstance(column, Chain):
         found = step_edges(op, number, column, domain_of(model, column.feature))
         edges.setdefault(column.feature, []).append(found)
 
 
-def _representatives(model: ModelIR, axis: CellAxis) -> FloatArray:
+def _representatives(model: ir.ModelIR, axis: CellAxis) -> FloatArray:
     """One number of the feature in each cell: the last one of the cell, for the highest cell the first one."""
     if not len(axis.edges):
         points = np.array([domain_of(model, axis.feature).inside])
@@ -132,7 +124,7 @@ def _representatives(model: ModelIR, axis: CellAxis) -> FloatArray:
 
 
 def _rows(
-    model: ModelIR, axes: Sequence[CellAxis], grid: Sequence[FloatArray]
+    model: ir.ModelIR, axes: Sequence[CellAxis], grid: Sequence[FloatArray]
 ) -> Iterator[tuple[FloatArray, tuple[int, ...]]]:
     """A row of inputs for each cell, in the order of the table, by slices of the first axis; and their shape."""
     shape = tuple(len(points) for points in grid)
@@ -175,38 +167,38 @@ def without_equal_slices(cells: Cells) -> Cells:
     )
 
 
-def as_model(model: ModelIR, cells: Cells) -> ModelIR:
+def as_model(model: ir.ModelIR, cells: Cells) -> ir.ModelIR:
     """A model of the same name, inputs and outputs that looks its answer up."""
     return dataclasses.replace(model, ops=table_operations([cells]), open_zeros=not model.signs_zeros)
 
 
-def table_operations(parts: Sequence[Cells]) -> tuple[Operation, ...]:
+def table_operations(parts: Sequence[Cells]) -> tuple[ir.Operation, ...]:
     """One search for all, and a lookup in the table of each part; the outputs stand one after another.
 
     The search has the edges of all parts. A part with fewer edges has a list of the rows that each rank skips.
     """
     axes = _unions(parts)
-    rank = Rank((0,), tuple(RankColumn(axis.feature, axis.edges, axis.missing) for axis in axes))
+    rank = ir.Rank((0,), tuple(ir.RankColumn(axis.feature, axis.edges, axis.missing) for axis in axes))
     lookups = [_lookup(cells, axes) for cells in parts]
     if not axes:
         return (dataclasses.replace(lookups[0], inputs=(0,)),)  # a constant
     if len(parts) == 1:
         return rank, lookups[0]
     width = sum(table.width for table in lookups)
-    return rank, *lookups, Select(tuple(range(2, len(parts) + 2)), np.arange(width, dtype=np.int32))
+    return rank, *lookups, ir.Select(tuple(range(2, len(parts) + 2)), np.arange(width, dtype=np.int32))
 
 
-def _lookup(cells: Cells, axes: Sequence[CellAxis]) -> CellTable:
+def _lookup(cells: Cells, axes: Sequence[CellAxis]) -> ir.CellTable:
     """The table of one part behind a search on `axes`."""
     flat = cells.values.reshape(-1, cells.values.shape[-1])
     stored, values = _stored(flat)
     shape = tuple(axis.cells for axis in cells.axes)
     column = {axis.feature: number for number, axis in enumerate(axes)}
     lists = tuple(
-        TableAxis(column[own.feature], _own_cells(own, axes[column[own.feature]]) * math.prod(shape[number + 1 :]))
+        ir.TableAxis(column[own.feature], _own_cells(own, axes[column[own.feature]]) * math.prod(shape[number + 1 :]))
         for number, own in enumerate(cells.axes)
     )
-    return CellTable((1,), lists, shape, values, stored, flat[0], cells.exact)
+    return ir.CellTable((1,), lists, shape, values, stored, flat[0], cells.exact)
 
 
 def _own_cells(own: CellAxis, union: CellAxis) -> Int32Array:

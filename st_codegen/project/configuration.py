@@ -47,9 +47,10 @@ import dataclasses
 import fnmatch
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -61,16 +62,16 @@ from st_codegen.errors import InputError, Problems
 from st_codegen.files.toml_tables import TomlTable, nearest, read_toml, shown
 from st_codegen.ir import Feature, ModelIR, Output, OutputKind
 from st_codegen.passes.choose import Layout
+from st_codegen.project.build_options import BUILD_OPTIONS
 
 CONFIGURATION_FILE = "st-codegen.toml"
 
 #: Options of the command line that [build] may give a default, and what each takes; a list is one of texts.
 BUILD_KEYS: Mapping[str, type] = {
     **dict.fromkeys(("target", "entry"), list),
-    **dict.fromkeys(("out", "layout", "outputs", "profile"), str),
-    **dict.fromkeys(("project", "library_version", "company", "namespace"), str),
-    **dict.fromkeys(("table_limit", "outputs_per_cycle", "max_array", "max_bytes", "rows", "features"), int),
-    **dict.fromkeys(("with_tests", "with_comparison", "with_configuration", "self_check", "with_age", "real"), bool),
+    **dict.fromkeys(("out", "outputs", "profile"), str),
+    **dict.fromkeys(("rows", "features"), int),
+    **{name: option.kind for name, option in BUILD_OPTIONS.items()},
     "cycle_us": float,
 }
 
@@ -390,7 +391,7 @@ def _model(table: TomlTable) -> ModelEntry | None:
         outputs = tuple(_output(entry) for entry in table.tables("outputs"))
         window = _window(table)
         table.declare("layout")
-        gives = table.list_of("gives", _kind(table)) if "gives" in table else None
+        gives = table.list_of("gives", partial(table.choice_of, kind=OutputKind)) if "gives" in table else None
         table.declare("gives")
         digest, metrics = table.text("training_sha256", ""), table.table("metrics")
         if digest and not re.fullmatch("[0-9a-f]{64}", digest):
@@ -421,10 +422,6 @@ def _window(table: TomlTable) -> Window | None:
         table.note("two numbers of a sample have the same name")
     length = table.whole("window", low=2, high=2**16)
     return Window(length, samples, order is WindowOrder.SAMPLE)
-
-
-def _kind(table: TomlTable) -> Callable[[str, Any], OutputKind | None]:
-    return lambda key, found: table.choice_of(key, found, OutputKind)
 
 
 def _output(table: TomlTable) -> Output:

@@ -64,7 +64,8 @@ def initial_configuration(
         raise InputError(f"{folder}: no model files; supported are {known_formats()}{why}")
     if training_data is not None:
         _check_trained_with(training_data, models)
-    lines = [_HEAD, "[project]", f"name = {toml_value(_project_name(folder))}", "leave_out = ["]
+    project = _plain(folder.resolve().name, "") or "Models"
+    lines = [_HEAD, "[project]", f"name = {toml_value(project)}", "leave_out = ["]
     lines += [f"    {toml_value(name)},  # {reason}" for name, reason in reasons.items()]
     lines += ["]", "", "[build]", 'target = ["twincat"]', 'out = "generated"']
     for feature in _features(models):
@@ -101,10 +102,6 @@ def _check_trained_with(table: Mapping[str, FloatArray], models: Mapping[str, Mo
                 f"trained with values from {low:.6g} to {high:.6g}: give the table that it was trained with"
             )
     problems.raise_if_any()
-
-
-def _project_name(folder: Path) -> str:
-    return _plain(folder.resolve().name, "") or "Models"
 
 
 def _features(models: Mapping[str, ModelIR]) -> list[Feature]:

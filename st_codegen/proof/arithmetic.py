@@ -22,10 +22,6 @@ if TYPE_CHECKING:
     from st_codegen.st import Library
 
 
-def _answers_all(_: ModelIR, x: FloatArray) -> BoolArray:
-    return np.ones(len(x), np.bool_)
-
-
 @dataclass(frozen=True)
 class Arithmetic:
     """How the blocks of a target compute their models.
@@ -36,7 +32,7 @@ class Arithmetic:
     """
 
     bound: Callable[[ModelIR, FloatArray], FloatArray] = text_bound
-    answers: Callable[[ModelIR, FloatArray], BoolArray] = _answers_all
+    answers: Callable[[ModelIR, FloatArray], BoolArray] = lambda _, x: np.ones(len(x), np.bool_)
     note: str = ""
 
 

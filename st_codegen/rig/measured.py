@@ -60,8 +60,7 @@ class _Flank:
         grid = [self.levels[axis] for axis in varied]
         inside = np.clip(points[:, varied], [level[0] for level in grid], [level[-1] for level in grid])
         values = self.values.reshape(*map(len, grid), self.values.shape[-1])
-        found: ComplexArray = RegularGridInterpolator(grid, values)(inside)
-        return found
+        return RegularGridInterpolator(grid, values)(inside)
 
 
 @dataclass(frozen=True, eq=False)

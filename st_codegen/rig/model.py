@@ -84,8 +84,7 @@ class RigModel:
         wanted = self.closure(orders)
         total = self._through(at, wanted)
         columns = np.searchsorted(wanted, np.asarray(orders, np.int64))
-        found: ComplexArray = total[:, columns]
-        return found
+        return total[:, columns]
 
     def _through(self, at: Conditions, orders: IntArray) -> ComplexArray:
         total = np.zeros((len(at), len(orders)), np.complex128)
@@ -125,8 +124,7 @@ class RigModel:
         """
         orders = self.orders()
         theta = np.arange(samples) * (2 * np.pi / samples)
-        te: FloatArray = (self.coefficients(at, orders) @ np.exp(1j * np.outer(orders, theta))).real
-        return te
+        return (self.coefficients(at, orders) @ np.exp(1j * np.outer(orders, theta))).real
 
     def text(self, folder: Path | None = None) -> str:
         """The rig as TOML, to stand in `folder`: the same rig always gives the same bytes."""

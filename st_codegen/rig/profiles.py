@@ -50,8 +50,7 @@ class MotionProfile:
         if not len(moving):
             return np.ones_like(signs)
         last = np.maximum.accumulate(np.where(signs != 0.0, np.arange(len(signs)), moving[0]))
-        result: FloatArray = signs[last]
-        return result
+        return signs[last]
 
     def facts(self, ratio: float) -> dict[str, float]:
         """What characterises it, as in Table 8: largest speeds, acceleration, load, and travel."""
@@ -116,8 +115,7 @@ def _smooth(values: FloatArray, width: int) -> FloatArray:
     """A running mean: no jumps between moves."""
     padded = np.concatenate([np.full(width, values[0]), values, np.full(width, values[-1])])
     kernel = np.ones(2 * width + 1) / (2 * width + 1)
-    result: FloatArray = np.convolve(padded, kernel, mode="valid")
-    return result
+    return np.convolve(padded, kernel, mode="valid")
 
 
 #: Profiles by name.

@@ -36,12 +36,11 @@ def worst_case_us(estimator: Any) -> float:
 def model_cost_us(model: ModelIR) -> float:
     """Microseconds of one evaluation of a model, worst case."""
     checks = _CALL * (1 + len(model.features))
-    return (checks + sum(_cycles(operation) for operation in model.ops)) / _CYCLES_PER_US
+    return (checks + sum(_COUNTS.get(type(op), _unknown)(op) for op in model.ops)) / _CYCLES_PER_US
 
 
-def _cycles(operation: Any) -> float:
-    count = _COUNTS.get(type(operation))
-    return _MULTIPLY_ADD * 4 if count is None else count(operation)
+def _unknown(_: object) -> float:
+    return _MULTIPLY_ADD * 4
 
 
 def _numbers(count: int) -> float:
@@ -62,13 +61,9 @@ def _linear(linear: Linear) -> float:
     return size * _MULTIPLY_ADD + _numbers(size)
 
 
-def _activation(activation: Activation) -> float:
-    return activation.width * _FUNCTION
-
-
 _COUNTS: dict[type, Callable[[Any], float]] = {
     TreeEnsemble: _trees,
     KernelSum: _kernels,
     Linear: _linear,
-    Activation: _activation,
+    Activation: lambda activation: activation.width * _FUNCTION,
 }

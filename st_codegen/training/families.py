@@ -150,8 +150,7 @@ class ExtremeLearningMachine:
 
     def predict(self, x: FloatArray) -> FloatArray:
         """Values (n,) of inputs (n, features)."""
-        values: FloatArray = self._hidden(x) @ self._output
-        return values
+        return self._hidden(x) @ self._output
 
 
 def _elm(params: Params, x: FloatArray, y: FloatArray, seed: int) -> Any:

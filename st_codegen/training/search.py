@@ -86,8 +86,7 @@ def versions(libraries: tuple[str, ...]) -> str:
 def point_numbers(x: FloatArray) -> npt.NDArray[np.intp]:
     """The operating point of each row of x (n, features), (n,): numbers from 0, in the order in which points appear."""
     _, first, inverse = np.unique(x, axis=0, return_index=True, return_inverse=True)
-    numbers: npt.NDArray[np.intp] = np.argsort(np.argsort(first))[inverse.reshape(-1)]
-    return numbers
+    return np.argsort(np.argsort(first))[inverse.reshape(-1)]
 
 
 def fold_numbers(x: FloatArray, folds: int, seed: int) -> npt.NDArray[np.intp]:
@@ -99,8 +98,7 @@ def fold_numbers(x: FloatArray, folds: int, seed: int) -> npt.NDArray[np.intp]:
     points = point_numbers(x)
     count = int(points.max(initial=-1)) + 1
     numbers = np.arange(count) % max(1, min(folds, count))
-    folded: npt.NDArray[np.intp] = np.random.default_rng(seed).permutation(numbers)[points]
-    return folded
+    return np.random.default_rng(seed).permutation(numbers)[points]
 
 
 def run_task(task: FitTask) -> FitOutcome:

@@ -7,7 +7,7 @@ import math
 import pkgutil
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, wraps
+from functools import cache, cached_property, wraps
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -408,6 +408,29 @@ def booster_of(estimator: Any, made: Callable[[Any], Any]) -> Any:
     if type(booster).__name__ != "Booster":
         raise InputError("the fitted Booster is missing; the file is damaged")
     return booster
+
+
+class BoosterPredictor:
+    """The own prediction of LightGBM or XGBoost; a file is loaded at the first call."""
+
+    def __init__(self, load_booster: Callable[[], Any], n_outputs: int) -> None:
+        self.load_booster = load_booster
+        self.n_outputs = n_outputs
+
+    @cached_property
+    def booster(self) -> Any:
+        return self.load_booster()
+
+    def __call__(self, x: FloatArray) -> FloatArray:
+        """Rows (rows, features) -> (rows, outputs)."""
+        if len(x) == 0:
+            return np.zeros((0, self.n_outputs))
+        rows = np.ascontiguousarray(x, np.float64)
+        return np.asarray(self.numbers(rows), np.float64).reshape(len(rows), self.n_outputs)
+
+    def numbers(self, rows: FloatArray, *, raw: bool = False) -> AnyArray:
+        """What the booster gives for some rows, or its raw scores before the objective transforms them."""
+        raise NotImplementedError(type(self).__name__)
 
 
 @cache

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from st_codegen.cli.choices import LAYOUTS
 from st_codegen.cli.generate import command as generate_command
 from st_codegen.files.number_text import percent
+from st_codegen.project.build_options import LAYOUTS
 from tests.cli.helpers import run
 
 

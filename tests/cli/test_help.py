@@ -11,6 +11,7 @@ import pytest
 from st_codegen.cli import choices
 from st_codegen.cli.main import _COMMANDS, cli
 from st_codegen.cli.simulate import _SUBCOMMANDS
+from st_codegen.project.build_options import LAYOUTS, PROJECT_FORMS, TABLE_KILOBYTES
 from tests.cli.helpers import run
 
 #: What the list of commands may load of ours, and of others whose import takes more than a moment.
@@ -108,6 +109,7 @@ def test_a_command_takes_the_same_numbers_as_its_function_where_none_is_given(wo
 
 def test_options_offer_what_the_rooms_have():
     from st_codegen.driver import Evaluator
+    from st_codegen.emit.blocks.application import ProjectForm
     from st_codegen.emit.targets import TARGETS
     from st_codegen.ir import OutputKind
     from st_codegen.passes.choose import Layout, Options
@@ -122,8 +124,9 @@ def test_options_offer_what_the_rooms_have():
     from st_codegen.training.study import LARGEST_SEED
 
     assert tuple(TARGETS) == choices.TARGETS
-    assert tuple(Layout) == choices.LAYOUTS
-    assert Options().table_bytes == choices.TABLE_KILOBYTES * 1024
+    assert tuple(Layout) == LAYOUTS
+    assert tuple(ProjectForm) == PROJECT_FORMS
+    assert Options().table_bytes == TABLE_KILOBYTES * 1024
     assert tuple(OutputKind) == choices.OUTPUTS
     assert tuple(Evaluator) == choices.EVALUATORS
     assert tuple(Exchange) == choices.EXCHANGES

@@ -31,8 +31,7 @@ class ControlLag(Effect):
         behind = np.zeros(len(time_s))
         for row in range(len(step)):
             behind[row + 1] = behind[row] * decay[row] + slope[row] * lag * (1 - decay[row])
-        found: FloatArray = reference_deg - behind
-        return found
+        return reference_deg - behind
 
 
 class CouplingCompliance(Effect):
@@ -50,5 +49,4 @@ class CouplingCompliance(Effect):
         """theta_in - theta_mot, deg, float64 (n,)."""
         torque = at.torque_Nm / self.constants.reduction_ratio
         twist = np.rad2deg(torque / self.scalar("stiffness_Nm_per_rad")) + self.scalar("backlash_arcmin") / 120
-        found: FloatArray = -at.sign * twist
-        return found
+        return -at.sign * twist

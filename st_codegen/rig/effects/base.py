@@ -245,10 +245,7 @@ class Effect(ABC):
 
     def complex_at(self, key: str, at: Conditions, index: int = 0) -> ComplexArray:
         """A phasor at operating points, complex128 (n,)."""
-        found: ComplexArray = np.where(
-            at.sign > 0, self.complex_value(key, False, index), self.complex_value(key, True, index)
-        )
-        return found
+        return np.where(at.sign > 0, self.complex_value(key, False, index), self.complex_value(key, True, index))
 
     def with_values(self, values: Mapping[str, Any]) -> Effect:
         """The same effect with other values, unchecked."""

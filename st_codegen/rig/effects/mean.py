@@ -28,8 +28,7 @@ class TorsionalCompliance(_MeanEffect):
     )
 
     def coefficient(self, at: Conditions, order: int) -> FloatArray:
-        found: FloatArray = -at.sign * at.torque_Nm / self.scalar("stiffness_Nm_per_arcmin") * ARCMIN
-        return found
+        return -at.sign * at.torque_Nm / self.scalar("stiffness_Nm_per_arcmin") * ARCMIN
 
 
 class HangingLoadCompliance(_MeanEffect):
@@ -40,8 +39,7 @@ class HangingLoadCompliance(_MeanEffect):
     scalars = TorsionalCompliance.scalars
 
     def coefficient(self, at: Conditions, order: int) -> FloatArray:
-        found: FloatArray = -at.torque_Nm / self.scalar("stiffness_Nm_per_arcmin") * ARCMIN
-        return found
+        return -at.torque_Nm / self.scalar("stiffness_Nm_per_arcmin") * ARCMIN
 
 
 class Backlash(_MeanEffect):
@@ -58,8 +56,7 @@ class Backlash(_MeanEffect):
 
     def coefficient(self, at: Conditions, order: int) -> FloatArray:
         seated = np.tanh(at.torque_Nm / self.scalar("seating_torque_Nm"))
-        found: FloatArray = -at.sign * (self.scalar("gap_arcmin") * ARCMIN / 2) * seated
-        return found
+        return -at.sign * (self.scalar("gap_arcmin") * ARCMIN / 2) * seated
 
 
 class FrictionWindup(_MeanEffect):
@@ -124,8 +121,7 @@ class FrictionWindup(_MeanEffect):
         viscous = self.scalar("viscous_arcmin_per_krpm") * at.speed_rpm / 1000 * fading
         film = at.speed_rpm / self.scalar("stribeck_speed_rpm") * fading
         mixed = self.scalar("stribeck_arcmin") * np.exp(-(film ** self.scalar("stribeck_exponent")))
-        found: FloatArray = -at.sign * (self.scalar("coulomb_arcmin") + viscous + mixed) * ARCMIN
-        return found
+        return -at.sign * (self.scalar("coulomb_arcmin") + viscous + mixed) * ARCMIN
 
 
 class ThermalDrift(_MeanEffect):
@@ -137,5 +133,4 @@ class ThermalDrift(_MeanEffect):
 
     def coefficient(self, at: Conditions, order: int) -> FloatArray:
         warmer = at.temperature_C - self.constants.reference_temperature_C
-        found: FloatArray = self.scalar("drift_arcmin_per_K") * ARCMIN * warmer
-        return found
+        return self.scalar("drift_arcmin_per_K") * ARCMIN * warmer

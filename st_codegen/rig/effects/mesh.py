@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import ClassVar
+
 from st_codegen.campaign.conditions import Conditions
 from st_codegen.ir.arrays import ComplexArray
 from st_codegen.rig.effects.base import Constants, Phasor, Wave
@@ -11,7 +14,12 @@ class _MeshError(Wave):
     """An error of shape: constant at all operating points, one order a table."""
 
     orders_key = "order"
+    orders_of: ClassVar[Callable[[Constants], tuple[int, ...]]]
     phasors = (Phasor("amplitude_deg", "phase_rad", "deg", 1, "amplitude", own_flanks=True),)
+
+    @classmethod
+    def allowed_orders(cls, constants: Constants) -> tuple[int, ...]:
+        return cls.orders_of(constants)
 
 
 class CycloidToothError(_MeshError):
@@ -19,10 +27,7 @@ class CycloidToothError(_MeshError):
 
     name = "cycloid_tooth_error"
     title = "error of the cycloid's teeth"
-
-    @classmethod
-    def allowed_orders(cls, constants: Constants) -> tuple[int, ...]:
-        return constants.tooth_orders()
+    orders_of = Constants.tooth_orders
 
 
 class PinError(_MeshError):
@@ -30,10 +35,7 @@ class PinError(_MeshError):
 
     name = "pin_error"
     title = "error of the pins"
-
-    @classmethod
-    def allowed_orders(cls, constants: Constants) -> tuple[int, ...]:
-        return constants.pin_orders()
+    orders_of = Constants.pin_orders
 
 
 class InputShaftMisalignment(_MeshError):
@@ -41,10 +43,7 @@ class InputShaftMisalignment(_MeshError):
 
     name = "input_shaft_misalignment"
     title = "misalignment of the input shaft"
-
-    @classmethod
-    def allowed_orders(cls, constants: Constants) -> tuple[int, ...]:
-        return constants.shaft_orders()
+    orders_of = Constants.shaft_orders
 
 
 class LoadDependentMesh(_MeshError):
@@ -53,10 +52,7 @@ class LoadDependentMesh(_MeshError):
     name = "load_dependent_mesh"
     title = "mesh order that grows with the load"
     phasors = (Phasor("slope_deg_per_kNm", "phase_rad", "deg/kNm", 100, "growth with the load", own_flanks=True),)
-
-    @classmethod
-    def allowed_orders(cls, constants: Constants) -> tuple[int, ...]:
-        return constants.mesh_orders()
+    orders_of = Constants.mesh_orders
 
     def coefficient(self, at: Conditions, order: int) -> ComplexArray:
         return super().coefficient(at, order) * at.torque_Nm / 1000

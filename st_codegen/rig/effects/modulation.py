@@ -57,8 +57,7 @@ class CarrierModulation(Effect):
         constant = np.zeros(len(orders), np.complex128)
         for order in self.touched_orders():
             constant[orders == order] = self.constant(order)
-        found: ComplexArray = self.passed_on_change(at, orders, coefficients) + constant
-        return found
+        return self.passed_on_change(at, orders, coefficients) + constant
 
     def passed_on_change(self, at: Conditions, orders: IntArray, change: ComplexArray) -> ComplexArray:
         """Sidebands are made from the mesh order as it arrives; several tables must not see each other's."""

@@ -46,8 +46,7 @@ def bump(orders: IntArray, centre_deg: float, width_deg: float) -> ComplexArray:
     """The waves of exp(-(theta - centre)^2 / (2 width^2)) over a turn, as one-sided sums have them, (len(orders),)."""
     centre, width = math.radians(centre_deg), math.radians(width_deg)
     shape = width / math.sqrt(2 * math.pi) * np.exp(-0.5 * (orders * width) ** 2 - 1j * orders * centre)
-    found: ComplexArray = np.where(np.abs(orders) * width <= _FALLEN, shape, 0.0)
-    return found
+    return np.where(np.abs(orders) * width <= _FALLEN, shape, 0.0)
 
 
 #: orders times width (rad) at which the waves of a bump have fallen by exp(-18)
@@ -81,8 +80,7 @@ class LocalDefect(Effect):
         same = self.scalar("height_deg") + self.scalar("slope_deg_per_kNm") * load
         turning = self.scalar("turning_deg") + self.scalar("turning_slope_deg_per_kNm") * load
         shape = bump(orders, self.scalar("centre_deg"), self.scalar("width_deg"))
-        found: ComplexArray = (same + at.sign * turning)[:, None] * np.where(orders == 0, 1.0, 2.0) * shape
-        return found
+        return (same + at.sign * turning)[:, None] * np.where(orders == 0, 1.0, 2.0) * shape
 
 
 class LocalMeshDefect(Effect):
@@ -106,5 +104,4 @@ class LocalMeshDefect(Effect):
 
     def contribution(self, at: Conditions, orders: IntArray) -> ComplexArray:
         shape = bump(orders - self.orders[0], self.scalar("centre_deg"), self.scalar("width_deg"))
-        found: ComplexArray = self.complex_at("amplitude_deg", at)[:, None] * np.where(orders == 0, 0.0, shape)
-        return found
+        return self.complex_at("amplitude_deg", at)[:, None] * np.where(orders == 0, 0.0, shape)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 
 from st_codegen.emit.blocks.listing import Block, BlockVariable, Code, CodeSection
 from st_codegen.emit.blocks.model import header_lines
@@ -65,19 +66,12 @@ def same(names: Iterable[str]) -> list[CallArgument]:
     return [CallArgument(name, name) for name in names]
 
 
-def lreal(name: str, comment: str, initial: str = "") -> BlockVariable:
-    """Declare a LREAL variable."""
-    return BlockVariable(name, "LREAL", initial=initial, comment=comment)
+def _declared(type_: str, name: str, comment: str, initial: str = "") -> BlockVariable:
+    """Declare a variable of a type."""
+    return BlockVariable(name, type_, initial=initial, comment=comment)
 
 
-def boolean(name: str, comment: str, initial: str = "") -> BlockVariable:
-    """Declare a BOOL variable."""
-    return BlockVariable(name, "BOOL", initial=initial, comment=comment)
-
-
-def dint(name: str, comment: str, initial: str = "") -> BlockVariable:
-    """Declare a DINT variable."""
-    return BlockVariable(name, "DINT", initial=initial, comment=comment)
+lreal, boolean, dint = (partial(_declared, type_) for type_ in ("LREAL", "BOOL", "DINT"))
 
 
 def error_output() -> BlockVariable:

@@ -14,7 +14,6 @@ import io
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,16 @@ import numpy as np
 
 from st_codegen.errors import InputError, UnsupportedModelError, errors_name, extra_package
 from st_codegen.ir import Feature, FloatArray, Function, Label, NanRule, Precision, Source, TreeColumn, TreeEnsemble
-from st_codegen.walkers.base import Classified, GraphBuilder, LoadedModel, Predictor, Walked, booster_of, walks
+from st_codegen.walkers.base import (
+    BoosterPredictor,
+    Classified,
+    GraphBuilder,
+    LoadedModel,
+    Predictor,
+    Walked,
+    booster_of,
+    walks,
+)
 from st_codegen.walkers.classes import (
     above,
     complement,
@@ -200,25 +208,10 @@ def _load(make: Callable[[], Any]) -> Any:
         raise InputError(f"LightGBM cannot load it: {error}") from None
 
 
-class _LightgbmPredictor:
-    """LightGBM's own prediction; a file is loaded at the first call."""
-
-    def __init__(self, load_booster: Callable[[], Any], n_outputs: int) -> None:
-        self.load_booster = load_booster
-        self.n_outputs = n_outputs
-
-    @cached_property
-    def booster(self) -> Any:
-        return self.load_booster()
-
-    def __call__(self, x: FloatArray) -> FloatArray:
-        """Rows (rows, features) -> (rows, outputs)."""
-        if len(x) == 0:
-            return np.zeros((0, self.n_outputs))
-        return self.numbers(np.ascontiguousarray(x, np.float64))
+class _LightgbmPredictor(BoosterPredictor):
+    """LightGBM's own prediction."""
 
     def numbers(self, rows: FloatArray, *, raw: bool = False) -> FloatArray:
-        """What the booster gives, or its raw scores, (rows, outputs)."""
         found = self.booster.predict(rows, raw_score=raw, num_threads=1)
         return np.asarray(found, np.float64).reshape(len(rows), self.n_outputs)
 

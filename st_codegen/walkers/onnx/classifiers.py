@@ -187,9 +187,8 @@ def _svm_classifier(call: NodeCall) -> Result:
     total, pairs = int(np.sum(per_class)), count * (count - 1) // 2
     weights, rho = node.floats("coefficients", (count - 1) * total), node.floats("rho", pairs)
     vectors = node.floats("support_vectors", total * tensor.size).reshape(total, tensor.size)
-    walk.refuse_special(tensor)
     coefficients = pair_coefficients(weights.reshape(count - 1, total), per_class)
-    op = kernel_sum(node, walk.settle(tensor), vectors, coefficients, rho)
+    op = kernel_sum(node, walk.settle_finite(tensor), vectors, coefficients, rho)
     scores = walk.computed(op, (1, pairs), FLOAT32)
     choice = LabelOperand(largest(walk.builder, pair_votes(walk.builder, walk.settle(scores), count)), labels)
     if coupled:
@@ -263,8 +262,7 @@ def _first_of_the_largest(call: NodeCall) -> Operand:
     taken = math.prod(tensor.shape[axis : axis + 1] if call.node.version >= 13 else tensor.shape[axis:])
     if taken != tensor.size:
         raise UnsupportedModelError(f"axis {axis} of shape {tensor.shape} (for one row) does not hold all columns")
-    walk.refuse_special(tensor)
-    index = largest(walk.builder, walk.settle(tensor))
+    index = largest(walk.builder, walk.settle_finite(tensor))
     each = walk.builder.select(np.zeros(tensor.size, np.int32), index)
     return walk.computed(equals(walk, each, np.arange(float(tensor.size))), tensor.shape, tensor.dtype)
 

@@ -302,12 +302,11 @@ def _batch_normalization(call: NodeCall) -> Operand:
     scale, bias, mean, variance = (np.asarray(array) for array in given)
     if any(array.shape != (channels,) or array.dtype != tensor.dtype for array in (scale, bias, mean, variance)):
         raise InputError(f"scale, bias, mean and variance are not {channels} numbers of the type of the input each")
-    walk.refuse_special(tensor)
     with np.errstate(all="ignore"):
         factor = scale * (1 / np.sqrt(variance + tensor.dtype.type(call.node.number("epsilon", 1e-5))))
         added = bias - mean * factor
     size = {Operator.MULTIPLY: np.abs(factor), Operator.ADD: np.abs(bias) + np.abs(mean * factor)}
-    value, unit = walk.settle(tensor), _ROUNDINGS * float(np.finfo(tensor.dtype).epsneg)
+    value, unit = walk.settle_finite(tensor), _ROUNDINGS * float(np.finfo(tensor.dtype).epsneg)
     spread = (1, channels, *[1] * (len(tensor.shape) - 2))
     for code, constant in ((Operator.MULTIPLY, factor), (Operator.ADD, added)):
         numbers, doubts = (

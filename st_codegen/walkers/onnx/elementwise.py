@@ -46,8 +46,7 @@ def _reciprocal(call: NodeCall) -> Operand:
 def _sign(call: NodeCall) -> Operand:
     """1 above 0, -1 below it, 0 between."""
     tensor, walk = call.computed(), call.walk
-    walk.refuse_special(tensor)
-    value, cut = walk.settle(tensor), np.zeros(tensor.size)
+    value, cut = walk.settle_finite(tensor), np.zeros(tensor.size)
     passed, reached = (walk.builder.add(Exceeds((value,), cut, inclusive)) for inclusive in (False, True))
     found = walk.builder.scale(walk.builder.combine(passed, "+", reached), "-", 1.0)
     return walk.computed(found, tensor.shape, tensor.dtype)
@@ -57,8 +56,7 @@ def _sign(call: NodeCall) -> Operand:
 def _thresholded(call: NodeCall) -> Operand:
     """The number itself above alpha, else 0."""
     tensor, walk = call.computed(), call.walk
-    walk.refuse_special(tensor)
-    value = walk.settle(tensor)
+    value = walk.settle_finite(tensor)
     above = walk.builder.add(Exceeds((value,), np.full(tensor.size, call.node.number("alpha", 1.0))))
     # 0 is added since a negative number times 0 has a sign; -0 above a negative number loses its own
     walk.builder.open_zeros |= call.node.number("alpha", 1.0) < 0
@@ -123,9 +121,8 @@ def _shrink(call: NodeCall) -> Operand:
         raise UnsupportedModelError("onnxruntime computes Shrink of doubles in float; cast the input to float")
     if reach < 0:
         raise UnsupportedModelError(f"lambd {reach} is negative, so that a number may lie below and above")
-    walk.refuse_special(tensor)
     walk.builder.open_zeros = True
-    value, cut, parts = walk.settle(tensor), np.full(tensor.size, reach), []
+    value, cut, parts = walk.settle_finite(tensor), np.full(tensor.size, reach), []
     for sign, code in ((-1.0, Operator.ADD), (1.0, Operator.SUBTRACT)):
         beyond = walk.builder.add(Exceeds((walk.builder.scale(value, "*", sign),), cut))
         moved = walk.settle(with_constant(walk, tensor, code, bias))
@@ -225,9 +222,8 @@ _TOWARDS = {"Round": Towards.NEAREST, "Floor": Towards.BELOW, "Ceil": Towards.AB
 def _whole(call: NodeCall) -> Operand:
     """The nearest whole number, of a tie the even one, or the next one below or above. -0 becomes 0."""
     tensor, walk = call.computed(), call.walk
-    walk.refuse_special(tensor)
     walk.builder.open_zeros = True
-    found = WholeNumber((walk.settle(tensor),), tensor.size, _TOWARDS[call.node.op_type])
+    found = WholeNumber((walk.settle_finite(tensor),), tensor.size, _TOWARDS[call.node.op_type])
     return walk.computed(found, tensor.shape, tensor.dtype)
 
 
@@ -335,8 +331,7 @@ def equals(walk: GraphWalk, value: int, numbers: np.ndarray) -> int:
 
 def is_not_zero(walk: GraphWalk, tensor: Tensor) -> Tensor:
     """The truth value of each number."""
-    walk.refuse_special(tensor)
-    equal = _compared(walk, "Equal", walk.settle(tensor), np.zeros(tensor.size))
+    equal = _compared(walk, "Equal", walk.settle_finite(tensor), np.zeros(tensor.size))
     return _truths(walk, _opposite(walk, equal), tensor.shape)
 
 

@@ -15,19 +15,9 @@ from typing import Any
 import numpy as np
 import onnx
 
+from st_codegen import ir
 from st_codegen.errors import InputError, Problems, UnsupportedModelError, errors_name
-from st_codegen.ir import (
-    FLOAT32_OVERFLOW,
-    AnyArray,
-    Clip,
-    IntArray,
-    Label,
-    Operation,
-    Piecewise,
-    Round,
-    Towards,
-    WholeNumber,
-)
+from st_codegen.ir.arrays import AnyArray, IntArray
 from st_codegen.walkers.base import GraphBuilder
 from st_codegen.walkers.onnx.file import GraphNode, domain_of, node_label, printable, read_tensor
 from st_codegen.walkers.onnx.operands import (
@@ -148,7 +138,7 @@ class GraphWalk:
     def __init__(self, n_features: int) -> None:
         self.builder = GraphBuilder(n_features)
         self.values: dict[str, Operand | None] = {}
-        self.zipped: dict[str, tuple[Label, ...]] = {}
+        self.zipped: dict[str, tuple[ir.Label, ...]] = {}
         self.notes: list[str] = []
         self.opsets: dict[str, int] = {}
         self.narrows = False
@@ -171,9 +161,9 @@ class GraphWalk:
         if key not in self._settled:
             number = self.gathered(value, column)
             if tensor.unrounded:
-                number = self.builder.add(Round(inputs=(number,), width=len(column)))
+                number = self.builder.add(ir.Round(inputs=(number,), width=len(column)))
             if tensor.uncut:
-                number = self.builder.add(WholeNumber((number,), len(column), Towards.ZERO))
+                number = self.builder.add(ir.WholeNumber((number,), len(column), ir.Towards.ZERO))
             self._settled[key] = number
         return self._settled[key]
 
@@ -195,7 +185,7 @@ class GraphWalk:
         if not np.all(np.isfinite(constants)):
             raise UnsupportedModelError("puts infinity or NaN beside computed numbers; export a mask with -1E9 instead")
         first = self.builder.select(np.zeros(len(constants), np.int32), self.settle(beside))
-        return self.computed(Clip((first,), constants, constants), array.shape, array.dtype)
+        return self.computed(ir.Clip((first,), constants, constants), array.shape, array.dtype)
 
     def numbered(self, operand: Operand) -> Operand:
         """Labels that are numbers as computed numbers; any other operand as it is."""
@@ -205,12 +195,12 @@ class GraphWalk:
         if not np.all(np.abs(labels) <= MAX_WHOLE if operand.dtype in INTEGERS else np.isfinite(labels)):
             raise UnsupportedModelError("computes with numbers of a list that are not finite, or of more than 53 bits")
         knots, pieces = np.arange(float(len(labels))), np.full((len(labels) + 1, 1), labels[0])
-        made = self.builder.add(Piecewise((operand.value,), np.array([0, len(labels)]), knots, labels, pieces))
+        made = self.builder.add(ir.Piecewise((operand.value,), np.array([0, len(labels)]), knots, labels, pieces))
         zeros = np.zeros(operand.shape, np.int64)
         return Tensor(zeros + made, zeros, operand.dtype, special=False)
 
     def computed(
-        self, made: Operation | int, shape: Sequence[int], dtype: np.dtype[Any], special: bool = False
+        self, made: ir.Operation | int, shape: Sequence[int], dtype: np.dtype[Any], special: bool = False
     ) -> Tensor:
         """The tensor that a value of the representation holds, or that an operation makes."""
         value = made if isinstance(made, int) else self.builder.add(made)
@@ -231,7 +221,7 @@ class GraphWalk:
             columns = np.arange(self.builder.width(number), dtype=np.int32)
             self.builder.select(columns, number)
 
-    def ends_in(self, kind: type[Operation], tensor: Tensor) -> bool:
+    def ends_in(self, kind: type[ir.Operation], tensor: Tensor) -> bool:
         """Whether a tensor of several numbers is all of what an operation of a kind computes."""
         value, column = np.ravel(tensor.value), np.ravel(tensor.column)
         made = self.builder.ops[value[0] - 1] if value[0] and np.all(value == value[0]) else None
@@ -241,7 +231,12 @@ class GraphWalk:
         """Refuse NaN and infinite inputs where what an operator makes of them is not certain."""
         if tensor.special:
             self.builder.refuse_nan()
-            self.builder.refuse_magnitude(FLOAT32_OVERFLOW if self.narrows else math.inf)
+            self.builder.refuse_magnitude(ir.FLOAT32_OVERFLOW if self.narrows else math.inf)
+
+    def settle_finite(self, tensor: Tensor) -> int:
+        """The value of a tensor, as `settle`, for an operator that is certain of finite numbers only."""
+        self.refuse_special(tensor)
+        return self.settle(tensor)
 
     def cut(self, tensor: Tensor) -> Tensor:
         """A tensor whose integers are no longer to be cut."""

@@ -6,8 +6,6 @@ the round before it left; its outputs the condition, what it leaves, and a row o
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from st_codegen.errors import InputError, Problems, UnsupportedModelError
@@ -49,7 +47,8 @@ def _loop(call: NodeCall) -> Result:
         walk.values = outer
     if not count:
         raise UnsupportedModelError("a loop that never runs")
-    return (*state, *(_stacked(call, row) for row in rows))
+    # of each the rows of all rounds, one below the other
+    return (*state, *(joined(call.walk, [one.moved(lambda array: array[None]) for one in row], 0) for row in rows))
 
 
 def _known(operand: Operand | None, what: str) -> int | None:
@@ -65,8 +64,3 @@ def _present(operand: Operand | None) -> Operand:
     if operand is None:
         raise InputError("a result of the body is not computed; the model file is damaged")
     return operand
-
-
-def _stacked(call: NodeCall, rows: Sequence[Operand]) -> Operand:
-    """The rows of all rounds, one below the other."""
-    return joined(call.walk, [row.moved(lambda array: array[None]) for row in rows], 0)

@@ -69,8 +69,7 @@ def _normalizer(call: NodeCall) -> Operand:
     if norm is ir.Norm.L2 and tensor.dtype == FLOAT64:
         raise UnsupportedModelError("norm L2 of double numbers; cast the input to float")
     tensor = call.walk.as_type(tensor, FLOAT32)
-    call.walk.refuse_special(tensor)
-    op = ir.Normalize(inputs=(call.walk.settle(tensor),), norm=norm, width=tensor.size)
+    op = ir.Normalize(inputs=(call.walk.settle_finite(tensor),), norm=norm, width=tensor.size)
     return call.walk.computed(op, tensor.shape, FLOAT32)
 
 
@@ -114,8 +113,7 @@ def _svm_regressor(call: NodeCall) -> Operand:
     if n_vectors == 0:
         return apply_linear(call.walk, tensor, coefficients, rho, (1, 1))
     vectors = call.node.floats("support_vectors", n_vectors * tensor.size).reshape(n_vectors, tensor.size)
-    call.walk.refuse_special(tensor)
-    op = kernel_sum(call.node, call.walk.settle(tensor), vectors, coefficients, rho)
+    op = kernel_sum(call.node, call.walk.settle_finite(tensor), vectors, coefficients, rho)
     return call.walk.computed(op, (1, 1), FLOAT32)
 
 
@@ -206,9 +204,8 @@ def _tree_ensemble(call: NodeCall) -> Operand:
 @operator("Binarizer", 1, domain=_DOMAIN)
 def _binarizer(call: NodeCall) -> Operand:
     tensor, walk = call.computed(), call.walk
-    walk.refuse_special(tensor)
     cut = np.full(tensor.size, call.node.number("threshold"))
-    return walk.computed(ir.Exceeds((walk.settle(tensor),), cut), tensor.shape, tensor.dtype)
+    return walk.computed(ir.Exceeds((walk.settle_finite(tensor),), cut), tensor.shape, tensor.dtype)
 
 
 @operator("Imputer", 1, domain=_DOMAIN)
@@ -227,8 +224,7 @@ def _imputer(call: NodeCall) -> Operand:
         walk.builder.refuse_magnitude(ir.FLOAT32_OVERFLOW if walk.narrows else math.inf)
         value, sentinel = walk.gathered(np.ravel(tensor.value), np.ravel(tensor.column)), None
     else:
-        walk.refuse_special(tensor)
-        value, sentinel, tensor = walk.settle(tensor), replaced, replace(tensor, unrounded=False)
+        value, sentinel, tensor = walk.settle_finite(tensor), replaced, replace(tensor, unrounded=False)
     filled = walk.computed(ir.FillMissing((value,), fills, sentinel), tensor.shape, tensor.dtype)
     return replace(filled, unrounded=tensor.unrounded)
 
@@ -244,13 +240,12 @@ def _one_hot_encoder(call: NodeCall) -> Operand:
         raise UnsupportedModelError("categories are different integers of 32 bits")
     if not call.node.integer("zeros", 1):
         raise UnsupportedModelError("zeros=0, with which onnxruntime fails on an unknown category; export with zeros=1")
-    walk.refuse_special(tensor)
     # cut to an integer v is [v, v + 1) above zero, (v - 1, v] below, (-1, 1) at zero
     low = np.where(categories > 0, categories, np.nextafter(categories - 1.0, np.inf))
     high = np.where(categories < 0, np.nextafter(categories, np.inf), categories + 1.0)
     shape = (*tensor.shape, len(categories))
     columns = np.repeat(np.arange(tensor.size), len(categories)).astype(np.int32)
-    number = walk.builder.select(columns, walk.settle(tensor))
+    number = walk.builder.select(columns, walk.settle_finite(tensor))
     reached, passed = (
         walk.builder.add(ir.Exceeds((number,), np.tile(ends, tensor.size), inclusive=True)) for ends in (low, high)
     )

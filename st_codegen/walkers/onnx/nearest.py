@@ -56,8 +56,7 @@ def _top(call: NodeCall) -> Result:
     if len(count) != 1 or not 1 <= count[0] <= tensor.size:
         raise InputError(f"k is {count} for {tensor.size} numbers; the model file is damaged")
     shape = (*tensor.shape[:-1], count[0])
-    call.walk.refuse_special(tensor)
-    value = call.walk.settle(tensor)
+    value = call.walk.settle_finite(tensor)
     found = call.walk.computed(value, (tensor.size,), tensor.dtype)
     numbers = ConstantOperand(np.arange(tensor.size, dtype=np.int64))
     return tuple(PickedOperand(value, count[0], whole, shape) for whole in (found, numbers))

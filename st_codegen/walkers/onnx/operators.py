@@ -191,9 +191,8 @@ def apply_linear(
     doubt: FloatArray | None = None,
 ) -> Tensor:
     """weights @ row + bias for each row of so many elements of a tensor, added in any order."""
-    walk.refuse_special(tensor)
     walk.charge(weights.size)
-    count, own = weights.shape[1], (walk.settle(tensor),)
+    count, own = weights.shape[1], (walk.settle_finite(tensor),)
     op: ir.Linear | ir.SlidingLinear
     if tensor.size == count:
         op = ir.Linear(own, weights, bias, precision=tensor.precision, doubt=doubt)
@@ -336,8 +335,7 @@ def _gemm_bias(call: NodeCall, row: Tensor, width: int) -> FloatArray:
 
 def apply_activation(walk: GraphWalk, tensor: Tensor, function: ir.Function, parameter: float = 1.0) -> Tensor:
     """A function of each number."""
-    walk.refuse_special(tensor)
-    op = ir.Activation((walk.settle(tensor),), function, tensor.size, parameter, tensor.precision)
+    op = ir.Activation((walk.settle_finite(tensor),), function, tensor.size, parameter, tensor.precision)
     return walk.computed(op, tensor.shape, tensor.dtype)
 
 
@@ -423,9 +421,8 @@ def _clip(call: NodeCall) -> Operand:
             if bound.size != 1 or bound.dtype != tensor.dtype:
                 raise InputError(f"{name} is {bound.dtype} of shape {bound.shape}, expected one {tensor.dtype}")
             bounds[number] = float(np.clip(bound.ravel()[0], limits.min, limits.max))
-    call.walk.refuse_special(tensor)
     lower, upper = (np.full(tensor.size, bound) for bound in bounds)
-    op = ir.Clip(inputs=(call.walk.settle(tensor),), lower=lower, upper=upper)
+    op = ir.Clip(inputs=(call.walk.settle_finite(tensor),), lower=lower, upper=upper)
     return call.walk.computed(op, tensor.shape, tensor.dtype)
 
 
@@ -461,8 +458,7 @@ def _mean_of_picked(walk: GraphWalk, picked: PickedOperand, divides: bool) -> Te
     if isinstance(whole, ConstantOperand):
         values = whole.array.astype(np.float64).reshape(1, -1)
     else:
-        walk.refuse_special(whole)
-        inputs.append(walk.settle(whole))
+        inputs.append(walk.settle_finite(whole))
     dtype = whole.dtype if whole.dtype in (FLOAT32, FLOAT64) else FLOAT64
     precision = ir.Precision.FLOAT32 if dtype == FLOAT32 else ir.Precision.FLOAT64
     mean = ir.NearestMean(tuple(inputs), values, picked.count, precision=precision, divides=divides)

@@ -145,8 +145,7 @@ def _recurrent(call: NodeCall) -> Result:
     states = [
         _numbers(call, number, what, (directions, hidden)) for number, what in ((5, "initial_h"), (6, "initial_c"))
     ]
-    walk.refuse_special(tensor)
-    value = walk.settle(tensor)
+    value = walk.settle_finite(tensor)
     order, results = np.arange(steps) * read, []
     for side in range(directions):
         backwards = direction == "reverse" or side == 1

@@ -12,19 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from st_codegen import ir
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import (
-    Clip,
-    Exceeds,
-    FloatArray,
-    Function,
-    Int32Array,
-    Operator,
-    Precision,
-    Towards,
-    WholeNumber,
-    reference,
-)
+from st_codegen.ir import reference
+from st_codegen.ir.arrays import FloatArray, Int32Array
 from st_codegen.walkers.base import GraphBuilder, Walked, transforms, walk_any, walk_estimator, walk_transform, walks
 from st_codegen.walkers.fitted import Fitted
 from st_codegen.walkers.sklearn.pieces import inverse_quantiles
@@ -185,9 +176,9 @@ def walk_scaler(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     low, high = (float(fitted.floats_of("feature_range", end, ())) for end in (low, high))
     reach = _reach(steps, low, high, width)
     if np.all(np.isfinite(reach)):
-        value = builder.held_like(value, builder.add(Clip((value,), -reach, reach)))
+        value = builder.held_like(value, builder.add(ir.Clip((value,), -reach, reach)))
     value = _scaled(builder, value, fitted.kind, steps)
-    return builder.held_like(value, builder.add(Clip((value,), np.full(width, low), np.full(width, high))))
+    return builder.held_like(value, builder.add(ir.Clip((value,), np.full(width, low), np.full(width, high))))
 
 
 def _scaled(builder: GraphBuilder, value: int, kind: str, steps: Steps) -> int:
@@ -199,7 +190,7 @@ def _scaled(builder: GraphBuilder, value: int, kind: str, steps: Steps) -> int:
     precision = builder.precision(value)
     for operator, constant in steps:
         kept, doubt = constant, None
-        if precision is Precision.FLOAT32 and kind == "StandardScaler":
+        if precision is ir.Precision.FLOAT32 and kind == "StandardScaler":
             kept = constant.astype(np.float32).astype(np.float64)
             doubt = np.abs(kept - constant)
         value = builder.held_like(value, builder.scale(value, operator, kept, precision=precision, doubt=doubt))
@@ -217,7 +208,7 @@ def _reach(steps: Steps, low: float, high: float, width: int) -> FloatArray:
         ends = np.array([-reach, reach])
         with np.errstate(all="ignore"):
             for operator, constant in steps:
-                ends = reference.OPERATORS[Operator(operator)](ends, constant)
+                ends = reference.OPERATORS[ir.Operator(operator)](ends, constant)
         short = np.isfinite(reach) & ~((ends[0] <= low) & (ends[1] >= high))
         if not np.any(short):
             return reach
@@ -265,10 +256,10 @@ def _steps(scaler: Fitted, width: int) -> Steps:
 
 
 #: What adds a function of each column to a builder, in the precision in which NumPy computes it.
-_Adding = Callable[[GraphBuilder, int, Precision], int]
+_Adding = Callable[[GraphBuilder, int, ir.Precision], int]
 
 
-def _function(kind: Function) -> _Adding:
+def _function(kind: ir.Function) -> _Adding:
     return lambda builder, value, precision: builder.function(value, kind, precision=precision)
 
 
@@ -279,7 +270,7 @@ def _factor(function: np.ufunc) -> _Adding:
     )
 
 
-def _rebased(builder: GraphBuilder, value: int, factor: float, precision: Precision) -> int:
+def _rebased(builder: GraphBuilder, value: int, factor: float, precision: ir.Precision) -> int:
     """A product that leads from one base of logarithms to another; the library has a formula of its own."""
     number = np.dtype(precision.value).type(factor)
     doubt = np.full(builder.width(value), float(np.spacing(number)))
@@ -288,53 +279,53 @@ def _rebased(builder: GraphBuilder, value: int, factor: float, precision: Precis
 
 def _logarithm(base: float) -> _Adding:
     return lambda builder, value, precision: _rebased(
-        builder, builder.function(value, Function.LOG, precision=precision), 1.0 / math.log(base), precision
+        builder, builder.function(value, ir.Function.LOG, precision=precision), 1.0 / math.log(base), precision
     )
 
 
-def _sign(builder: GraphBuilder, value: int, _: Precision) -> int:
+def _sign(builder: GraphBuilder, value: int, _: ir.Precision) -> int:
     """1 above 0, -1 below it, 0 between."""
     cut = np.zeros(builder.width(value))
-    passed, reached = (builder.add(Exceeds((value,), cut, inclusive)) for inclusive in (False, True))
+    passed, reached = (builder.add(ir.Exceeds((value,), cut, inclusive)) for inclusive in (False, True))
     return builder.scale(builder.combine(passed, "+", reached), "-", 1.0)
 
 
-def _whole(towards: Towards) -> _Adding:
+def _whole(towards: ir.Towards) -> _Adding:
     """Whole numbers, -0 as 0."""
 
-    def add(builder: GraphBuilder, value: int, _: Precision) -> int:
+    def add(builder: GraphBuilder, value: int, _: ir.Precision) -> int:
         builder.open_zeros = True
-        return builder.add(WholeNumber((value,), builder.width(value), towards))
+        return builder.add(ir.WholeNumber((value,), builder.width(value), towards))
 
     return add
 
 
 #: Functions of NumPy that are compiled.
 _FUNCTIONS: dict[Any, _Adding] = {
-    np.log1p: _function(Function.LOG1P),
-    np.expm1: _function(Function.EXPM1),
-    np.exp: _function(Function.EXP),
-    np.log: _function(Function.LOG),
-    np.sqrt: _function(Function.SQRT),
+    np.log1p: _function(ir.Function.LOG1P),
+    np.expm1: _function(ir.Function.EXPM1),
+    np.exp: _function(ir.Function.EXP),
+    np.log: _function(ir.Function.LOG),
+    np.sqrt: _function(ir.Function.SQRT),
     np.square: lambda builder, value, precision: builder.combine(value, "*", value, precision=precision),
-    np.absolute: _function(Function.ABS),
-    np.tanh: _function(Function.TANH),
-    np.sin: _function(Function.SIN),
-    np.cos: _function(Function.COS),
+    np.absolute: _function(ir.Function.ABS),
+    np.tanh: _function(ir.Function.TANH),
+    np.sin: _function(ir.Function.SIN),
+    np.cos: _function(ir.Function.COS),
     **{function: _factor(function) for function in (np.negative, np.deg2rad, np.radians, np.rad2deg, np.degrees)},
     np.reciprocal: lambda builder, value, precision: builder.scale(value, "/", 1.0, precision=precision, reverse=True),
-    np.fabs: _function(Function.ABS),
+    np.fabs: _function(ir.Function.ABS),
     np.positive: lambda _, value, __: value,
     np.log10: _logarithm(10.0),
     np.log2: _logarithm(2.0),
     np.exp2: lambda builder, value, precision: builder.function(
-        _rebased(builder, value, math.log(2.0), precision), Function.EXP, precision=precision
+        _rebased(builder, value, math.log(2.0), precision), ir.Function.EXP, precision=precision
     ),
     np.sign: _sign,
-    np.floor: _whole(Towards.BELOW),
-    np.ceil: _whole(Towards.ABOVE),
-    np.rint: _whole(Towards.NEAREST),
-    np.trunc: _whole(Towards.ZERO),
+    np.floor: _whole(ir.Towards.BELOW),
+    np.ceil: _whole(ir.Towards.ABOVE),
+    np.rint: _whole(ir.Towards.NEAREST),
+    np.trunc: _whole(ir.Towards.ZERO),
 }
 
 

@@ -380,8 +380,7 @@ def _vector_leaves(section: DocumentPart, rows: IntArray, width: int) -> FloatAr
     """Leaves of a multi_output_tree (leaves, outputs); the right child of a leaf is its row of `leaf_weights`."""
     if np.any((rows < 0) | (rows >= len(rows))):
         raise section.fail("right_children", "a leaf without a row of leaf_weights")
-    values: FloatArray = section.floats("leaf_weights", len(rows) * width).reshape(len(rows), width)[rows]
-    return values
+    return section.floats("leaf_weights", len(rows) * width).reshape(len(rows), width)[rows]
 
 
 def _category_sets(section: DocumentPart, categorical: BoolArray) -> CategorySets | None:

@@ -17,7 +17,6 @@ import ctypes.util
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 from operator import methodcaller
 from pathlib import Path
 from typing import Any
@@ -27,7 +26,16 @@ import numpy as np
 from st_codegen import ir
 from st_codegen.errors import InputError, UnsupportedModelError, errors_name, extra_package
 from st_codegen.ir.arrays import AnyArray, Float32Array, FloatArray
-from st_codegen.walkers.base import Classified, GraphBuilder, LoadedModel, Predictor, Walked, booster_of, walks
+from st_codegen.walkers.base import (
+    BoosterPredictor,
+    Classified,
+    GraphBuilder,
+    LoadedModel,
+    Predictor,
+    Walked,
+    booster_of,
+    walks,
+)
 from st_codegen.walkers.catboost import model as catboost
 from st_codegen.walkers.classes import above, complement, largest, last_below, most_probable, numbers_of, softmax
 from st_codegen.walkers.forest import ParsedTree, category_note, flatten
@@ -245,35 +253,22 @@ def _first_line(error: Exception) -> str:
     return str(error).partition("\n")[0]
 
 
-class _XgboostPredictor:
-    """XGBoost's own prediction; a file is loaded at the first call."""
+class _XgboostPredictor(BoosterPredictor):
+    """XGBoost's own prediction."""
 
     def __init__(self, load_booster: Callable[[], Any], model: BoosterModel, way: _Path) -> None:
-        self.load_booster = load_booster
-        self.n_outputs = model.n_outputs
+        super().__init__(load_booster, model.n_outputs)
         self.feature_names, self.feature_types = model.feature_names, model.feature_types
         self.in_place = way.sklearn and model.booster != "gblinear"
         self.missing = way.missing
         self.iteration_range = (0, 0 if way.best_round is None else way.best_round + 1)
 
-    @cached_property
-    def booster(self) -> Any:
-        return self.load_booster()
-
-    def __call__(self, x: FloatArray) -> FloatArray:
-        """Rows (rows, features) -> (rows, outputs)."""
-        if len(x) == 0:
-            return np.zeros((0, self.n_outputs))
-        rows = np.ascontiguousarray(x, np.float64)
-        return np.asarray(self.numbers(rows), np.float64).reshape(len(rows), self.n_outputs)
-
-    def numbers(self, rows: FloatArray, *, margin: bool = False) -> AnyArray:
-        """What the booster gives, or the margins before its objective transforms them."""
+    def numbers(self, rows: FloatArray, *, raw: bool = False) -> AnyArray:
         booster = self.booster
         import xgboost
 
         try:
-            found = self._in_place(booster, rows, margin) if self.in_place else self._by_matrix(booster, rows, margin)
+            found = self._in_place(booster, rows, raw) if self.in_place else self._by_matrix(booster, rows, raw)
         except xgboost.core.XGBoostError as error:
             raise InputError(f"XGBoost cannot predict: {_first_line(error)}") from None
         return np.asarray(found)
@@ -298,8 +293,8 @@ class _XgboostPredictor:
 class _LabelsPredictor(_XgboostPredictor):
     """0 or 1 for each of several labels (`XGBClassifier.predict`)."""
 
-    def numbers(self, rows: FloatArray, *, margin: bool = False) -> AnyArray:
-        return np.asarray(super().numbers(rows, margin=margin) > np.float32(0.5))
+    def numbers(self, rows: FloatArray, *, raw: bool = False) -> AnyArray:
+        return np.asarray(super().numbers(rows, raw=raw) > np.float32(0.5))
 
 
 class _ClassPredictor(_XgboostPredictor):
@@ -336,7 +331,7 @@ class _ClassPredictor(_XgboostPredictor):
             number = found.reshape(-1, 1).astype(np.float64)
         else:
             number = (found > np.float32(0.5)).reshape(-1, 1).astype(np.float64)
-        parts = [number, self.numbers(rows, margin=True).reshape(len(rows), -1)]
+        parts = [number, self.numbers(rows, raw=True).reshape(len(rows), -1)]
         if self.has_probability:
             parts.insert(1, found if found.ndim > 1 else np.column_stack([np.float32(1) - found, found]))
         return np.hstack([np.asarray(part, np.float64) for part in parts])
