@@ -25,6 +25,12 @@ _DURATIONS = {
 }
 _BINARY = {"+": "ADD", "-": "SUB", "*": "MUL", "/": "DIV", "**": "EXPT", "&": "AND"}
 _COMPARISONS = {"=": "EQ", "<>": "NE", "<": "LT", "<=": "LE", ">": "GT", ">=": "GE"}
+#: How strongly operators bind that may follow one another without parentheses; of equal ones the first comes first.
+_STRENGTH = {
+    operator: strength
+    for strength, operators in enumerate(("OR OR_ELSE", "XOR", "AND AND_THEN &", "= <>", "< <= > >=", "+ -", "* / MOD"))
+    for operator in operators.split()
+}
 _UNARY = {"-": "NEG", "+": "POS", "NOT": "NOT"}
 
 # A child is a token, a node, None for an optional part that is absent, or what a helper rule below returns.
@@ -341,6 +347,24 @@ class Builder(Transformer[Token, Any]):
             return t.Compare(_COMPARISONS[name], left, right, position=where)
         cls = t.ShortCircuit if name in ("AND_THEN", "OR_ELSE") else t.Binary
         return cls(_BINARY.get(name, name), left, right, position=where)
+
+    def chain(self, children: Children) -> t.Infix:
+        """Operands with operators between them: what binds more strongly than the next operator is made first."""
+        first, *rest = children
+        values, operators = [first], list[Token]()
+
+        def make(until: int) -> None:
+            while operators and _STRENGTH[operators[-1].upper()] >= until:
+                right, left = values.pop(), values.pop()
+                values.append(self.binary((left, operators.pop(), right)))
+
+        for operator, operand in zip(rest[::2], rest[1::2], strict=True):
+            make(_STRENGTH[operator.upper()])
+            operators.append(operator)
+            values.append(operand)
+        make(0)
+        made: t.Infix = values[0]
+        return made
 
     def unary(self, children: Children) -> t.Unary:
         sign, operand = children

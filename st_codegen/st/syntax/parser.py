@@ -42,6 +42,18 @@ _OPERATORS = frozenset(
     | {"EQUAL", "NOT_EQUAL", "LESS", "LESS_EQUAL", "GREATER", "GREATER_EQUAL"}
 )
 _STARTERS = frozenset({"IF", "REAL"})
+#: A text with what most texts have: lark makes the patterns of a place in the grammar when it first comes there.
+_USUAL = """
+TYPE A : STRUCT a : ARRAY[0..1] OF LREAL; END_STRUCT END_TYPE TYPE B : (A := 0, B); END_TYPE VAR_GLOBAL a : A; END_VAR
+FUNCTION F : LREAL VAR_INPUT a, b : LREAL; END_VAR F := a - LREAL#1.0 / b; END_FUNCTION
+PROGRAM P VAR a : F; b : C := (d := 1, e := -1); END_VAR a(b := c, d => e); P1(b, 1 + 2); END_PROGRAM
+FUNCTION_BLOCK F VAR CONSTANT a, b : ARRAY[0..1] OF LREAL := [1.0, 2.0]; c : LREAL := -1.0; END_VAR
+a[0] := NOT b[c + 1] AND (c.d ** 2 > -1.0); a.b := f(b, -c * 2, c := d)[1]; ;
+IF a = b THEN RETURN; ELSIF c THEN EXIT; ELSE CONTINUE; END_IF
+CASE a OF 1, 2..3: a := 1; A.b: b := 1; ELSE a := T#1s; END_CASE
+FOR a := 0 TO b - 1 BY 2 DO c := 1; END_FOR WHILE a DO b := 1; END_WHILE REPEAT a := 1; UNTIL b END_REPEAT
+END_FUNCTION_BLOCK
+"""
 
 
 class _Reserved:
@@ -73,8 +85,8 @@ def _lark() -> Lark:
 
 
 def get_ready() -> None:
-    """Make the tables of the grammar now, which the first text would have to wait for."""
-    _lark()
+    """Make the tables and patterns of the grammar now, which the first text would have to wait for."""
+    parse_segment(Segment(_USUAL, "usual"))
 
 
 @cache
