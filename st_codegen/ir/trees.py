@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -156,8 +157,9 @@ class TreeEnsemble(ReadsColumns):
         if np.any(split >= len(self.columns)):
             raise InputError("TreeEnsemble.split: a column that does not exist")
         inner = np.flatnonzero(split >= 0)
-        end_of_tree = np.append(roots[1:], nodes)[np.searchsorted(roots, inner, side="right") - 1]
-        for child in (self.left[inner], self.right[inner]):
+        end = np.append(roots[1:], nodes)
+        end_of_tree = np.repeat(end, np.diff(end, prepend=0)).take(inner)
+        for child in (self.left.take(inner), self.right.take(inner)):
             if np.any(child <= inner) or np.any(child >= end_of_tree):
                 raise InputError("TreeEnsemble: a child lies before its parent or outside its tree")
         leaves = self.leaf[split < 0]
@@ -233,19 +235,18 @@ class BranchedTree(TreeEnsemble):
     """A single tree that compares the inputs themselves, and of which each split is an IF of its own."""
 
 
-def with_nodes(op: TreeEnsemble, layout: Preorder, node: IntArray, tree_output: Int32Array) -> TreeEnsemble:
-    """An ensemble of other trees made of its nodes: those numbered `node`, in the order of `layout`."""
-    return replace(
-        op,
-        roots=layout.roots,
-        split=op.split[node],
-        threshold=op.threshold[node],
-        left=layout.left,
-        right=layout.right,
-        missing_left=op.missing_left[node],
-        leaf=op.leaf[node],
-        tree_output=tree_output,
-    )
+def with_nodes(op: TreeEnsemble, layout: Preorder, node: IntArray, **changes: Any) -> TreeEnsemble:
+    """An ensemble of other trees made of its nodes: those numbered `node`, in the order of `layout`.
+
+    `changes` are the fields that have other values yet.
+    """
+    own = {
+        "split": op.split.take(node),
+        "threshold": op.threshold.take(node),
+        "missing_left": op.missing_left.take(node),
+        "leaf": op.leaf.take(node),
+    }
+    return replace(op, roots=layout.roots, left=layout.left, right=layout.right, **{**own, **changes})
 
 
 def depth_of(op: TreeEnsemble) -> int:

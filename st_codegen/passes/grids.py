@@ -65,8 +65,9 @@ class _Boxes:
         return cls(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)))
 
     def chosen(self, which: BoolArray) -> _Boxes:
-        """The boxes that a mask or an index array chooses."""
-        return _Boxes(*(getattr(self, field.name)[which] for field in fields(self)))
+        """The boxes that a mask chooses."""
+        at = np.flatnonzero(which)
+        return _Boxes(*(getattr(self, field.name).take(at, axis=0) for field in fields(self)))
 
 
 class _GridTrees(reference.TreeEvaluator):

@@ -58,22 +58,28 @@ def _reachable(op: TreeEnsemble, low: Int32Array, high: Int32Array) -> IntArray:
 def _reach(op: TreeEnsemble, node: IntArray, low: Int32Array, high: Int32Array, substitute: IntArray) -> None:
     """Walk down level by level with the ranks that lead to each node."""
     while node.size:
-        inner = op.split[node] >= 0
-        substitute[node[~inner]] = node[~inner]
-        node, low, high = node[inner], low[inner], high[inner]
-        row, column = np.arange(len(node)), op.split[node]
-        threshold = op.threshold[node].astype(np.int32)
-        goes_left, goes_right = low[row, column] <= threshold, high[row, column] > threshold
-        left, right = op.left[node].astype(np.int64), op.right[node].astype(np.int64)
+        column = op.split.take(node)
+        inner, leaves = np.flatnonzero(column >= 0), node[column < 0]
+        substitute[leaves] = leaves
+        node, column, low, high = (
+            node.take(inner),
+            column.take(inner),
+            low.take(inner, axis=0),
+            high.take(inner, axis=0),
+        )
+        at = np.arange(len(node)) * low.shape[1] + column
+        threshold = op.threshold.take(node).astype(np.int32)
+        lowest, highest = low.take(at), high.take(at)
+        goes_left, goes_right = lowest <= threshold, highest > threshold
+        left, right = op.left.take(node).astype(np.int64), op.right.take(node).astype(np.int64)
         substitute[node] = np.where(goes_left & goes_right, node, np.where(goes_left, left, right))
         upper, lower = high.copy(), low.copy()
-        upper[row, column] = np.minimum(upper[row, column], threshold)
-        lower[row, column] = np.maximum(lower[row, column], threshold + 1)
-        node = np.concatenate([left[goes_left], right[goes_right]])
-        low, high = (
-            np.concatenate([low[goes_left], lower[goes_right]]),
-            np.concatenate([upper[goes_left], high[goes_right]]),
-        )
+        upper.reshape(-1)[at] = np.minimum(highest, threshold)
+        lower.reshape(-1)[at] = np.maximum(lowest, threshold + 1)
+        onward_left, onward_right = np.flatnonzero(goes_left), np.flatnonzero(goes_right)
+        node = np.concatenate([left.take(onward_left), right.take(onward_right)])
+        low = np.concatenate([low.take(onward_left, axis=0), lower.take(onward_right, axis=0)])
+        high = np.concatenate([upper.take(onward_left, axis=0), high.take(onward_right, axis=0)])
 
 
 def _laid_out(roots: IntArray, left: IntArray, right: IntArray) -> Preorder:
@@ -92,9 +98,8 @@ def _rebuilt(op: TreeEnsemble, substitute: IntArray, forward: IntArray) -> TreeE
     first, kind = distinct_rows(values)
     leaves = np.full(len(node), -1, np.int32)
     leaves[leaf] = kind
-    kept = with_nodes(op, layout, node, op.tree_output)
-    threshold = np.where(leaf, 0.0, kept.threshold)
-    return dataclasses.replace(kept, threshold=threshold, leaf=leaves, leaf_value=values[first])
+    threshold = np.where(leaf, 0.0, op.threshold.take(node))
+    return with_nodes(op, layout, node, threshold=threshold, leaf=leaves, leaf_value=values[first])
 
 
 def _without_constant_trees(op: TreeEnsemble) -> TreeEnsemble:
@@ -122,8 +127,7 @@ def _without_constant_trees(op: TreeEnsemble) -> TreeEnsemble:
     if keep.all():
         return op
     layout = _laid_out(op.roots[keep].astype(np.int64), op.left.astype(np.int64), op.right.astype(np.int64))
-    kept = with_nodes(op, layout, layout.order, op.tree_output[keep])
-    return dataclasses.replace(kept, base=base.astype(np.float64))
+    return with_nodes(op, layout, layout.order, tree_output=op.tree_output[keep], base=base.astype(np.float64))
 
 
 def _compacted(rank: Rank, op: TreeEnsemble) -> tuple[Rank, TreeEnsemble]:

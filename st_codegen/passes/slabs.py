@@ -130,7 +130,7 @@ def _in_cells(rank: Rank, op: TreeEnsemble, axes: list[_Axis], accepts_nan: bool
     walked = _walked(rank, op, axes, accepts_nan)
     layout = preorder(walked.roots, walked.left, walked.right)
     output = np.repeat(op.tree_output, len(walked.roots) // op.n_trees)
-    return with_nodes(op, layout, walked.source[layout.order], output)
+    return with_nodes(op, layout, walked.source.take(layout.order), tree_output=output)
 
 
 def _walked(rank: Rank, op: TreeEnsemble, axes: list[_Axis], accepts_nan: bool) -> _Walked:
