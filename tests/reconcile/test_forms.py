@@ -13,6 +13,7 @@ from click.testing import CliRunner
 
 from st_codegen.cli.main import cli
 from st_codegen.errors import InputError
+from st_codegen.reconcile.data.contrasts import CONDITIONS
 from st_codegen.reconcile.data.hum import Hum
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations, labels
@@ -244,6 +245,23 @@ def test_shares_are_parts_of_the_whole_gap():
     assert 0.99 < shares["torsional_compliance"] < 1.0
     assert 0.0 < shares["load_dependent_mesh"] < 0.01
     assert sum(shares.values()) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_a_condition_that_runs_go_through_once_goes_with_the_time():
+    """A frequency that fell from run to run fell "with the load" where all runs of a load were made in a row."""
+    at = grid([300.0, 600.0, 900.0], 4, (25.0, 35.0))
+    of_one = np.arange(len(at)) // 2
+    for keys, gone_through in (
+        ((at.torque_Nm, at.speed_rpm, at.temperature_C), {"torque"}),
+        ((at.temperature_C, at.torque_Nm, at.speed_rpm), {"oil temperature"}),
+        ((-at.temperature_C, at.torque_Nm, at.speed_rpm), {"oil temperature"}),
+        ((np.random.default_rng(1).permutation(len(at) // 2)[of_one],), set[str]()),
+    ):
+        rows = at.rows(np.lexsort((at.sign, *keys[::-1])))
+        data = Observations(rows, labels(rows), np.array([0]), np.zeros((len(at), 1), complex), run=of_one)
+        said = [text for text in cannot_show(data) if "what changes in time" in text]
+        assert {name for name in CONDITIONS if any(f"the {name} once" in text for text in said)} == gone_through
+        assert len(said) == len(gone_through)
 
 
 def test_what_data_cannot_show_is_listed():

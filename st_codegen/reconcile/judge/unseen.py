@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from st_codegen.reconcile.data.contrasts import axes_together
+from st_codegen.reconcile.data.contrasts import CONDITIONS, axes_together, levels_of
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.settings import SETTINGS
@@ -31,6 +31,11 @@ def cannot_show(data: Observations) -> tuple[str, ...]:
         f"{one} and {other} go together: what depends on the one cannot be told from what depends on the other"
         for one, other in axes_together(at)
     ]
+    for name in _one_after_the_other(data):
+        found.append(
+            f"the runs go through the {name} once, one level after the other: what changes with it cannot be told from "
+            "what changes in time"
+        )
     if not data.both_directions():
         found.append("one direction only: what changes its sign with the direction cannot be told from a constant")
     if len(np.unique(at.torque_Nm)) > 1 and float(np.abs(at.torque_Nm).min()) > SETTINGS.near_no_load_Nm:
@@ -42,6 +47,19 @@ def cannot_show(data: Observations) -> tuple[str, ...]:
     if data.angle_rad is None and not data.repeated:
         found.append("no run was repeated: what changes from run to run cannot be told from sharp structure")
     return tuple(found)
+
+
+def _one_after_the_other(data: Observations) -> list[str]:
+    """The conditions whose levels have all their runs, which are several, in a row, in the order of the runs."""
+    if data.run is None or data.angle_rad is not None:
+        return []
+    in_time, found = np.argsort(data.run, kind="stable"), []
+    for name, values in zip(CONDITIONS, data.at.axes, strict=True):
+        level = levels_of(values)[in_time]
+        numbers, runs = np.unique(level), len(np.unique(data.run))
+        if 1 < len(numbers) <= runs / 2 and np.count_nonzero(np.diff(level)) == len(numbers) - 1:
+            found.append(name)
+    return found
 
 
 def below_noise(target: FitData) -> tuple[str, ...]:
