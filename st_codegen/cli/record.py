@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 from collections.abc import Callable
 from pathlib import Path
@@ -100,8 +101,9 @@ def command(
 def _setting(text: str) -> tuple[str, float]:
     name, mark, value = text.partition("=")
     try:
-        if not mark or not name.startswith("f"):
-            raise ValueError("NAME=VALUE is expected, of a number")
+        name = name.strip()
+        if not mark or not re.fullmatch(r"[fF]\w+", name, re.ASCII):
+            raise ValueError("NAME=VALUE is expected, of a number: an input whose name begins with f")
         if name.lower() in ("fspeed_rpm", "ftorque_nm", "ftemperature_c"):
             raise ValueError("the plan gives it, and the files say what the plan says")
         return name, parse_number(value)

@@ -36,6 +36,8 @@ UNKNOWN = "UNKNOWN"
 #: Seconds in which a controller must answer.
 TIMEOUT_S = 5.0
 _ADS_TCP_PORT = 48898
+#: Error codes of ADS for a variable that is not there.
+_NO_SYMBOL = (1808, 1809)
 _ADDRESS = re.compile(r"(\d+(?:\.\d+){5}):(\d+)(?:@([^:@\s]+)(?::(\d+))?)?")
 
 
@@ -83,6 +85,8 @@ class AdsController(Controller):
             raise InputError(f"--ads {address}: give NETID:PORT, such as 192.168.0.5.1.1:851, or NETID:PORT@HOST")
         self.address = f"ads {address}"
         net_id, ams_port, host, tcp_port = found.groups()
+        if max(map(int, net_id.split("."))) > 255 or max(int(ams_port), int(tcp_port or 0)) > 65535:
+            raise InputError(f"--ads {address}: the parts of a net id go up to 255, ports up to 65535")
         host = host or ".".join(net_id.split(".")[:4])
         self._ams_port = int(ams_port)
         self.timeout_s = timeout_s
@@ -130,9 +134,20 @@ class AdsController(Controller):
         try:
             yield
         except self._pyads.ADSError as error:
-            raise self._error(getattr(error, "err_code", None), name, str(error)) from None
+            code = getattr(error, "err_code", None)
+            raise self._error(code, self._missing(name) if code in _NO_SYMBOL else name, str(error)) from None
         except RuntimeError as error:
             raise UnknownVariableError(f"{self.address}: {name}: {error}; another project runs there") from None
+
+    def _missing(self, names: str) -> str:
+        """Those of several variables that the controller does not have; all where it does not tell."""
+        found = []
+        for name in names.split(", "):
+            try:
+                self._connection.release_handle(self._connection.get_handle(name))
+            except self._pyads.ADSError:
+                found.append(name)
+        return ", ".join(found) or names
 
     def _named(self, name: str, text: str) -> ControllerError:
         """The error of one variable in a list, of which pyads tells the text only."""
@@ -146,7 +161,7 @@ class AdsController(Controller):
                 f"no PLC at AMS port {self._ams_port} (error {code}): the runtime is not started (CONFIG), "
                 "the port is another one, or no route leads back to this machine"
             )
-        elif code in (1808, 1809):
+        elif code in _NO_SYMBOL:
             kind = UnknownVariableError
             reason = f"no variable {name}: another project runs there, or one generated without --with-comparison"
         elif code == 1796:
@@ -207,7 +222,8 @@ class OpcUaController(Controller):
         except Exception as error:
             with contextlib.suppress(Exception):
                 self._client.disconnect()
-            raise SilentError(f"{self.address}: {error or type(error).__name__}: is it an OPC UA server?") from None
+            reason = str(error) or f"no answer within {timeout_s:g} s"
+            raise SilentError(f"{self.address}: {reason}: is it an OPC UA server?") from None
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

@@ -25,7 +25,7 @@ from st_codegen.files.csv_tables import csv_text
 from st_codegen.files.text import make_folder, write_text
 from st_codegen.ir import AnyArray, BoolArray, FloatArray
 from st_codegen.live.controller import Controller, Signal, must_be_of, must_run
-from st_codegen.live.failures import ControllerError, MeasurementError, OtherClientError
+from st_codegen.live.failures import ControllerError, MeasurementError, OtherClientError, SilentError
 from st_codegen.processes import Progress
 from st_codegen.te.compensation.codes import EXPERIMENT_STATE, TE_ERROR
 from st_codegen.te.compensation.programs import EXPERIMENT_SIGNALS, SLOW_US
@@ -187,6 +187,7 @@ class MeasuringClient:
         self._owner = random.randrange(1, 2**31)
         self._alive = 0
         self._is_mine = False
+        self._is_stuck = False
         self._found: list[tuple[Signal, Any]] = []
 
     def claim(self) -> None:
@@ -213,21 +214,51 @@ class MeasuringClient:
         """Leave the controller to others, with the axis at rest and the inputs as they were found."""
         if not self._is_mine:
             return
-        with contextlib.suppress(ControllerError):
-            self._stop()
+        # each on its own: an input that may not be written keeps nobody from the others, nor the next client waiting
+        if not self._is_stuck:
+            with contextlib.suppress(ControllerError):
+                self._stop()
+        try:
             self.controller.write_all(self._found)
+        except SilentError:
+            return
+        except ControllerError:
+            for pair in self._found:
+                with contextlib.suppress(ControllerError):
+                    self.controller.write_all([pair])
+        with contextlib.suppress(ControllerError):
             self._write("nOwner", 0)
 
     def measure(self, point: OperatingPoint, where: str, told: Callable[[str], None]) -> dict[Direction, Curve]:
-        """One measurement. Raises MeasurementError with the controller's reason, the axis stopped."""
+        """One measurement. Raises ControllerError with its reason and with what is known of the axis.
+
+        That is a MeasurementError where the axis was stopped, and an OtherClientError where it is another client's.
+        """
         try:
             return self._measured(point, told)
-        except KeyboardInterrupt:
-            self.release()
+        except OtherClientError:
             raise
-        except MeasurementError as error:
+        except (KeyboardInterrupt, ControllerError) as error:
+            if failed := self._failed_stop():
+                kind = type(error) if isinstance(error, ControllerError) else ControllerError
+                kind = ControllerError if kind is MeasurementError else kind
+                raise kind(
+                    f"{where}: {str(error) or 'interrupted'}; whether the axis stands is not known ({failed}). Without "
+                    f"a word from here the controller ends the measurement after {self.recording.alive_s:g} s"
+                ) from None
+            if isinstance(error, MeasurementError):
+                text = f"{where}: {error}; the axis stands, and what was measured before is kept"
+                raise MeasurementError(text) from None
+            raise
+
+    def _failed_stop(self) -> str:
+        """Bring the axis to rest; why that failed, where it did."""
+        try:
             self._stop()
-            raise MeasurementError(f"{where}: {error}; the axis stands, and what was measured before is kept") from None
+        except ControllerError as error:
+            self._is_stuck = True
+            return str(error)
+        return ""
 
     def _measured(self, point: OperatingPoint, told: Callable[[str], None]) -> dict[Direction, Curve]:
         every = max(1, int(60.0 * self.project.ratio / point.speed_rpm / _CYCLE_S / self.recording.samples))
@@ -268,8 +299,14 @@ class MeasuringClient:
                 ]
             )
             (count,) = self._numbers("nSamples")
-            if owner != self._owner:
-                raise MeasurementError("another client has taken over, or this one was silent for too long")
+            if owner not in (0, self._owner):
+                self._is_mine = False  # what moves is the other's
+                raise OtherClientError(
+                    f"{self.controller.address}: another client measures (number {owner}): this one was silent for too "
+                    "long. The axis is the other's, and was not stopped; what was measured before is kept"
+                )
+            if not owner:
+                raise MeasurementError("the controller heard nothing from here for too long, and ended it")
             if state != last_state:
                 told(_STATES[state].name if state in _STATES else str(state))
                 last_state = state

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 import signal
 import subprocess
 import sys
@@ -361,12 +362,12 @@ def test_the_conditions_of_a_file_whose_run_was_killed_are_written_at_last(tmp_p
     assert [file.conditions for file in files] == [POINT, POINT] and not bad
 
 
-@pytest.mark.parametrize("name", ["fSpeed_rpm", "ftorque_nm", "fTemperature_C"])
+@pytest.mark.parametrize("name", ["fSpeed_rpm", "ftorque_nm", "FTEMPERATURE_C"])
 def test_what_the_plan_says_is_not_set_beside_it(name):
     """The files would be named by the plan's conditions, and measured at others."""
     with pytest.raises(InputError, match="the plan gives it"):
         _setting(f"{name}=5")
-    assert _setting("fAcceleration_rpm_s=5") == ("fAcceleration_rpm_s", 5.0)
+    assert _setting("fAcceleration_rpm_s =5") == ("fAcceleration_rpm_s", 5.0)
 
 
 def test_a_rig_of_another_ratio_is_not_put_behind_the_signals(bundle, rig_file, tmp_path):
@@ -374,3 +375,73 @@ def test_a_rig_of_another_ratio_is_not_put_behind_the_signals(bundle, rig_file, 
     (tmp_path / "other.toml").write_text(other)
     with pytest.raises(InputError, match=r"other\.toml: reduction ratio 80, and the text was generated for 81"):
         plant_behind(soft_plc(bundle[1]), tmp_path / "other.toml")
+
+
+@pytest.mark.parametrize("wrong", ["fMotorSpeed_rpm", "fNoSuchInput"])
+def test_an_input_that_may_not_be_set_leaves_the_controller_to_others(controller, project, plc, tmp_path, wrong):
+    """The others have their old values again, and the next client need not wait."""
+    homing = Signal("GVL_Experiment.fHomingSpeed_rpm")
+    before = controller.read(homing)
+    inputs = {**QUICK.inputs, "fHomingSpeed_rpm": before + 1.0, wrong: 5.0}
+    settings = dataclasses.replace(QUICK, inputs=inputs)
+    with pytest.raises(ControllerError) as caught:
+        record(controller, project, planned([POINT]), tmp_path / "c", settings)
+    assert re.findall(r"GVL_Experiment\.(\w+)", str(caught.value)) == [wrong]
+    assert plc.plc.machine.globals["GVL_Record.nOwner"] == 0
+    assert controller.read(homing) == before
+
+
+class _StuckController:
+    """A controller whose variables are zero, and whose axis does not come to rest; it notes what is written."""
+
+    address = "a controller"
+
+    def __init__(self, owner):
+        self.owner, self.written = owner, []
+
+    def read_all(self, signals):
+        return [self.owner if one.name.endswith("nOwner") else one.name.endswith("bBusy") for one in signals]
+
+    def read(self, one):
+        return self.read_all([one])[0]
+
+    def write(self, one, value):
+        self.written.append((one.name.rpartition(".")[2], value))
+
+    def write_all(self, pairs):
+        for pair in pairs:
+            self.write(*pair)
+
+
+def _client(controller, monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(record_module.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(record_module.time, "sleep", lambda pause: now.append(now.pop() + pause))
+    client = record_module.MeasuringClient(controller, RecordedProject(81.0, 1), RecordSettings(stop_s=1.0))
+    client._owner, client._is_mine = 7, True
+    return client
+
+
+def test_a_stop_that_fails_is_said_however_the_measurement_ended(monkeypatch):
+    client = _client(_StuckController(7), monkeypatch)
+
+    def interrupt(_):
+        raise KeyboardInterrupt
+
+    with pytest.raises(ControllerError, match=r"interrupted; whether the axis stands is not known .*stop the axis by"):
+        client.measure(POINT, "run", interrupt)
+
+
+def test_what_another_client_has_begun_is_not_stopped(monkeypatch):
+    controller = _StuckController(8)
+    client = _client(controller, monkeypatch)
+    with pytest.raises(OtherClientError, match=r"number 8.*was not stopped"):
+        client.measure(POINT, "run", lambda _: None)
+    client.release()
+    assert ("bAbort", True) not in controller.written and ("nOwner", 0) not in controller.written
+
+
+@pytest.mark.parametrize("address", ["300.1.1.1.1.1:851", "5.1.1.1.1.1:70000", "5.1.1.1.1.1:851@localhost:70000"])
+def test_an_address_that_cannot_be_is_refused_before_anybody_is_asked(address):
+    with pytest.raises(InputError, match="go up to 255"):
+        connected(address, None)
