@@ -161,9 +161,9 @@ def _grouped(messages: list[str]) -> list[str]:
     for number, (kind, message) in enumerate(zip(kinds, messages, strict=True)):
         if counts[kind] <= _MANY_ALIKE:
             shown[kind, number] = message
-        else:
+        elif (kind, 0) not in shown:
             others = f"; and {counts[kind] - 1} more that differ in names and numbers only"
-            shown.setdefault((kind, 0), message + others + _subjects(kind, kinds, messages))
+            shown[kind, 0] = message + others + _subjects(kind, kinds, messages)
     return list(shown.values())
 
 

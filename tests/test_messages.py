@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import st_codegen
+from st_codegen import errors
 from st_codegen.driver import generate
 from st_codegen.errors import InputError, Problems, UnsupportedModelError
 from st_codegen.project.bundle import load
@@ -49,6 +50,18 @@ def test_many_problems_of_one_kind_are_one_line():
         "  - node 'Sin_0': operand 0 is of type int8; and 47 more that differ in names and numbers only",
         "  - no output",
     ]
+
+
+def test_a_table_of_wrong_cells_is_looked_through_once(monkeypatch):
+    """Of 20,000 rows with decimal commas between commas the message took more than 15 minutes."""
+    looked, subjects = [], errors._subjects
+    monkeypatch.setattr(errors, "_subjects", lambda *given: looked.append(given) or subjects(*given))
+    problems = Problems("joint.csv")
+    for line in range(100):
+        problems.add(f"line {line}: 8 values, the header has 4")
+    with pytest.raises(InputError, match="and 99 more"):
+        problems.raise_if_any()
+    assert len(looked) == 1
 
 
 def test_files_that_are_alike_wrong_are_all_named(tmp_path):
