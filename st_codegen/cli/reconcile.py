@@ -100,7 +100,10 @@ def command(
 
     joints = joint_files(measured)
     if rig is None and not joints:
-        raise click.UsageError("Missing option '--rig': only recordings of joints (t,q,dq,tau) do without one.")
+        raise click.UsageError(
+            "Missing option '--rig': only recordings of joints do without one, whose first line names the columns "
+            f"t,q,dq,tau{_first_line(measured)}."
+        )
     model = RigModel() if rig is None else read_rig(rig, known)
     if out.exists() and not out.is_dir():
         raise InputError(f"{out} is a file; the report needs a folder")
@@ -129,6 +132,14 @@ def command(
         console.print(text)
     if as_json:
         click.echo(json.dumps(content))
+
+
+def _first_line(measured: Path) -> str:
+    """What stands in the first line of a file in place of the names that are wanted."""
+    from st_codegen.files.csv_tables import header_of
+
+    names = header_of(measured) if measured.is_file() else ()
+    return f"; that of {measured} has {','.join(names)[:60]}" if any(names) else ""
 
 
 def _wish(models: Path | None, update: bool, target: str, profile: str, trust_pickle: bool, out: Path) -> Wish | None:

@@ -466,12 +466,17 @@ class Settings:
 
     # --- recordings of joints ---
     #: samples of a file at least; how far one may be off even steps (steps); turns of a joint from which on an angle
-    #: without a unit in its name is asked about; how well a given speed must agree with that of the angle
+    #: without a unit in its name is asked about; how well a given speed must agree with that of the angle; steps of the
+    #: angle over the largest of all others from which on it jumps; no time, angle, speed or torque is larger
     joint_samples: int = 500
     joint_jitter: float = 0.5
     joint_turns: float = 5.0
     joint_alike: float = 0.9
     joint_factor: float = 0.1
+    joint_jump: float = 3.0
+    #: share of the torque's changes that motion and friction predict below which it may be another joint's
+    joint_unrelated: float = 0.5
+    joint_largest: float = 1e9
     #: noise of the angle may make this share of the power of the acceleration at most: it would make the inertia
     #: smaller by as much; the kernel that smooths it has so many samples at least and at most (standard deviations)
     joint_dilution: float = 1e-3

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from st_codegen.errors import InputError, Problems
-from st_codegen.files.csv_tables import header_of, read_csv
+from st_codegen.files.csv_tables import CsvTable, header_of, read_csv
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.settings import SETTINGS
 
@@ -82,11 +82,7 @@ def _read(path: Path) -> JointRecording:
     time = next(name for name in _TIME if name in table.names)
     names = [time, *(name for name, _ in columns.values())]
     values = dict(zip(names, table.numbers(names, problems, is_finite=False).T, strict=True))
-    if bad := [name for name in names if not np.isfinite(values[name]).all()]:
-        rows = np.flatnonzero(~np.isfinite([values[name] for name in bad]).all(axis=0))
-        lines = [table.rows[row].line for row in rows]
-        which = f"line {lines[0]}" + (f" and {len(lines) - 1} more" if len(lines) > 1 else "")
-        problems.add(f"{which}: values of {', '.join(bad)} are not finite; cut these rows off, or record them again")
+    _check_values(table, values, problems)
     if len(table.rows) < SETTINGS.joint_samples:
         problems.add(f"{len(table.rows)} samples are too few: {SETTINGS.joint_samples} at least")
     problems.raise_if_any()
@@ -102,6 +98,19 @@ def _read(path: Path) -> JointRecording:
     return JointRecording(path.name, step, angle, speed, torque, tuple(f"{path.name}: {note}" for note in notes))
 
 
+def _check_values(table: CsvTable, values: Mapping[str, FloatArray], problems: Problems) -> None:
+    """Note what is no number of a joint."""
+    if bad := [name for name in values if not np.isfinite(values[name]).all()]:
+        rows = np.flatnonzero(~np.isfinite([values[name] for name in bad]).all(axis=0))
+        lines = [table.rows[row].line for row in rows]
+        which = f"line {lines[0]}" + (f" and {len(lines) - 1} more" if len(lines) > 1 else "")
+        problems.add(f"{which}: values of {', '.join(bad)} are not finite; cut these rows off, or record them again")
+    for name in values:
+        for row in np.flatnonzero(np.isfinite(values[name]) & (np.abs(values[name]) > SETTINGS.joint_largest))[:1]:
+            line, value = table.rows[row].line, values[name][row]
+            problems.add(f"line {line}: {name} of {value:.3g} is no value of a joint; was it read wrong?")
+
+
 def _step(time: FloatArray, path: Path) -> tuple[float, list[str]]:
     """The step of even samples. Raises InputError for time that repeats, falls, or has gaps."""
     steps = np.diff(time)
@@ -114,10 +123,25 @@ def _step(time: FloatArray, path: Path) -> tuple[float, list[str]]:
         row = int(np.argmax(steps))
         raise InputError(
             f"{path}: the samples are not evenly spaced; the widest step, {steps[row]:g} s, is from row {row + 2} to "
-            f"the next, the usual one {np.median(steps):g} s. Put a file on each side of a gap"
+            f"the next, the usual one {np.median(steps):g} s. Put a file on each side of a gap; where the clock "
+            "jitters, bring the columns to even times first"
         )
     uneven = [f"the time is off even steps by up to {off.max():.2g} of one; even steps are taken"]
     return step, uneven if off.max() > SETTINGS.joint_jitter / 5 else []
+
+
+def _check_jumps(name: str, angle: FloatArray) -> None:
+    """Raise InputError where the angle jumps between two samples as no motion does: samples are missing there."""
+    steps = np.diff(angle)
+    off = np.abs(steps[1:-1] - (steps[2:] + steps[:-2]) / 2)
+    row = int(off.argmax())
+    others = np.abs(np.delete(steps, row + 1))
+    # a step that is several times the fastest motion elsewhere, and that nothing before it announces
+    if off[row] > SETTINGS.joint_jump * float(others.max()) > 0:
+        raise InputError(
+            f"{name} jumps by {steps[row + 1]:.3g} from row {row + 3} to the next, elsewhere by {others.max():.2g} at "
+            "most: are samples missing there, or is a turn lost? Put a file on each side"
+        )
 
 
 def _check(joint: str, name: str, angle: FloatArray, speed: FloatArray | None, step: float) -> list[str]:
@@ -128,8 +152,12 @@ def _check(joint: str, name: str, angle: FloatArray, speed: FloatArray | None, s
             f"{name} covers {turns:.0f} turns if it is in rad: is it in degrees? Name the column q{joint}_deg or "
             f"q{joint}_rad"
         )
+    _check_jumps(name, angle)
     if speed is None:
-        return [f"dq{joint} is not there: speeds are derived from {name}"]
+        taken = f", which is taken to be in {'rad' if name == f'q{joint}' else name.rpartition('_')[2]}"
+        return [f"dq{joint} is not there: speeds are derived from {name}{taken}"]
+    if not np.ptp(speed) and np.ptp(angle):
+        return [f"dq{joint} never changes and is not looked at: speeds are derived from {name}"]
     # both in the mean over a few samples, so that the noise of the angle does not decide
     width = max(5, len(angle) // 400)
     derived = (angle[width:] - angle[:-width]) / (width * step)
@@ -149,7 +177,7 @@ def _check(joint: str, name: str, angle: FloatArray, speed: FloatArray | None, s
                  30 / np.pi: "dq in rpm", -1.0: "dq with the opposite sign"}  # fmt: skip
         why = [text for value, text in known.items() if abs(factor / value - 1) < SETTINGS.joint_factor]
         raise InputError(
-            f"dq{joint} is {factor:.4g} times the rate of {name}: {why[0] if why else 'another side of a gear?'}. "
+            f"dq{joint} is {factor:.4g} times the rate of {name}: {why[0] if why else 'of another side of a gear'}? "
             f"Units may stand in the names: q{joint}_deg, dq{joint}_deg_s, dq{joint}_rpm"
         )
     return [f"dq{joint} is {factor:.3f} times the rate of {name}; the rate is taken"] if abs(factor - 1) > 0.02 else []
