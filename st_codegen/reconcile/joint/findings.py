@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.reconcile.joint.parts import KINDS, OTHERS, RIGID
+from st_codegen.reconcile.joint.parts import KINDS, OTHERS, RIGID, crossed
 from st_codegen.reconcile.joint.run import JointResult
 from st_codegen.reconcile.joint.waves import ANGLE, TorqueWave
 from st_codegen.reconcile.outcome import Outcome
@@ -36,7 +36,8 @@ def findings(result: JointResult, constants: Constants | None) -> list[JointFind
     parts = [
         _part(result, name) for name in chosen.names() if name not in (RIGID, OTHERS) and not name.startswith("wave_")
     ]
-    found = [one for one in parts if one is not None]
+    # where one speed tells no forms apart, friction is one finding
+    found = list({one.name: one for one in parts if one is not None}.values())
     found += [_ripple(result, wave, constants) for wave in _ripples(result)]
     found.sort(key=lambda one: -(one.share or 0.0))
     return found + ([_elasticity(result)] if result.mode is not None else [])
@@ -48,7 +49,8 @@ def signatures(result: JointResult) -> list[str]:
     for wave in result.waves:
         if wave.over != ANGLE:
             found.append(
-                f"a wave of {wave.number:.4g} Hz over time, {_amplitude(result, wave):.2g} N m: not one of the angle"
+                f"a wave of {wave.number:.4g} Hz over time, {_amplitude(result, wave):.2g} N m, which no wave over the "
+                "angle explains as well: a hum, or an error of what repeats with the motion"
             )
     for name in result.chosen.names():
         if name not in (RIGID, OTHERS) and not name.startswith("wave_") and _part(result, name) is None:
@@ -57,9 +59,9 @@ def signatures(result: JointResult) -> list[str]:
         found.append("an inertia that depends on the frequency: an elasticity, or a filter, that was not resolved")
     _, after, floor = result.gap
     if after > SETTINGS.joint_noise * floor:
-        found.append(
-            f"{np.sqrt(after**2 - floor**2):.2g} N m RMS on left-out stretches beyond the noise that can be told"
-        )
+        left = f"{np.sqrt(after**2 - floor**2):.2g} N m RMS on left-out stretches beyond the noise that can be told"
+        beside = ", of which what other joints do may make a part" if OTHERS in result.chosen.names() else ""
+        found.append(left + beside)
     return found
 
 
@@ -72,7 +74,7 @@ _WORDS = {
     "dry_friction": "dry (Coulomb) friction of {0}",
     "viscous_friction": "friction that rises with speed (viscous): {0}",
     "square_friction": "friction that rises with the square of the speed: {0}",
-    "direction_dependent_friction": "friction that rises more in the positive direction, by twice {0}",
+    "direction_dependent_friction": "friction that rises more with speed in the {1} direction, by twice {0}",
     "load_dependent_friction": "friction that grows with the load: {0} of the torque through the joint",
     "dry_friction_drift": "dry friction that changes over the recording, by {0} from its start to its end",
     "viscous_friction_drift": "viscous friction that changes over the recording, by {0} from its start to its end",
@@ -130,20 +132,34 @@ def _part(result: JointResult, name: str) -> JointFinding | None:
         return None
     remark = ""
     slow, fast = np.quantile(np.abs(result.rows.speed), (0.1, 0.9))
-    powers = {"dry_friction": 0, "viscous_friction": 1, "square_friction": 2}
-    if name in powers and fast < SETTINGS.joint_speeds * slow:
-        rate = fast ** powers[name]
-        text = f"friction of {number(rate * value, rate * error, 'Nm')} near {fast:.2g} rad/s"
-        how = "the speed hardly varied: how much of it is dry and how much rises with speed is not told"
-        parameters: dict[str, Value] = {"friction_Nm": (rate * value, rate * error, "Nm")}
-        return JointFinding("friction", text, parameters, (), how, _share(result, name))
+    if name in _POWERS and fast < SETTINGS.joint_speeds * slow:
+        return _near_one_speed(result, float(fast))
     if name == "dry_friction":
         slowest, fastest = np.quantile(np.abs(result.rows.speed), (0.02, 0.98))
         remark = f"read between {slowest:.2g} and {fastest:.2g} rad/s; at standstill it is not seen"
     alternatives = (*(_INSTEAD[one] for one in chosen.alternatives.get(name, ())), *_ALWAYS.get(name, ()))
-    text = _WORDS[name].format(number(value, error, _UNITS[name]))
+    size = abs(value) if name == "direction_dependent_friction" else value
+    way = "positive" if value > 0 else "negative"
+    text = _WORDS[name].format(number(size, error, _UNITS[name]), way)
     key = name if not _UNITS[name] else f"{name}_{_UNITS[name]}"
     return JointFinding(name, text, {key: (value, error, _UNITS[name])}, alternatives, remark, _share(result, name))
+
+
+#: forms of friction over speed by their power of it
+_POWERS = {"dry_friction": 0, "viscous_friction": 1, "square_friction": 2}
+
+
+def _near_one_speed(result: JointResult, speed: float) -> JointFinding:
+    """All of friction together where the speed hardly varied: its forms look alike there."""
+    names = set(result.chosen.names()) & _POWERS.keys()
+    parts = {name: speed ** _POWERS[name] * np.array(result.chosen.value(name)) for name in names}
+    value = float(sum(part[0] for part in parts.values()))
+    # what one form takes from another leaves the sum as it is
+    error = float(np.sqrt(sum(part[1] ** 2 for part in parts.values())))
+    how = "the speed hardly varied: how much of it is dry and how much rises with speed is not told"
+    share = float(result.chosen.of(names).var() / result.rows.torque.var())
+    text = f"friction of {number(value, error, 'Nm')} near {speed:.2g} rad/s"
+    return JointFinding("friction", text, {"friction_Nm": (value, error, "Nm")}, (), how, share)
 
 
 def friction_curve(result: JointResult, speed: np.ndarray) -> np.ndarray:
@@ -313,13 +329,28 @@ def measurement(result: JointResult) -> list[str]:
             f"tau{result.joint} is as if {abs(result.late_s) * 1e3:.3g} ms {way} than the motion, and is shifted by as "
             "much: a delay, a filter, or an elasticity between encoder and drive"
         )
+    if (told := explained(result)) < SETTINGS.joint_unrelated:
+        found.append(
+            f"motion and friction predict {max(told, 0.0):.0%} of the changes of tau{result.joint} over left-out "
+            "stretches: is it the torque of this joint?"
+        )
     if result.outliers:
-        found.append(f"{result.outliers} single samples of torque far off all others are left out")
+        found.append(
+            f"{result.outliers} of {result.outliers + len(result.rows.time)} values of the smoothed torque are far off "
+            "all others and left out: spikes, or what happens at a reversal"
+        )
     if OTHERS in result.chosen.names():
         found.append(
             "a part of the torque follows the motion of other joints; it is taken off by what links in a chain can add"
         )
     return found
+
+
+def explained(result: JointResult) -> float:
+    """Share of the torque's changes over left-out stretches that all parts together predict."""
+    rows = result.rows
+    level = crossed(np.ones((len(rows.time), 1)), rows).held.sum()
+    return 1.0 - float(result.chosen.fit.held.sum()) / float(level)
 
 
 def cannot_show(result: JointResult) -> list[str]:
@@ -333,10 +364,12 @@ def cannot_show(result: JointResult) -> list[str]:
         )
     hidden = [_INSTEAD[name] for name in result.chosen.not_told if name not in names]
     if hidden and rows.reversals:
-        found.append(f"{', '.join(hidden)}: the motion does not tell them from other parts")
+        found.append(f"{', '.join(hidden)}: the motion does not tell {'them' if hidden[1:] else 'it'} from other parts")
     found.append("friction that differs by direction at all speeds alike: a zero of the torque looks the same")
     if result.told_to_Hz is None:
         found.append("an elasticity: no band of frequencies in which the motion explains the torque")
+    elif result.unseen_mode:
+        found.append("an elasticity: the torque is not that of one inertia, and no mode was resolved in it")
     elif result.mode is None:
         found.append(f"an elasticity above {result.told_to_Hz:.3g} Hz: the motion explains the torque below")
     if not result.waves:
@@ -345,6 +378,7 @@ def cannot_show(result: JointResult) -> list[str]:
         )
     found.append(f"what changes faster than about {0.2 / rows.kernel_s:.2g} Hz, other than an elasticity")
     found.append("standstill, and speeds below " + f"{float(np.abs(rows.speed).min()):.2g} rad/s")
+    found.append("a torque constant that is off: all sizes in N m are off by the same factor")
     return found
 
 

@@ -100,26 +100,24 @@ def find_mode(found: JointResponse) -> JointMode | None:
     inertia = max(float(np.median(np.abs(found.value[: max(3, len(w) // 6)]))), 1e-12)
     error = np.maximum(found.error, 0.01 * np.abs(found.value))
     rigid, p0 = _fit(_plain, np.array([inertia, 0.0, 0.0, 0.0]), found.value, error, w)
-    if rigid.cost < 1.5 * len(w):  # a rigid joint within its errors: half of a chi-square of two numbers each
+    if _is_within_errors(rigid, w):
         return None
-    best = None
-    for place in np.geomspace(1.3 * w[0], 0.95 * w[-1], 5):
+    # what is fitted without a mode may be far from what is there beside one
+    plain = np.array([inertia, 0.0, 0.0, 0.0])
+    begins = [(p0, place) for place in np.geomspace(1.3 * w[0], 0.95 * w[-1], 5)]
+    begins.append((plain, w[int(np.abs(found.value).argmin())]))
+    tried: list[tuple[float, Any, FloatArray, Form]] = []
+    for beside, place in begins:
         forms: list[tuple[Form, list[float]]] = [(_upper, [place, 0.05])]
         forms.append((_both, [1.15 * place, 0.05, place / 1.15, 0.05]))
         for model, tail in forms:
-            done, p = _fit(model, np.concatenate([p0, tail]), found.value, error, w)
-            cost = done.cost + 3.0 * len(p)
-            inside = w[1] < abs(p[4]) < w[-2]
-            if inside and (best is None or cost < best[0]):
-                best = cost, done, p, model
-    if best is None:
+            done, p = _fit(model, np.concatenate([beside, tail]), found.value, error, w)
+            tried.append((done.cost + 3.0 * len(p), done, p, model))
+    # a mode counts that is one; what is none may fit a little better
+    modes = [one for one in tried if _is_mode(one[2], w)]
+    if not modes or min(one[0] for one in modes) > 1.5 * min(one[0] for one in tried):
         return None
-    _, done, p, model = best
-    wide = abs(p[5]) > SETTINGS.joint_broadest or (model is _both and abs(p[7]) > SETTINGS.joint_broadest)
-    negative = p[5] <= 0 or p[0] <= 0 or (model is _both and not (0 < p[6] < p[4] and p[7] > 0))
-    near = np.abs(w / p[4] - 1) < 3 * max(p[5], 0.05)
-    if wide or negative or near.sum() < 4 or not ((w[near] < p[4]).any() and (w[near] > p[4]).any()):
-        return None
+    _, done, p, model = min(modes, key=lambda one: one[0])
     before, after, apart = _held_out(model, p, p0, found, w)
     if after > (1 - SETTINGS.joint_mode) * before:
         return None
@@ -138,6 +136,30 @@ def find_mode(found: JointResponse) -> JointMode | None:
     )  # fmt: skip
 
 
+def is_rigid(found: JointResponse) -> bool:
+    """Whether an inertia, a damper and a spring, late by a time, are all that a response shows."""
+    w = 2 * np.pi * found.frequency
+    inertia = max(float(np.median(np.abs(found.value[: max(3, len(w) // 6)]))), 1e-12)
+    error = np.maximum(found.error, 0.01 * np.abs(found.value))
+    return _is_within_errors(_fit(_plain, np.array([inertia, 0.0, 0.0, 0.0]), found.value, error, w)[0], w)
+
+
+def _is_within_errors(rigid: Any, w: FloatArray) -> bool:
+    # half of a chi-square of two numbers each
+    return bool(rigid.cost < 1.5 * len(w))
+
+
+def _is_mode(p: FloatArray, w: FloatArray) -> bool:
+    """Whether parameters are those of a mode that is narrow, damped, and inside of the frequencies."""
+    both = len(p) > 6
+    wide = p[5] > SETTINGS.joint_broadest or (both and p[7] > SETTINGS.joint_broadest)
+    negative = p[5] <= 0 or p[0] <= 0 or (both and not (0 < p[6] < p[4] and p[7] > 0))
+    if wide or negative or not w[1] < p[4] < w[-2]:
+        return False
+    near = np.abs(w / p[4] - 1) < 3 * max(p[5], 0.05)
+    return bool(near.sum() >= 4 and (w[near] < p[4]).any() and (w[near] > p[4]).any())
+
+
 def _fit(
     model: Form, start: FloatArray, value: ComplexArray, error: FloatArray, w: FloatArray
 ) -> tuple[Any, FloatArray]:
@@ -150,7 +172,11 @@ def _fit(
         return np.concatenate([left.real, left.imag])
 
     done = least_squares(off, start / unit, loss="soft_l1", x_scale="jac", max_nfev=40)
-    return done, done.x * unit
+    p = done.x * unit
+    # a frequency and its damping that are both negative are the same mode
+    for place in range(4, len(p), 2):
+        p[place : place + 2] *= np.sign(p[place]) or 1.0
+    return done, p
 
 
 def _held_out(

@@ -250,7 +250,10 @@ KINDS: Mapping[str, PartKind] = {
 
 #: what friction may be over speed: forms of which one may take the place of another
 OVER_SPEED = ("dry_friction", "viscous_friction", "square_friction", "curved_friction")
-_LEVEL, _CHANGES = {"dry_friction"}, {"viscous_friction", "square_friction", "curved_friction"}
+#: where the load follows the speed, as in a motion of one sine, friction by the load may look like these together
+_FORMS = (*OVER_SPEED, "load_dependent_friction")
+_LEVEL = {"dry_friction", "load_dependent_friction"}
+_CHANGES = {"viscous_friction", "square_friction", "curved_friction"}
 
 
 @dataclass(frozen=True)
@@ -374,19 +377,25 @@ def _both(
 
 
 def _of_best_form(rows: JointRows, parts: list[TorquePart]) -> list[TorquePart]:
-    """The parts with the fewest forms of friction over speed that predict as well as any.
+    """The parts with the fewest forms of friction that predict as well as any; that by the load only where it must be.
 
     One by one, a form that is not the true one may come first and another one mend it. Whether a form is needed beside
     those that stay is asked elsewhere.
     """
     load, basis = np.zeros((len(rows.time), 2)), np.linalg.qr(stacked(parts))[0]
-    rest = [part for part in parts if part.name not in OVER_SPEED]
-    forms = {part.name: part for part in parts if part.name in OVER_SPEED}
+    rest = [part for part in parts if part.name not in _FORMS]
+    forms = {part.name: part for part in parts if part.name in _FORMS}
     taken, before = set(forms), crossed(stacked(parts), rows)
-    for name in OVER_SPEED if forms else ():
+    by_load = forms.pop("load_dependent_friction", None)
+    if by_load is not None:
+        # what looks like the load may hide the others from one another
+        basis = np.linalg.qr(stacked([*rest, *forms.values()]))[0]
+    for name in OVER_SPEED if taken else ():
         variants = [v for v in KINDS[name].variants(name, rows, load) if told(v, basis) > SETTINGS.joint_told]
         if name not in forms and variants:
             forms[name] = gain_of(variants, parts, rows, before).part
+    if by_load is not None:
+        forms[by_load.name] = by_load
     sets = [
         list(some)
         for count in range(len(forms) + 1)
@@ -398,7 +407,11 @@ def _of_best_form(rows: JointRows, parts: list[TorquePart]) -> list[TorquePart]:
     fits = [crossed(stacked([*rest, *some]), rows).held for some in sets]
     best = min(fits, key=lambda held: float(held.sum()))
     good = [n for n, held in enumerate(fits) if not surely(held - best, held)]
-    return [*rest, *sets[min(good, key=lambda n: (len(sets[n]), float(fits[n].sum())))]]
+
+    def rank(n: int) -> tuple[bool, int, float]:
+        return any(part is by_load for part in sets[n]), len(sets[n]), float(fits[n].sum())
+
+    return [*rest, *sets[min(good, key=rank)]]
 
 
 def _judged(rows: JointRows, parts: list[TorquePart], not_told: set[str], moves: Mapping[str, float]) -> Chosen:
@@ -430,7 +443,7 @@ def _judged(rows: JointRows, parts: list[TorquePart], not_told: set[str], moves:
             by_law = np.maximum(_of_laws(rows, parts, now), of_forms)
             by_law = np.hypot(by_law, np.sqrt(left) / np.maximum(size, 1e-300))
             of_parts = [moves.get(part.name, 0.0) for part in parts for _ in range(part.columns.shape[1])]
-            by_law = np.hypot(by_law, of_parts)
+            by_law = np.hypot(np.hypot(by_law, of_parts), _of_time(rows, parts))
             return Chosen(tuple(parts), fit, gains, alternatives, tuple(sorted(not_told)), by_law)
         worst = min(weak, key=lambda name: gains[name].share)
         parts = [p for p in parts if p.name != worst]
@@ -447,6 +460,15 @@ def _of_laws(rows: JointRows, parts: list[TorquePart], now: Chosen) -> FloatArra
             fits = [crossed(stacked([*parts[:place], v, *parts[place + 1 :]]), rows) for v in variants]
             other = min(fits, key=lambda fit: float(fit.held.sum()))
             found = np.maximum(found, np.abs(other.values - now.fit.values))
+    return found
+
+
+def _of_time(rows: JointRows, parts: list[TorquePart]) -> FloatArray:
+    """By how much coefficients move when the torque is taken within a sample of its time, as far as the data allow."""
+    columns = stacked(parts)
+    fit = crossed(np.hstack([columns, rows.torque_rate[:, None]]), rows)
+    late = min(rows.step_s / 2, abs(float(fit.values[-1])) + 2 * float(fit.errors[-1]))
+    found: FloatArray = np.abs(np.linalg.lstsq(columns, rows.torque_rate * late, rcond=None)[0])
     return found
 
 

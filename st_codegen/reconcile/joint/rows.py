@@ -24,7 +24,7 @@ _MOST_ROWS = 12_000
 
 @dataclass(frozen=True)
 class JointRows:
-    """A joint where it moves, (n,) each: s, rad, rad/s, rad/s^2, N m.
+    """A joint where it moves, (n,) each: s, rad, rad/s, rad/s^2, N m, N m/s.
 
     travel, since: angle and time since the last reversal, infinite before the first; others: columns that the other
     joints' motion could act by, (n, p); block: stretch of time, from 0; kernel_s: width of the kernel; noise: of the
@@ -36,6 +36,7 @@ class JointRows:
     speed: FloatArray
     acceleration: FloatArray
     torque: FloatArray
+    torque_rate: FloatArray
     travel: FloatArray
     since: FloatArray
     others: FloatArray
@@ -75,11 +76,11 @@ def rows_of(
 
     acting: which of the columns of the other joints' motion are wanted; None: all.
     """
-    kernel = max(_kernel(one.angle[joint]) for one in recordings)
-    kernel = max(kernel, int(np.ceil(least_kernel_s / recordings[0].step_s)))
+    narrow = max(_kernel(one.angle[joint]) for one in recordings)
+    kernel = max(narrow, int(np.ceil(least_kernel_s / recordings[0].step_s)))
     parts, start, reversals = [], 0.0, 0
     for one in recordings:
-        part, count = _rows(one, joint, kernel, shift, acting)
+        part, count = _rows(one, joint, (narrow, kernel), shift, acting)
         parts.append([part[0] + start, *part[1:]])
         start, reversals = start + one.step_s * (len(one.angle[joint]) + 1), reversals + count
     columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
@@ -98,13 +99,14 @@ def rows_of(
         float(np.sqrt(np.mean([noise_of(values[joint]) ** 2 for values in given])))
         for given in ([one.torque for one in recordings], [one.angle for one in recordings])
     )
-    time, angle, speed, acceleration, torque, travel, since, others = (column[chosen] for column in columns)
+    time, angle, speed, acceleration, torque, rate, travel, since, others = (column[chosen] for column in columns)
     noises = (
         noise / np.sqrt(2 * np.sqrt(np.pi) * kernel),
         shaken * np.sqrt(3 / (8 * np.sqrt(np.pi) * kernel**5)) / step**2,
     )
     return JointRows(
-        time, angle, speed, acceleration, torque, travel, since, others, block, kernel * step, noises, reversals, step
+        time, angle, speed, acceleration, torque, rate, travel, since, others, block, kernel * step, noises, reversals,
+        step,
     )  # fmt: skip
 
 
@@ -146,8 +148,10 @@ def _kernel(angle: FloatArray) -> int:
 
 
 def _rows(
-    one: JointRecording, joint: str, kernel: int, shift: int, acting: Sequence[int] | None
+    one: JointRecording, joint: str, kernels: tuple[int, int], shift: int, acting: Sequence[int] | None
 ) -> tuple[list[FloatArray], int]:
+    narrow, kernel = kernels
+
     def smooth(values: FloatArray, order: int = 0) -> FloatArray:
         # differences of the smooth curve: a sampled kernel of a derivative would let a part of the angle itself pass
         found: FloatArray = gaussian_filter1d(values, kernel)
@@ -160,11 +164,20 @@ def _rows(
     raw = one.angle[joint]
     count = len(raw)
     angle, speed, acceleration = (smooth(raw, order) for order in range(3))
-    noise = noise_of(raw) / one.step_s / np.sqrt(4 * np.sqrt(np.pi) * kernel**3)
-    slow = np.abs(speed) < max(SETTINGS.joint_standing * float(np.abs(speed).max()), 5 * noise)
-    sign = np.where(slow, 0.0, np.sign(speed))
+
+    def direction(speed: FloatArray, width: int) -> FloatArray:
+        noise = noise_of(raw) / one.step_s / np.sqrt(4 * np.sqrt(np.pi) * width**3)
+        slow = np.abs(speed) < max(SETTINGS.joint_standing * float(np.abs(speed).max()), 5 * noise)
+        found: FloatArray = np.where(slow, 0.0, np.sign(speed))
+        return found
+
+    sign = direction(speed, kernel)
     window = 6 * kernel + 1
     steady = (minimum_filter1d(sign, window) == maximum_filter1d(sign, window)) & (sign != 0)
+    if narrow < kernel:
+        # a joint that is shaken goes both ways where its smooth speed is low: its dry friction is less in the mean
+        own = direction(np.gradient(gaussian_filter1d(raw, narrow), one.step_s), narrow)
+        steady &= (minimum_filter1d(own, window) == maximum_filter1d(own, window)) & (own != 0)
     index = np.arange(count)
     edge = 4 * kernel + abs(shift)
     moving = np.flatnonzero(steady & (index >= edge) & (index < count - edge))[:: 2 * kernel]
@@ -176,14 +189,14 @@ def _rows(
     known = before >= 0
     travel: FloatArray = np.where(known, np.abs(angle[moving] - angle[at]), np.inf)
     since: FloatArray = np.where(known, (moving - at) * one.step_s, np.inf)
-    own = angle[moving], speed[moving], acceleration[moving]
+    moved = angle[moving], speed[moving], acceleration[moving]
     nearest = sorted(set(one.angle) - {joint}, key=lambda name: (abs(int(name) - int(joint)), int(name)))
     smoothed = ([smooth(one.angle[name], order)[moving] for order in range(3)] for name in nearest)
     beside = [(q, v, a) for q, v, a in smoothed]
-    others = _acting(own, beside, acting)
+    others = _acting(moved, beside, acting)
     torque = smooth(np.roll(one.torque[joint], -shift))
     clock = np.asarray(index * one.step_s, np.float64)
-    values: list[FloatArray] = [clock, angle, speed, acceleration, torque]
+    values: list[FloatArray] = [clock, angle, speed, acceleration, torque, np.gradient(torque, one.step_s)]
     found: list[FloatArray] = [column[moving] for column in values]
     found += [travel, since, others]
     return found, len(turned)

@@ -9,7 +9,7 @@ import numpy as np
 
 from st_codegen.errors import InputError, Problems
 from st_codegen.ir.arrays import FloatArray
-from st_codegen.reconcile.joint.mode import JointMode, find_mode, response
+from st_codegen.reconcile.joint.mode import JointMode, find_mode, is_rigid, response
 from st_codegen.reconcile.joint.parts import (
     KINDS,
     OTHERS,
@@ -32,6 +32,8 @@ from st_codegen.reconcile.settings import SETTINGS
 
 #: shifts of the torque that are tried, s
 _MOST_SHIFT_S = 0.03
+#: so many times as far is looked where the best shift is the last one
+_FARTHEST = 10
 
 
 @dataclass(frozen=True)
@@ -127,9 +129,10 @@ def _joint(recordings: list[JointRecording], joint: str, accept: Collection[str]
         chosen = choose(rows, acting.moves, [one.gain.part for one in waves])
     kept = tuple(wave for wave in waves if wave.gain.part.name in chosen.names())
     rest = chosen.of(set(chosen.names())) - chosen.fit.values[0] * rows.acceleration
-    mode, most = _mode(recordings, joint, rows, rest, shift)
+    mode, most, rigid = _mode(recordings, joint, rows, rest, shift)
     late = shift * recordings[0].step_s
-    return JointResult(joint, rows, chosen, kept, mode, late, outliers, most, unseen and mode is None, tuple(notes))
+    unseen = mode is None and (unseen or not rigid)
+    return JointResult(joint, rows, chosen, kept, mode, late, outliers, most, unseen, tuple(notes))
 
 
 def _speaks_of(note: str, joint: str) -> bool:
@@ -170,7 +173,7 @@ def _below_mode(
     """The kernel (s) that leaves modes out: below them a joint is rigid. Whether there is one that was not seen."""
     known = stacked(_rich(rows))
     values = crossed(known, rows).values
-    mode, _ = _mode(recordings, joint, rows, known[:, 1:] @ values[1:], 0)
+    mode, *_ = _mode(recordings, joint, rows, known[:, 1:] @ values[1:], 0)
     kernel = rows.kernel_s
     if mode is not None:
         lowest = mode.antiresonance_Hz or mode.resonance_Hz
@@ -181,44 +184,63 @@ def _below_mode(
         wide = _inertia(recordings, joint, 2 * kernel, acting)
         if wide is None:
             break
-        (inertia, error), (other, more) = narrow, wide
-        if abs(inertia - other) <= max(
-            SETTINGS.joint_one_inertia * abs(other), SETTINGS.joint_better * float(np.hypot(error, more))
-        ):
+        (inertia, error, diluted), (other, more, _) = narrow, wide
+        apart, sure = abs(inertia - other), SETTINGS.joint_better * float(np.hypot(error, more))
+        if apart <= max(SETTINGS.joint_one_inertia * abs(other), sure):
             break
-        kernel, unseen = 2 * kernel, True
+        kernel, unseen = 2 * kernel, unseen or apart > sure + 2 * diluted
     return kernel, unseen
 
 
 def _inertia(
     recordings: list[JointRecording], joint: str, kernel_s: float, acting: Sequence[int]
-) -> tuple[float, float] | None:
-    """The inertia that a kernel shows, and its error."""
+) -> tuple[float, float, float] | None:
+    """The inertia that a kernel shows, its error, and by how much noise of the angle makes it smaller.
+
+    That is more than of the acceleration alone where other parts look like it, as gravity does in a slow sine.
+    """
     rows = rows_of(recordings, joint, 0, kernel_s, acting)
     if rows is None:
         return None
-    fit = crossed(stacked(_rich(rows)), rows)
-    return float(fit.values[0]), float(fit.errors[0])
+    columns = stacked(_rich(rows))
+    fit = crossed(columns, rows)
+    own = columns[:, 0] - columns[:, 1:] @ np.linalg.lstsq(columns[:, 1:], columns[:, 0], rcond=None)[0]
+    noise = rows.noise[1] ** 2
+    diluted = noise / max(float((own**2).mean()) - noise, noise / 10, 1e-300)
+    return float(fit.values[0]), float(fit.errors[0]), diluted * abs(float(fit.values[0]))
 
 
 def _shift(recordings: list[JointRecording], joint: str, kernel_s: float, acting: Sequence[int]) -> int:
     """Samples by which the torque is late: the shift whose model predicts best, if it surely does so better."""
     most = int(min(_MOST_SHIFT_S / recordings[0].step_s, 30))
-    fits = {}
+    fits: dict[int, FloatArray] = {}
     base = rows_of(recordings, joint, 0, kernel_s, acting)
     seen = [] if base is None else _seen(base)
-    for shift in {*range(-most, most + 1, max(1, most // 8)), 0}:
-        rows = rows_of(recordings, joint, shift, kernel_s, acting)
-        if rows is not None and base is not None and len(rows.time) > 0.9 * len(base.time):
-            fits[shift] = crossed(stacked(_rich(rows, seen)), rows).held / len(rows.time)
+
+    def tried(shifts: Collection[int]) -> int:
+        """The best of all shifts so far, with some more."""
+        for shift in set(shifts) - fits.keys():
+            rows = rows_of(recordings, joint, shift, kernel_s, acting)
+            if rows is not None and base is not None and len(rows.time) > 0.9 * len(base.time):
+                fits[shift] = crossed(stacked(_rich(rows, seen)), rows).held / len(rows.time)
+        return min(fits, key=lambda s: float(fits[s].sum()), default=0)
+
+    step = max(1, most // 8)
+    best = tried({*range(-most, most + 1, step), 0})
+    # the best at the end of what was tried is not the best
+    while fits and abs(best) == max(map(abs, fits)) and abs(best) < _FARTHEST * most:
+        before, way = best, int(np.sign(best))
+        best = tried([before + way * step * n for n in range(1, 9)])
+        if best == before:
+            break
     if not fits:
         return 0
-    best = min(fits, key=lambda s: fits[s].sum())
-    for shift in range(best - max(1, most // 8) + 1, best + max(1, most // 8)):
-        rows = rows_of(recordings, joint, shift, kernel_s, acting)
-        if shift not in fits and rows is not None:
-            fits[shift] = crossed(stacked(_rich(rows, seen)), rows).held / len(rows.time)
-    best = min(fits, key=lambda s: fits[s].sum())
+    far = rows_of(recordings, joint, best, kernel_s, acting)
+    if abs(best) > most and far is not None:
+        # so late a torque makes waves that are none
+        seen = _seen(far)
+        fits.clear()
+    best = tried([0, *range(best - step + 1, best + step)])
     saved = fits[0] - fits[best]
     sure = surely(saved, fits[0]) and (saved > 0).mean() >= SETTINGS.joint_most
     return best if sure and saved.sum() > SETTINGS.joint_share * fits[0].sum() else 0
@@ -226,8 +248,11 @@ def _shift(recordings: list[JointRecording], joint: str, kernel_s: float, acting
 
 def _mode(
     recordings: list[JointRecording], joint: str, rows: JointRows, rest: FloatArray, shift: int
-) -> tuple[JointMode | None, float | None]:
-    """The mode, and up to which frequency the motion tells the torque; rest: the torque that is no inertia's."""
+) -> tuple[JointMode | None, float | None, bool]:
+    """The mode, up to which frequency the motion tells the torque, and whether it is all a rigid joint's.
+
+    rest: the torque that is no inertia's.
+    """
     start, pieces = 0.0, []
     for one in recordings:
         time = start + one.step_s * np.arange(len(one.angle[joint]))
@@ -237,5 +262,5 @@ def _mode(
         start += one.step_s * (len(time) + 1)
     found = response(pieces, recordings[0].step_s)
     if found is None:
-        return None, None
-    return find_mode(found), float(found.frequency[-1])
+        return None, None, True
+    return find_mode(found), float(found.frequency[-1]), is_rigid(found)

@@ -49,7 +49,7 @@ def test_each_part_is_the_torque_of_its_law():
     """Two rows, one of each direction, at the first and the last second; laws with a scale have it at 2."""
     speed, two = np.array([1.0, -3.0]), np.zeros(2)
     rows = JointRows(
-        np.array([0.0, 4.0]), two, speed, two, two, np.array([2.0, 4.0]), np.array([6.0, 1.0]), np.zeros((2, 0)),
+        np.array([0.0, 4.0]), two, speed, two, two, two, np.array([2.0, 4.0]), np.array([6.0, 1.0]), np.zeros((2, 0)),
         np.zeros(2, int), 0.01, (0.0, 0.0), 0, STEP,
     )  # fmt: skip
     load = np.array([[5.0, 7.0], [-2.0, 3.0]])
@@ -178,6 +178,8 @@ BAD = {
     "no torque": (changed(tau=lambda c: 0 * c["q"]), "never changes"),
     "sign": (plain() | {"tau": -plain()["tau"]}, "--accept sign turns it"),
     "unit": ({("q_mm" if key == "q" else key): value for key, value in plain(count=800).items()}, "unit of the column"),
+    "huge": (changed(tau=lambda c: with_value(c["tau"], 7, 1e300)), r"line 9: tau of 1e\+300 is no value of a joint"),
+    "jump": (changed(q=lambda c: c["q"] + 0.3 * (c["t"] > 2.0)), r"q jumps by 0\.\d+ from row 402 to the next"),
     "missing": ({"t": plain()["t"], "q1": plain()["q"], "tau2": plain()["tau"]}, "column 'tau1' is missing"),
 }
 
