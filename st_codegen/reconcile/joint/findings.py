@@ -368,8 +368,11 @@ def cannot_show(result: JointResult) -> list[str]:
     found.append("friction that differs by direction at all speeds alike: a zero of the torque looks the same")
     if result.told_to_Hz is None:
         found.append("an elasticity: no band of frequencies in which the motion explains the torque")
-    elif result.unseen_mode:
-        found.append("an elasticity: the torque is not that of one inertia, and no mode was resolved in it")
+    elif result.mode is None and not result.is_rigid:
+        found.append(
+            f"an elasticity: the torque up to {result.told_to_Hz:.3g} Hz is not that of one inertia, and no mode was "
+            "resolved in it; what happens at reversals can do that as well"
+        )
     elif result.mode is None:
         found.append(f"an elasticity above {result.told_to_Hz:.3g} Hz: the motion explains the torque below")
     if not result.waves:

@@ -41,7 +41,8 @@ class JointResult:
     """What one joint's torque is made of; without its name where it is the only one.
 
     late_s: how much later than the motion the torque is, as far as a shift tells; outliers: rows left out; told_to_Hz:
-    up to where the motion explains the torque; unseen_mode: the inertia is not one at all frequencies.
+    up to where the motion explains the torque; is_rigid: whether all of that is a rigid joint's; unseen_mode: the
+    inertia is not one at all frequencies.
     """
 
     joint: str
@@ -52,6 +53,7 @@ class JointResult:
     late_s: float
     outliers: int
     told_to_Hz: float | None
+    is_rigid: bool
     unseen_mode: bool
     notes: tuple[str, ...]
 
@@ -131,8 +133,8 @@ def _joint(recordings: list[JointRecording], joint: str, accept: Collection[str]
     rest = chosen.of(set(chosen.names())) - chosen.fit.values[0] * rows.acceleration
     mode, most, rigid = _mode(recordings, joint, rows, rest, shift)
     late = shift * recordings[0].step_s
-    unseen = mode is None and (unseen or not rigid)
-    return JointResult(joint, rows, chosen, kept, mode, late, outliers, most, unseen, tuple(notes))
+    unseen = unseen and mode is None
+    return JointResult(joint, rows, chosen, kept, mode, late, outliers, most, rigid, unseen, tuple(notes))
 
 
 def _speaks_of(note: str, joint: str) -> bool:

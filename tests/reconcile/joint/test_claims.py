@@ -116,10 +116,8 @@ def test_a_joint_that_is_not_rigid_is_not_said_to_have_its_elasticity_elsewhere(
     q = columns["q"] + 1e-3 * shake
     tau = columns["tau"] + 2e-3 * np.gradient(np.gradient(shake, 0.005), 0.005)
     (joint,) = report({"t": columns["t"], "q": q, "tau": tau}, tmp_path)
-    assert joint["verdict"] != "nothing_missing"
-    assert (
-        "an elasticity: the torque is not that of one inertia, and no mode was resolved in it" in joint["cannot_show"]
-    )
+    (text,) = (text for text in joint["cannot_show"] if text.startswith("an elasticity"))
+    assert "is not that of one inertia, and no mode was resolved in it" in text
 
 
 def test_a_joint_that_is_shaken_both_ways_does_not_move_in_one():
