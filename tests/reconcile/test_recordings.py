@@ -12,7 +12,8 @@ from st_codegen.reconcile.data.recordings import ANGLES, is_recording, observati
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.lines import _slow, lines_in_samples, stand_out, waves_of_angle
 from st_codegen.reconcile.judge.links import _judged, _noise
-from st_codegen.reconcile.report.sentences import left_text
+from st_codegen.reconcile.outcome import Outcome
+from st_codegen.reconcile.report.sentences import floor_text, left_text, verdict_text
 from st_codegen.reconcile.run import reconcile_files, reconcile_recordings
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions, catalogue
@@ -263,3 +264,20 @@ def test_the_noise_of_neighbours_is_that_of_all_samples(tmp_path):
     values[:, 4] += 1e-4 * np.random.default_rng(1).standard_normal(len(values))
     np.savetxt(tmp_path / "r.csv", values, "%.12g", ",", header=lines[0], comments="")
     assert observations(read_recordings([tmp_path / "r.csv"]), rig).neighbours_deg == pytest.approx(1e-4, rel=0.05)
+
+
+@pytest.mark.parametrize(("floor", "is_said"), [(5e-4, False), (2.9e-3, True)])
+def test_a_hum_above_the_orders_is_not_called_nothing(floor, is_said):
+    """Of a hum of 50 Hz, 405 waves a turn, it said that nothing was found missing, and no more."""
+    data = SimpleNamespace(angle_rad=np.zeros(1), neighbours_deg=5e-4, few_points=False, beyond_deg=None)
+    result = SimpleNamespace(
+        verdict=Outcome.NOTHING_MISSING,
+        data=data,
+        unexplained=(),
+        mistakes=(),
+        held_out=SimpleNamespace(noise_floor=floor),
+    )
+    said = verdict_text(result)
+    assert said.startswith("Nothing was found missing")
+    assert ("5.8 times the noise from sample to sample" in said) == is_said
+    assert ("no line among the orders" in floor_text(result)) == is_said

@@ -62,7 +62,19 @@ def verdict_text(result: Reconciliation) -> str:
         return (
             f"{said}; but above the orders that were looked at the curves hold {beyond:.2g} deg RMS, more than noise."
         )
+    if result.verdict in (Outcome.EXPLAINED, Outcome.NOTHING_MISSING) and _lasts(result):
+        times = result.held_out.noise_floor / result.data.neighbours_deg
+        return (
+            f"{VERDICT_TEXT[result.verdict].removesuffix('.')}; but what is left is {times:.2g} times the noise from "
+            "sample to sample: noise that lasts over samples, or a wave above the orders looked at, as a hum is."
+        )
     return VERDICT_TEXT[result.verdict]
+
+
+def _lasts(result: Reconciliation) -> bool:
+    """Whether what is left of samples over time is more than the noise from one to the next."""
+    floor, near = result.held_out.noise_floor, result.data.neighbours_deg
+    return result.data.angle_rad is not None and floor > SETTINGS.clearly_larger * near
 
 
 #: what a noise floor is made of, by the kind of contrast
@@ -81,12 +93,12 @@ _FLOOR = {
 def floor_text(result: Reconciliation) -> str:
     """What the noise floor is made of, and so what it cannot tell from noise."""
     if result.data.angle_rad is not None:
-        floor, near = result.held_out.noise_floor, result.data.neighbours_deg
-        if floor <= SETTINGS.clearly_larger * near:
+        if not _lasts(result):
             return "The floor is the noise from sample to sample."
         return (
-            f"The floor is the rest of the samples; from one to the next they differ as noise of {near:.2g} deg would "
-            "at most: it holds noise that lasts over samples, or what lasts and has no line of its own."
+            "The floor is the rest of the samples; from one to the next they differ as noise of "
+            f"{result.data.neighbours_deg:.2g} deg would at most: it holds noise that lasts over samples, or what "
+            "lasts and has no line among the orders that were looked at."
         )
     kinds = list(dict.fromkeys(result.noise.kinds))
     parts = []
