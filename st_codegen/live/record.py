@@ -95,25 +95,35 @@ def planned(points: Sequence[OperatingPoint]) -> tuple[PlannedRun, ...]:
     return tuple(PlannedRun(*run) for run in zip(ordered, run_paths(ordered), strict=True))
 
 
-def open_campaign(folder: Path, runs: Sequence[PlannedRun]) -> list[PlannedRun]:
+def open_campaign(folder: Path, runs: Sequence[PlannedRun], how: Mapping[str, float] | None = None) -> list[PlannedRun]:
     """Make or open the campaign's folder; the runs that are still to be made.
 
-    Raises InputError for a folder that holds something else, or another plan.
+    how: what all files of a campaign have in common, by name. Raises InputError for a folder that holds something
+    else, another plan, or files that were measured otherwise.
     """
     plan = [[run.file, run.point.speed_rpm, run.point.torque_Nm, run.point.temperature_C] for run in runs]
     path = folder / PLAN_FILE
+    text = json.dumps({"runs": plan, "how": dict(how or {})}, indent=1) + "\n"
     if path.is_file():
         try:
-            known = json.loads(path.read_text(encoding="utf-8"))["runs"]
+            begun = json.loads(path.read_text(encoding="utf-8"))
+            known, before = begun["runs"], dict(begun.get("how") or how or {})
         except (ValueError, KeyError, TypeError):
             raise InputError(f"{path}: not readable; was it made by st-codegen record?") from None
         if known != plan:
             raise InputError(f"{folder} was begun with another plan: name a new folder, or give the old plan")
+        if how is not None and before != how:
+            if not any((folder / run.file).is_file() for run in runs):
+                write_text(path, text)
+                return list(runs)
+            changed = sorted(name for name in {*before, *how} if before.get(name) != how.get(name))
+            was = ", ".join(f"{name} {before.get(name, 'as the controller has it')}" for name in changed)
+            raise InputError(f"{folder} was begun otherwise ({was}): give that again, or name a new folder")
     elif folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder} exists and is not empty; name a new folder, or one that record has begun")
     else:
         make_folder(folder)
-        write_text(path, json.dumps({"runs": plan}, indent=1) + "\n")
+        write_text(path, text)
     return [run for run in runs if not (folder / run.file).is_file()]
 
 
@@ -132,7 +142,8 @@ def record(
     is lost. What was finished before stays.
     """
     _check_samples(project, runs, recording)
-    missing = open_campaign(folder, runs)
+    how = {"samples": float(recording.samples), "reduction_ratio": project.ratio, **recording.inputs}
+    missing = open_campaign(folder, runs, how)
     if len(missing) < len(runs):
         _note_conditions(folder, runs)  # those of the last file may be missing, where a run was killed behind it
     if not missing:

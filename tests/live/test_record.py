@@ -445,3 +445,16 @@ def test_what_another_client_has_begun_is_not_stopped(monkeypatch):
 def test_an_address_that_cannot_be_is_refused_before_anybody_is_asked(address):
     with pytest.raises(InputError, match="go up to 255"):
         connected(address, None)
+
+
+def test_a_campaign_that_goes_on_is_measured_as_it_was_begun(tmp_path):
+    """Files of other samples, inputs and ratios came into one campaign without a word."""
+    runs = planned([POINT, dataclasses.replace(POINT, torque_Nm=100.0)])
+    open_campaign(tmp_path, runs, {"samples": 500.0, "fHomingSpeed_rpm": 50.0})
+    # nothing is measured: all may still be another
+    assert open_campaign(tmp_path, runs, {"samples": 600.0}) == list(runs)
+    assert open_campaign(tmp_path, runs, {"samples": 500.0, "fHomingSpeed_rpm": 50.0}) == list(runs)
+    write_run(Run(POINT, dict.fromkeys(Direction, Curve(np.zeros(3), np.zeros(3)))), tmp_path / runs[0].file)
+    assert open_campaign(tmp_path, runs, {"samples": 500.0, "fHomingSpeed_rpm": 50.0}) == [runs[1]]
+    with pytest.raises(InputError, match=r"begun otherwise \(fHomingSpeed_rpm 50.0, samples 500.0\)"):
+        open_campaign(tmp_path, runs, {"samples": 600.0})
