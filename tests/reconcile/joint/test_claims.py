@@ -127,7 +127,7 @@ def test_a_joint_that_is_shaken_both_ways_does_not_move_in_one():
     one = JointRecording(
         "a", 1e-3, {"": q + 1e-7 * np.random.default_rng(0).standard_normal(len(t))}, {"": None}, {"": q}
     )
-    wide, narrow = rows_of([one], "", 0, 0.1), rows_of([one], "")
+    wide, narrow = rows_of([one], "", 0, 0.03), rows_of([one], "")
     # the shaking moves it at 0.25 rad/s: below that it goes both ways
     assert np.abs(wide.speed).min() > 0.24
     assert len(narrow.time) > len(wide.time)
