@@ -295,6 +295,8 @@ class Settings:
     of_an_error: float = 0.25
     #: loss of a run by noise with heavy tails, which a robust estimate of the noise takes for one
     tails: float = 1.4
+    #: what a height of a resonance that follows the load may leave of what one height of all loads does
+    left_of_height: float = 0.5
     #: loss by which another name may be worse and still be as good a name: 1 in 1000 by chance for one parameter
     as_good: float = 11.0
     #: other names that are fitted in full
@@ -546,6 +548,7 @@ CHOSEN_ON: dict[str, tuple[str, ...]] = {
         "least_between", "left_beside_wave", "powers_of_a_load", "one_slope", "beyond_labels", "nothing_left",
         "keeps_its_size", "least_turn_rad", "same_in_runs", "same_ramp", "told_order", "told_decay", "rings",
         "reach_of_start_deg", "left_of_rest", "off_order", "part_of_rest", "begins_to_do", "clear_cause",
+        "left_of_height",
     ),
     "all counted cases of other physics, development and held out": (
         "names_by_order", "names_by_more",

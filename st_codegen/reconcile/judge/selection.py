@@ -152,9 +152,10 @@ def _first_that_passes(
 
 
 def _of_one_height(fitted: Fit, number: int, penalty: float) -> Fit:
-    """The fit with a resonance of one height at all loads, where parts that follow the load save less than they cost.
+    """The fit with a resonance of one height at all loads, where parts that follow the load take little off.
 
-    penalty: what a number must save.
+    penalty: what a number must save. What one height leaves beyond the noise must be down to a part as well: of a form
+    that is not quite the machine's, all that is free takes some.
     """
     piece = fitted.state.pieces[number]
     idle = {
@@ -168,8 +169,12 @@ def _of_one_height(fitted: Fit, number: int, penalty: float) -> Fit:
     values = {key: x for key, x in piece.effect.values.items() if key not in idle}
     plain = replace(piece, effect=piece.effect.with_values(values), free=piece.free - idle)
     found = fit(fitted.target, fitted.state.replaced(number, plain), steps=SETTINGS.long_steps)
-    fewer = len(fitted.prior) - len(found.prior)
-    return found if found.loss - fitted.loss < penalty * fewer else fitted
+    target, fewer = fitted.target, len(fitted.prior) - len(found.prior)
+    counted = target.counts & np.isin(target.data.orders, piece.effect.orders)
+    noise = 2.0 * SETTINGS.tails * float((target.sigma**2)[counted].sum())
+    left, follows = (max(float((np.abs(one.residual[counted]) ** 2).sum()) - noise, 0.0) for one in (found, fitted))
+    worth_it = found.loss - fitted.loss > penalty * fewer and follows < SETTINGS.left_of_height * left
+    return fitted if worth_it else found
 
 
 def founded(without: Fit, with_it: Fit, number: int, places: list[int]) -> tuple[Evidence, bool]:
