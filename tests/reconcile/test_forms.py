@@ -175,6 +175,23 @@ def test_a_height_of_another_law_does_not_move_the_frequency():
     assert result.unexplained, "its height is no line over the load"
 
 
+def test_a_frequency_is_said_where_it_was_measured():
+    """Of two loads, "at 40.0 Hz" was that at none, and the gap on held-out runs said nothing of what lies between."""
+    at, orders = grid(np.arange(100, 1801, 100.0), 2, (20.0, 35.0, 50.0)), [0, 156, 162, 240]
+    at = replace(at, torque_Nm=np.where(at.torque_Nm > 0.0, 1800.0, 600.0))
+    heights = {156: 4e-3 * np.exp(1j), 162: 6e-3, 240: 3e-3j}
+
+    def wave(order):
+        ratio = order * at.speed_rpm / 60 / 81 / (40 * (1 + 0.25 * at.torque_Nm / 1000))
+        return heights[order] * 0.06 * ratio**2 / (1 - ratio**2 + 0.06j * ratio * at.sign)
+
+    result = reconciled(part(MESH, orders), at, orders, {order: wave(order) for order in heights})
+    (claim,) = result.conclusions.claims
+    (text,) = (finding.text for finding in findings(result) if finding.effect is claim.piece.effect)
+    assert "at 46.0 Hz at 600 N m, which moves by +10.0 +-" in text
+    assert "torque" in result.untested and result.held_out_is_bound
+
+
 def test_two_resonances_that_cross_are_not_one_that_grows():
     """One of 52.0 Hz and a damping ratio of 0.049, found where the two meet, stood in the place of both."""
     at, orders = grid(np.arange(100, 1801, 100.0), 7, (30.0,)), [0, 120, 156, 162, 240]

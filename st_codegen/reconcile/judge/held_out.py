@@ -64,11 +64,14 @@ def untested_axes(fit: Fit) -> tuple[str, ...]:
     found, sizes = [], np.unique(np.abs(fit.target.data.at.torque_Nm), return_inverse=True)[1].astype(np.int64)
     levels = np.arange(sizes.max() + 1)
     by_size = replace(fit.target, groups=Groups(sizes, levels, {"torque": levels}))
+    if len(levels) == 2 and any("frequency_per_kNm" in piece.effect.values for piece in fit.state.pieces):
+        # of two none can be left out, and a peak that moves from the one to the other is somewhere between them
+        found.append("torque")
     for axis in AXES:
         few = axis == "torque" and len(levels) < SETTINGS.many_levels
         folds = (replace(fit, target=by_size) if few else fit).folds(axis)
         unknown = sum(int(fold.rows.sum()) for fold in folds if not fold.identified)
-        if 2 * unknown > sum(int(fold.rows.sum()) for fold in folds):
+        if axis not in found and 2 * unknown > sum(int(fold.rows.sum()) for fold in folds):
             found.append(axis)
     return tuple(found)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -45,6 +46,7 @@ def search(
         found = _next(current, current, known, refused, judged)
         if found is None and is_lacking(target, current.residual).any():
             found = _next(_softer(current), current, known, softly, judged) or _moved(current, known, judged)
+        found = found or _one_in_place_of_two(current, known, judged)
         if found is None:
             break
         current = in_their_forms(found)
@@ -80,6 +82,24 @@ def _moved(current: Fit, known: Catalogue, judged: list[tuple[Candidate, Evidenc
         if one is not None and one.loss < current.loss - SETTINGS.order_gain:
             return one
     return found
+
+
+def _one_in_place_of_two(current: Fit, known: Catalogue, judged: list[tuple[Candidate, Evidence]]) -> Fit | None:
+    """The fit with one resonance that moves where two whose heights follow the load do no better, or None.
+
+    Of two loads each may have a resonance of its own, which is gone at the other one.
+    """
+    optional = {phasor.key for effect in known.values() for phasor in effect.phasors if not phasor.required}
+    pieces = enumerate(current.state.pieces)
+    follow = [i for i, p in pieces if p.added and has_a_frequency(p.effect) and optional & set(p.effect.values)]
+    for two in itertools.combinations(follow, 2):
+        kept = tuple(piece for i, piece in enumerate(current.state.pieces) if i not in two)
+        without = fit(current.target, replace(current.state, pieces=kept), steps=SETTINGS.quick_steps)
+        one = _next(without, without, known, dict[object, float](), judged, moved=True)
+        fewer = 0 if one is None else len(current.prior) - len(one.prior)
+        if one is not None and one.loss - current.loss < Search(known, current).penalty * fewer:
+            return one
+    return None
 
 
 def _next(

@@ -372,6 +372,8 @@ def _resonance(effect: Effect, result: Reconciliation) -> str:
         hertz = frequency * effect.shift(loads, effect.constants.reference_temperature_C)
         where = f"at {hertz[0]:.1f} Hz at {loads[0]:g} N m and at {hertz[1]:.1f} Hz at {loads[1]:g} N m"
         del slopes[0]
+    elif peaks is None and isinstance(effect, StructuralResonance):
+        where = _where_measured(effect, at)
     stderr = next((c.stderr for c in result.conclusions.claims if c.piece.effect is effect), {})
     moves = [
         f"by {frequency * effect.scalar(key):+.1f} +- {frequency * stderr.get(key, 0.0):.1g} Hz {per}"
@@ -383,6 +385,17 @@ def _resonance(effect: Effect, result: Reconciliation) -> str:
         moving += _heights(effect, at)
     state = f"{effect.state_text} of oil" if effect.state_text else ""
     return f"{', '.join(parts)}: {one} of the structure {where}{moving}{state}"
+
+
+def _where_measured(effect: StructuralResonance, at: Conditions) -> str:
+    """The frequency at no load and the reference temperature or, where one moves it, at the measured one next to it."""
+    load, oil, stands = float(np.abs(at.torque_Nm).min()), effect.constants.reference_temperature_C, ""
+    if effect.scalar("frequency_per_kNm") and load:
+        stands += f" at {load:g} N m"
+    if effect.scalar("frequency_per_10K") and not at.temperature_C.min() <= oil <= at.temperature_C.max():
+        oil = float(np.clip(oil, at.temperature_C.min(), at.temperature_C.max()))
+        stands += f" at {oil:g} degC"
+    return f"at {effect.scalar('frequency_Hz') * float(effect.shift(load, oil)):.1f} Hz{stands}"
 
 
 def _heights(effect: StructuralResonance, at: Conditions) -> str:
