@@ -143,6 +143,7 @@ def test_coordinates_there_and_back(name):
         chosen["order"] = {"pin_error": 40, "input_shaft_misalignment": 81}.get(name, 39)
     if "orders" in known:
         chosen |= {"orders": [156, 240], "amplitude_deg": [0.01, 0.02], "phase_rad": [0.4, -2.0]}
+        chosen |= {"slope_deg_per_kNm": [0.03, 0.0], "slope_phase_rad": [1.0, 0.0]}
     piece = piece_of(effect(name, **chosen), added=False)
     back = piece.with_vector(piece.vector()).effect
     for key, value in piece.effect.values.items():
