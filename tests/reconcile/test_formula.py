@@ -74,13 +74,14 @@ def test_both_forms_of_friction_that_falls_are_formulas_and_no_others():
         formulas(parse_rig(head + friction + "stribeck_exponent = 1.5\n"), 1.0)
 
 
-def test_constant_sidebands_and_states_of_a_resonance_are_formulas():
+def test_constant_sidebands_and_all_parts_of_a_resonance_are_formulas():
     tables = (
         '[[effect]]\nname = "cycloid_tooth_error"\norder = 39\namplitude_deg = 1e-3\n',
         '[[effect]]\nname = "carrier_modulation"\norder = 39\nlower_ratio = 0.2\nlower_deg = 2e-4\n'
         "lower_deg_phase_rad = 0.5\nupper_deg = 1e-4\n",
         '[[effect]]\nname = "structural_resonance"\nfrequency_Hz = 50\ndamping_ratio = 0.03\norders = [156]\n'
-        "amplitude_deg = [5e-3]\nstatic_share = 1\nabove_C = 27.5\n",
+        "amplitude_deg = [5e-3]\nstatic_share = 1\nabove_C = 27.5\nfrequency_per_kNm = 0.2\nlevels_off_per_kNm = 0.5\n"
+        "slope_deg_per_kNm = [3e-3]\nslope_phase_rad = [0.7]\n",
     )
     head = "[rig]\nname = 't'\nreduction_ratio = 81\ncycloid_teeth = 39\npins = 40\ncranks = 3\n"
     rig = parse_rig(head + "".join(tables))
