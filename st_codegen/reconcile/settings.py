@@ -394,6 +394,8 @@ class Settings:
     off_order: float = 0.05
     part_of_rest: float = 0.5
 
+    #: part of the range of a condition from which on a gap parts two levels of it, whose values scatter
+    clear_gap: float = 0.15
     #: torque (N m) below which a run tells backlash from dry friction: the least that seats the flanks
     near_no_load_Nm: float = 30.0
 
@@ -548,7 +550,7 @@ CHOSEN_ON: dict[str, tuple[str, ...]] = {
         "least_between", "left_beside_wave", "powers_of_a_load", "one_slope", "beyond_labels", "nothing_left",
         "keeps_its_size", "least_turn_rad", "same_in_runs", "same_ramp", "told_order", "told_decay", "rings",
         "reach_of_start_deg", "left_of_rest", "off_order", "part_of_rest", "begins_to_do", "clear_cause",
-        "left_of_height",
+        "left_of_height", "clear_gap",
     ),
     "all counted cases of other physics, development and held out": (
         "names_by_order", "names_by_more",

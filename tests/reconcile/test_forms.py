@@ -28,6 +28,7 @@ from st_codegen.reconcile.judge.unexplained import beside_the_rigs
 from st_codegen.reconcile.judge.unseen import cannot_show
 from st_codegen.reconcile.report.findings import findings
 from st_codegen.reconcile.report.output import report
+from st_codegen.reconcile.report.sentences import _heights
 from st_codegen.reconcile.run import reconcile_observations, with_empirical
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.campaign import Measuring, read_conditions, simulate_campaign
@@ -190,6 +191,39 @@ def test_a_frequency_is_said_where_it_was_measured():
     (text,) = (finding.text for finding in findings(result) if finding.effect is claim.piece.effect)
     assert "at 46.0 Hz at 600 N m, which moves by +10.0 +-" in text
     assert "torque" in result.untested and result.held_out_is_bound
+
+
+def test_what_the_load_never_showed_is_not_put_down_to_it():
+    """At one load a tooth error that grew was a slope of 2.5e-3 where a slope could be up to 100 deg a kN m."""
+    at, orders = grid(np.arange(100, 1801, 100.0), 2), [0, 39, 78]
+    at = replace(at, torque_Nm=np.full(len(at), 500.0))
+    known = RIG.with_effects(
+        [effect("cycloid_tooth_error", order=39, amplitude_deg=2e-3, phase_rad=0.3),
+         effect("load_dependent_mesh", order=39, slope_deg_per_kNm=7e-4, phase_rad=-0.5)]
+    )  # fmt: skip
+    tooth = np.where(at.sign > 0, 1e-3 * np.exp(0.3j), 1e-3 * np.exp(0.3j))
+    result = reconciled(known, at, orders, {39: tooth})
+    (entry,) = result.conclusions.retuned
+    assert entry.after.name == "cycloid_tooth_error"
+    assert entry.after.scalar("amplitude_deg") == pytest.approx(3e-3, rel=1e-3)
+
+
+def test_heights_of_a_resonance_are_said_at_loads_and_directions_of_both():
+    """Forward runs without load beside backward ones with it were "0.001 deg high at 1000 N m and 0.004 at 0 N m"."""
+    sign = np.repeat([1.0, -1.0], 6)
+    at = Conditions.of(sign, np.tile([500.0, 900.0, 1300.0], 4), np.where(sign > 0, 0.0, 1000.0), np.full(12, 30.0))
+    shape = {"orders": (156,), "frequency_Hz": 40.0, "damping_ratio": 0.03, "phase_rad": (0.0,)}
+    sides = effect("structural_resonance", amplitude_deg=(4e-3,), backward_amplitude_deg=(1e-3,), **shape)
+    claim = SimpleNamespace(stderr={"backward_amplitude_deg[156]": 0.0})
+    assert _heights(claim, sides, at) == ", at least 4 times as high forward as backward"
+    assert _heights(SimpleNamespace(stderr={"backward_amplitude_deg[156]": 1e-3}), sides, at) == ""
+    follows = effect("structural_resonance", amplitude_deg=(1e-3,), slope_deg_per_kNm=(2e-3,), **shape)
+    assert _heights(claim, follows, at) == ", 0.003 deg high at 1000 N m and 0.001 deg at 0 N m (of all its orders)"
+    signed = replace(at, torque_Nm=np.where(sign > 0, -500.0, 500.0))
+    assert "0.002 deg high at 500 N m and 0 deg at -500 N m" in _heights(claim, follows, signed)
+    assert _heights(claim, follows, replace(at, torque_Nm=np.full(12, 300.0))) == ""
+    only = effect("structural_resonance", amplitude_deg=(4e-3,), backward_amplitude_deg=(0.0,), **shape)
+    assert _heights(claim, only, at) == ", at least 100 times as high forward as backward"
 
 
 def test_two_resonances_that_cross_are_not_one_that_grows():

@@ -118,17 +118,18 @@ def _of_scalar(scalar: Scalar) -> Coordinate:
     lower, upper = scalar.lower, scalar.upper
     if scalar.form is Form.INVERSE:
         lower, upper = 1 / scalar.upper, 1 / scalar.lower
-    return Coordinate(scalar.key, scalar.form, lower, upper, upper - lower)
+    return Coordinate(scalar.key, scalar.form, lower, upper, scalar.typical or upper - lower)
 
 
 def _of_phasor(phasor: Phasor, places: int, free: frozenset[str]) -> Iterator[Coordinate]:
+    high, usual = phasor.upper, phasor.typical or phasor.upper
     for backward in (False, True) if phasor.own_flanks else (False,):
         amplitude, phase = phasor.keys(backward)
         if amplitude not in free:
             continue
         for place in range(places):
             for part in (1, 2):
-                yield Coordinate(amplitude, Form.LINEAR, -phasor.upper, phasor.upper, phasor.upper, phase, place, part)
+                yield Coordinate(amplitude, Form.LINEAR, -high, high, usual, phase, place, part)
 
 
 def _read(effect: Effect, c: Coordinate) -> float:

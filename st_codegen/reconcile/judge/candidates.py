@@ -20,6 +20,7 @@ from st_codegen.reconcile.fit.propagation import Propagation
 from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import Column, by_place
 from st_codegen.reconcile.judge.frequencies import Frequencies, worth
+from st_codegen.reconcile.judge.peaks import follows_load
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Constants, Effect, Form, Stage
 from st_codegen.rig.effects.base import BACKWARD
@@ -265,15 +266,16 @@ class Search:
         frequencies = Frequencies(effect, self.fit, self.scorer.weights, self.scorer.powers)
         for start in frequencies.moved() if self.moved else frequencies.starts():
             # where the height follows the load nothing of one height may explain enough to begin with
-            keys = frozenset(start.values) | self._sizes(effect, required=True)
-            for chosen in dict.fromkeys((keys, keys | self._sizes(effect, required=False))):
+            of_load = self._sizes(effect, of_load=True)
+            keys = frozenset(start.values) | self._sizes(effect, of_load=False)
+            for chosen in (keys, keys | of_load)[: 1 + bool(of_load)]:
                 yield Candidate(_started(effect, chosen, start.values, start.orders, self.constants))
 
-    def _sizes(self, effect: type[Effect], *, required: bool) -> frozenset[str]:
-        """The keys of the phasors that an effect must have, or of those that it may have."""
+    def _sizes(self, effect: type[Effect], *, of_load: bool) -> frozenset[str]:
+        """The keys of the load part of a resonance's heights, or of all other sizes of an effect."""
         sides = (False, True)[: 1 + self.data.both_directions()]
-        own = [phasor for phasor in effect.phasors if phasor.required == required]
-        return frozenset(key for phasor in own for side in sides for key in phasor.keys(side))
+        own = [phasor for phasor in effect.phasors if follows_load(effect, phasor.key) == of_load]
+        return frozenset(key for phasor in own for side in sides[: 1 + phasor.own_flanks] for key in phasor.keys(side))
 
     def _moving(self, effect: type[Effect]) -> Iterator[Candidate]:
         """A frequency of a piece that is there and may move with a condition, from where it does not, or a size."""
@@ -287,7 +289,7 @@ class Search:
                     yield Candidate(
                         Piece(still, piece.free | {s.key}, piece.added, piece.origin), number, frozenset({s.key})
                     )
-            keys = self._sizes(effect, required=False)
+            keys = self._sizes(effect, of_load=True)
             if keys and not keys & set(piece.effect.values):
                 none = {key: (0.0,) * len(piece.effect.orders) for key in keys}
                 level = piece.effect.with_values(dict(piece.effect.values) | none)

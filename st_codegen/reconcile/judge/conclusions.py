@@ -30,7 +30,7 @@ from st_codegen.reconcile.judge.lookalikes import (
     told_sides,
 )
 from st_codegen.reconcile.judge.misread import OFFSET, Misread, covariance_of_corrections, misread
-from st_codegen.reconcile.judge.peaks import bracket, chance_of_bracket, has_a_frequency, spread
+from st_codegen.reconcile.judge.peaks import bracket, chance_of_bracket, frequencies_in, has_a_frequency, spread
 from st_codegen.reconcile.judge.plausible import (
     bounds_met,
     explained,
@@ -674,14 +674,14 @@ def _extrapolates(joint: Fit, piece: Piece) -> tuple[str, ...]:
     seating = piece.effect.values.get("seating_torque_Nm")
     if isinstance(seating, float) and np.sum(np.unique(np.abs(at.torque_Nm)) < 2 * seating) < 2:
         remarks.append("too few torques near the seating torque: it is an extrapolation")
-    frequency = piece.effect.values.get("frequency_Hz")
     remarks += [
         f"what it does between {low:g} and {high:g} degC is not known: no temperature between them was measured"
         for low, high in unmeasured_states(at, [piece.effect])
     ]
-    if isinstance(frequency, float):
+    if "frequency_Hz" in piece.effect.values:
         turn = at.speed_rpm / (60 * piece.effect.constants.reduction_ratio)
-        outside = [k for k in piece.effect.orders if not k * turn.min() < frequency < k * turn.max()]
+        lowest, highest = frequencies_in(piece.effect, at)
+        outside = [k for k in piece.effect.orders if not (k * turn.min() < highest and lowest < k * turn.max())]
         if outside:
             remarks.append(f"orders {', '.join(map(str, outside))} do not reach the frequency in the measured speeds")
     return tuple(remarks)

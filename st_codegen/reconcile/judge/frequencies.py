@@ -17,6 +17,7 @@ from st_codegen.campaign.conditions import Conditions
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.contrasts import levels_of
 from st_codegen.reconcile.fit.fitting import Fit
+from st_codegen.reconcile.judge.peaks import frequencies_in
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect, Form
 from st_codegen.rig.effects.resonance import StructuralResonance
@@ -225,10 +226,7 @@ class Frequencies:
 
     def _apart_by(self, hertz: float, other: Effect) -> float:
         """How far (logarithm of the ratio) a frequency lies from those that a resonance has in these runs."""
-        own, at = other.scalar(self.frequency.key), self.data.at
-        moves = isinstance(other, StructuralResonance)
-        shift = other.shift(at.torque_Nm, at.temperature_C) if moves else np.ones(1)  # type: ignore[attr-defined]
-        low, high = np.log(own * float(np.min(shift))), np.log(own * float(np.max(shift)))
+        low, high = np.log(frequencies_in(other, self.data.at))
         return float(max(low - np.log(hertz), np.log(hertz) - high, 0.0))
 
 

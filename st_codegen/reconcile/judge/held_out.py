@@ -64,7 +64,7 @@ def untested_axes(fit: Fit) -> tuple[str, ...]:
     found, sizes = [], np.unique(np.abs(fit.target.data.at.torque_Nm), return_inverse=True)[1].astype(np.int64)
     levels = np.arange(sizes.max() + 1)
     by_size = replace(fit.target, groups=Groups(sizes, levels, {"torque": levels}))
-    if len(levels) == 2 and any("frequency_per_kNm" in piece.effect.values for piece in fit.state.pieces):
+    if len(levels) == 2 and any(p.effect.values.get("frequency_per_kNm") for p in fit.state.pieces):
         # of two none can be left out, and a peak that moves from the one to the other is somewhere between them
         found.append("torque")
     for axis in AXES:

@@ -11,7 +11,7 @@ from st_codegen.reconcile.data.contrasts import levels_of, speed_levels
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions, Effect, Stage
-from st_codegen.rig.effects.resonance import StructuralResonance
+from st_codegen.rig.effects.resonance import LOAD_PART, StructuralResonance
 
 #: random peaks whose agreement is counted: a share of one in 100 is known to a sixth
 _DRAWS = 4000
@@ -20,6 +20,18 @@ _DRAWS = 4000
 def has_a_frequency(effect: Effect) -> bool:
     """Whether an effect peaks at a frequency; one of the structure that a user adds need not."""
     return effect.stage is Stage.STRUCTURE and effect.orders_key == "orders" and "frequency_Hz" in effect.values
+
+
+def follows_load(effect: type[Effect], key: str) -> bool:
+    """Whether a key is that of the part of a resonance's heights that follows the load."""
+    return issubclass(effect, StructuralResonance) and key == LOAD_PART
+
+
+def frequencies_in(effect: Effect, at: Conditions) -> tuple[float, float]:
+    """The lowest and the highest frequency (Hz) that a resonance has at operating points."""
+    moves = effect.shift(at.torque_Nm, at.temperature_C) if isinstance(effect, StructuralResonance) else np.ones(1)
+    hertz = effect.scalar("frequency_Hz") * moves
+    return float(hertz.min()), float(hertz.max())
 
 
 def where_there(effect: Effect, at: Conditions) -> BoolArray:

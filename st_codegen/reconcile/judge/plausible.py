@@ -14,7 +14,7 @@ from st_codegen.reconcile.data.contrasts import levels_of
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.parameters import Coordinate, Piece
 from st_codegen.reconcile.fit.target import FitData
-from st_codegen.reconcile.judge.peaks import has_a_frequency
+from st_codegen.reconcile.judge.peaks import frequencies_in, has_a_frequency
 from st_codegen.reconcile.judge.structure import is_lacking
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect, Form, Scalar, Stage
@@ -32,9 +32,9 @@ def bounds_met(piece: Piece) -> list[Coordinate]:
             sizes[c.key, c.place] = float(np.hypot(sizes.get((c.key, c.place), 0.0), x))
             if c.part == 2 and sizes[c.key, c.place] > c.upper * (1.0 - SETTINGS.edge):
                 found.append(c)
-        edge = SETTINGS.edge * (c.upper - c.lower)
-        # what spans decades has most of its values near the lower bound: its range is as good as the upper one
-        low = x - c.lower <= (SETTINGS.edge * c.lower if c.form is Form.INVERSE or c.lower == 0.0 else edge)
+        edge = SETTINGS.edge * c.scale
+        # an inverse spans decades: its range is as good as its upper bound, and most of its values lie near the lower
+        low = x - c.lower < (SETTINGS.edge * c.lower if c.form is Form.INVERSE else edge)
         low = low and not (c.form is Form.LINEAR and c.lower == 0.0)
         if c.part == 0 and (low or c.upper - x < edge):
             found.append(c)
@@ -210,7 +210,7 @@ def law_holds(without: Fit, fitted: Fit, number: int) -> bool:
 
 
 def is_where_it_moves(fitted: Fit, piece: Piece) -> bool:
-    """Whether a frequency that moves with load or oil explains something at each level of it, or claims nothing there.
+    """Whether a frequency that moves with load or oil explains no level of these worse than nothing would.
 
     Where the size follows another law than its own, a peak that a level has not goes between its speeds.
     """
@@ -309,7 +309,7 @@ def at_two_frequencies(without: Fit, with_it: Fit, number: int) -> bool:
             for speed in np.unique(data.at.speed_rpm):
                 if saved[data.at.speed_rpm == speed, column].sum() > SETTINGS.point_gain:
                     points.add(round(order * speed / 10))
-    frequency = effect.scalar("frequency_Hz")
+    at_lowest, at_highest = frequencies_in(effect, data.at)
     grown = len(without.state.pieces) == len(with_it.state.pieces)
     others = [
         piece.effect
@@ -318,13 +318,12 @@ def at_two_frequencies(without: Fit, with_it: Fit, number: int) -> bool:
     ]
     # what is left of a resonance that is not quite an oscillator's is not a second one
     apart = all(
-        abs(frequency / other.scalar("frequency_Hz") - 1) > SETTINGS.same_resonance
+        abs(effect.scalar("frequency_Hz") / other.scalar("frequency_Hz") - 1) > SETTINGS.same_resonance
         or not set(other.orders) & set(effect.orders)
         for other in others
     )
-    return (
-        len(points) >= 2 and 1.02 * low < frequency < 0.98 * high and apart and is_a_peak(with_it.state.pieces[number])
-    )
+    is_inside = 1.02 * low < at_highest and at_lowest < 0.98 * high
+    return len(points) >= 2 and is_inside and apart and is_a_peak(with_it.state.pieces[number])
 
 
 def _other_state(effect: Effect, other: Effect) -> bool:

@@ -14,7 +14,7 @@ from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.judge.candidates import Candidate, Search
 from st_codegen.reconcile.judge.evidence import Evidence, judge
-from st_codegen.reconcile.judge.peaks import has_a_frequency
+from st_codegen.reconcile.judge.peaks import follows_load, has_a_frequency
 from st_codegen.reconcile.judge.plausible import (
     at_nobodys_expense,
     at_two_frequencies,
@@ -27,7 +27,7 @@ from st_codegen.reconcile.judge.states import in_their_forms
 from st_codegen.reconcile.judge.structure import is_lacking
 from st_codegen.reconcile.judge.surroundings import is_of_its_place, stands_out
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Catalogue
+from st_codegen.rig.effects import Catalogue, Effect
 
 
 def search(
@@ -40,13 +40,17 @@ def search(
     judged: list[tuple[Candidate, Evidence]] = []
     refused: dict[object, float] = {}
     softly: dict[object, float] = {}
+    is_one = False
     for number in range(SETTINGS.most_effects):
         if progress is not None:
             progress(number, SETTINGS.most_effects, f"{len(current.state.pieces)} effects")
         found = _next(current, current, known, refused, judged)
         if found is None and is_lacking(target, current.residual).any():
             found = _next(_softer(current), current, known, softly, judged) or _moved(current, known, judged)
-        found = found or _one_in_place_of_two(current, known, judged)
+        if found is None and not is_one:
+            # once: what stands in place of two may be found beside another one again
+            found = _one_in_place_of_two(current, known, judged)
+            is_one = found is not None
         if found is None:
             break
         current = in_their_forms(found)
@@ -89,17 +93,21 @@ def _one_in_place_of_two(current: Fit, known: Catalogue, judged: list[tuple[Cand
 
     Of two loads each may have a resonance of its own, which is gone at the other one.
     """
-    optional = {phasor.key for effect in known.values() for phasor in effect.phasors if not phasor.required}
-    pieces = enumerate(current.state.pieces)
-    follow = [i for i, p in pieces if p.added and has_a_frequency(p.effect) and optional & set(p.effect.values)]
+    penalty = Search(known, current).penalty
+    follow = [i for i, piece in enumerate(current.state.pieces) if piece.added and _load_part(piece.effect)]
     for two in itertools.combinations(follow, 2):
         kept = tuple(piece for i, piece in enumerate(current.state.pieces) if i not in two)
         without = fit(current.target, replace(current.state, pieces=kept), steps=SETTINGS.quick_steps)
         one = _next(without, without, known, dict[object, float](), judged, moved=True)
-        fewer = 0 if one is None else len(current.prior) - len(one.prior)
-        if one is not None and one.loss - current.loss < Search(known, current).penalty * fewer:
+        if one is not None and one.loss - current.loss < penalty * (len(current.prior) - len(one.prior)):
             return one
     return None
+
+
+def _load_part(effect: Effect) -> set[str]:
+    """The keys that a resonance has of what follows the load in its heights; none of other effects."""
+    own = [phasor for phasor in effect.phasors if follows_load(type(effect), phasor.key)]
+    return {key for phasor in own for side in (False, True) for key in phasor.keys(side) if key in effect.values}
 
 
 def _next(
@@ -178,13 +186,8 @@ def _of_one_height(fitted: Fit, number: int, penalty: float) -> Fit:
     that is not quite the machine's, all that is free takes some.
     """
     piece = fitted.state.pieces[number]
-    idle = {
-        key
-        for phasor in piece.effect.phasors
-        if not phasor.required
-        for key in (*phasor.keys(False), *phasor.keys(True))
-    }
-    if not has_a_frequency(piece.effect) or not piece.added or not idle & set(piece.effect.values):
+    idle = _load_part(piece.effect)
+    if not piece.added or not idle:
         return fitted
     values = {key: x for key, x in piece.effect.values.items() if key not in idle}
     plain = replace(piece, effect=piece.effect.with_values(values), free=piece.free - idle)

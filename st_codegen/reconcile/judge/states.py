@@ -17,7 +17,7 @@ from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.judge.candidates import Candidate, Scorer
 from st_codegen.reconcile.judge.evidence import chi_square_tail, judge
-from st_codegen.reconcile.judge.peaks import has_a_frequency
+from st_codegen.reconcile.judge.peaks import follows_load, has_a_frequency
 from st_codegen.reconcile.judge.plausible import at_nobodys_expense, bounds_met, is_a_peak
 from st_codegen.reconcile.judge.structure import is_lacking
 from st_codegen.reconcile.settings import SETTINGS
@@ -132,7 +132,8 @@ def _split(current: Fit, number: int) -> Fit | None:
     new = len(state.pieces) - 1
     found = _at_its_edge(fit(current.target, state, steps=SETTINGS.long_steps), (number, new))
     moved = _moving(current, number, found, (number, new))
-    if moved.loss < found.loss + SETTINGS.as_good:
+    fewer = len(found.prior) - len(moved.prior)
+    if chi_square_tail(max(moved.loss - found.loss, 0.0), fewer) > SETTINGS.p_changed:
         one = moved.state.pieces[number]
         better = moved.loss < current.loss - SETTINGS.order_gain and at_nobodys_expense(current, moved)
         return moved if better and is_a_peak(one) and not bounds_met(one) else None
@@ -176,15 +177,26 @@ def _of_both_orders(one: Effect, other: Effect) -> dict[str, Value] | None:
     apart = abs(one.scalar("frequency_Hz") / other.scalar("frequency_Hz") - 1.0)
     fixed = [[effect.values.get(s.key) for s in effect.scalars if s.form is Form.FIXED] for effect in (one, other)]
     # the damping ratio is half the width of a peak, as part of its frequency
-    are_one = apart < one.scalar("damping_ratio") and fixed[0] == fixed[1] and one.values.keys() == other.values.keys()
+    # a height that does not follow the load has a load part of nothing
+    both_have = [_with_load_part(a, b) for a, b in ((one, other), (other, one))]
+    are_one = (
+        apart < one.scalar("damping_ratio") and fixed[0] == fixed[1] and both_have[0].keys() == both_have[1].keys()
+    )
     if not are_one or set(one.orders) & set(other.orders):
         return None
-    values, rising = dict(one.values), np.argsort([*one.orders, *other.orders])
-    for key, value in one.values.items():
+    values, rising = dict(both_have[0]), np.argsort([*one.orders, *other.orders])
+    for key, value in both_have[0].items():
         if isinstance(value, tuple):
-            both = (*value, *other.values[key])  # type: ignore[misc]
+            both = (*value, *both_have[1][key])  # type: ignore[misc]
             values[key] = tuple(both[place] for place in rising)
     return values
+
+
+def _with_load_part(effect: Effect, like: Effect) -> dict[str, Value]:
+    """What is set of a resonance, and a load part of nothing where another one has any."""
+    own = [phasor for phasor in effect.phasors if follows_load(type(effect), phasor.key)]
+    keys = {key for phasor in own for side in (False, True) for key in phasor.keys(side)} & set(like.values)
+    return {key: (0.0,) * len(effect.orders) for key in sorted(keys)} | dict(effect.values)
 
 
 def _at_its_edge(split: Fit, two: tuple[int, int]) -> Fit:

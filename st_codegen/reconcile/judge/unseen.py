@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from st_codegen.reconcile.data.contrasts import CONDITIONS, axes_together, levels_of
+from st_codegen.ir.arrays import FloatArray, IntArray
+from st_codegen.reconcile.data.contrasts import CONDITIONS, axes_together
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.settings import SETTINGS
@@ -55,11 +56,20 @@ def _one_after_the_other(data: Observations) -> list[str]:
         return []
     in_time, found = np.argsort(data.run, kind="stable"), []
     for name, values in zip(CONDITIONS, data.at.axes, strict=True):
-        level = levels_of(values)[in_time]
-        numbers, runs = np.unique(level), len(np.unique(data.run))
-        if 1 < len(numbers) <= runs / 2 and np.count_nonzero(np.diff(level)) == len(numbers) - 1:
+        level, runs = _apart(values)[in_time], len(np.unique(data.run))
+        count = len(np.unique(level))
+        if 1 < count <= runs / 2 and np.count_nonzero(np.diff(level)) == count - 1:
             found.append(name)
     return found
+
+
+def _apart(values: FloatArray) -> IntArray:
+    """The level of each value: where each has several runs that value, else what clear gaps part from one another."""
+    levels, index = np.unique(values, return_inverse=True)
+    if 4 * len(levels) <= len(values):
+        return index.astype(np.int64)
+    gaps = np.diff(levels) > SETTINGS.clear_gap * np.ptp(levels)
+    return np.concatenate([[0], np.cumsum(gaps)])[index].astype(np.int64)
 
 
 def below_noise(target: FitData) -> tuple[str, ...]:

@@ -23,8 +23,8 @@ _AROUND = 8
 _MOST_LEVELS = 24
 #: width of the shown band around a resonance: half widths, and a share of its frequency at least
 _HALF_WIDTHS, _BAND = 25.0, 0.2
-#: part of its height from which on a resonance of one state counts as being there
-_THERE = 0.5
+#: part of its largest height in a direction from which on a resonance counts as being there
+_THERE = 0.05
 
 
 def evidence_panels(result: Reconciliation, found: Sequence[Finding]) -> list[Panel]:
@@ -106,7 +106,8 @@ def _collapsed(
     for sign in (1.0, -1.0):
         height = effect.height(data.at, place)
         # where it is all but absent its response is noise
-        rows = np.flatnonzero(good & (data.at.sign == sign) & (np.abs(height) > _THERE * np.abs(height).max()))
+        size = np.abs(height) * (data.at.sign == sign)
+        rows = np.flatnonzero(good & (size > _THERE * size.max()))
         if not len(rows):
             continue
         at = data.at.rows(rows)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from st_codegen.campaign.orders import listed
-from st_codegen.ir.arrays import BoolArray, ComplexArray
+from st_codegen.ir.arrays import ComplexArray, FloatArray
 from st_codegen.reconcile.data.observations import rms_deg
 from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.judge.conclusions import Claim
@@ -23,13 +24,15 @@ from st_codegen.reconcile.outcome import Outcome
 from st_codegen.reconcile.run import Reconciliation, TakenBack
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions, Effect
-from st_codegen.rig.effects.base import ARCMIN
-from st_codegen.rig.effects.resonance import StructuralResonance
+from st_codegen.rig.effects.base import ARCMIN, BACKWARD
+from st_codegen.rig.effects.resonance import LOAD_PART, StructuralResonance
 
 #: standard errors by which a parameter must differ to be shown as changed, or as not zero
 CLEARLY = 2.0
 #: how many times as high a resonance must be in one direction for that to be said
 _ONE_SIDED = 3.0
+#: more times than that nobody needs to know
+_MOST_TIMES = 100.0
 VERDICT_TEXT = {
     Outcome.EXPLAINED: "What differs is named; no pattern over the conditions was found in what is left.",
     Outcome.PARTLY_EXPLAINED: "Part of what differs is named; for the rest no effect of the catalogue was found.",
@@ -63,10 +66,11 @@ def verdict_text(result: Reconciliation) -> str:
             f"{said}; but above the orders that were looked at the curves hold {beyond:.2g} deg RMS, more than noise."
         )
     if result.verdict in (Outcome.EXPLAINED, Outcome.NOTHING_MISSING) and _lasts(result):
-        times = result.held_out.noise_floor / result.data.neighbours_deg
+        floor, near = result.held_out.noise_floor, result.data.neighbours_deg
         return (
-            f"{VERDICT_TEXT[result.verdict].removesuffix('.')}; but what is left is {times:.2g} times the noise from "
-            "sample to sample: noise that lasts over samples, or a wave above the orders looked at, as a hum is."
+            f"{VERDICT_TEXT[result.verdict].removesuffix('.')}; but what is left, {floor:.2g} deg, is more than the "
+            f"noise from sample to sample, {near:.2g} deg: noise that lasts over samples, or a wave above the orders "
+            "looked at, as a hum is."
         )
     return VERDICT_TEXT[result.verdict]
 
@@ -349,13 +353,12 @@ def _resonance(effect: Effect, result: Reconciliation) -> str:
     at = result.data.at.rows(np.flatnonzero(where_there(effect, result.data.at)))
     without = final.state.model().with_effects(e for e in final.state.model().effects if e is not effect)
     parts = []
+    turn = at.speed_rpm / (60 * effect.constants.reduction_ratio)
+    hertz = np.full(len(at), frequency)
+    if peaks is None and isinstance(effect, StructuralResonance):
+        hertz = frequency * effect.shift(at.torque_Nm, at.temperature_C)
     for order in effect.orders:
-        speed = float(
-            min(
-                np.unique(at.speed_rpm),
-                key=lambda n: abs(order * n / 60 / effect.constants.reduction_ratio - frequency),
-            )
-        )
+        speed = float(at.speed_rpm[np.abs(order * turn - hertz).argmin()])
         rows = at.rows(np.flatnonzero(at.speed_rpm == speed))
         with_it = np.abs(final.state.model().coefficients(rows, [order])).mean()
         alone = np.abs(without.coefficients(rows, [order])).mean()
@@ -367,10 +370,13 @@ def _resonance(effect: Effect, result: Reconciliation) -> str:
     )
     slopes = [("frequency_per_kNm", "per 1000 N m"), ("frequency_per_10K", "per 10 K of oil temperature")]
     if "levels_off_per_kNm" in effect.values and isinstance(effect, StructuralResonance):
-        # on no line: where it lies says more than how it starts
-        loads = np.quantile(np.abs(at.torque_Nm), (0.1, 0.9), method="nearest")
-        hertz = frequency * effect.shift(loads, effect.constants.reference_temperature_C)
-        where = f"at {hertz[0]:.1f} Hz at {loads[0]:g} N m and at {hertz[1]:.1f} Hz at {loads[1]:g} N m"
+        # on no line: where it lies says more than how it starts, at loads at which some order comes near it
+        orders = np.array(effect.orders)
+        reached = (orders.min() * turn.min() < hertz) & (hertz < orders.max() * turn.max())
+        loads = np.quantile(np.abs(at.torque_Nm[reached if reached.any() else ...]), (0.1, 0.9), method="nearest")
+        oil = float(np.clip(effect.constants.reference_temperature_C, at.temperature_C.min(), at.temperature_C.max()))
+        ends = frequency * effect.shift(loads, oil)
+        where = f"at {ends[0]:.1f} Hz at {loads[0]:g} N m and at {ends[1]:.1f} Hz at {loads[1]:g} N m"
         del slopes[0]
     elif peaks is None and isinstance(effect, StructuralResonance):
         where = _where_measured(effect, at)
@@ -381,14 +387,18 @@ def _resonance(effect: Effect, result: Reconciliation) -> str:
         if abs(effect.scalar(key)) > CLEARLY * stderr.get(key, 0.0)
     ]
     moving = f", which moves {' and '.join(moves)}" if moves else ""
-    if isinstance(effect, StructuralResonance):
-        moving += _heights(effect, at)
+    claim = next((c for c in result.conclusions.claims if c.piece.effect is effect), None)
+    if claim is not None and isinstance(effect, StructuralResonance):
+        moving += _heights(claim, effect, at)
     state = f"{effect.state_text} of oil" if effect.state_text else ""
     return f"{', '.join(parts)}: {one} of the structure {where}{moving}{state}"
 
 
 def _where_measured(effect: StructuralResonance, at: Conditions) -> str:
-    """The frequency at no load and the reference temperature or, where one moves it, at the measured one next to it."""
+    """The frequency at the least load and the reference temperature, or the measured one next to that.
+
+    Both are said where they move it, if not at none and there.
+    """
     load, oil, stands = float(np.abs(at.torque_Nm).min()), effect.constants.reference_temperature_C, ""
     if effect.scalar("frequency_per_kNm") and load:
         stands += f" at {load:g} N m"
@@ -398,27 +408,34 @@ def _where_measured(effect: StructuralResonance, at: Conditions) -> str:
     return f"at {effect.scalar('frequency_Hz') * float(effect.shift(load, oil)):.1f} Hz{stands}"
 
 
-def _heights(effect: StructuralResonance, at: Conditions) -> str:
+def _heights(claim: Claim, effect: StructuralResonance, at: Conditions) -> str:
     """How high the orders of a resonance are together at the lowest and the largest load, and in each direction.
 
     Empty where loads and directions are alike.
     """
-    heights, loads = np.array([effect.height(at, place) for place in range(len(effect.orders))]), np.abs(at.torque_Nm)
 
-    def rms(rows: BoolArray) -> float:
-        return float(np.sqrt((np.abs(heights[:, rows]) ** 2).mean(axis=1).sum()))
+    def rms(sign: float, loads: FloatArray) -> float:
+        there = replace(at, sign=np.full(len(at), sign), torque_Nm=loads)
+        heights = [effect.height(there, place) for place in range(len(effect.orders))]
+        return float(np.sqrt((np.abs(heights) ** 2).mean(axis=1).sum()))
 
-    found = ""
-    if "slope_deg_per_kNm" in effect.values:
-        least, most = float(loads.min()), float(loads.max())
-        found = (
-            f", {rms(loads == most):.2g} deg high at {most:g} N m and {rms(loads == least):.2g} deg at {least:g} N m "
-            "(of all its orders)"
+    found, signs = "", np.unique(at.sign)
+    least, most = float(at.torque_Nm.min()), float(at.torque_Nm.max())
+    if LOAD_PART in effect.values and least < most:
+        sizes = [
+            math.sqrt(np.mean([rms(sign, np.full(len(at), load)) ** 2 for sign in signs])) for load in (least, most)
+        ]
+        found = f", {sizes[1]:.2g} deg high at {most:g} N m and {sizes[0]:.2g} deg at {least:g} N m (of all its orders)"
+    if len(signs) == 2:
+        (low, quiet), (high, loud) = sorted(
+            [(rms(1.0, at.torque_Nm), "forward"), (rms(-1.0, at.torque_Nm), "backward")]
         )
-    if len(np.unique(at.sign)) == 2:
-        (low, quiet), (high, loud) = sorted([(rms(at.sign > 0), "forward"), (rms(at.sign < 0), "backward")])
-        if high > _ONE_SIDED * low:
-            found += f", {high / low:.0f} times as high {loud} as {quiet}" if low else f", {loud} only"
+        # what the quiet direction may have at most
+        front = BACKWARD * (quiet == "backward")
+        own = [error for key, error in claim.stderr.items() if key.startswith(f"{front}amplitude_deg")]
+        times = high / max(low + CLEARLY * math.sqrt(sum(x**2 for x in own)), 1e-300)
+        if times > _ONE_SIDED:
+            found += f", at least {math.floor(min(times, _MOST_TIMES))} times as high {loud} as {quiet}"
     return found
 
 

@@ -83,7 +83,8 @@ class Scalar:
     starts: where a fit begins (SHAPE), or the values beside the default that stand for other forms (FIXED).
 
     shapes: the key of the scalar that this one only shapes; without that it means nothing. beside: the key of the one
-    on top of which this one comes; a search does not free it alone.
+    on top of which this one comes; a search does not free it alone. typical: its range in most machines, where the
+    bounds allow for others by far: a fit that knows nothing believes in that.
     """
 
     key: str
@@ -96,6 +97,7 @@ class Scalar:
     starts: tuple[float, ...] = ()
     shapes: str = ""
     beside: str = ""
+    typical: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -103,7 +105,8 @@ class Phasor:
     """An amplitude and a phase (rad): one complex number, in which the contribution is linear.
 
     own_flanks: the keys may stand once more with `backward_` in front; without them backward equals forward. beside:
-    the key of the one without which this one says nothing; a search frees both, and no other part with them.
+    the key of the one without which this one says nothing; a search frees both, and no other part with them. typical:
+    as of a Scalar.
     """
 
     key: str
@@ -114,6 +117,7 @@ class Phasor:
     required: bool = True
     own_flanks: bool = False
     beside: str = ""
+    typical: float = 0.0
 
     def keys(self, backward: bool) -> tuple[str, str]:
         """Amplitude and phase key of a direction."""

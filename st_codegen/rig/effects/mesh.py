@@ -51,7 +51,9 @@ class LoadDependentMesh(_MeshError):
 
     name = "load_dependent_mesh"
     title = "mesh order that grows with the load"
-    phasors = (Phasor("slope_deg_per_kNm", "phase_rad", "deg/kNm", 100, "growth with the load", own_flanks=True),)
+    phasors = (
+        Phasor("slope_deg_per_kNm", "phase_rad", "deg/kNm", 100, "growth with the load", own_flanks=True, typical=1),
+    )
     orders_of = Constants.mesh_orders
 
     def coefficient(self, at: Conditions, order: int) -> ComplexArray:

@@ -15,6 +15,9 @@ from st_codegen.rig.effects.base import Effect, Form, Phasor, Scalar, Stage
 _STEP_PER_K = 100.0
 #: a law of the frequency is one of where it was measured: elsewhere it must not give none at all
 _LEAST_SHIFT = 0.1
+#: the key of what follows the load of a height, and those of all that make it
+LOAD_PART = "slope_deg_per_kNm"
+_HEIGHTS = ("amplitude_deg", LOAD_PART)
 
 
 class StructuralResonance(Effect):
@@ -39,6 +42,7 @@ class StructuralResonance(Effect):
             0.0,
             Form.SHAPE,
             (-0.1, -0.05, 0.05, 0.1),
+            typical=40,
         ),
         Scalar(
             "levels_off_per_kNm",
@@ -49,6 +53,7 @@ class StructuralResonance(Effect):
             0.0,
             Form.SHAPE,
             shapes="frequency_per_kNm",
+            typical=200,
         ),
         Scalar(
             "frequency_per_10K",
@@ -67,7 +72,7 @@ class StructuralResonance(Effect):
     )
     phasors = (
         Phasor("amplitude_deg", "phase_rad", "deg", 1, "height at the resonance without load", own_flanks=True),
-        Phasor("slope_deg_per_kNm", "slope_phase_rad", "deg/kNm", 100, "load part", required=False, own_flanks=True),
+        Phasor(LOAD_PART, "slope_phase_rad", "deg/kNm", 100, "load part", required=False, own_flanks=True, typical=1),
     )
 
     def response(self, at: Conditions, order: Any) -> Any:
@@ -109,8 +114,7 @@ class StructuralResonance(Effect):
 
     def height(self, at: Conditions, place: int) -> Any:
         """What an order, by its place in the list, has where it meets the frequency: complex128 (n,), deg."""
-        without_load, of_load = (self.complex_at(phasor.key, at, place) for phasor in self.phasors)
-        return self._under_load(at, without_load, of_load)
+        return self._under_load(at, *(self.complex_at(key, at, place) for key in _HEIGHTS))
 
     def _under_load(self, at: Conditions, without_load: Any, of_load: Any) -> Any:
         load = at.torque_Nm / 1000
@@ -137,7 +141,7 @@ class StructuralResonance(Effect):
     def _acting(self) -> dict[int, list[list[complex]]]:
         """Of the orders that have a height: without load and its load part, forward and backward."""
         heights = {
-            order: [[self.complex_value(phasor.key, side, place) for phasor in self.phasors] for side in (False, True)]
+            order: [[self.complex_value(key, side, place) for key in _HEIGHTS] for side in (False, True)]
             for place, order in enumerate(self.orders)
         }
         return {order: sides for order, sides in heights.items() if np.any(sides)}

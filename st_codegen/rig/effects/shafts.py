@@ -59,7 +59,16 @@ class CrankMisalignment(Wave):
     title = "misalignment of the crankshafts"
     phasors = (
         Phasor("amplitude_deg", "phase_rad", "deg", 1, "amplitude without load", own_flanks=True),
-        Phasor("slope_deg_per_kNm", "slope_phase_rad", "deg/kNm", 100, "load part", required=False, own_flanks=True),
+        Phasor(
+            "slope_deg_per_kNm",
+            "slope_phase_rad",
+            "deg/kNm",
+            100,
+            "load part",
+            required=False,
+            own_flanks=True,
+            typical=1,
+        ),
     )
 
     def touched_orders(self) -> tuple[int, ...]:
