@@ -270,13 +270,14 @@ def test_two_states_that_have_come_to_be_the_same_are_one(warm, is_one):
         assert one.scalar("frequency_Hz") == pytest.approx(25.0, abs=0.01)
 
 
-@pytest.mark.parametrize(("other_Hz", "is_one"), [(25.0, True), (25.5, False)])
-def test_a_resonance_that_was_found_twice_on_orders_of_its_own_is_one(other_Hz, is_one):
-    """The report had two findings of one oscillator, each with a part of its orders."""
+@pytest.mark.parametrize(("other_Hz", "slope", "is_one"), [(25.0, 0.0, True), (25.5, 0.0, False), (25.0, 4e-4, True)])
+def test_a_resonance_that_was_found_twice_on_orders_of_its_own_is_one(other_Hz, slope, is_one):
+    """The report had two findings of one oscillator, each with a part of its orders, of which one follows the load."""
     at, orders = grid(18, 4, 2), np.array([0, 39, 78, 80])
     shape = {"damping_ratio": 0.04, "phase_rad": (0.3,)}
     first = effect("structural_resonance", frequency_Hz=25.0, orders=(80,), amplitude_deg=(1e-3,), **shape)
-    second = effect("structural_resonance", frequency_Hz=other_Hz, orders=(78,), amplitude_deg=(5e-4,), **shape)
+    second = effect("structural_resonance", frequency_Hz=other_Hz, orders=(78,), amplitude_deg=(5e-4,), **shape,
+                    **({"slope_deg_per_kNm": (slope,), "slope_phase_rad": (1.0,)} if slope else {}))  # fmt: skip
     data = curves(RigModel(effects=(*RIG.effects, first, second)), at, orders, 1e-6)
     target = FitData(data, np.full(data.values.shape, 1e-6), np.ones(len(at), bool), groups_of(at))
     pieces = (*(piece_of(one, added=False, origin=one).held() for one in RIG.effects),
@@ -287,6 +288,7 @@ def test_a_resonance_that_was_found_twice_on_orders_of_its_own_is_one(other_Hz, 
         (one,) = (piece.effect for piece in found.state.pieces if piece.added)
         assert one.orders == (78, 80)
         assert one.values["amplitude_deg"] == pytest.approx((5e-4, 1e-3), rel=0.01)
+        assert one.values.get("slope_deg_per_kNm", ()) == pytest.approx((slope, 0.0) if slope else (), abs=4e-6)
         assert one.scalar("frequency_Hz") == pytest.approx(25.0, abs=0.01)
 
 

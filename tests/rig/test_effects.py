@@ -10,6 +10,7 @@ from st_codegen.errors import InputError
 from st_codegen.rig.effects import Conditions, Constants, Form, Stage, catalogue
 from st_codegen.rig.effects.axis import ControlLag
 from st_codegen.rig.effects.empirical import TERMS, term_values
+from st_codegen.rig.effects.resonance import StructuralResonance
 from st_codegen.rig.model import RigModel, parse_rig, read_rig
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -151,6 +152,35 @@ def test_contribution_is_the_formula_of_the_document(name, point):
     assert te(
         (name, values), **dict(zip(("sign", "speed", "torque", "temperature"), point, strict=False))
     ) == pytest.approx(formula(*point), abs=2e-9)
+
+
+@pytest.mark.parametrize(("sign", "height", "slope"), [(1, 0.1, 0.2 * np.exp(1j)), (-1, 0.05j, 0.3)])
+@pytest.mark.parametrize("torque", [-500.0, 0.0, 1500.0])
+def test_the_load_part_of_a_resonance_has_flanks_of_its_own(sign, height, slope, torque):
+    shape = {"orders": [156, 240], "frequency_Hz": 54, "damping_ratio": 0.02}
+    sizes = {
+        "amplitude_deg": [0.0, 0.1], "backward_amplitude_deg": [0.0, 0.05], "backward_phase_rad": [0.0, np.pi / 2],
+        "slope_deg_per_kNm": [0.0, 0.2], "slope_phase_rad": [0.0, 1.0], "backward_slope_deg_per_kNm": [0.0, 0.3],
+    }  # fmt: skip
+    ratio = 240 * 1000 / 60 / 81 / 54
+    answer = 0.04 * ratio**2 / (1 - ratio**2 + 0.04j * ratio * sign)
+    expected = ((height + slope * torque / 1000) * answer * np.exp(240j * X)).real
+    assert te(("structural_resonance", shape | sizes), sign=sign, torque=torque) == pytest.approx(expected, abs=1e-12)
+
+
+def test_a_class_that_is_made_of_the_resonance_may_lack_its_load_part():
+    """Its contribution was an error: both parts of the height were asked for."""
+
+    class OfOneHeight(StructuralResonance):
+        name = "of_one_height"
+        phasors = (StructuralResonance.phasors[0],)
+
+    values = {"orders": (240,), "frequency_Hz": 54.0, "damping_ratio": 0.02, "amplitude_deg": (0.1,)}
+    at = Conditions.of([1, -1], [900, 1100], [0, 500], [30, 30])
+    own, whole = (made(values, CONSTANTS) for made in (OfOneHeight, StructuralResonance))
+    for effect in (own, whole):
+        assert (effect.coefficient(at, 240) == effect.contribution(at, np.array([240]))[:, 0]).all()
+    assert (own.coefficient(at, 240) == whole.coefficient(at, 240)).all()
 
 
 def test_sidebands_follow_the_mesh_order():

@@ -40,17 +40,17 @@ def search(
     judged: list[tuple[Candidate, Evidence]] = []
     refused: dict[object, float] = {}
     softly: dict[object, float] = {}
-    is_one = False
+    has_merged = False
     for number in range(SETTINGS.most_effects):
         if progress is not None:
             progress(number, SETTINGS.most_effects, f"{len(current.state.pieces)} effects")
         found = _next(current, current, known, refused, judged)
         if found is None and is_lacking(target, current.residual).any():
             found = _next(_softer(current), current, known, softly, judged) or _moved(current, known, judged)
-        if found is None and not is_one:
+        if found is None and not has_merged:
             # once: what stands in place of two may be found beside another one again
             found = _one_in_place_of_two(current, known, judged)
-            is_one = found is not None
+            has_merged = found is not None
         if found is None:
             break
         current = in_their_forms(found)

@@ -30,7 +30,7 @@ from st_codegen.rig.effects.resonance import LOAD_PART, StructuralResonance
 #: standard errors by which a parameter must differ to be shown as changed, or as not zero
 CLEARLY = 2.0
 #: how many times as high a resonance must be in one direction for that to be said
-_ONE_SIDED = 3.0
+_TIMES_OF_ONE_SIDE = 3.0
 #: more times than that nobody needs to know
 _MOST_TIMES = 100.0
 VERDICT_TEXT = {
@@ -432,9 +432,11 @@ def _heights(claim: Claim, effect: StructuralResonance, at: Conditions) -> str:
         )
         # what the quiet direction may have at most
         front = BACKWARD * (quiet == "backward")
-        own = [error for key, error in claim.stderr.items() if key.startswith(f"{front}amplitude_deg")]
-        times = high / max(low + CLEARLY * math.sqrt(sum(x**2 for x in own)), 1e-300)
-        if times > _ONE_SIDED:
+        load = float(np.abs(at.torque_Nm).max()) / 1000.0
+        units = {f"{front}amplitude_deg": 1.0, f"{front}{LOAD_PART}": load}
+        errors = [error * units.get(key.partition("[")[0], 0.0) for key, error in claim.stderr.items()]
+        times = high / max(low + CLEARLY * math.hypot(*errors), 1e-300)
+        if times > _TIMES_OF_ONE_SIDE:
             found += f", at least {math.floor(min(times, _MOST_TIMES))} times as high {loud} as {quiet}"
     return found
 

@@ -114,7 +114,8 @@ class StructuralResonance(Effect):
 
     def height(self, at: Conditions, place: int) -> Any:
         """What an order, by its place in the list, has where it meets the frequency: complex128 (n,), deg."""
-        return self._under_load(at, *(self.complex_at(key, at, place) for key in _HEIGHTS))
+        forward, backward = self._sides(place)
+        return self._under_load(at, *(np.where(at.sign > 0, *sides) for sides in zip(forward, backward, strict=True)))
 
     def _under_load(self, at: Conditions, without_load: Any, of_load: Any) -> Any:
         load = at.torque_Nm / 1000
@@ -140,8 +141,15 @@ class StructuralResonance(Effect):
     @cached_property
     def _acting(self) -> dict[int, list[list[complex]]]:
         """Of the orders that have a height: without load and its load part, forward and backward."""
-        heights = {
-            order: [[self.complex_value(key, side, place) for key in _HEIGHTS] for side in (False, True)]
-            for place, order in enumerate(self.orders)
-        }
+        heights = {order: self._sides(place) for place, order in enumerate(self.orders)}
         return {order: sides for order, sides in heights.items() if np.any(sides)}
+
+    def _sides(self, place: int) -> list[list[complex]]:
+        """Of an order: without load and its load part, forward and backward.
+
+        A class that is made of this one may have the one without the other.
+        """
+        own = {phasor.key for phasor in self.phasors}
+        return [
+            [self.complex_value(key, side, place) if key in own else 0.0 for key in _HEIGHTS] for side in (False, True)
+        ]

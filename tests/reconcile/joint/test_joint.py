@@ -180,6 +180,7 @@ BAD = {
     "unit": ({("q_mm" if key == "q" else key): value for key, value in plain(count=800).items()}, "unit of the column"),
     "huge": (changed(tau=lambda c: with_value(c["tau"], 7, 1e300)), r"line 9: tau of 1e\+300 is no value of a joint"),
     "jump": (changed(q=lambda c: c["q"] + 0.3 * (c["t"] > 2.0)), r"q jumps by 0\.\d+ from row 402 to the next"),
+    "turn": (changed(q=lambda c: c["q"] + 6.283 * ((c["t"] > 2.0) & (c["t"] < 4.0))), r"q jumps by -?6\.\d+ from row"),
     "missing": ({"t": plain()["t"], "q1": plain()["q"], "tau2": plain()["tau"]}, "column 'tau1' is missing"),
 }
 
