@@ -219,7 +219,9 @@ def test_heights_of_a_resonance_are_said_at_loads_and_directions_of_both():
     assert _heights(claim, sides, at) == ", at least 4 times as high forward as backward"
     assert _heights(SimpleNamespace(stderr={"backward_amplitude_deg[156]": 1e-3}), sides, at) == ""
     follows = effect("structural_resonance", amplitude_deg=(1e-3,), slope_deg_per_kNm=(2e-3,), **shape)
-    assert _heights(claim, follows, at) == ", 0.003 deg high at 1000 N m and 0.001 deg at 0 N m (of all its orders)"
+    assert _heights(claim, follows, at) == (
+        ", on a line over the load 0.003 deg high at 1000 N m and 0.001 deg at 0 N m (of all its orders)"
+    )
     signed = replace(at, torque_Nm=np.where(sign > 0, -500.0, 500.0))
     assert "0.002 deg high at 500 N m and 0 deg at -500 N m" in _heights(claim, follows, signed)
     assert _heights(claim, follows, replace(at, torque_Nm=np.full(12, 300.0))) == ""
