@@ -425,10 +425,8 @@ def _heights(claim: Claim, effect: StructuralResonance, at: Conditions) -> str:
         sizes = [
             math.sqrt(np.mean([rms(sign, np.full(len(at), load)) ** 2 for sign in signs])) for load in (least, most)
         ]
-        found = (
-            f", on a line over the load {sizes[1]:.2g} deg high at {most:g} N m and {sizes[0]:.2g} deg at {least:g} N m "
-            "(of all its orders)"
-        )
+        on_line = f"{sizes[1]:.2g} deg high at {most:g} N m and {sizes[0]:.2g} deg at {least:g} N m"
+        found = f", on a line over the load {on_line} (of all its orders)"
     if len(signs) == 2:
         (low, quiet), (high, loud) = sorted(
             [(rms(1.0, at.torque_Nm), "forward"), (rms(-1.0, at.torque_Nm), "backward")]
