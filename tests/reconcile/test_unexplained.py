@@ -11,6 +11,7 @@ from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.structure import (
+    ResidualStructure,
     floors,
     lifted_by_a_walk,
     of_an_encoder,
@@ -292,6 +293,15 @@ def white(sizes, seed=2):
     values = SIGMA * np.array(sizes) * (random.standard_normal(shape) + 1j * random.standard_normal(shape))
     values[:, 0] = values[:, 0].real
     return values
+
+
+def test_few_orders_that_something_is_named_on_are_not_weighed_down_by_all_others():
+    """A law of another form left 1.2 noises on the one order that was named, and it was called explained."""
+    chance = np.ones(40)
+    chance[7] = chance[9] = SETTINGS.discovery_rate / 3
+    left = ResidualStructure(np.arange(40), chance, (None,) * 40)
+    assert not left.significant.any()
+    assert list(np.flatnonzero(left.significant_among(np.arange(40) == 7))) == [7]
 
 
 def test_a_wander_within_the_turn_is_noise_and_a_mean_that_jumps_alone_is_not():

@@ -28,13 +28,28 @@ from st_codegen.rig.effects import Conditions
 class ResidualStructure:
     """How much of a residual is structure.
 
-    orders: int (K,); significant: after control of the false discovery rate; courses: by order the step or trend over
-    the runs, or None.
+    orders: int (K,); chance: of noise that has as much, (K,), 1 where it is too little to be told from an error of the
+    noise's estimate; courses: by order the step or trend over the runs, or None.
     """
 
     orders: IntArray
-    significant: BoolArray
+    chance: FloatArray
     courses: tuple[Course | None, ...]
+
+    @property
+    def significant(self) -> BoolArray:
+        """Which orders keep structure, after control of the false discovery rate over all of them, (K,)."""
+        in_time = np.array([course is not None for course in self.courses], dtype=bool)
+        return np.asarray(false_discoveries(self.chance, SETTINGS.discovery_rate) | in_time)
+
+    def significant_among(self, asked: BoolArray) -> BoolArray:
+        """Which orders keep structure, (K,), where those `asked`, (K,), are looked at apart from all others.
+
+        The false discovery rate holds for each of the two groups: few orders are not weighed down by many others.
+        """
+        found = self.significant.copy()
+        found[asked] |= false_discoveries(self.chance[asked], SETTINGS.discovery_rate)
+        return found
 
 
 def structure(target: FitData, residual: ComplexArray) -> ResidualStructure:
@@ -64,10 +79,8 @@ def _structure(target: FitData, residual: ComplexArray) -> ResidualStructure:
     p_shared, shared = _between_neighbours(target, z, parts)
     large = np.maximum(excess / scale, shared) > SETTINGS.least_excess * parts
     courses = course_of(target, z, whole, parts)
-    in_time = np.array([course is not None for course in courses])
-    p = np.minimum(np.minimum(2 * p_levels, 2 * p_shared), 1.0)
-    significant = (false_discoveries(p, SETTINGS.discovery_rate) & large) | in_time
-    return ResidualStructure(data.orders, significant, tuple(courses))
+    p = np.where(large, np.minimum(np.minimum(2 * p_levels, 2 * p_shared), 1.0), 1.0)
+    return ResidualStructure(data.orders, p, tuple(courses))
 
 
 def is_lacking(target: FitData, residual: ComplexArray) -> BoolArray:

@@ -159,16 +159,17 @@ def signatures(
     which it is known that they keep more than noise.
     """
     found = structure(target, residual)
-    out = [_signature(target, residual, found, int(k), gap_power, floor[k]) for k in np.flatnonzero(found.significant)]
-    loud = rms_of_component(target, residual) > sure_times(target) * floor
-    loud &= False if claimed is None else claimed
+    asked = np.zeros(len(found.orders), bool) if claimed is None else claimed
+    significant = found.significant_among(asked)
+    out = [_signature(target, residual, found, int(k), gap_power, floor[k]) for k in np.flatnonzero(significant)]
+    loud = (rms_of_component(target, residual) > sure_times(target) * floor) & asked
     loud[scatter(target, residual)] = True
     loud |= False if kept is None else kept
     # what the mean of runs differs by is its floor, where that comes from the runs
     loud &= (target.data.orders > 0) | (rms_of_component(target, residual) > sure_times(target) * floor)
     out += [
         _scattered(target, residual, int(k), gap_power, floor[k])
-        for k in np.flatnonzero(loud & ~found.significant & (of_an_encoder(target, residual) == 0))
+        for k in np.flatnonzero(loud & ~significant & (of_an_encoder(target, residual) == 0))
     ]
     return sorted((_with_hums(one, target.data.hums) for one in out), key=lambda signature: -signature.rms_deg)
 
