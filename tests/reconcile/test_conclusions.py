@@ -17,7 +17,7 @@ from st_codegen.reconcile.judge.conclusions import Conclusions, Retuned, conclud
 from st_codegen.reconcile.judge.frequencies import Frequencies
 from st_codegen.reconcile.judge.in_time import _alike
 from st_codegen.reconcile.judge.lookalikes import by_order_alone, is_a_knee
-from st_codegen.reconcile.judge.peaks import bracket, chance_of_bracket, spread
+from st_codegen.reconcile.judge.peaks import bracket, chance_of_bracket, is_of_one_speed, spread
 from st_codegen.reconcile.judge.plausible import bounds_met, is_its_own, is_no_form_error, lack_of_forms, law_holds
 from st_codegen.reconcile.judge.retuned import changes, with_piece_held
 from st_codegen.reconcile.judge.states import in_their_forms
@@ -263,8 +263,8 @@ def test_of_a_dozen_runs_both_directions_tell_the_noise():
     assert np.ptp(sigma, axis=0).max() == 0.0
 
 
-def resonance(**frequency_of_order):
-    """One resonance for each order, with what the peaks say of all of them."""
+def peaks(**frequency_of_order):
+    """One resonance for each order: their target, and a single resonance of all of them."""
     axes = np.meshgrid(np.arange(100.0, 1801.0, 100.0), [0.0, 900.0, 1800.0], [1.0, -1.0])
     at = Conditions.of(axes[2].ravel(), axes[0].ravel(), axes[1].ravel(), 30.0)
     orders = [int(name[1:]) for name in frequency_of_order]
@@ -274,14 +274,24 @@ def resonance(**frequency_of_order):
     ]
     data = observed(RigModel(effects=tuple(effects)), at, orders=(0, *orders))
     target = FitData(data, np.full(data.values.shape, SIGMA), np.ones(len(at), bool), groups_of(at))
+    return target, of_orders(*orders)
+
+
+def of_orders(*orders):
+    """A resonance of some orders, of no size yet."""
     shape = {"frequency_Hz": 54.0, "damping_ratio": 0.02, "amplitude_deg": [0.0] * len(orders)}
-    whole = effect("structural_resonance", orders=orders, **shape)
-    return bracket(target, data.values, whole)
+    return effect("structural_resonance", orders=orders, **shape)
+
+
+def bracket_of(**frequency_of_order):
+    """What the peaks of all orders say of one frequency."""
+    target, whole = peaks(**frequency_of_order)
+    return bracket(target, target.data.values, whole)
 
 
 def test_peaks_bracket_a_frequency():
     """Speeds stand 100 rpm apart; an order is loudest at the one next to its peak, on either side of it half a step."""
-    low, high = resonance(k156=54.0, k162=54.0, k240=54.0)
+    low, high = bracket_of(k156=54.0, k162=54.0, k240=54.0)
     step = {k: k * 100 / 60 / 81 for k in (156, 162, 240)}
     # 54 Hz: order 156 at 1682 rpm, loudest at 1700; order 162 at 1620, at 1600; order 240 at 1094, at 1100
     assert low == pytest.approx(max(16.5 * step[156], 15.5 * step[162], 10.5 * step[240]))
@@ -290,7 +300,21 @@ def test_peaks_bracket_a_frequency():
 
 
 def test_peaks_of_two_resonances_have_no_bracket():
-    assert resonance(k156=42.0, k162=54.0) is None
+    assert bracket_of(k156=42.0, k162=54.0) is None
+
+
+def test_what_is_loud_at_one_speed_in_all_orders_is_no_resonance():
+    """Of four orders that peak at 900 rpm two, at 14.4 and 15.0 Hz there, were called a resonance of 14.8 Hz."""
+    at_900 = {f"k{k}": k * 900 / 60 / 81 for k in (40, 78, 81, 162)}
+    target, _ = peaks(**at_900)
+    assert is_of_one_speed(target, target.data.values, of_orders(78, 81), [40, 162])
+    # orders beside each other peak at one speed in a resonance, too, and others elsewhere
+    assert not is_of_one_speed(target, target.data.values, of_orders(78, 81), [])
+    target, _ = peaks(**{**at_900, "k40": 10.0, "k162": 50.0})
+    assert not is_of_one_speed(target, target.data.values, of_orders(78, 81), [40, 162])
+    # a resonance above the largest speed has all orders loudest there
+    target, _ = peaks(k78=40.0, k81=40.0, k162=80.0)
+    assert not is_of_one_speed(target, target.data.values, of_orders(78, 81), [162])
 
 
 @pytest.mark.parametrize(("per_kNm", "is_one"), [(0.0, True), (-0.15, False)])

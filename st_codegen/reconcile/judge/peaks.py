@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -65,25 +66,50 @@ def _between(
 
     They agree where the upper end is larger. loud: power over the noise from which on a peak is one.
     """
-    at, data = target.data.at, target.data
-    level, shown = speed_levels(at.speed_rpm), set()
-    low, high = 0.0, np.inf
-    for order in effect.orders:
-        column = np.flatnonzero(data.orders == order)
-        for sign in (1.0, -1.0):
-            rows = some & (at.sign == sign)
-            numbers = np.unique(level[rows])
-            if not len(column) or len(numbers) < 3:
-                continue
-            size = [float(np.median(np.abs(residual[rows & (level == n), column[0]]))) for n in numbers]
-            speed = np.array([float(np.median(at.speed_rpm[rows & (level == n)])) for n in numbers])
-            hertz = _edges(speed) * order / (60 * target.reduction_ratio)
-            loudest = int(np.argmax(size))
-            if size[loudest] ** 2 < loud * float(np.median(target.sigma[rows, column[0]])) ** 2:
-                continue
-            shown.add(order)
-            low, high = max(low, float(hertz[loudest])), min(high, float(hertz[loudest + 1]))
+    shown, low, high = set(), 0.0, np.inf
+    for order, below, above in _loudest(target, residual, effect.orders, some, loud):
+        shown.add(order)
+        hertz = order / (60 * target.reduction_ratio)
+        low, high = max(low, below * hertz), min(high, above * hertz)
     return low, high, len(shown)
+
+
+def _loudest(
+    target: FitData, residual: ComplexArray, orders: Iterable[int], some: BoolArray, loud: float
+) -> Iterator[tuple[int, float, float]]:
+    """Each order and direction whose loudest level of speed stands out, and the speeds (rpm) around that level."""
+    at, level = target.data.at, speed_levels(target.data.at.speed_rpm)
+    for order, sign in itertools.product(orders, (1.0, -1.0)):
+        column, rows = np.flatnonzero(target.data.orders == order), some & (at.sign == sign)
+        numbers = np.unique(level[rows])
+        if not len(column) or len(numbers) < 3:
+            continue
+        size = [float(np.median(np.abs(residual[rows & (level == n), column[0]]))) for n in numbers]
+        edges = _edges(np.array([float(np.median(at.speed_rpm[rows & (level == n)])) for n in numbers]))
+        loudest = int(np.argmax(size))
+        if size[loudest] ** 2 >= loud * float(np.median(target.sigma[rows, column[0]])) ** 2:
+            yield order, float(edges[loudest]), float(edges[loudest + 1])
+
+
+def is_of_one_speed(target: FitData, residual: ComplexArray, effect: Effect, others: Sequence[int]) -> bool:
+    """Whether the orders of an effect, and most of others that it has not, are loudest at one speed of the input.
+
+    residual: complex (n, K), measured less a model without the effect; others: orders that keep more than noise. Each
+    is at another frequency there, so that none of these makes them loud. At the lowest or the highest speed, where
+    whatever falls or grows with it is loudest, this says nothing.
+    """
+    some = target.good & where_there(effect, target.data.at)
+    own = list(_loudest(target, residual, effect.orders, some, SETTINGS.loud_order))
+    low, high = max((below for _, below, _ in own), default=0.0), min((above for *_, above in own), default=np.inf)
+    if not 0.0 < low < high < np.inf:
+        return False
+    hertz = max(order * below for order, below, _ in own), min(order * above for order, _, above in own)
+    foreign = [
+        below < high and low < above
+        for order, below, above in _loudest(target, residual, others, some, SETTINGS.loud_order)
+        if not (order * below < hertz[1] and hertz[0] < order * above)
+    ]
+    return 2 * sum(foreign) > len(foreign)
 
 
 def _edges(speed: FloatArray) -> FloatArray:

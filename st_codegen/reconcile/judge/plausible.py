@@ -14,7 +14,7 @@ from st_codegen.reconcile.data.contrasts import levels_of
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.parameters import Coordinate, Piece
 from st_codegen.reconcile.fit.target import FitData
-from st_codegen.reconcile.judge.peaks import frequencies_in, has_a_frequency
+from st_codegen.reconcile.judge.peaks import frequencies_in, has_a_frequency, is_of_one_speed
 from st_codegen.reconcile.judge.structure import is_lacking
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect, Form, Scalar, Stage
@@ -196,7 +196,7 @@ def law_holds(without: Fit, fitted: Fit, number: int) -> bool:
     if has_a_frequency(piece.effect):
         own = np.isin(target.data.orders, piece.effect.orders)
         is_one = beats_waves(without, fitted, own, np.ones((len(target.data), 1)))
-        return is_one and is_where_it_moves(fitted, piece)
+        return is_one and is_where_it_moves(fitted, piece) and not _is_of_one_speed(fitted, piece)
     if piece.effect.stage is not Stage.MODULATION:
         return True
     size = np.sqrt((np.abs(explained(fitted, piece)[target.good] / target.sigma[target.good]) ** 2).mean(axis=0))
@@ -207,6 +207,15 @@ def law_holds(without: Fit, fitted: Fit, number: int) -> bool:
     loads = np.stack([np.ones(len(target.data)), target.data.at.torque_Nm], axis=1)
     follows = beats_waves(without, fitted, own, loads) and not (own & is_lacking(target, fitted.residual)).any()
     return foreign and follows
+
+
+def _is_of_one_speed(fitted: Fit, piece: Piece) -> bool:
+    """Whether a resonance stands where other orders, unexplained or of other added resonances, are loudest as well."""
+    peaks = [one for one in fitted.state.pieces if one.added and has_a_frequency(one.effect)]
+    others = set(fitted.target.data.orders[is_lacking(fitted.target, fitted.residual)].tolist())
+    others |= {order for one in peaks for order in one.effect.orders}
+    seen = fitted.residual + sum((explained(fitted, one) for one in peaks), np.zeros_like(fitted.residual))
+    return is_of_one_speed(fitted.target, seen, piece.effect, sorted(others - {0, *piece.effect.orders}))
 
 
 def is_where_it_moves(fitted: Fit, piece: Piece) -> bool:
