@@ -16,7 +16,7 @@ from st_codegen.reconcile.judge.candidates import Search, variants
 from st_codegen.reconcile.judge.conclusions import Conclusions, Retuned, conclude, doubted, settled
 from st_codegen.reconcile.judge.frequencies import Frequencies
 from st_codegen.reconcile.judge.in_time import _alike
-from st_codegen.reconcile.judge.lookalikes import by_order_alone, is_a_knee
+from st_codegen.reconcile.judge.lookalikes import by_order_alone, is_a_knee, may_be_of_a_law
 from st_codegen.reconcile.judge.peaks import bracket, chance_of_bracket, is_of_one_speed, spread
 from st_codegen.reconcile.judge.plausible import bounds_met, is_its_own, is_no_form_error, lack_of_forms, law_holds
 from st_codegen.reconcile.judge.retuned import changes, with_piece_held
@@ -70,6 +70,13 @@ def test_a_shift_that_noise_could_be_is_no_changed_parameter():
 def test_a_changed_parameter_is_found(number, values):
     found, offset = changes(fitted(RIG, observed(with_values(RIG, number, **values), grid())))
     assert (list(found), offset) == ([number], False)
+
+
+@pytest.mark.parametrize(("noises", "is_open"), [(2, True), (4, False)])
+def test_a_change_no_larger_than_what_noise_hides_of_a_law_may_be_one(noises, is_open):
+    """A delay in proportion to the speed, of some orders alone, was said to have changed amplitudes by a noise."""
+    truth = with_values(RIG, 2, amplitude_deg=1e-3 + noises * SIGMA)
+    assert may_be_of_a_law(fitted(RIG, observed(truth, grid())), 2) is is_open
 
 
 def test_what_several_parameters_of_the_rig_may_have_made_is_not_unexplained():

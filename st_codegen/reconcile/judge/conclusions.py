@@ -25,6 +25,7 @@ from st_codegen.reconcile.judge.lookalikes import (
     left_of_a_smoothing,
     left_of_filters,
     may_be_friction,
+    may_be_of_a_law,
     may_be_of_the_turn,
     may_be_time,
     told_sides,
@@ -334,6 +335,7 @@ def _retuned(
     is_open = gains_one_sideband(before, after) or is_a_knee(final, after) or may_be_friction(final, after)
     # another size of a constant wave is what a wave from elsewhere would make
     is_open |= may_be_time(final, after) or may_be_of_the_turn(after) or by_order_alone(final, number)
+    is_open |= may_be_of_a_law(final, number)
     return Retuned(before, after, errors, p, others, is_open, tuple(sorted(names)))
 
 

@@ -136,6 +136,24 @@ def told_sides(piece: Piece, stderr: dict[str, float]) -> set[str]:
     return {key.partition("_")[0] for key in sizes if piece.effect.scalar(key) > SETTINGS.told * stderr[key]}
 
 
+#: A law that is nothing at one end of a condition and grows in proportion to it is a constant, and what differs from it
+#: by a third of its power.
+_CONSTANT_OF_A_LAW = 3.0
+
+
+def may_be_of_a_law(final: Fit, number: int) -> bool:
+    """Whether a change of an effect is so small that a law of the conditions would make it, and leave unseen the rest.
+
+    On each of its orders: structure below a part of the noise is not told from an error of the noise's estimate.
+    """
+    data, good = final.target.data, final.target.good
+    if data.angle_rad is not None:
+        return False
+    change = (np.abs(shown_change(final, final.state.pieces[number])[good]) ** 2).mean(axis=0)
+    noise = np.where(data.orders == 0, 1, 2) * (final.target.sigma[good] ** 2).mean(axis=0)
+    return bool((change < _CONSTANT_OF_A_LAW * SETTINGS.least_excess * noise).all())
+
+
 #: Constant waves once or twice a turn: the weight of an arm that hangs on the output, how a machine is mounted, or an
 #: encoder makes such, too.
 _OF_THE_TURN = frozenset({"output_shaft_eccentricity", "output_shaft_ovality"})
