@@ -214,9 +214,9 @@ def generate(
     settings = CompileSettings.of(target, wishes)
     with _staged(models, target, Path(out), settings, folder) as staged:
         files = {name: (staged.stage / name).stat().st_size for name in staged.names if name != output.MANIFEST}
-        for name, size in files.items():
-            if announce is not None and size > _LARGE_FILE:
-                announce(_large_file(folder / name, size, target))
+        large = {name: size for name, size in files.items() if size > _LARGE_FILE}
+        if announce is not None and large:
+            announce(_large_files(folder, large, target))
         changed = output.install(staged.stage, folder, force=force)
     return Generated(target.name, folder, files, staged.compiled, staged.purpose, staged.facts, changed)
 
@@ -492,14 +492,16 @@ def limits_for(target: Target, max_array: int | None) -> Limits:
     return target.limits if max_array is None else dataclasses.replace(target.limits, max_array=max_array)
 
 
-def _large_file(path: Path, size: int, target: Target) -> str:
-    """What to know of a large file, and what makes it smaller."""
+def _large_files(folder: Path, sizes: Mapping[str, int], target: Target) -> str:
+    """What to know of large files, and what makes them smaller; sizes: bytes by their names in the folder."""
     advice = "fewer or smaller trees, fewer support vectors or neurons"
     if target.compiles:
         advice += "; --layout ranked or a smaller --table-limit where tables are large (--explain shows sizes)"
+    largest = max(sizes, key=lambda name: sizes[name])
+    others = f", the largest of {len(sizes)} files with more than {_LARGE_FILE / 1e6:g} MB" if len(sizes) > 1 else ""
     return (
-        f"warning: {path} has {size / 1e6:.1f} MB of text, and development environments may need minutes for it. "
-        f"What makes it smaller: {advice}"
+        f"warning: {folder / largest} has {sizes[largest] / 1e6:.1f} MB of text{others}; development environments may "
+        f"need minutes for so much. What makes it less: {advice}"
     )
 
 
