@@ -631,6 +631,14 @@ def test_what_lies_between_unexplained_orders_is_open(left, is_open):
     assert {k for k, one in zip(own, found.retuned, strict=True) if one.is_open} - set(left) == is_open
 
 
+@pytest.mark.parametrize(("left", "is_open"), [(38, True), (37, False), (40, True), (118, False)])
+def test_the_twin_of_an_unexplained_sideband_is_open(left, is_open):
+    """Waves of orders 38 and 40 that grew with the load were a changed mesh order 40, and an order 38 with no name."""
+    mesh = effect("load_dependent_mesh", order=40, slope_deg_per_kNm=1e-4)
+    found = doubted(Conclusions(None, None, (), (Retuned(mesh, mesh, {}, 0.0),), False), [left], ())
+    assert found.retuned[0].is_open is is_open
+
+
 def test_what_is_smaller_than_its_error_is_no_part_of_a_name(monkeypatch):
     """Friction that falls with speed by 0.07 +- 0.08 arcmin was named beside the dry part."""
     values = {"coulomb_arcmin": 0.5, "stribeck_arcmin": 0.4, "stribeck_speed_rpm": 300.0}

@@ -201,6 +201,19 @@ def test_a_factor_and_an_offset_of_the_torques_are_corrected_together():
     assert np.abs(right.data.at.torque_Nm - AT.torque_Nm).max() < 2.0
 
 
+@pytest.mark.parametrize(("share", "names"), [(0.06, {"misread_speed"}), (0.0, set())])
+def test_a_resonance_that_moves_with_the_load_may_be_a_motor_that_slips(share, names):
+    """Speeds read as those without a load moved the one new resonance by 2 Hz, and nothing else was said."""
+    rig = replace(RIG, effects=tuple(one for one in RIG.effects if one.name != "structural_resonance"))
+    (shape,) = [one for one in RIG.effects if one.name == "structural_resonance"]
+    moves = {"frequency_per_kNm": 0.035} if share == 0.0 else {}
+    still = shape.with_values({**shape.values, "frequency_Hz": 40.0, "damping_ratio": 0.03, **moves})
+    data = measured(2e-5, at=slipping(share), read=AT, rig=replace(rig, effects=(*rig.effects, still)))
+    (claim,) = _reread(rig, examine(data, rig, PATH), PATH, KNOWN).conclusions.claims
+    assert claim.piece.effect.values["frequency_per_kNm"] == pytest.approx(0.035, rel=0.1)
+    assert set(claim.alternatives) == names
+
+
 def test_a_zero_that_backward_curves_alone_have_is_no_turn_of_every_wave():
     data = measured(1e-4)
     made = replace(data, values=np.where(data.at.sign[:, None] < 0, turned(data, 0.5).values, data.values))

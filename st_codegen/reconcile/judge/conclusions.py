@@ -30,7 +30,7 @@ from st_codegen.reconcile.judge.lookalikes import (
     may_be_time,
     told_sides,
 )
-from st_codegen.reconcile.judge.misread import OFFSET, Misread, covariance_of_corrections, misread
+from st_codegen.reconcile.judge.misread import OFFSET, Misread, covariance_of_corrections, in_place_of_a_move, misread
 from st_codegen.reconcile.judge.peaks import bracket, chance_of_bracket, frequencies_in, has_a_frequency, spread
 from st_codegen.reconcile.judge.plausible import (
     bounds_met,
@@ -373,7 +373,7 @@ def _claim(
         share = np.sqrt(left_of_place(final, piece))
         sizes = {c.key for c in piece.coordinates() if c.linear}
         stderr |= {key: float(np.hypot(stderr[key], share * piece.effect.values[key])) for key in sizes & stderr.keys()}
-    names = sorted({other.name for other in others} - {piece.effect.name})
+    names = sorted({other.name for other in others} - {piece.effect.name} | in_place_of_a_move(final, number))
     few = final.target.data.few_points
     starts, is_burst = may_be_a_start(final, piece.effect), bool(piece.effect.least_foreign and piece.effect.orders)
     unsure = starts or (is_burst and told_order(final, piece) < SETTINGS.told_order)
@@ -583,10 +583,11 @@ def doubted(
 ) -> Conclusions:
     """Conclusions whose names have the alternative `something_else` where what stays unexplained says so.
 
-    left: orders that stay unexplained: what is there may have changed a parameter of the rig on them as well; beside:
-    those of them that lie one beside the rig's orders, as where an angle is read wrong: what does that changes the
-    orders between them, too; made: the rig's orders. Many others that are left, as a step at one angle makes them, or
-    what dies away behind the start of a curve, reach all up to twice the highest, and the mean.
+    left: orders that stay unexplained: what is there may have changed a parameter of the rig on them as well, and on
+    the other side of a mesh order; beside: those of them that lie one beside the rig's orders, as where an angle is
+    read wrong: what does that changes the orders between them, too; made: the rig's orders. Many others that are left,
+    as a step at one angle makes them, or what dies away behind the start of a curve, reach all up to twice the highest,
+    and the mean.
     """
     foreign = sorted(order for order in {*left, *_of_what_is_many(found)} if order > 0 and order not in made)
     is_broad = len(foreign) >= SETTINGS.shared_orders
@@ -616,10 +617,19 @@ def doubted(
         for claim in found.claims
     )
     retuned = tuple(
-        replace(one, is_open=one.is_open or is_open(one.after, near | reached | broad | set(left)))
+        replace(
+            one,
+            is_open=one.is_open or is_open(one.after, near | reached | broad | set(left) | _mirrored(one.after, left)),
+        )
         for one in found.retuned
     )
     return replace(found, claims=claims, retuned=retuned, offset_is_open=is_broad)
+
+
+def _mirrored(effect: Effect, left: Collection[int]) -> set[int]:
+    """The orders that lie as far on the other side of the mesh order next to each: what changes a mesh makes both."""
+    mesh = np.array(effect.constants.mesh_orders())
+    return {2 * int(mesh[np.argmin(np.abs(mesh - k))]) - k for k in left if k > 0}
 
 
 def _of_what_is_many(found: Conclusions) -> set[int]:

@@ -19,6 +19,7 @@ from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import Column, FitData
 from st_codegen.reconcile.judge.evidence import chi_square_tail
 from st_codegen.reconcile.judge.in_time import changes_with_time
+from st_codegen.reconcile.judge.peaks import frequencies_in
 from st_codegen.reconcile.settings import SETTINGS
 
 #: the data that were meant where some were read wrong by sizes
@@ -208,6 +209,9 @@ _DELAYED = "waves backward turned {:.3g} deg too {} at the highest frequency, in
 #: of a filter, of which the rig may have the delay
 _FADED = "waves {:.3g} % too {} at the highest frequency, by its square elsewhere, as behind a filter"
 _TORQUE, _SPEED, _HEAT, _ANGLE = (f"misread_{what}" for what in ("torque", "speed", "temperature", "angle"))
+_SLIP = WrongReading(
+    _SPEED, ("speeds {:.3g} % too {} at the largest load, and in proportion at others",), _slipped, (0.1,), (30.0,)
+)
 READINGS = (
     WrongReading(_TORQUE, ("all torques {:.3g} % too {}",), _scaled("torque_Nm"), (0.1,), (100.0,), "torque"),
     WrongReading(_TORQUE, ("all torques {:.3g} N m too {}",), _shifted("torque_Nm"), (1.0,), (500.0,), "torque"),
@@ -227,9 +231,7 @@ READINGS = (
     WrongReading(_SPEED, ("all speeds {:.3g} % too {}",), _scaled("speed_rpm"), (0.1,), (30.0,)),
     WrongReading(_SPEED, ("all speeds backward {:.3g} % too {}",), _faster(-1.0), (0.1,), (30.0,)),
     WrongReading(_SPEED, ("all speeds forward {:.3g} % too {}",), _faster(1.0), (0.1,), (30.0,)),
-    WrongReading(
-        _SPEED, ("speeds {:.3g} % too {} at the largest load, and in proportion at others",), _slipped, (0.1,), (30.0,)
-    ),
+    _SLIP,
     WrongReading(_ANGLE, ("every angle {:.3g} deg too {}",), _turned(1.0, -1.0), (1e-3,), (5.0,), "home_offset"),
     WrongReading(_ANGLE, ("every angle backward {:.3g} deg too {}",), _turned(-1.0), (1e-3,), (5.0,)),
     WrongReading(
@@ -272,6 +274,25 @@ def misread(final: Fit, changed: Collection[int], offset_changed: bool) -> tuple
         found = _instead(final, plain, reading, chance) or _beside_the_rest(final, plain, reading, chance)
         standing += [] if found is None else [found]
     return tuple(sorted(standing, key=lambda one: (-len(one.instead_of), len(one.sizes), one.best.loss)))
+
+
+def in_place_of_a_move(final: Fit, number: int) -> frozenset[str]:
+    """The name of the reading that leaves no more than a resonance that moves with the load, if it does: speeds that
+    are read the higher the larger the load, as those of a motor that slips, where the resonance itself stands still.
+    """
+    piece, data = final.state.pieces[number], final.target.data
+    if not piece.effect.values.get("frequency_per_kNm") or data.angle_rad is not None:
+        return frozenset()
+    moves = {"frequency_per_kNm", "levels_off_per_kNm"}
+    values = {key: x for key, x in piece.effect.values.items() if key not in moves}
+    still = replace(piece, effect=piece.effect.with_values(values), free=piece.free - moves)
+    low, high = piece.effect.scalar("frequency_Hz"), frequencies_in(piece.effect, data.at)
+    seen = max(high, key=lambda hertz: abs(hertz - low))
+    sizes = np.array([100.0 * (1.0 - low / seen)])
+    if abs(sizes[0]) > _SLIP.most[0]:
+        return frozenset()
+    best = _read(final.target, final.state.replaced(number, still), _SLIP, sizes)[1]
+    return frozenset() if _is_needed(best, final, 1) else frozenset([_SLIP.name])
 
 
 def in_place_of_the_rest(final: Fit, orders: Collection[int]) -> tuple[Misread, ...]:
