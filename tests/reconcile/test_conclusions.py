@@ -631,12 +631,24 @@ def test_what_lies_between_unexplained_orders_is_open(left, is_open):
     assert {k for k, one in zip(own, found.retuned, strict=True) if one.is_open} - set(left) == is_open
 
 
+FRICTION = effect("friction_windup", coulomb_arcmin=0.25)
+
+
 @pytest.mark.parametrize(("left", "is_open"), [(38, True), (37, False), (40, True), (118, False)])
 def test_the_twin_of_an_unexplained_sideband_is_open(left, is_open):
     """Waves of orders 38 and 40 that grew with the load were a changed mesh order 40, and an order 38 with no name."""
     mesh = effect("load_dependent_mesh", order=40, slope_deg_per_kNm=1e-4)
     found = doubted(Conclusions(None, None, (), (Retuned(mesh, mesh, {}, 0.0),), False), [left], ())
     assert found.retuned[0].is_open is is_open
+
+
+@pytest.mark.parametrize("is_open", [True, False])
+def test_dry_friction_beside_play_that_may_be_something_else_may_be_so_as_well(is_open):
+    """What the play lost above 70 N m the friction gained: only the one was said to be unsure."""
+    play = effect("backlash", gap_arcmin=0.3, seating_torque_Nm=60.0)
+    changed = (Retuned(play, play, {}, 0.0, is_open=is_open), Retuned(FRICTION, FRICTION, {}, 0.0))
+    found = doubted(Conclusions(None, None, (), changed, False), (), ())
+    assert [one.is_open for one in found.retuned] == [is_open, is_open]
 
 
 def test_what_is_smaller_than_its_error_is_no_part_of_a_name(monkeypatch):

@@ -600,7 +600,11 @@ def doubted(
     reached |= {beyond for k in rows for beyond in (k - 2, k - 1, k + 3, k + 4) if beyond > 0}
 
     # what changed in one direction alone is half of what turns with it, and half of what does not
-    halves = _ONE_SIDED if found.names >= _ONE_SIDED else frozenset()
+    halves = _ONE_SIDED if found.names >= _ONE_SIDED else frozenset[str]()
+    # above the load that takes play up it is dry friction's twin: what is no play is no such friction either
+    unsure = {one.after.name for one in found.retuned if SOMETHING_ELSE in one.alternatives}
+    unsure |= {claim.piece.effect.name for claim in found.claims if SOMETHING_ELSE in claim.alternatives}
+    halves |= {"friction_windup"} if "backlash" in unsure else set()
 
     def is_open(effect: Effect, orders: Collection[int]) -> bool:
         its = set(effect.touched_orders())
