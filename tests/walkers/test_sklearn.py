@@ -78,6 +78,9 @@ EXACT = {
         "passthrough",
         HistGradientBoostingRegressor(max_iter=10),
     ),
+    "a function that refuses NaN": make_pipeline(
+        FunctionTransformer(validate=True), HistGradientBoostingRegressor(max_iter=10)
+    ),
     "scaler without mean": make_pipeline(
         StandardScaler(with_mean=False), RobustScaler(with_scaling=False), DecisionTreeRegressor(max_depth=5)
     ),

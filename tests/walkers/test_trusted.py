@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from st_codegen import load
-from st_codegen.errors import UntrustedFileError
+from st_codegen.errors import UnsupportedModelError, UntrustedFileError
 from st_codegen.walkers.base import trusted_types
 
 skops = pytest.importorskip("skops.io")
@@ -54,5 +54,21 @@ def test_a_part_of_an_estimator_is_not_called_the_class_that_is_missing(tmp_path
     linear = pytest.importorskip("sklearn.linear_model")
     model = calibration.CalibratedClassifierCV(linear.LogisticRegression(), method="temperature", cv=2)
     skops.dump(model.fit(X, [0, 1, 0, 1]), tmp_path / "m.skops")
-    with pytest.raises(UntrustedFileError, match=r"run code: sklearn\.calibration\._TemperatureScaling; save"):
+    with pytest.raises(UntrustedFileError, match=r"run code: sklearn\.calibration\._TemperatureScaling; .* train it"):
         load(tmp_path)
+
+
+def test_a_file_of_a_class_that_is_not_compiled_names_it(tmp_path):
+    cluster = pytest.importorskip("sklearn.cluster")
+    skops.dump(cluster.FeatureAgglomeration(1).fit(X), tmp_path / "m.skops")
+    with pytest.raises(UnsupportedModelError, match="scikit-learn's FeatureAgglomeration is not supported"):
+        load(tmp_path)
+
+
+def test_early_stopping_that_a_model_was_trained_with_is_read(tmp_path):
+    xgboost = pytest.importorskip("xgboost")
+    stop = xgboost.callback.EarlyStopping(rounds=2, save_best=True)
+    model = xgboost.XGBRegressor(n_estimators=3, n_jobs=1, callbacks=[stop])
+    skops.dump(model.fit(X, Y, eval_set=[(X, Y)], verbose=False), tmp_path / "m.skops")
+    (loaded,) = load(tmp_path).models
+    assert np.array_equal(loaded.predict(X)[:, 0], model.predict(X))

@@ -217,7 +217,9 @@ def _reach(steps: Steps, low: float, high: float, width: int) -> FloatArray:
 
 @transforms("FunctionTransformer", single=True)
 def walk_function(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
-    """A NumPy function of each column."""
+    """A NumPy function of each column; with validate=True the library refuses NaN and infinity."""
+    if fitted.flag("validate"):
+        builder.refuse_special(value)
     if fitted.estimator.func is np.clip:
         return _clipped(fitted, builder, value)
     if fitted.get("kw_args"):
