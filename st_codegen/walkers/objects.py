@@ -65,9 +65,9 @@ def load_skops(path: Path, name: str) -> LoadedModel:
 
 
 def _way_out(foreign: list[str]) -> str:
-    """What to do about types that a file may not name: those of libraries are parts that belong to the model."""
+    """What to do about types that a file may not name: those of libraries often belong to the model."""
     if all(name.partition(".")[0] in LIBRARIES for name in foreign):
-        return "no model with these parts is compiled: train it without them"
+        return "save the model without them, or train it without them"
     return "save the model without them"
 
 

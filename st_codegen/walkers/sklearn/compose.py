@@ -90,7 +90,12 @@ def walk_elimination(fitted: Fitted, builder: GraphBuilder, value: int) -> Walke
     return walk_any(fitted.get("estimator_"), builder, builder.select(left, value))
 
 
-@transforms("ColumnTransformer", single=True)
+@transforms(
+    "ColumnTransformer",
+    # what chose the columns when it was fitted, and the types by which it chose them
+    trusts=("sklearn.compose._column_transformer.make_column_selector", "numpy.number", "builtins.object"),
+    single=True,
+)
 def walk_columns(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """Each transformer on its own columns; results side by side in the order of `transformers_`."""
     parts = []
