@@ -96,6 +96,14 @@ def _mish(call: NodeCall) -> Operand:
     return product_of(walk, tensor, apply_activation(walk, soft, Function.TANH))
 
 
+@operator("Tan", 7, 22)
+def _tangent(call: NodeCall) -> Operand:
+    """The sine by the cosine; the library's own lies within what the bound allows for both and their quotient."""
+    tensor, walk = call.computed(), call.walk
+    sine, cosine = (apply_activation(walk, tensor, function) for function in (Function.SIN, Function.COS))
+    return combined(walk, Operator.DIVIDE, sine, cosine)
+
+
 @operator("Selu", 6, 22)
 def _selu(call: NodeCall) -> Operand:
     alpha, gamma = call.node.number("alpha", 1.67326319), call.node.number("gamma", 1.05070102)
@@ -463,18 +471,29 @@ def _lp_normalization(call: NodeCall) -> Operand:
 @operator("LayerNormalization", 17)
 def _layer_normalization(call: NodeCall) -> Operand:
     """(x - mean) / sqrt(variance + epsilon) * scale + bias."""
-    tensor, walk = call.computed(), call.walk
-    axis = axis_of(call.node.integer("axis", -1), len(tensor.shape))
     if call.node.has_more_outputs:
         raise UnsupportedModelError("several outputs: mean and deviation are for training; leave them out")
+    scaled = _normalized(call, is_centred=True)
+    return combined(call.walk, Operator.ADD, scaled, call.required(2)) if call.optional(2) is not None else scaled
+
+
+@operator("RMSNormalization", 23)
+def _square_normalization(call: NodeCall) -> Operand:
+    """x / sqrt(mean of squares + epsilon) * scale."""
+    return _normalized(call, is_centred=False)
+
+
+def _normalized(call: NodeCall, *, is_centred: bool) -> Operand:
+    """Numbers, or what they differ by from their mean, by the root of the mean of their squares, times a scale."""
+    tensor, walk = call.computed(), call.walk
+    axis = axis_of(call.node.integer("axis", -1), len(tensor.shape))
     count = math.prod(tensor.shape[:axis])
     rows = tensor.moved(lambda array: array.reshape(count, -1))
-    mean = mean_of(walk, rows).moved(lambda array: array.reshape(count, 1))
-    centred = require_tensor(combined(walk, Operator.SUBTRACT, rows, mean))
-    variance = mean_of(walk, product_of(walk, centred, centred))
+    if is_centred:
+        mean = mean_of(walk, rows).moved(lambda array: array.reshape(count, 1))
+        rows = require_tensor(combined(walk, Operator.SUBTRACT, rows, mean))
+    variance = mean_of(walk, product_of(walk, rows, rows))
     shifted = with_constant(walk, variance, Operator.ADD, call.node.number("epsilon", 1e-5))
     spread = apply_activation(walk, shifted, Function.SQRT).moved(lambda array: array.reshape(count, 1))
-    result = require_tensor(combined(walk, Operator.DIVIDE, centred, spread))
-    result = result.moved(lambda array: array.reshape(tensor.shape))
-    scaled = combined(walk, Operator.MULTIPLY, result, call.required(1))
-    return combined(walk, Operator.ADD, scaled, call.required(2)) if call.optional(2) is not None else scaled
+    result = require_tensor(combined(walk, Operator.DIVIDE, rows, spread))
+    return combined(walk, Operator.MULTIPLY, result.moved(lambda array: array.reshape(tensor.shape)), call.required(1))
