@@ -596,3 +596,22 @@ def test_whole_numbers_stay_so_in_real(tmp_path):
 def test_whole_numbers_of_integers_are_refused(tmp_path):
     with pytest.raises(UnsupportedModelError, match="reads integers"):
         build.load(single("Floor", elem_type=INT64), tmp_path)
+
+
+@pytest.mark.parametrize("axis", [-1, 1, 2])
+@pytest.mark.parametrize("pair", [[0.0, 1.0], [-2.5, 4.0]])
+@pytest.mark.parametrize("kind", [TensorProto.FLOAT, TensorProto.INT64])
+def test_a_place_among_others(tmp_path, axis, pair, kind):
+    nodes = [
+        helper.make_node("Cast", ["X"], ["places"], to=TensorProto.INT64),
+        helper.make_node("OneHot", ["places", "depth", "pair"], ["H"], axis=axis),
+        helper.make_node("Flatten", ["H"], ["Y"]),
+    ]
+    constants = [constant("depth", 3, np.int64), constant("pair", pair, np.float32)]
+    model = graph_model(nodes, [info("X", (None, 2), kind)], [info("Y", None)], constants)
+    loaded = build.load(model, tmp_path)
+    places = [-5, -4, -3, -2, -1, 0, 1, 2, 3, 9]
+    steps = [0.0] if kind == TensorProto.INT64 else [0.0, 0.75, -0.75]
+    x = np.array([[a + step, b] for a in places for b in places for step in steps], np.float64)
+    assert loaded.ir.exact and not np.any(agree(loaded, x))
+    assert len(np.unique(loaded.predict(x), axis=0)) == 16

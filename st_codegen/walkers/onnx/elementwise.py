@@ -445,6 +445,34 @@ def choice_of(call: NodeCall) -> Operand:
     return walk.computed(chosen, shape, dtype)
 
 
+@operator("OneHot", 9, 11)
+def _one_hot(call: NodeCall) -> Operand:
+    """One constant at the place that an integer names, from the end below 0, another at all others and beyond them.
+
+    Each is its product with a truth value, of which one is zero (core/providers/cpu/tensor/onehot.cc).
+    """
+    walk, places = call.walk, require_tensor(call.required())
+    depth, pair = call.constant(1, "the depth"), call.constant(2, "the pair of values")
+    if depth is None or depth.size != 1 or pair is None or pair.shape != (2,) or not np.all(np.isfinite(pair)):
+        raise InputError("the depth is not one number, or the values are not two finite ones")
+    if places.dtype not in INTEGERS or pair.dtype not in (np.float32, np.float64):
+        raise UnsupportedModelError("places that are no integers, or values that are no floats; cast them")
+    count, rank = int(depth.ravel()[0]), len(places.shape) + 1
+    if count < 1:
+        raise InputError(f"a depth of {count}; the model file is damaged")
+    check_size([places.size, count])
+    value = walk.settle(walk.cut(places) if places.uncut else places)
+    spread = walk.builder.select(np.repeat(np.arange(places.size), count).astype(np.int32), value)
+    at = np.tile(np.arange(float(count)), places.size)
+    named = walk.builder.combine(equals(walk, spread, at), "+", equals(walk, spread, at - count))
+    off, on = pair.astype(np.float64)
+    parts = [walk.builder.scale(named, "*", on), walk.builder.scale(_opposite(walk, named), "*", off)]
+    walk.builder.open_zeros = True
+    found = walk.computed(walk.builder.combine(parts[0], "+", parts[1]), (*places.shape, count), pair.dtype)
+    axis = axis_of(call.node.integer("axis", -1), rank)
+    return found.moved(lambda array: np.moveaxis(array, -1, axis))
+
+
 # --- norms ---------------------------------------------------------------------------------------------------------
 
 
