@@ -453,8 +453,10 @@ def _one_hot(call: NodeCall) -> Operand:
     """
     walk, places = call.walk, require_tensor(call.required())
     depth, pair = call.constant(1, "the depth"), call.constant(2, "the pair of values")
-    if depth is None or depth.size != 1 or pair is None or pair.shape != (2,) or not np.all(np.isfinite(pair)):
-        raise InputError("the depth is not one number, or the values are not two finite ones")
+    if depth is None or pair is None or depth.size != 1 or pair.shape != (2,):
+        raise InputError("the depth is not one number, or the values are not two; the model file is damaged")
+    if not np.all(np.isfinite(np.hstack([depth.ravel(), pair]))):
+        raise UnsupportedModelError("a depth or values that are infinite or NaN")
     if places.dtype not in INTEGERS or pair.dtype not in (np.float32, np.float64):
         raise UnsupportedModelError("places that are no integers, or values that are no floats; cast them")
     count, rank = int(depth.ravel()[0]), len(places.shape) + 1
