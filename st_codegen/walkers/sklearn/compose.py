@@ -297,6 +297,12 @@ def _sign(builder: GraphBuilder, value: int, _: ir.Precision) -> int:
     return builder.scale(builder.combine(passed, "+", reached), "-", 1.0)
 
 
+def _tangent(builder: GraphBuilder, value: int, precision: ir.Precision) -> int:
+    """The sine by the cosine; NumPy's own lies within what the bound allows for both and their quotient."""
+    sine, cosine = (builder.function(value, kind, precision=precision) for kind in (ir.Function.SIN, ir.Function.COS))
+    return builder.combine(sine, "/", cosine, precision=precision)
+
+
 def _whole(towards: ir.Towards) -> _Adding:
     """Whole numbers, -0 as 0."""
 
@@ -319,6 +325,7 @@ _FUNCTIONS: dict[Any, _Adding] = {
     np.tanh: _function(ir.Function.TANH),
     np.sin: _function(ir.Function.SIN),
     np.cos: _function(ir.Function.COS),
+    np.tan: _tangent,
     **{function: _factor(function) for function in (np.negative, np.deg2rad, np.radians, np.rad2deg, np.degrees)},
     np.reciprocal: lambda builder, value, precision: builder.scale(value, "/", 1.0, precision=precision, reverse=True),
     np.fabs: _function(ir.Function.ABS),
