@@ -46,6 +46,13 @@ class Fitted:
         except AttributeError:
             raise InputError(f"{self.kind} is not fitted ({name} is missing): call fit() before saving it") from None
 
+    def other_type(self, name: str, what: str) -> UnsupportedModelError:
+        """An error for numbers of a type that `fit` takes from its training data, and that is not compiled."""
+        return UnsupportedModelError(
+            f"{self.kind}.{name}: {what}; float64 is supported, and of most models float32: fit it on "
+            "X.astype('float64') and y.astype('float64')"
+        )
+
     def floats(self, name: str, *shapes: Shape) -> FloatArray:
         """Finite numbers as float64, in an array of one of the shapes (without shapes: of any).
 
@@ -63,7 +70,7 @@ class Fitted:
         array = self._array(name, value, "fiu", shapes)
         if array.dtype.kind == "f":
             if array.dtype.itemsize not in (4, 8):
-                raise self.fail(name, f"numbers of type {array.dtype}, expected float64 or float32")
+                raise self.other_type(name, f"numbers of type {array.dtype}")
         elif array.size and np.max(np.abs(array.astype(np.float64))) > _LARGEST_WHOLE:
             raise self.fail(name, "an integer that float64 does not hold")
         result = array.astype(np.float64, order="C")  # sums of it are then the same however it was stored
@@ -128,6 +135,8 @@ class Fitted:
         if not isinstance(value, np.ndarray | np.generic | float | int):
             raise self.fail(name, f"{_kind_of(value)}, expected numbers")
         array: AnyArray = np.asarray(value)
+        if kinds == "fiu" and array.dtype.kind == "b":
+            raise self.other_type(name, "truth values")
         if array.dtype.kind not in kinds or not array.dtype.isnative:
             raise self.fail(name, f"values of type {array.dtype}, expected {_KINDS[kinds]}")
         allowed = list(shapes)

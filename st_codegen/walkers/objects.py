@@ -43,18 +43,18 @@ def load_skops(path: Path, name: str) -> LoadedModel:
         unknown = skops.get_untrusted_types(data=data)
         foreign = sorted(set(unknown) - trusted_types())
         if foreign:
-            for package, kind in classes_in(data):
+            for number, (package, kind) in enumerate(classes_in(data)):
                 if (
                     package in LIBRARIES
                     and not is_known(package, kind)
-                    and kind.endswith(_ESTIMATORS)
+                    and (number == 0 or kind.endswith(_ESTIMATORS))
                     and kind != _PART
                     and not kind.startswith("_")  # a part of an estimator, which stands in the file, too
                 ):
                     raise unsupported(package, kind)
             raise UntrustedFileError(
                 "the file names types that no supported model needs, and loading them could run code: "
-                f"{', '.join(foreign)}; save the model without them"
+                f"{', '.join(foreign)}; {_way_out(foreign)}"
             )
         estimator = skops.loads(data, trusted=unknown)
     except InputError as error:
@@ -62,6 +62,13 @@ def load_skops(path: Path, name: str) -> LoadedModel:
     except Exception as error:  # skops raises whatever zip, json or the classes raise
         raise InputError(f"{path.name}: not a readable .skops file ({type(error).__name__}: {error})") from error
     return from_estimator(estimator, name)
+
+
+def _way_out(foreign: list[str]) -> str:
+    """What to do about types that a file may not name: those of libraries often belong to the model."""
+    if all(name.partition(".")[0] in LIBRARIES for name in foreign):
+        return "save the model without them, or train it without them"
+    return "save the model without them"
 
 
 def load_pickle(path: Path, name: str, *, trusted: bool) -> LoadedModel:

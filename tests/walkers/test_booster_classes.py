@@ -213,3 +213,16 @@ def test_a_booster_of_several_labels_gives_their_probabilities(tmp_path):
 def test_several_labels_by_margins_of_a_hinge_are_refused(tmp_path):
     with pytest.raises(UnsupportedModelError, match="binary:hinge' with 2 outputs: train one for each"):
         extreme("binary:hinge", LABELS, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"), [("save_config", "save_config gives has no trees"), ("dump", "dump_model")]
+)
+def test_what_else_xgboost_writes_as_json_is_refused_by_its_name(call, message, tmp_path):
+    booster = xgboost.train({"max_depth": 2, "nthread": 1}, xgboost.DMatrix(GAPS, NUMBER), 2)
+    if call == "dump":
+        booster.dump_model(tmp_path / "m.json", dump_format="json")
+    else:
+        (tmp_path / "m.json").write_text(booster.save_config(), encoding="utf-8")
+    with pytest.raises(UnsupportedModelError, match=rf"{message}.*save_model\('model.json'\)"):
+        load_model(tmp_path / "m.json", "m")

@@ -260,9 +260,9 @@ def test_an_estimator_that_is_not_fitted_says_so():
     [
         (np.array([2**60]), "an integer that float64 does not hold"),
         (np.array([1.0], ">f8"), "values of type >f8"),
-        (np.array([1.0], np.float16), "numbers of type float16"),
+        (np.array([1.0], np.float16), "numbers of type float16; .* fit it on X.astype"),
         (np.array([1j]), "values of type complex128"),
-        (np.array([True]), "values of type bool"),
+        (np.array([True]), "truth values; .* fit it on X.astype"),
         ([1.0], "a list, expected numbers"),
     ],
 )

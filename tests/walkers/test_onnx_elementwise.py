@@ -40,7 +40,7 @@ def rows(rng, columns=3):
     return np.vstack([rng.normal(size=(150, columns)) * 3, build.rows(columns, 5, 100, 2.0), near])
 
 
-_PLAIN = "Abs Sign Sqrt Log Erf Reciprocal Softsign Celu Selu HardSigmoid HardSwish Gelu Sin Cos Mish"
+_PLAIN = "Abs Sign Sqrt Log Erf Reciprocal Softsign Celu Selu HardSigmoid HardSwish Gelu Sin Cos Tan Mish"
 UNARY = {
     **{name: {} for name in _PLAIN.split()},
     "Gelu 2": {"approximate": "tanh"},
@@ -58,7 +58,7 @@ UNARY = {
     "Swish 2": {"alpha": 1.7},
 }
 EXACT = {"Abs", "Sign", "Sqrt", "Reciprocal", "HardSigmoid", "HardSwish", "ThresholdedRelu", "Shrink", "Hardmax"}
-FLOAT_ONLY = {"Erf", "Celu", "Gelu", "Mish", "ThresholdedRelu", "Shrink", "Hardmax"}
+FLOAT_ONLY = {"Erf", "Tan", "Celu", "Gelu", "Mish", "ThresholdedRelu", "Shrink", "Hardmax"}
 
 
 @DTYPES
@@ -77,7 +77,7 @@ def test_functions_of_each_number(tmp_path, name, elem_type):
         return
     x = rows(np.random.default_rng(1))
     x[::2] = np.abs(x[::2])
-    if op_type in ("Sin", "Cos"):  # beyond it there is no answer
+    if op_type in ("Sin", "Cos", "Tan"):  # beyond it there is no answer
         x = np.clip(x, -COS_REACH, COS_REACH)
     bound = agree(loaded, x)
     assert loaded.ir.exact == (op_type in EXACT) == (not np.any(bound))
@@ -302,11 +302,14 @@ def test_a_product_of_many_numbers_has_no_order_that_is_known(tmp_path):
         build.load(single("ReduceProd", 4, opset=13, axes=[-1]), tmp_path)
 
 
-@pytest.mark.parametrize("bias", [False, True])
-def test_layer_normalization(tmp_path, bias):
+@pytest.mark.parametrize(
+    ("op_type", "bias"), [("LayerNormalization", False), ("LayerNormalization", True), ("RMSNormalization", False)]
+)
+def test_normalization_of_a_row(tmp_path, op_type, bias):
     rng = np.random.default_rng(8)
     constants = [constant("scale", rng.normal(size=8)), constant("bias", rng.normal(size=8))][: 1 + bias]
-    loaded = build.load(single("LayerNormalization", 8, constants), tmp_path)
+    opset = 23 if op_type == "RMSNormalization" else 17
+    loaded = build.load(single(op_type, 8, constants, opset=opset), tmp_path)
     x = rng.normal(size=(300, 8)) * 10 ** rng.uniform(-3, 3, size=(300, 1)) + rng.normal(size=(300, 1))
     x = np.vstack([x, np.full((1, 8), 3.0), np.zeros((1, 8))])
     library, ours, bound = loaded.predict(x), reference.evaluate(loaded.ir, x), difference_bound(loaded.ir, x)
@@ -593,3 +596,22 @@ def test_whole_numbers_stay_so_in_real(tmp_path):
 def test_whole_numbers_of_integers_are_refused(tmp_path):
     with pytest.raises(UnsupportedModelError, match="reads integers"):
         build.load(single("Floor", elem_type=INT64), tmp_path)
+
+
+@pytest.mark.parametrize("axis", [-1, 1, 2])
+@pytest.mark.parametrize("pair", [[0.0, 1.0], [-2.5, 4.0]])
+@pytest.mark.parametrize("kind", [TensorProto.FLOAT, TensorProto.INT64])
+def test_a_place_among_others(tmp_path, axis, pair, kind):
+    nodes = [
+        helper.make_node("Cast", ["X"], ["places"], to=TensorProto.INT64),
+        helper.make_node("OneHot", ["places", "depth", "pair"], ["H"], axis=axis),
+        helper.make_node("Flatten", ["H"], ["Y"]),
+    ]
+    constants = [constant("depth", 3, np.int64), constant("pair", pair, np.float32)]
+    model = graph_model(nodes, [info("X", (None, 2), kind)], [info("Y", None)], constants)
+    loaded = build.load(model, tmp_path)
+    places = [-5, -4, -3, -2, -1, 0, 1, 2, 3, 9]
+    steps = [0.0] if kind == TensorProto.INT64 else [0.0, 0.75, -0.75]
+    x = np.array([[a + step, b] for a in places for b in places for step in steps], np.float64)
+    assert loaded.ir.exact and not np.any(agree(loaded, x))
+    assert len(np.unique(loaded.predict(x), axis=0)) == 16

@@ -272,3 +272,57 @@ def test_output_of_two_rows_for_one_is_read_as_columns(tmp_path):
     node = helper.make_node("Reshape", ["X", "shape"], ["Y"])
     model = graph_model([node], [info("X", (None, 2))], [info("Y", (None, 1))], [constant("shape", [-1, 1], np.int64)])
     assert assert_equal_bits(build.load(model, tmp_path), [[1.0, 2.0]]).tolist() == [[1.0, 2.0]]
+
+
+MARKS = constant("marks", [False, True, True], np.bool_)
+PLACES = constant("places", [[0, -1], [1, 0]], np.int64)
+PAIRS = constant("places", [[[0]], [[1]]], np.int64)
+BACK = constant("back", [2, 3], np.int64)
+
+
+@pytest.mark.parametrize(
+    ("shape", "node", "constants", "expected"),
+    [
+        ((3, 2), ("Compress", "marks", {"axis": 0}), MARKS, [2, 3, 4, 5]),
+        ((3, 2), ("Compress", "marks", {}), MARKS, [1, 2]),
+        ((2, 3), ("GatherND", "places", {}), PLACES, [2, 3]),
+        ((2, 3), ("GatherND", "places", {"batch_dims": 1}), PAIRS, [0, 4]),
+        ((3, 2), ("ReverseSequence", "back", {}), BACK, [2, 5, 0, 3, 4, 1]),
+        ((2, 3), ("ReverseSequence", "back", {"time_axis": 1, "batch_axis": 0}), BACK, [1, 0, 2, 5, 4, 3]),
+    ],
+)
+def test_numbers_that_are_moved_by_constant_lists(tmp_path, shape, node, constants, expected):
+    kind, second, attributes = node
+    nodes = [
+        helper.make_node("Reshape", ["X", "shape"], ["G"]),
+        helper.make_node(kind, ["G", second], ["P"], **attributes),
+        helper.make_node("Reshape", ["P", "row"], ["Y"]),
+    ]
+    shapes = [constant("shape", shape, np.int64), constant("row", [1, -1], np.int64)]
+    assert moved(tmp_path, nodes, [*shapes, constants], (1, 6)) == expected
+
+
+@pytest.mark.parametrize("mode", ["DCR", "CRD"])
+def test_channels_become_squares_and_squares_channels(tmp_path, mode):
+    nodes = [
+        helper.make_node("Reshape", ["X", "shape"], ["G"]),
+        helper.make_node("DepthToSpace", ["G"], ["D"], blocksize=2, mode=mode),
+        helper.make_node("Reshape", ["D", "row"], ["Y"]),
+        helper.make_node("SpaceToDepth", ["D"], ["S"], blocksize=2),
+        helper.make_node("Reshape", ["S", "row"], ["Z"]),
+    ]
+    shapes = [constant("shape", [1, 8, 1, 3], np.int64), constant("row", [1, -1], np.int64)]
+    outputs = [info("Y", None, DOUBLE), info("Z", None, DOUBLE)]
+    loaded = build.load(graph_model(nodes, [info("X", (1, 24), DOUBLE)], outputs, shapes), tmp_path)
+    found = assert_equal_bits(loaded, rows(24))
+    assert (found[:, 24:] == rows(24)).all() == (mode == "DCR")
+
+
+def test_a_diagonal_of_the_shape_of_the_input(tmp_path):
+    nodes = [
+        helper.make_node("Reshape", ["X", "shape"], ["G"]),
+        helper.make_node("EyeLike", ["G"], ["E"], k=1),
+        helper.make_node("Mul", ["G", "E"], ["P"]),
+        helper.make_node("Flatten", ["P"], ["Y"], axis=0),
+    ]
+    assert moved(tmp_path, nodes, [constant("shape", [2, 3], np.int64)]) == [0.0, 1.0, 0.0, 0.0, 0.0, 5.0]

@@ -78,6 +78,9 @@ EXACT = {
         "passthrough",
         HistGradientBoostingRegressor(max_iter=10),
     ),
+    "a function that refuses NaN": make_pipeline(
+        FunctionTransformer(validate=True), HistGradientBoostingRegressor(max_iter=10)
+    ),
     "scaler without mean": make_pipeline(
         StandardScaler(with_mean=False), RobustScaler(with_scaling=False), DecisionTreeRegressor(max_depth=5)
     ),
@@ -282,7 +285,7 @@ class _Own(BaseEstimator):
     [
         (make_pipeline(StandardScaler(), _Own()), ".*_Own is not supported"),
         (SVR(kernel="precomputed", max_iter=10), "kernel=precomputed"),
-        (make_pipeline(FunctionTransformer(np.tan), Ridge()), "func=tan: a function that is not compiled"),
+        (make_pipeline(FunctionTransformer(np.arctan), Ridge()), "func=arctan: a function that is not compiled"),
         (
             make_pipeline(FunctionTransformer(np.clip, kw_args={"a_min": [0, 1, 2], "a_max": 1}), Ridge()),
             "numpy.clip with kw_args=.*: supported are two numbers",

@@ -222,6 +222,15 @@ def test_several_labels_a_row_are_outputs_of_numbers(name, tmp_path):
         assert prove(Bundle((model,)), tmp_path).proved
 
 
+@pytest.mark.parametrize("order", [[0, 1, 2], [1, 2, 0]], ids=["behind", "in front, which turns the threshold"])
+def test_labels_that_all_rows_of_the_training_had_or_none(order, tmp_path):
+    labels = np.column_stack([TWO, np.ones(len(X)), np.zeros(len(X))]).astype(int)[:, order]
+    model = loaded(fit(multiclass.OneVsRestClassifier(svm.LinearSVC()), X, labels))
+    library, found = model.predict(X), reference.evaluate(model.ir, X)
+    assert np.array_equal(library, found) and np.ptp(library[:, order.index(0)]) == 1
+    verified(model, tmp_path, rows=300)
+
+
 @pytest.mark.parametrize(
     ("kind", "changes", "message"),
     [

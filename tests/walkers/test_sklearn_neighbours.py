@@ -9,6 +9,7 @@ import pytest
 
 pytest.importorskip("sklearn")
 
+from scipy.sparse import csr_matrix
 from sklearn.compose import ColumnTransformer
 from sklearn.decomposition import PCA, IncrementalPCA
 from sklearn.ensemble import AdaBoostRegressor, VotingRegressor
@@ -335,6 +336,7 @@ def test_box_and_cox(tmp_path):
     ("estimator", "message"),
     [
         (KNeighborsRegressor(metric="chebyshev"), "metric='chebyshev'"),
+        (KNeighborsRegressor(p=3), "metric='minkowski', p=3"),
         (KNeighborsRegressor(weights=lambda d: d), "weights=a function"),
         (RadiusNeighborsRegressor(weights="distance"), "supported are uniform"),
         (GaussianProcessRegressor(gp.Exponentiation(gp.RBF(), 2), optimizer=None, alpha=1.0), "Exponentiation"),
@@ -345,6 +347,12 @@ def test_box_and_cox(tmp_path):
 def test_what_is_refused_says_why(estimator, message):
     with pytest.raises(UnsupportedModelError, match=message):
         loaded(fit(estimator, X[:50], THREE[:50] if isinstance(estimator, SVC) else SCORE[:50]))
+
+
+def test_neighbours_of_a_sparse_matrix_are_refused_as_such():
+    model = KNeighborsRegressor(3).fit(csr_matrix(X[:50]), SCORE[:50])
+    with pytest.raises(UnsupportedModelError, match="was fitted on a sparse matrix"):
+        loaded(model)
 
 
 STORED = {

@@ -355,6 +355,25 @@ def test_functions_of_one_operation_are_exact(function, dtype):
     assert not np.isfinite(library[~answered]).all(axis=1).any()
 
 
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_tangents_lie_within_their_bound_up_to_the_poles(dtype, tmp_path):
+    poles = np.pi * (np.arange(-5, 5) + 0.5)
+    x = np.concatenate([np.linspace(-9.0, 9.0, 400), poles, poles + 1e-9, [0.0, 1e-300, -1e-9, 9e5]])[:, None]
+    steps = [FunctionTransformer(np.tan)]
+    if dtype == np.float32:
+        x = np.arange(1.0, 60.0)[:, None]
+        steps.insert(0, OrdinalEncoder(dtype=np.float32))
+    model = loaded(make_pipeline(*steps).fit(x))
+    found, library, bound = (
+        reference.evaluate(model.ir, x),
+        model.predict(x),
+        bounds.difference_bound(model.ir, x),
+    )
+    assert np.all(np.isfinite(found)) and np.all(np.abs(found - library) <= bound) and not model.ir.exact
+    assert np.median(bound / np.maximum(np.abs(library), 1e-3)) < 100 * np.finfo(dtype).eps
+    verified(model, tmp_path, rows=300)
+
+
 @pytest.mark.parametrize("function", [np.log10, np.log2, np.exp2])
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_logarithms_and_powers_of_other_bases_lie_within_their_bound(function, dtype):

@@ -41,6 +41,10 @@ MODELS = {
     "OLS without a constant": lambda: sm.OLS(Y, X),
     "WLS": lambda: sm.WLS(Y, sm.add_constant(X), weights=np.linspace(1, 2, 60)),
     "GLS": lambda: sm.GLS(Y, sm.add_constant(X), sigma=np.linspace(1, 2, 60)),
+    "RLM": lambda: sm.RLM(Y, sm.add_constant(X)),
+    "QuantReg": lambda: sm.QuantReg(Y, sm.add_constant(X)),
+    "Logit": lambda: sm.Logit(np.sin(9 * Y) > 0, sm.add_constant(X)),
+    "Poisson": lambda: sm.Poisson(np.round(np.abs(Y) * 3), sm.add_constant(X)),
     "GLM gaussian": lambda: sm.GLM(Y, sm.add_constant(X)),
     "GLM gamma log": lambda: sm.GLM(np.abs(Y), sm.add_constant(X), family=sm.families.Gamma(LINKS.Log())),
     "GLM gamma inverse": lambda: sm.GLM(np.abs(Y) + 1, sm.add_constant(X), family=sm.families.Gamma()),
@@ -59,6 +63,12 @@ def test_results_are_those_of_the_library(tmp_path, name):
     assert model.ir.source.model_class.startswith(name.split()[0])
     for bad in (np.nan, np.inf):
         assert np.isnan(reference.evaluate(model.ir, np.array([[bad, 0.0, 0.0]])))
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("name", ["OLS", "Logit", "Poisson", "GLM poisson"])
+def test_results_of_regularized_fits(tmp_path, name):
+    agrees(loaded(MODELS[name]().fit_regularized(alpha=0.1), tmp_path), 0.5)
 
 
 def test_columns_have_the_names_of_a_frame_and_plain_formulas_are_read(tmp_path):
@@ -81,8 +91,10 @@ def test_what_is_refused(tmp_path):
     family = sm.families.Binomial(LINKS.Probit())
     with pytest.raises(UnsupportedModelError, match="the link Probit: supported are Identity, Log, Logit"):
         loaded(sm.GLM(Y > 0.8, sm.add_constant(X), family=family).fit(), tmp_path)
-    with pytest.raises(UnsupportedModelError, match="statsmodels's BinaryResultsWrapper is not supported"):
-        loaded(sm.Logit(Y > 0.8, X).fit(disp=0), tmp_path)
+    with pytest.raises(UnsupportedModelError, match=r"results of Probit with \(3,\) parameters; supported are OLS"):
+        loaded(sm.Probit(np.sin(9 * Y) > 0, X).fit(disp=0), tmp_path)
+    with pytest.raises(UnsupportedModelError, match="statsmodels's MultinomialResultsWrapper is not supported"):
+        loaded(sm.MNLogit(np.arange(60) % 3, X).fit(disp=0), tmp_path)
     with pytest.raises(InputError, match="no columns but a constant"):
         loaded(sm.OLS(Y, np.ones(60)).fit(), tmp_path)
     path = tmp_path / "model.pkl"

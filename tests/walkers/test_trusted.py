@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from st_codegen import load
-from st_codegen.errors import UntrustedFileError
+from st_codegen.errors import UnsupportedModelError, UntrustedFileError
 from st_codegen.walkers.base import trusted_types
 
 skops = pytest.importorskip("skops.io")
@@ -54,5 +54,37 @@ def test_a_part_of_an_estimator_is_not_called_the_class_that_is_missing(tmp_path
     linear = pytest.importorskip("sklearn.linear_model")
     model = calibration.CalibratedClassifierCV(linear.LogisticRegression(), method="temperature", cv=2)
     skops.dump(model.fit(X, [0, 1, 0, 1]), tmp_path / "m.skops")
-    with pytest.raises(UntrustedFileError, match=r"run code: sklearn\.calibration\._TemperatureScaling; save"):
+    with pytest.raises(
+        UntrustedFileError,
+        match=r"run code: sklearn\.calibration\._TemperatureScaling; save the model without them, or train",
+    ):
         load(tmp_path)
+
+
+def test_a_file_of_a_class_that_is_not_compiled_names_it(tmp_path):
+    cluster = pytest.importorskip("sklearn.cluster")
+    skops.dump(cluster.FeatureAgglomeration(1).fit(X), tmp_path / "m.skops")
+    with pytest.raises(UnsupportedModelError, match="scikit-learn's FeatureAgglomeration is not supported"):
+        load(tmp_path)
+
+
+def test_early_stopping_that_a_model_was_trained_with_is_read(tmp_path):
+    xgboost = pytest.importorskip("xgboost")
+    stop = xgboost.callback.EarlyStopping(rounds=2, save_best=True)
+    model = xgboost.XGBRegressor(n_estimators=3, n_jobs=1, callbacks=[stop])
+    skops.dump(model.fit(X, Y, eval_set=[(X, Y)], verbose=False), tmp_path / "m.skops")
+    (loaded,) = load(tmp_path).models
+    assert np.array_equal(loaded.predict(X)[:, 0], model.predict(X))
+
+
+@pytest.mark.parametrize("chosen", [{"pattern": "a"}, {"dtype_include": np.number}, {"dtype_exclude": [object]}])
+def test_columns_that_a_rule_chose_are_read(chosen, tmp_path):
+    pandas = pytest.importorskip("pandas")
+    compose = pytest.importorskip("sklearn.compose")
+    preprocessing = pytest.importorskip("sklearn.preprocessing")
+    rule = compose.make_column_selector(**chosen)
+    columns = compose.ColumnTransformer([("scaled", preprocessing.StandardScaler(), rule)], remainder="passthrough")
+    table = pandas.DataFrame(X, columns=["a", "b"])
+    skops.dump(columns.fit(table), tmp_path / "m.skops")
+    (loaded,) = load(tmp_path).models
+    assert np.array_equal(loaded.predict(X), columns.transform(table))

@@ -96,6 +96,14 @@ def _mish(call: NodeCall) -> Operand:
     return product_of(walk, tensor, apply_activation(walk, soft, Function.TANH))
 
 
+@operator("Tan", 7, 22)
+def _tangent(call: NodeCall) -> Operand:
+    """The sine by the cosine; the library's own lies within what the bound allows for both and their quotient."""
+    tensor, walk = call.computed(), call.walk
+    sine, cosine = (apply_activation(walk, tensor, function) for function in (Function.SIN, Function.COS))
+    return combined(walk, Operator.DIVIDE, sine, cosine)
+
+
 @operator("Selu", 6, 22)
 def _selu(call: NodeCall) -> Operand:
     alpha, gamma = call.node.number("alpha", 1.67326319), call.node.number("gamma", 1.05070102)
@@ -437,6 +445,36 @@ def choice_of(call: NodeCall) -> Operand:
     return walk.computed(chosen, shape, dtype)
 
 
+@operator("OneHot", 9, 11)
+def _one_hot(call: NodeCall) -> Operand:
+    """One constant at the place that an integer names, from the end below 0, another at all others and beyond them.
+
+    Each is its product with a truth value, of which one is zero (core/providers/cpu/tensor/onehot.cc).
+    """
+    walk, places = call.walk, require_tensor(call.required())
+    depth, pair = call.constant(1, "the depth"), call.constant(2, "the pair of values")
+    if depth is None or pair is None or depth.size != 1 or pair.shape != (2,):
+        raise InputError("the depth is not one number, or the values are not two; the model file is damaged")
+    if not np.all(np.isfinite(np.hstack([depth.ravel(), pair]))):
+        raise UnsupportedModelError("a depth or values that are infinite or NaN")
+    if places.dtype not in INTEGERS or pair.dtype not in (np.float32, np.float64):
+        raise UnsupportedModelError("places that are no integers, or values that are no floats; cast them")
+    count, rank = int(depth.ravel()[0]), len(places.shape) + 1
+    if count < 1:
+        raise InputError(f"a depth of {count}; the model file is damaged")
+    check_size([places.size, count])
+    value = walk.settle(walk.cut(places) if places.uncut else places)
+    spread = walk.builder.select(np.repeat(np.arange(places.size), count).astype(np.int32), value)
+    at = np.tile(np.arange(float(count)), places.size)
+    named = walk.builder.combine(equals(walk, spread, at), "+", equals(walk, spread, at - count))
+    off, on = pair.astype(np.float64)
+    parts = [walk.builder.scale(named, "*", on), walk.builder.scale(_opposite(walk, named), "*", off)]
+    walk.builder.open_zeros = True
+    found = walk.computed(walk.builder.combine(parts[0], "+", parts[1]), (*places.shape, count), pair.dtype)
+    axis = axis_of(call.node.integer("axis", -1), rank)
+    return found.moved(lambda array: np.moveaxis(array, -1, axis))
+
+
 # --- norms ---------------------------------------------------------------------------------------------------------
 
 
@@ -463,18 +501,29 @@ def _lp_normalization(call: NodeCall) -> Operand:
 @operator("LayerNormalization", 17)
 def _layer_normalization(call: NodeCall) -> Operand:
     """(x - mean) / sqrt(variance + epsilon) * scale + bias."""
-    tensor, walk = call.computed(), call.walk
-    axis = axis_of(call.node.integer("axis", -1), len(tensor.shape))
     if call.node.has_more_outputs:
         raise UnsupportedModelError("several outputs: mean and deviation are for training; leave them out")
+    scaled = _normalized(call, is_centred=True)
+    return combined(call.walk, Operator.ADD, scaled, call.required(2)) if call.optional(2) is not None else scaled
+
+
+@operator("RMSNormalization", 23)
+def _square_normalization(call: NodeCall) -> Operand:
+    """x / sqrt(mean of squares + epsilon) * scale."""
+    return _normalized(call, is_centred=False)
+
+
+def _normalized(call: NodeCall, *, is_centred: bool) -> Operand:
+    """Numbers, or what they differ by from their mean, by the root of the mean of their squares, times a scale."""
+    tensor, walk = call.computed(), call.walk
+    axis = axis_of(call.node.integer("axis", -1), len(tensor.shape))
     count = math.prod(tensor.shape[:axis])
     rows = tensor.moved(lambda array: array.reshape(count, -1))
-    mean = mean_of(walk, rows).moved(lambda array: array.reshape(count, 1))
-    centred = require_tensor(combined(walk, Operator.SUBTRACT, rows, mean))
-    variance = mean_of(walk, product_of(walk, centred, centred))
+    if is_centred:
+        mean = mean_of(walk, rows).moved(lambda array: array.reshape(count, 1))
+        rows = require_tensor(combined(walk, Operator.SUBTRACT, rows, mean))
+    variance = mean_of(walk, product_of(walk, rows, rows))
     shifted = with_constant(walk, variance, Operator.ADD, call.node.number("epsilon", 1e-5))
     spread = apply_activation(walk, shifted, Function.SQRT).moved(lambda array: array.reshape(count, 1))
-    result = require_tensor(combined(walk, Operator.DIVIDE, centred, spread))
-    result = result.moved(lambda array: array.reshape(tensor.shape))
-    scaled = combined(walk, Operator.MULTIPLY, result, call.required(1))
-    return combined(walk, Operator.ADD, scaled, call.required(2)) if call.optional(2) is not None else scaled
+    result = require_tensor(combined(walk, Operator.DIVIDE, rows, spread))
+    return combined(walk, Operator.MULTIPLY, result.moved(lambda array: array.reshape(tensor.shape)), call.required(1))

@@ -23,6 +23,7 @@ from st_codegen.walkers.onnx import (  # noqa: F401  (they register operators)
     elementwise,
     loop,
     ml,
+    moves,
     nearest,
     operators,
     quantized,

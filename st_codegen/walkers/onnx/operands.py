@@ -181,7 +181,10 @@ def require_same_type(*operands: Operand) -> np.dtype[Any]:
         raise UnsupportedModelError("reads the integers of an input; cast them to float, or export with float inputs")
     types = list(dict.fromkeys(operand.dtype for operand in operands))
     if len(types) > 1:
-        raise InputError(f"the inputs have different types, {' and '.join(map(str, types))}; the model file is damaged")
+        raise InputError(
+            f"the inputs have different types, {' and '.join(map(str, types))}, which onnxruntime refuses; export the "
+            "model with float inputs"
+        )
     return types[0]
 
 

@@ -90,7 +90,12 @@ def walk_elimination(fitted: Fitted, builder: GraphBuilder, value: int) -> Walke
     return walk_any(fitted.get("estimator_"), builder, builder.select(left, value))
 
 
-@transforms("ColumnTransformer", single=True)
+@transforms(
+    "ColumnTransformer",
+    # what chose the columns when it was fitted, and the types by which it chose them
+    trusts=("sklearn.compose._column_transformer.make_column_selector", "numpy.number", "builtins.object"),
+    single=True,
+)
 def walk_columns(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """Each transformer on its own columns; results side by side in the order of `transformers_`."""
     parts = []
@@ -217,7 +222,9 @@ def _reach(steps: Steps, low: float, high: float, width: int) -> FloatArray:
 
 @transforms("FunctionTransformer", single=True)
 def walk_function(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
-    """A NumPy function of each column."""
+    """A NumPy function of each column; with validate=True the library refuses NaN and infinity."""
+    if fitted.flag("validate"):
+        builder.refuse_special(value)
     if fitted.estimator.func is np.clip:
         return _clipped(fitted, builder, value)
     if fitted.get("kw_args"):
@@ -290,6 +297,12 @@ def _sign(builder: GraphBuilder, value: int, _: ir.Precision) -> int:
     return builder.scale(builder.combine(passed, "+", reached), "-", 1.0)
 
 
+def _tangent(builder: GraphBuilder, value: int, precision: ir.Precision) -> int:
+    """The sine by the cosine; NumPy's own lies within what the bound allows for both and their quotient."""
+    sine, cosine = (builder.function(value, kind, precision=precision) for kind in (ir.Function.SIN, ir.Function.COS))
+    return builder.combine(sine, "/", cosine, precision=precision)
+
+
 def _whole(towards: ir.Towards) -> _Adding:
     """Whole numbers, -0 as 0."""
 
@@ -312,6 +325,7 @@ _FUNCTIONS: dict[Any, _Adding] = {
     np.tanh: _function(ir.Function.TANH),
     np.sin: _function(ir.Function.SIN),
     np.cos: _function(ir.Function.COS),
+    np.tan: _tangent,
     **{function: _factor(function) for function in (np.negative, np.deg2rad, np.radians, np.rad2deg, np.degrees)},
     np.reciprocal: lambda builder, value, precision: builder.scale(value, "/", 1.0, precision=precision, reverse=True),
     np.fabs: _function(ir.Function.ABS),

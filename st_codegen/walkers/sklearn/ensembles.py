@@ -27,6 +27,7 @@ from st_codegen.walkers.base import (
 from st_codegen.walkers.classes import above, complement, label_of, labels_of, largest, shares_of, softmax, whole_sums
 from st_codegen.walkers.fitted import Fitted
 from st_codegen.walkers.sklearn.models import votes_and_confidences
+from st_codegen.walkers.sklearn.wrappers import constants
 
 
 def _mean(
@@ -204,9 +205,9 @@ def walk_one_vs_rest(fitted: Fitted, builder: GraphBuilder, value: int) -> Walke
     parts = fitted.items("estimators_")
     binarizer = Fitted(fitted.get("label_binarizer_"))
     labels = labels_of(binarizer)
-    found = [walk_classifier(part, builder, value) for part in parts]
+    found = [_one_of_the_rest(part, builder, value) for part in parts]
     scores = [_response(one, part, builder) for one, part in zip(found, parts, strict=True)]
-    cut = 0.0 if hasattr(parts[0], "decision_function") else 0.5
+    cut = 0.0 if hasattr(parts[0], "decision_function") and not _is_constant(parts[0]) else 0.5
     if binarizer.get("y_type_") == "multilabel-indicator":
         return above(builder, builder.beside(*scores), cut)
     probability = _of_all(builder, [one.probability for one in found])
@@ -216,6 +217,20 @@ def walk_one_vs_rest(fitted: Fitted, builder: GraphBuilder, value: int) -> Walke
         return Classified(labels, largest(builder, builder.beside(*scores)), probability)
     turned = largest(builder, builder.beside(*scores[::-1]))
     return Classified(labels, builder.scale(turned, "-", len(parts) - 1.0, reverse=True), probability)
+
+
+def _is_constant(estimator: Any) -> bool:
+    """Whether an estimator stands for a label that all rows of the training had, or none."""
+    return type(estimator).__name__ == "_ConstantPredictor"
+
+
+def _one_of_the_rest(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+    """A classifier of a class against the rest (`multiclass.py: _fit_binary`)."""
+    if not _is_constant(estimator):
+        return walk_classifier(estimator, builder, value)
+    answer = Fitted(estimator).integers("y_", (1,), low=0, high=1).astype(np.float64)
+    score = constants(builder, value, answer)
+    return Classified((0, 1), score, constants(builder, value, np.hstack([1.0 - answer, answer])), score)
 
 
 def _of_all(builder: GraphBuilder, probabilities: Sequence[int | None]) -> int | None:

@@ -42,9 +42,12 @@ def _distances(fitted: Fitted, builder: GraphBuilder, value: int) -> tuple[int, 
     builder.refuse_special(value)
     metric, method = fitted.get("effective_metric_"), fitted.get("_fit_method")
     rows = fitted.get("_fit_X")
+    if type(rows).__module__.startswith("scipy.sparse"):
+        raise UnsupportedModelError(f"{fitted.kind} was fitted on a sparse matrix: fit it on a dense array")
     if metric not in ("euclidean", "l2", *_SUMS) or not isinstance(rows, np.ndarray):
+        power = f", p={fitted.get('p')}" if metric == "minkowski" else ""
         raise UnsupportedModelError(
-            f"{fitted.kind} with metric={metric!r}: supported are Euclidean and Manhattan distances of dense rows"
+            f"{fitted.kind} with metric={metric!r}{power}: supported are Euclidean and Manhattan distances"
         )
     # native code takes the metric from either name, and numbers beside it that it reads without a look
     given = fitted.get("metric")

@@ -80,7 +80,7 @@ def walk_threshold(fitted: Fitted, builder: GraphBuilder, value: int) -> Classif
     return Classified(labels, index, one.probability, one.decision)
 
 
-def _constants(builder: GraphBuilder, value: int, numbers: FloatArray) -> int:
+def constants(builder: GraphBuilder, value: int, numbers: FloatArray) -> int:
     """Numbers that hang on no input, and on no missing one."""
     first = builder.select(np.zeros(len(numbers), np.int32), value)
     return builder.add(Clip((builder.add(FillMissing((first,), numbers)),), numbers, numbers))
@@ -89,7 +89,7 @@ def _constants(builder: GraphBuilder, value: int, numbers: FloatArray) -> int:
 @walks("DummyRegressor", single=True)
 def walk_constant(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """The mean, the median or another number of the training data (`dummy.py: DummyRegressor.predict`)."""
-    return _constants(builder, value, fitted.floats("constant_", (1, None))[0])
+    return constants(builder, value, fitted.floats("constant_", (1, None))[0])
 
 
 @walks("DummyClassifier", single=True)
@@ -103,5 +103,5 @@ def walk_constant_class(fitted: Fitted, builder: GraphBuilder, value: int) -> Cl
     if strategy == "constant":
         chosen = labels.index(label_of(np.ravel(fitted.get("constant"))[0]))
     shares = prior if strategy == "prior" else np.eye(len(labels))[chosen]
-    index = _constants(builder, value, np.array([float(chosen)]))
-    return Classified(labels, index, _constants(builder, value, shares))
+    index = constants(builder, value, np.array([float(chosen)]))
+    return Classified(labels, index, constants(builder, value, shares))

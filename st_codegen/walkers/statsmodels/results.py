@@ -1,7 +1,8 @@
-"""Fitted results of statsmodels: OLS, WLS, GLS and GLM, as their `predict` computes.
+"""Fitted results of statsmodels: linear regressions, GLM, Logit and Poisson, as their `predict` computes.
 
-It multiplies the columns with the parameters (regression/linear_model.py, genmod/generalized_linear_model.py) and, for
-a GLM, takes the inverse of the link (genmod/families/links.py). Offsets and exposures of the fit take no part.
+It multiplies the columns with the parameters (regression/linear_model.py, robust/robust_linear_model.py,
+genmod/generalized_linear_model.py, discrete/discrete_model.py) and, for a GLM, takes the inverse of the link
+(genmod/families/links.py). Offsets and exposures of the fit take no part.
 """
 
 from __future__ import annotations
@@ -17,7 +18,12 @@ from st_codegen.walkers.base import LIBRARIES, GraphBuilder, LoadedModel, walk_a
 
 #: Names of the column of ones.
 _CONSTANT = ("const", "Intercept")
-_REGRESSIONS = ("OLS", "WLS", "GLS", "GLSAR")
+#: What models other than GLM make of their sums.
+_MODELS: dict[str, Function | None] = {
+    **dict.fromkeys(("OLS", "WLS", "GLS", "GLSAR", "QuantReg", "RLM")),
+    "Logit": Function.LOGISTIC,
+    "Poisson": Function.EXP,
+}
 #: The functions that are the inverses of links; those of powers stand beside it.
 _INVERSES = {"Identity": None, "Log": Function.EXP, "Logit": Function.LOGISTIC}
 _POWERS = ("Power", "InversePower", "Sqrt", "InverseSquared")
@@ -61,21 +67,30 @@ def _columns(results: Any) -> tuple[list[str], int | None]:
     return names, constant if ones is not None and bool(np.all(ones[:, constant] == 1.0)) else None
 
 
-@walks("statsmodels.RegressionResultsWrapper", "statsmodels.GLMResultsWrapper")
+@walks(
+    *(
+        f"statsmodels.{kind}ResultsWrapper"
+        for kind in ("Binary", "GLM", "L1Binary", "L1Poisson", "Poisson", "RLM", "Regression", "Regularized")
+    )
+)
 def _results(results: Any, builder: GraphBuilder, value: int) -> int:
     names, constant = _columns(results)
     kind = type(results.model).__name__
     parameters = np.asarray(results.params, np.float64)
-    if kind not in (*_REGRESSIONS, "GLM") or parameters.shape != (len(names),):
+    if kind not in (*_MODELS, "GLM") or parameters.shape != (len(names),):
         raise UnsupportedModelError(
-            f"results of {kind} with {parameters.shape} parameters; OLS, WLS, GLS and GLM of one number are supported"
+            f"results of {kind} with {parameters.shape} parameters; supported are {', '.join(_MODELS)} and GLM of one "
+            "number"
         )
     weights = parameters if constant is None else np.delete(parameters, constant)
     bias = np.zeros(1) if constant is None else parameters[[constant]]
     builder.refuse_nan(value)
     builder.refuse_magnitude(math.inf)
     total = builder.linear(value, weights[None, :], bias)
-    return total if kind != "GLM" else _inverse(results.model.family.link, builder, total)
+    if kind == "GLM":
+        return _inverse(results.model.family.link, builder, total)
+    function = _MODELS[kind]
+    return total if function is None else builder.function(total, function)
 
 
 def _inverse(link: Any, builder: GraphBuilder, value: int) -> int:

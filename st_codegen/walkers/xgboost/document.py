@@ -92,6 +92,8 @@ def loads(data: bytes, *, binary: bool) -> BoosterModel:
         raise InputError("not an XGBoost model: no object 'learner'")
     root = DocumentPart(document, "")
     learner = root.section("learner")
+    if "generic_param" in learner and "attributes" not in learner:
+        raise UnsupportedModelError("what XGBoost's save_config gives has no trees: save_model('model.json')")
     parameters = learner.section("learner_model_param")
     n_features = parameters.integer("num_feature", 1)
     n_outputs = max(parameters.integer("num_class", 0), parameters.integer("num_target", 0, default=1), 1)

@@ -122,6 +122,7 @@ def load_object(estimator: Any, name: str) -> LoadedModel:
     "xgboost.Booster",
     trusts=(
         f"{__name__}.XgboostBooster",
+        "xgboost.callback.EarlyStopping",  # a parameter of training: numbers and names
         *(
             f"xgboost.sklearn.XGB{kind}"
             for kind in ("Classifier", "RFClassifier", "RFRegressor", "Ranker", "Regressor")
