@@ -9,9 +9,9 @@ import numpy as np
 
 def change_once(path: Path, pattern: str, change: str | Callable[[re.Match[str]], str]) -> None:
     """Change the first place of a file that a pattern matches; there must be one."""
-    changed, count = re.subn(pattern, change, path.read_text(), count=1)
+    changed, count = re.subn(pattern, change, path.read_text(encoding="utf-8"), count=1)
     assert count == 1
-    path.write_text(changed)
+    path.write_text(changed, encoding="utf-8")
 
 
 def ulp(match: re.Match[str]) -> str:
