@@ -38,8 +38,7 @@ class ErrorModel(Protocol):
 
 @dataclass(frozen=True)
 class Harmonics:
-    """c_k along a motion: `orders` (K,), `parts` (cycles, 4, K): forward cosine, sine, backward cosine, sine part,
-    deg."""
+    """c_k along a motion, deg: `orders` (K,), `parts` (cycles, 4, K) forward cosine, sine, backward cosine, sine."""
 
     orders: FloatArray
     parts: FloatArray
@@ -256,8 +255,7 @@ def _whole(length: float, step: float, what: str) -> int:
 
 
 def controlled_torque(wanted_Nm: FloatArray, load: Load, cycle_s: float, random: np.random.Generator) -> FloatArray:
-    """What the torque-controlled load side makes of its set-points (cycles,): a second-order lag, and the ripple it
-    leaves.
+    """What the torque-controlled load side makes of its set-points (cycles,): a second-order lag and a ripple, N m.
 
     Exact for set-points that are held for a cycle.
     """
