@@ -46,15 +46,20 @@ def pytest_collection():
         gc.enable()
 
 
+def small_lightgbm(rows, leaves, trees):
+    """A LightGBM model of the features of a rig, as text."""
+    lightgbm = pytest.importorskip("lightgbm")
+    random = np.random.default_rng(0)
+    x = random.uniform([100, 0, 25], [1800, 1800, 35], size=(rows, 3))
+    y = np.sin(x[:, 0] / 300) + x[:, 1] * 1e-3
+    data = lightgbm.Dataset(x, y, feature_name=["speed_rpm", "torque_Nm", "temperature_C"])
+    return lightgbm.train({"verbose": -1, "num_leaves": leaves, "num_threads": 1}, data, trees).model_to_string()
+
+
 @pytest.fixture(scope="session")
 def lightgbm_text():
     """A small LightGBM model as text."""
-    lightgbm = pytest.importorskip("lightgbm")
-    random = np.random.default_rng(0)
-    x = random.uniform([100, 0, 25], [1800, 1800, 35], size=(300, 3))
-    y = np.sin(x[:, 0] / 300) + x[:, 1] * 1e-3
-    data = lightgbm.Dataset(x, y, feature_name=["speed_rpm", "torque_Nm", "temperature_C"])
-    return lightgbm.train({"verbose": -1, "num_leaves": 7, "num_threads": 1}, data, 5).model_to_string()
+    return small_lightgbm(rows=300, leaves=7, trees=5)
 
 
 BUNDLE = """

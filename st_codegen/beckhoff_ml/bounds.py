@@ -16,7 +16,7 @@ from st_codegen.beckhoff_ml.blocks import engine_limits
 from st_codegen.beckhoff_ml.engines import Affine, Engine, SvmEngine, checked_engines, engines_of, output_of
 from st_codegen.ir import reference
 from st_codegen.ir.arrays import BoolArray, FloatArray
-from st_codegen.ir.trees import of_each_tree
+from st_codegen.ir.trees import added_up, of_each_tree
 from st_codegen.proof import bounds
 
 #: Roundings of `scaling * x + offset` and of its two numbers.
@@ -116,14 +116,9 @@ def _(op: ir.TreeEnsemble, engine: Engine, operand: FloatArray, given: FloatArra
 def _tree_error(op: ir.TreeEnsemble, result: FloatArray) -> FloatArray:
     """Leaves that were divided one by one, and sums in another precision or order than the library's."""
     same = op.divisor == 1.0 and op.sum_precision is ir.Precision.FLOAT64 and not op.base_last
-    if same or not op.n_trees:
+    if same:
         return np.zeros_like(result)
-    largest = of_each_tree(op, np.maximum, np.abs(op.leaf_value))
-    total = np.zeros(op.width)
-    if largest.shape[1] == op.width:
-        total += np.sum(largest, axis=0)
-    else:
-        np.add.at(total, op.tree_output, largest[:, 0])
+    total = added_up(op, of_each_tree(op, np.maximum, np.abs(op.leaf_value)))
     size = total / abs(op.divisor) + np.abs(op.base) / (1.0 if op.base_last else abs(op.divisor))
     terms = op.n_trees + 2
     library = bounds.gamma(terms, op.sum_precision)

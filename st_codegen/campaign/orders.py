@@ -223,10 +223,11 @@ def _solve(sums: Sums, orders: npt.NDArray[np.intp], belief: FloatArray | None =
     known = np.linspace(1.0, 2.0, len(matrix))  # a solution that is known tells how many digits are lost
     try:
         found, again = np.linalg.solve(matrix, np.stack([right[mask], matrix @ known], axis=1)).T
+        # what is believed of an order holds it where the samples do not
+        is_told = belief is not None or np.abs(again - known).max() <= math.sqrt(np.finfo(np.float64).eps)
     except np.linalg.LinAlgError:
-        again = np.zeros(len(matrix))
-    # what is believed of an order holds it where the samples do not
-    if belief is None and np.abs(again - known).max() > math.sqrt(np.finfo(np.float64).eps):
+        is_told = False
+    if not is_told:
         raise InputError(
             f"the angles of the samples do not tell the orders {listed(orders.tolist())} apart: are their steps coarse?"
         )

@@ -127,7 +127,7 @@ def main(arguments: list[str] | None = None) -> NoReturn:
     given = sys.argv[1:] if arguments is None else arguments
     rest = [argument for argument in given if argument not in (_TRACEBACK, _DATED)]
     shows_traceback = _TRACEBACK in given or os.environ.get(_TRACEBACK_VARIABLE, "") not in ("", "0")
-    set_command(__version__, rest, dated=_DATED in given)
+    set_command(rest, dated=_DATED in given)
     try:
         code = cli.main(args=rest, obj=rest, prog_name="st-codegen", standalone_mode=False)
     except _UnreadError:

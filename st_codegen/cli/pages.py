@@ -163,11 +163,9 @@ def _cost_section(target: str, cost: ProjectCost, cycle_us: float | None) -> Pag
         axes.barh(names, [part.warm_us for part in parts][::-1], color=COLOURS[1], height=0.4, label="warm caches")
         axes.set(xlabel="us in a cycle")
 
-    picture = figures([("", bars)], columns=1, size_cm=(_BARS_CM, 2.5 + 0.7 * len(parts))) if parts else ""
+    pictures = [figures([("", bars)], columns=1, size_cm=(_BARS_CM, 2.5 + 0.7 * len(parts)))] if parts else []
     columns = ("block", "operations", "bytes of tables", "warm us", "cold us")
-    return PageSection(
-        f"Worst case of a cycle, {target}", text, PageTable(columns, rows), (picture,) if picture else ()
-    )
+    return PageSection(f"Worst case of a cycle, {target}", text, PageTable(columns, rows), pictures)
 
 
 # --- generate --explain
@@ -175,15 +173,12 @@ def _cost_section(target: str, cost: ProjectCost, cycle_us: float | None) -> Pag
 
 def explain_sections(found: Sequence[Explanation]) -> tuple[str, list[PageSection]]:
     """The summary of what `--explain` says, and its sections: refused inputs once, layouts and times of each target."""
-    sections: list[PageSection] = []
     limits = [(limit.model, limit.feature, magnitude_text(limit)) for limit in found[0].limits] if found else []
-    text = "From these magnitudes on, bValid is FALSE and the outputs keep their last valid values."
+    text, table = "No input is refused for its magnitude.", None
     if limits:
-        sections.append(
-            PageSection("Inputs that are refused", text, PageTable(("model", "input", "magnitude"), limits))
-        )
-    else:
-        sections.append(PageSection("Inputs that are refused", "No input is refused for its magnitude."))
+        text = "From these magnitudes on, bValid is FALSE and the outputs keep their last valid values."
+        table = PageTable(("model", "input", "magnitude"), limits)
+    sections = [PageSection("Inputs that are refused", text, table)]
     for entry in found:
         if entry.prices:
             sections.append(_layouts_section(entry))

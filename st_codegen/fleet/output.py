@@ -21,6 +21,7 @@ from st_codegen.report.picture import panels
 
 PAGE, AXES, EFFECTS, FACTS = "fleet.html", "fleet.csv", "effects.csv", "fleet.json"
 _MOST_PANELS = 24
+_MOST_NAMES = 8
 _LONGEST = 200
 RULE = (
     f"Rule: a parameter is named where it lies farther from the median of its type than the limit, in units of the "
@@ -318,12 +319,12 @@ def _strip(spreads: Sequence[Spread], axes: Any) -> None:
     axes.set(xlabel="robust distance (bars: limits)")
 
 
-def _named(names: Sequence[str], most: int = 8) -> str:
+def _named(names: Sequence[str]) -> str:
     """The number of some axes, and the names of the first ones: `2 (a7, a9)`."""
     if not names:
         return "none"
-    more = f", and {len(names) - most} more" if len(names) > most else ""
-    return f"{len(names)} ({', '.join(names[:most])}{more})"
+    more = f", and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
+    return f"{len(names)} ({', '.join(names[:_MOST_NAMES])}{more})"
 
 
 def _one_line(text: str) -> str:

@@ -271,3 +271,10 @@ def of_each_tree(op: TreeEnsemble, extreme: np.ufunc, leaf_value: FloatArray) ->
     """The largest or the smallest (`np.maximum`, `np.minimum`) of the leaves of each tree, shape (trees, width)."""
     leaves = np.flatnonzero(op.split < 0)
     return extreme.reduceat(leaf_value[op.leaf[leaves]], np.searchsorted(leaves, op.roots), axis=0)
+
+
+def added_up(op: TreeEnsemble, of_tree: FloatArray) -> FloatArray:
+    """What numbers of each tree, as `of_each_tree` gives them, add up to for each output."""
+    if of_tree.shape[1] == 1:
+        return np.asarray(np.bincount(op.tree_output, of_tree[:, 0], minlength=op.width), np.float64)
+    return np.asarray(np.sum(of_tree, axis=0), np.float64)

@@ -11,6 +11,7 @@ import numpy as np
 
 from st_codegen.ir import BoolArray, ModelIR, Operation, Select, TreeEnsemble
 from st_codegen.ir.base import Elementwise
+from st_codegen.ir.trees import added_up
 
 
 def inexact_columns(model: ModelIR) -> list[BoolArray]:
@@ -58,8 +59,5 @@ def _jump(op: TreeEnsemble, columns: list[int]) -> float:
             low[node], high[node] = np.minimum(low[node], low[child]), np.maximum(high[node], high[child])
     unsure = np.isin(op.split, columns)
     spread = np.where(unsure[:, None], high - low, 0.0)
-    of_tree = np.maximum.reduceat(spread, op.roots, axis=0)
-    total = of_tree.sum(axis=0)
-    if of_tree.shape[1] == 1 and op.width > 1:
-        total = np.bincount(op.tree_output, of_tree[:, 0], minlength=op.width)
+    total = added_up(op, np.maximum.reduceat(spread, op.roots, axis=0))
     return float(np.max(total)) / abs(op.divisor)

@@ -18,7 +18,7 @@ import numpy as np
 from st_codegen import ir
 from st_codegen.ir import reference
 from st_codegen.ir.arrays import BoolArray, FloatArray
-from st_codegen.ir.trees import of_each_tree
+from st_codegen.ir.trees import added_up, of_each_tree
 from st_codegen.passes.kernels import grid_of
 
 #: Unit roundoff of each precision.
@@ -305,12 +305,10 @@ def _(op: ir.Activation, operands: list[FloatArray], given: list[FloatArray], re
     # libraries lose digits where they take 1 - y or exp(x) - 1 instead of the accurate form (onnxruntime's Sigmoid and
     # Elu), and softplus adds a part of up to log(2): the error is then one of a number of this size
     size = np.abs(result) + moved
-    if op.function in (ir.Function.LOGISTIC, ir.Function.SOFTPLUS, ir.Function.SIN, ir.Function.COS):
+    if op.function in (ir.Function.LOGISTIC, ir.Function.SOFTPLUS, ir.Function.SIN, ir.Function.COS, ir.Function.ERF):
         size = size + 1.0
     elif op.function is ir.Function.ELU:
         size = size + abs(op.parameter)
-    elif op.function is ir.Function.ERF:
-        size = size + 1.0
     elif op.function is ir.Function.GELU:
         size = np.abs(x) + moved
     formula = ERF_FORMULA if op.function in (ir.Function.ERF, ir.Function.GELU) else 0.0
@@ -589,11 +587,7 @@ def _lost(op: ir.TreeEnsemble) -> FloatArray:
     terms = op.n_trees + 4
     relative = np.expm1(terms * np.log1p(UNIT[ir.Precision.FLOAT32]))
     scale = min(abs(op.divisor), 1.0)  # a base that is added last is not divided
-    leaves = np.zeros(op.width)
-    stops = np.append(op.roots[1:], op.n_nodes)
-    for tree, (root, stop) in enumerate(zip(op.roots, stops, strict=True)):
-        largest = np.max(np.abs(op.leaf_value[op.leaf[root:stop][op.split[root:stop] < 0]]), axis=0)
-        leaves[[op.tree_output[tree]] if len(largest) == 1 else slice(None)] += largest
+    leaves = added_up(op, of_each_tree(op, np.maximum, np.abs(op.leaf_value)))
     sums = leaves / abs(op.divisor) + np.abs(op.base) / (1.0 if op.base_last else scale)
     underflow = (terms / scale + 1.0) * 2.0**-150
     # the bound itself is computed with a few roundings
@@ -616,11 +610,6 @@ def _leaf_spread(op: ir.TreeEnsemble) -> FloatArray:
         return np.full(op.width, np.inf)
     high, low = (of_each_tree(op, extreme, op.leaf_value) for extreme in (np.maximum, np.minimum))
     spread, largest = high - low, max(float(np.max(np.abs(end))) for end in (high, low))
-    if spread.shape[1] == op.width:
-        total = spread.sum(axis=0)
-    else:
-        total = np.zeros(op.width)
-        np.add.at(total, op.tree_output, spread[:, 0])
     rounding = 2 * gamma(op.n_trees + 2, op.sum_precision) * (np.abs(op.base) + op.n_trees * largest)
-    bound: FloatArray = (total + rounding) / abs(op.divisor)
+    bound: FloatArray = (added_up(op, spread) + rounding) / abs(op.divisor)
     return bound

@@ -38,8 +38,7 @@ class ErrorModel(Protocol):
 
 @dataclass(frozen=True)
 class Harmonics:
-    """c_k along a motion: `orders` (K,), `parts` (cycles, 4, K): forward cosine, sine, backward cosine, sine part,
-    deg."""
+    """c_k along a motion, deg: `orders` (K,), `parts` (cycles, 4, K) forward cosine, sine, backward cosine, sine."""
 
     orders: FloatArray
     parts: FloatArray
@@ -89,8 +88,8 @@ class Axis:
         self.ratio = ratio
         self.cycle_s = cycle_s
         self._kernel = load_kernel()
-        self._steps = _whole(cycle_s, parameters.step_s, "the PLC cycle", "axis.step_s")
-        every = _whole(parameters.drive.cycle_s, parameters.step_s, "axis.drive.cycle_s", "axis.step_s")
+        self._steps = _whole(cycle_s, parameters.step_s, "the PLC cycle")
+        every = _whole(parameters.drive.cycle_s, parameters.step_s, "axis.drive.cycle_s")
         if self._steps % every:
             raise InputError(f"a PLC cycle of {cycle_s * 1e6:g} us is no multiple of axis.drive.cycle_s")
         self._counts = np.array([self._steps, every, 0], np.int64)
@@ -248,16 +247,15 @@ class Axis:
         return float(np.floor(inner / step_in) * step_in), float(np.floor(outer / step_out) * step_out)
 
 
-def _whole(length: float, part: float, what: str, divisor: str) -> int:
-    count = round(length / part)
-    if count < 1 or not math.isclose(count * part, length, rel_tol=1e-9):
-        raise InputError(f"{what} ({length:g} s) is no multiple of {divisor} ({part:g} s)")
+def _whole(length: float, step: float, what: str) -> int:
+    count = round(length / step)
+    if count < 1 or not math.isclose(count * step, length, rel_tol=1e-9):
+        raise InputError(f"{what} ({length:g} s) is no multiple of axis.step_s ({step:g} s)")
     return count
 
 
 def controlled_torque(wanted_Nm: FloatArray, load: Load, cycle_s: float, random: np.random.Generator) -> FloatArray:
-    """What the torque-controlled load side makes of its set-points (cycles,): a second-order lag, and the ripple it
-    leaves.
+    """What the torque-controlled load side makes of its set-points (cycles,): a second-order lag and a ripple, N m.
 
     Exact for set-points that are held for a cycle.
     """

@@ -47,10 +47,9 @@ class Roles:
 
 
 def roles_of(te: TransmissionError) -> Roles:
-    """Which feature is the torque and which the temperature, by name or unit. Raises InputError where that is not
-    clear."""
+    """Which feature is the torque and which the temperature, by name or unit. Raises InputError where it is unclear."""
     names = names_of(input_variables(te.features))
-    found: dict[str, str] = {}
+    found = {"torque": "", "temperature": ""}
     units = {"torque": ("Nm",), "temperature": ("°C", "degC", "C", "K")}
     for number, (feature, name) in enumerate(zip(te.features, names, strict=True)):
         if number == te.speed_feature:
@@ -58,7 +57,7 @@ def roles_of(te: TransmissionError) -> Roles:
             continue
         for role, known in units.items():
             if feature.name.lower().startswith(role) or feature.unit.replace(" ", "") in known:
-                if role in found:
+                if found[role]:
                     raise InputError(
                         f"bundle '{te.name}': two features look like a {role}; name them torque_Nm and temperature_C"
                     )
@@ -67,11 +66,8 @@ def roles_of(te: TransmissionError) -> Roles:
         else:
             raise InputError(
                 f"bundle '{te.name}': the rig does not know the feature '{feature.name}' ({feature.unit}); it "
-                f"simulates speed, torque "
-                "and oil temperature"
+                "simulates speed, torque and oil temperature"
             )
-    for role in ("torque", "temperature"):
-        found.setdefault(role, "")
     return Roles(**found)
 
 
@@ -175,8 +171,7 @@ class _Signals:
 
 
 class RunningCompensator:
-    """The generated code in the loop: `correct` each cycle of the task that corrects, `prepare` each cycle of the slow
-    one."""
+    """The generated code in the loop: `correct` in each cycle of the task that corrects, `prepare` of the slow one."""
 
     def __init__(self, ports: Any, fast: Any, slow: Any, roles: Roles, load_given: bool) -> None:
         self._ports = ports

@@ -146,10 +146,10 @@ def advance(
     reference: float,
     counts: IntArray,
 ) -> None:
-    """One PLC cycle: `counts` = steps in it, steps between two runs of the drive's loops, step at which `reference`
-    (rad) arrives.
+    """One PLC cycle, which changes the state in place.
 
-    `load` (2,) is the output torque at the begin and end of the cycle. The state changes in place.
+    `counts`: steps in it, steps between two runs of the drive's loops, step at which `reference` (rad) arrives.
+    `load` (2,) is the output torque at the begin and end of the cycle.
     """
     steps, every, arrival = counts[0], counts[1], counts[2]
     h = p[STEP]

@@ -1,5 +1,4 @@
-"""Motions with and without compensation: profile -> PLC tasks with the generated text -> axis -> error of the
-output."""
+"""Motions with and without compensation: profile, PLC tasks with the generated text, axis, error of the output."""
 
 from __future__ import annotations
 
@@ -215,11 +214,9 @@ class Size:
     @classmethod
     def of(cls, values: FloatArray) -> Size:
         """The root mean square and the largest magnitude of an error over time, deg; NaN of no time."""
-        return (
-            cls(float(np.sqrt(np.mean(values**2))), float(np.abs(values).max()))
-            if len(values)
-            else cls(math.nan, math.nan)
-        )
+        if not len(values):
+            return cls(math.nan, math.nan)
+        return cls(float(np.sqrt(np.mean(values**2))), float(np.abs(values).max()))
 
 
 def or_none(value: float) -> float | None:
@@ -310,12 +307,10 @@ def _refused(running: RunningCompensator) -> str:
 
 
 def lead_time_s(rig: Rig, form: TaskForm) -> float:
-    """All delays between a latched angle and the motor's answer that are known: tasks, transfer, hold, the drive's
-    interpolation and lag.
+    """All known delays from a latched angle to the motor's answer, s: tasks, transfer, hold, interpolation and lag.
 
-    The interpolator reaches a set-point one main cycle after its arrival. Without feedforward of the speed the
-    position loop follows
-    1 / gain later.
+    The drive's interpolator reaches a set-point one main cycle after its arrival. Without feedforward of the speed its
+    position loop follows 1 / gain later.
     """
     drive = rig.axis.drive
     lag = max(1.0 - drive.speed_feedforward, 0.0) / drive.position_gain_per_s if drive.position_gain_per_s else 0.0

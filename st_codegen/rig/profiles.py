@@ -2,8 +2,8 @@
 
 - `cycloidal`: Eq. 7 of the paper, T = 20 s, h = 360 deg; the load rises by the same law to 370 N m.
 - `robot`: pick and place of the first joint of a large robot, of our own making: fast moves with a limited jerk, a
-  short approach,
-  reversals and dwells, a heavier load on the way with the part. (The paper's own recording is not published.)
+  short approach, reversals and dwells, a heavier load on the way with the part. (The paper's own recording is not
+  published.)
 - a CSV file with the columns `t,theta_out,torque_Nm` (s, deg, N m; `;` and decimal commas are read too).
 """
 
@@ -27,8 +27,7 @@ _LONGEST_S = 1800.0
 
 @dataclass(frozen=True)
 class MotionProfile:
-    """A motion of the output: `time_s` (n,) from 0, evenly spaced; angle deg, speed deg/s, torque against the motion N
-    m, all (n,)."""
+    """A motion of the output, all (n,): evenly spaced times from 0 s, angle, speed, torque against the motion."""
 
     name: str
     time_s: FloatArray
@@ -43,8 +42,7 @@ class MotionProfile:
 
     @property
     def direction(self) -> FloatArray:
-        """+1 or -1, (n,): that of the motion, at standstill the last one, before the first move that of the first
-        move."""
+        """+1 or -1, (n,): that of the motion, at standstill the last one, before the first move that of the first."""
         signs = np.sign(np.where(np.abs(self.speed_deg_s) > 1e-9, self.speed_deg_s, 0.0))
         moving = np.flatnonzero(signs)
         if not len(moving):
@@ -137,8 +135,7 @@ def profile_named(name: str, cycle_s: float) -> MotionProfile:
 
 
 def read_profile(path: Path, cycle_s: float) -> MotionProfile:
-    """A profile from a CSV, on the PLC's cycles: piecewise cubic through the angles (no overshoot), linear for the
-    torque."""
+    """A profile from a CSV on the PLC's cycles: piecewise cubic through the angles (no overshoot), linear in torque."""
     from scipy.interpolate import PchipInterpolator
 
     problems = Problems(str(path))

@@ -62,8 +62,7 @@ def read_tasks(table: TomlTable) -> TaskSettings:
 
 
 class TaskInputs(NamedTuple):
-    """What the blocks are given: angle of the output from its encoder (rad), the rest from the motion profile and the
-    oil's sensor.
+    """What the blocks are given: the output's angle by its encoder, the rest by the profile and the oil's sensor.
 
     `torque_Nm` opposes the motion, `load_Nm`, where the blocks are given it, is above 0 against forward motion.
     """
@@ -99,8 +98,7 @@ class Plc:
     _slow_result: float = 0.0
 
     def tick(self, number: int, sample: TaskInputs, reference_deg: float) -> float | None:
-        """One main cycle: `sample` is latched now; returns the set-point published now, deg; None in the first
-        cycle."""
+        """One main cycle, in which `sample` is latched; the set-point published now, deg, None in the first cycle."""
         slow_starts = self.form is not TaskForm.ONE and number % self.settings.ratio == 0
         # all tasks that start publish what their last cycle computed
         published, to_slow = self._setpoint, self._main_inputs

@@ -74,8 +74,7 @@ class Latency:
 
     @property
     def frequency_hz(self) -> float:
-        """Upper limit of what can be corrected, as the paper has it: one over the time from a new value to its
-        correction."""
+        """Upper limit of what can be corrected, as the paper has it: one over the time from value to correction."""
         return 1e6 / self.best_us
 
     def output_speed_rpm(self, order: int) -> float:

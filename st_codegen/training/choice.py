@@ -66,15 +66,10 @@ def _worthwhile(solutions: Sequence[Solution]) -> list[Solution]:
 
 def _exchanged(options: Sequence[Sequence[Solution]], taken: Sequence[int]) -> list[int]:
     """One order on a cheaper solution: the one that loses least for each microsecond saved."""
-    best: tuple[float, int, int] | None = None
-    for order, (choices, at) in enumerate(zip(options, taken, strict=True)):
-        for cheaper in range(at + 1, len(choices)):
-            saved = choices[at].cost_us - choices[cheaper].cost_us
-            price = (loss(choices[cheaper]) - loss(choices[at])) / saved
-            if best is None or price < best[0]:
-                best = (price, order, cheaper)
-    if best is None:
-        raise InputError("no cheaper models are left")  # not reached: the cheapest fit
-    exchanged = list(taken)
-    exchanged[best[1]] = best[2]
-    return exchanged
+    prices = [
+        ((loss(cheaper) - loss(choices[at])) / (choices[at].cost_us - cheaper.cost_us), order, number)
+        for order, (choices, at) in enumerate(zip(options, taken, strict=True))
+        for number, cheaper in enumerate(choices[at + 1 :], at + 1)
+    ]
+    _, exchanged, number = min(prices)
+    return [number if order == exchanged else at for order, at in enumerate(taken)]

@@ -118,7 +118,7 @@ def bundle_text(
 
 
 def save_model(estimator: Any, folder: Path, stem: str, form: str) -> str:
-    """Save one model; returns the file's name. Raises InputError, MissingExtraError, extra_package."""
+    """Save one model; returns the file's name. Raises InputError, MissingExtraError."""
     if form == "onnx":
         return _save_onnx(estimator, folder, f"{stem}.onnx")
     if form == "native":

@@ -27,7 +27,6 @@ from st_codegen.training.cost import worst_case_us
 from st_codegen.training.families import Learner
 from st_codegen.training.store import FitStore
 
-#: Called with (number of tasks done, number of tasks, name of the next one).
 #: How long a Dask scheduler may take to answer.
 TIMEOUT = "10s"
 #: What must be loaded before its threads are limited.

@@ -38,11 +38,12 @@ def attribute(text, name, value):
     return changed
 
 
-def without(text, tag):
-    """The text without an element."""
-    changed = re.sub(rf"\s*<{tag}\b[^>]*?(/>|>.*?</{tag}>)", "", text, count=1, flags=re.S)
-    assert changed != text
-    return changed
+def without(text, *tags):
+    """The text without an element of each tag."""
+    for tag in tags:
+        text, count = re.subn(rf"\s*<{tag}\b[^>]*?(/>|>.*?</{tag}>)", "", text, count=1, flags=re.S)
+        assert count
+    return text
 
 
 CASES = [
@@ -95,6 +96,8 @@ CASES = [
     (attribute(SVM, "int64_numSVs", "2"), "expected are 2 vectors of 3 numbers"),
     (attribute(SVM, "fp64_gamma", "-1"), "gamma -1.0 is negative"),
     (without(SVM, "SupportVectors"), "no element <SupportVectors>"),
+    (attribute(SVM, "fp64_rhoConstants", "1,2"), "2 rhoConstants for 2 classes"),
+    (without(attribute(NETWORK, "int64_numLayers", "0"), *["MlpLayer1", "MlpLayer2"] * 2), "a network without layers"),
 ]  # fmt: skip
 
 

@@ -24,6 +24,7 @@ from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import (
     Activation,
+    Aggregate,
     Clip,
     Combine,
     Comparison,
@@ -275,6 +276,11 @@ def test_all_refusals_are_in_one_message():
             "divided by",
         ),
         "scaler": (model(Scale((0,), Operator.ADD, [1.0] * 3)), "only scales its inputs"),
+        "largest": (
+            model(Scale((0,), Operator.MAXIMUM, [0.0] * 3), after(SVM, inputs=(1,))),
+            "a limit of a computed number",
+        ),
+        "aggregate": (model(dataclasses.replace(trees(), aggregate=Aggregate.MAXIMUM)), "the maximum over trees"),
         "large": (model(Linear((0,), np.full((1, 3), 1e39), [0.0])), "too large for float32"),
     }
     good = dataclasses.replace(MODELS["trees"], name="good")

@@ -104,6 +104,8 @@ FAULTS = {
     "infinite": (line_500("1,2,3,-inf"), 500, "backward: an empty cell"),
     "empty cell": (line_500("1,,3,4"), 500, "forward: an empty cell"),
     "empty line": (line_500(""), 500, "forward: an empty cell"),
+    "an end without an angle": (lambda text: text + ",1,2,3\n", None, "forward: an empty cell beside a value"),
+    "no values": (lambda text: text.splitlines()[0] + "\n,,,\n,,,\n", 2, "no values in any column"),
     "cut off": (lambda text: text[: len(text) // 2], None, "deg of 360"),
     "empty": (lambda text: "", 1, "the file is empty"),
     "header only": (lambda text: text.splitlines()[0], 1, "only 0 samples"),

@@ -169,3 +169,9 @@ def test_angles_that_do_not_tell_orders_apart():
     angle = np.repeat(np.arange(40) * 9.0, 10)
     with pytest.raises(InputError, match="do not tell the orders 0, 1, 39, 41 apart"):
         fit_orders(Curve(angle, np.cos(np.deg2rad(angle))), (1, 39, 41))
+
+
+def test_angles_that_tell_the_wanted_orders_but_not_those_of_what_is_left():
+    angle = np.repeat(np.arange(4) * 90.0, 10)
+    with pytest.raises(InputError, match=r"do not tell the orders 0, 1, .* apart"):
+        fit_orders(Curve(angle, np.cos(np.deg2rad(angle))), (1,))

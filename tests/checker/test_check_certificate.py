@@ -28,6 +28,7 @@ from st_codegen.project.bundle import load
 from st_codegen.proof.prove.certificate import certificate
 from st_codegen.proof.prove.prove import prove
 from st_codegen.proof.runner import GeneratedCode
+from tests.changes import change_once
 from tests.classifiers import THREE, TWO, X
 from tests.proof import mutants
 
@@ -248,9 +249,7 @@ def test_a_label_that_was_changed_is_rejected(name, pattern, change, tmp_path):
     (text,) = tmp_path.rglob(f"FB_{name.capitalize()}.st")
     entry = {"block": text.stem, "outputs": ["nClass"], "inputs": [f"f{n}" for n in range(model.features)]}
     check_certificate.Check(model, text.parent, entry)
-    changed, count = re.subn(pattern, change, text.read_text(), count=1)
-    assert count == 1
-    text.write_text(changed)
+    change_once(text, pattern, change)
     with pytest.raises(check_certificate.Reject):
         check_certificate.Check(model, text.parent, entry)
 
@@ -279,9 +278,7 @@ def test_plausible_ranges_of_outputs_are_no_reason_to_reject(name, tmp_path):
     (text,) = tmp_path.rglob("FB_Decision_tree.st")
     pattern, change = JUDGED_CHANGES[name]
     first = re.search(r"\bfInput_\w+", text.read_text())[0]
-    changed, count = re.subn(pattern, change.replace("fInput_X", first), text.read_text(), count=1)
-    assert count == 1
-    text.write_text(changed)
+    change_once(text, pattern, change.replace("fInput_X", first))
     check_certificate = mutants.check_certificate
     model = check_certificate.read_model(models / "decision_tree.skops")
     inputs = [f"f{number}" for number in range(model.features)]
@@ -336,11 +333,7 @@ def test_a_missing_value_of_an_input_that_no_tree_reads_changes_nothing(conditio
     generate(load(models), "iec", tmp_path / "out", options=Options(layout=layout))
     (text,) = tmp_path.rglob("FB_Decision_tree.st")
     node = "nNode" if layout is Layout.TREES else "nNode1"
-    changed, count = re.subn(
-        r"(\n *fX := (?:THRESHOLD|LEAF)_\d\[)", rf"\nIF {condition} THEN {node} := 0; END_IF;\1", text.read_text()
-    )
-    assert count == 1
-    text.write_text(changed)
+    change_once(text, r"(\n *fX := (?:THRESHOLD|LEAF)_\d\[)", rf"\nIF {condition} THEN {node} := 0; END_IF;\1")
     check_certificate = mutants.check_certificate
     model = check_certificate.read_model(models / "decision_tree.skops")
     assert not any(2 in tree[0] for tree in model.trees)

@@ -290,44 +290,47 @@ SQUARES = "hist_gradient_boosting.skops"
 FOREST = "random_forest.skops"
 
 
+def entries(data, change):
+    """A skops file in which `change` (name, content) gives the content of each entry."""
+    source, out = zipfile.ZipFile(BytesIO(data)), BytesIO()
+    with zipfile.ZipFile(out, "w") as target:
+        for name in source.namelist():
+            target.writestr(name, change(name, source.read(name)))
+    return out.getvalue()
+
+
 def schema(*changes):
     """The description in a skops file with some patterns replaced."""
 
-    def edit(data):
-        source, out = zipfile.ZipFile(BytesIO(data)), BytesIO()
-        with zipfile.ZipFile(out, "w") as target:
-            for name in source.namelist():
-                content = source.read(name)
-                for pattern, change in changes if name == "schema.json" else ():
-                    content, count = re.subn(pattern.encode(), change.encode(), content, count=1)
-                    assert count
-                target.writestr(name, content)
-        return out.getvalue()
+    def changed(name, content):
+        for pattern, change in changes if name == "schema.json" else ():
+            content, count = re.subn(pattern.encode(), change.encode(), content, count=1)
+            assert count
+        return content
 
-    return edit
+    return lambda data: entries(data, changed)
 
 
 def arrays(pattern, change):
     """The arrays of nodes in a skops file after a change."""
 
     def edit(data):
-        source, out = zipfile.ZipFile(BytesIO(data)), BytesIO()
-        done = 0
-        with zipfile.ZipFile(out, "w") as target:
-            for name in source.namelist():
-                content = source.read(name)
-                if name.endswith(".npy"):
-                    array = np.load(BytesIO(content))
-                    if array.dtype.names and pattern in array.dtype.names and not done:
-                        done += 1
-                        array = array.copy()
-                        change(array)
-                        content = BytesIO()
-                        np.save(content, array)
-                        content = content.getvalue()
-                target.writestr(name, content)
+        done = []
+
+        def changed(name, content):
+            array = np.load(BytesIO(content)) if name.endswith(".npy") and not done else np.empty(0)
+            if pattern not in (array.dtype.names or ()):
+                return content
+            done.append(name)
+            array = array.copy()
+            change(array)
+            out = BytesIO()
+            np.save(out, array)
+            return out.getvalue()
+
+        made = entries(data, changed)
         assert done
-        return out.getvalue()
+        return made
 
     return edit
 

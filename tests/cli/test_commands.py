@@ -9,9 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from st_codegen.cli.diff import _lines
 from st_codegen.cli.generate import command as generate_command
 from st_codegen.files.number_text import percent
 from st_codegen.project.build_options import LAYOUTS
+from st_codegen.proof.review import Change, LabelChange, ModelChange, OutputChange, Review
 from tests.cli.helpers import run
 
 
@@ -185,6 +187,37 @@ def test_labels_of_a_model_file_do_not_act_on_the_terminal(tmp_path, capsys):
     shown = capsys.readouterr()
     assert "\\x1b[31mred\\x1b]0;title\\x07" in shown.out
     assert not {"\x1b", "\x07"} & {*shown.out, *shown.err}
+
+
+def test_diff_says_in_words_what_changed():
+    def features(unit, **known):
+        return [{"name": "speed_rpm", "unit": unit, **known}]
+
+    facts = (
+        Change("trees", 1500, 5),
+        Change("features", features("rpm"), features("1/min", range=[0.0, 1800.0])),
+        Change("layout", "trees", "table"),
+    )
+    models = (
+        ModelChange("te", facts, (OutputChange("y", 0.5, 0.1, {}),), 2000, 3, 1200, True),
+        ModelChange("same", (), (OutputChange("y", 0.0, 0.0, {}),), 2000, 0, 0, True),
+        ModelChange(
+            "labels", (), (OutputChange("class", 1.0, 0.25, {}),), 2000, 0, 0, True, (), (LabelChange("a", "b", 0.25),)
+        ),
+    )
+    found = Review("iec", ("new",), ("old",), models, (Change("tasks", 1, 2),), {"a.st": "added", "b.st": "added"})
+    assert _lines(found) == [
+        "model added: new",
+        "model removed: old",
+        "tasks: 1 -> 2",
+        "te: trees: 1,500 -> 5",
+        "te: features: speed_rpm [rpm] -> speed_rpm [1/min] 0 .. 1800",
+        "te: layout: trees -> table",
+        "te: of 2,000 operating points, 3 lost their answer, 1,200 gained one",
+        "same: text changed, no output moved at 2,000 points",
+        "labels: another label at 25.0% of the operating points: a -> b 25.0%",
+        "files: 2 added",
+    ]
 
 
 def test_diff_exits_with_1_on_a_difference(lone_folder, tmp_path, capsys):

@@ -5,13 +5,12 @@ import contextlib
 import itertools
 import threading
 
-import numpy as np
 import pytest
 
 from st_codegen import generate
 from st_codegen.live.plc import SoftPlc
 from st_codegen.live.serve import Listening, serve
-from tests.conftest import BUNDLE
+from tests.conftest import BUNDLE, small_lightgbm
 
 #: Each connection of AdsLib has a net id of its own in its process.
 NET_IDS = (f"5.77.{number // 250}.{number % 250 + 1}.1.1" for number in itertools.count())
@@ -72,12 +71,7 @@ class Running:
 @pytest.fixture(scope="session")
 def model_text():
     """A LightGBM model of two small trees, as text."""
-    lightgbm = pytest.importorskip("lightgbm")
-    random = np.random.default_rng(0)
-    x = random.uniform([100, 0, 25], [1800, 1800, 35], size=(200, 3))
-    y = np.sin(x[:, 0] / 300) + x[:, 1] * 1e-3
-    data = lightgbm.Dataset(x, y, feature_name=["speed_rpm", "torque_Nm", "temperature_C"])
-    return lightgbm.train({"verbose": -1, "num_leaves": 5, "num_threads": 1}, data, 2).model_to_string()
+    return small_lightgbm(rows=200, leaves=5, trees=2)
 
 
 @pytest.fixture(scope="session")

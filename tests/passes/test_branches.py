@@ -1,16 +1,11 @@
 """A small tree as nested IFs: every row keeps its bits, and nothing that is in use becomes one by itself."""
 
-import json
 import re
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from st_codegen.driver import generate
 from st_codegen.ir import BranchedTree, Comparison, Operator, Scale, depth_of, reference
 from st_codegen.passes import branches
 from st_codegen.passes.branches import as_branches
@@ -19,14 +14,11 @@ from st_codegen.passes.domain import limit_inputs
 from st_codegen.passes.pipeline import BRANCHES, compile_models
 from st_codegen.passes.prune import pruned
 from st_codegen.passes.ranks import ranked
-from st_codegen.project.bundle import load
 from st_codegen.proof.probes import probe_rows
-from st_codegen.proof.prove.certificate import certificate
 from st_codegen.proof.prove.prove import prove
 from tests.emit.test_emitted import run
 from tests.models import model, random_trees
-
-ROOT = Path(__file__).resolve().parents[2]
+from tests.passes.certified import certified
 
 
 def tree(seed=0, *before, splits=9, features=3, comparison=Comparison.LESS_OR_EQUAL, **options):
@@ -144,26 +136,13 @@ def test_models_that_share_searches_keep_their_tables():
 
 
 def test_prove_follows_them_and_the_checker_confirms_it(tmp_path):
-    import skops.io
     from sklearn.tree import DecisionTreeRegressor
 
     random = np.random.default_rng(0)
     x = random.uniform(-5.0, 10.0, (400, 3))
     x[random.uniform(size=x.shape) < 0.1] = np.nan
     fitted = DecisionTreeRegressor(max_depth=7, random_state=0).fit(x, np.nansum(x[:, :2], axis=1) ** 2)
-    models, out = tmp_path / "models", tmp_path / "out"
-    models.mkdir()
-    skops.io.dump(fitted, models / "small.skops")
-    bundle = load(models)
-    assert generate(bundle, "iec", out, options=Options(Layout.IFS)).compiled.decisions[0].chosen == BRANCHES
-    report = prove(bundle, out)
-    assert report.proved
-    path = tmp_path / "certificate.json"
-    path.write_text(json.dumps(certificate(bundle, models, out, report)))
-    command = [sys.executable, str(ROOT / "checker" / "check_certificate.py"), path, models, out]
-    result = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False)
-    assert result.returncode == 0, result.stdout + result.stderr
-    (file,) = (out / "iec").glob("FB_Small.st")
+    bundle, out, file = certified(fitted, Layout.IFS, BRANCHES, tmp_path)
     text = file.read_text()
     for old, new in (("nLeaf := 3;", "nLeaf := 4;"), (" <= ", " < "), (" OR abMissing", " AND NOT abMissing")):
         assert old in text

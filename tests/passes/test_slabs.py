@@ -1,15 +1,10 @@
 """Forests cut into cells: in every cell, every row meets the leaves of the whole trees, in fewer steps."""
 
-import json
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from st_codegen.driver import generate
 from st_codegen.emit.blocks.model import Limits
 from st_codegen.errors import InputError
 from st_codegen.ir import Comparison, CutTrees, TreeEnsemble, depth_of, reference
@@ -20,15 +15,12 @@ from st_codegen.passes.domain import limit_inputs
 from st_codegen.passes.pipeline import CELLS, RANKS, compile_models
 from st_codegen.passes.prune import pruned
 from st_codegen.passes.ranks import ranked
-from st_codegen.project.bundle import load
 from st_codegen.proof.probes import probe_rows
-from st_codegen.proof.prove.certificate import certificate
 from st_codegen.proof.prove.prove import prove
 from st_codegen.walkers.objects import from_estimator
 from tests.emit.test_emitted import run
 from tests.models import model, random_trees
-
-ROOT = Path(__file__).resolve().parents[2]
+from tests.passes.certified import certified
 
 
 def forest(features=2, trees=3, rows=700):
@@ -90,27 +82,13 @@ def test_short_arrays_cut_the_trees_into_parts(cut, whole, tmp_path):
 
 
 def test_prove_follows_the_cells_and_the_checker_confirms_it(tmp_path):
-    import skops.io
     from sklearn.ensemble import ExtraTreesRegressor
 
     random = np.random.default_rng(0)
     x = random.uniform(0.0, 10.0, (700, 2))
     fitted = ExtraTreesRegressor(2, random_state=0).fit(x, np.sin(3.0 * x[:, 0]) * x[:, 1])
-    models, out = tmp_path / "models", tmp_path / "out"
-    models.mkdir()
-    skops.io.dump(fitted, models / "deep.skops")
-    bundle = load(models)
-    generated = generate(bundle, "iec", out, options=Options(layout=Layout.CUT))
-    assert generated.compiled.decisions[0].chosen == CELLS
-    report = prove(bundle, out)
-    assert report.proved
-    path = tmp_path / "certificate.json"
-    path.write_text(json.dumps(certificate(bundle, models, out, report)))
-    command = [sys.executable, str(ROOT / "checker" / "check_certificate.py"), path, models, out]
-    result = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False)
-    assert result.returncode == 0, result.stdout + result.stderr
+    bundle, out, file = certified(fitted, Layout.CUT, CELLS, tmp_path)
     # one root too far: another tree's, or another cell's
-    (file,) = (out / "iec").glob("FB_Deep.st")
     text = file.read_text()
     assert text.count("nNode1 := nCellRoot;") == 1
     file.write_text(text.replace("nNode1 := nCellRoot;", "nNode1 := nCellRoot + 2;"))

@@ -92,10 +92,17 @@ def test_given_names_are_taken_or_refused_but_never_others(lone_folder, tmp_path
         ('[[model]]\nfile = "te.txt"\noutputs = ["a"]\n', "write [[model.outputs]] above each"),
         ('[[model]]\nfile = "te.txt"\ngives = ["class"]\n', "te is no classifier"),
         ('[[model]]\nfile = "te.txt"\nmetrics = 5\n', "write [model.metrics]"),
+        ('[[model]]\nfile = "te.txt"\n[[model]]\nfile = "te.txt"\n', "[[model]] file = 'te.txt' is there twice"),
+        ('[[model]]\nfile = "te.txt"\noutputs = [{name = "fA"}, {name = "fA"}]\n', "two outputs have the same name"),
+        ('[[input]]\nfeature = "speed_rpm"\nfile = "tee.txt"\n', "file = 'tee.txt': no such model; did you mean"),
+        ('[[input]]\nfeature = "speed_rpm"\ntrained = [2.0, 1.0]\n', "trained: the lowest and the highest value"),
+        ('[[input]]\nfeature = "speed_rpm"\nname = "fUNCTION"\n', "'fUNCTION' is a reserved word of a compiler"),
+        ('[[input]]\nfeature = "\u00d6l"\n', "feature '\u00d6l' is not ASCII: give it a name"),
+        (f'[names]\ninput = "f{"X" * 100}{{feature}}"\n', "give the feature a name in [[input]]"),
     ],
 )
 def test_what_has_no_effect_or_stands_elsewhere_is_said(text, said, lone_folder):
-    (lone_folder / "st-codegen.toml").write_text(text)
+    (lone_folder / "st-codegen.toml").write_text(text, encoding="utf-8")
     with pytest.raises(InputError) as caught:
         load(lone_folder)
     assert said in str(caught.value) and "known are name, prefix, leave_out, attributes, real" not in str(caught.value)
@@ -280,6 +287,19 @@ def test_a_range_of_a_file_is_that_of_the_model_trained_last(lone_folder, capsys
     assert again != text
     path.write_text(again, encoding="utf-8")
     assert load(lone_folder).irs[0].features[0].seen == (3.0, 4.0)
+
+
+def test_init_wants_models_that_nothing_else_describes(bundle_folder, lone_folder, tmp_path, capsys):
+    assert run("init", tmp_path / "none") == 2
+    assert "none: no such folder" in capsys.readouterr().err
+    assert run("init", bundle_folder) == 2
+    assert "bundle.toml describes these models" in capsys.readouterr().err
+    (tmp_path / "notes.txt").write_text("to do")
+    assert run("init", tmp_path) == 2
+    assert "no model files; supported are" in (shown := capsys.readouterr().err) and "- notes.txt: " in shown
+    (tmp_path / "data.csv").write_text("speed_rpm,torque_Nm\n1,2\n")
+    assert run("init", lone_folder, "--training-data", tmp_path / "data.csv") == 2
+    assert "no column 'temperature_C'; there are speed_rpm, torque_Nm" in capsys.readouterr().err
 
 
 def test_init_names_two_files_of_one_stem_apart(lone_folder, tmp_path):

@@ -16,6 +16,7 @@ from st_codegen.project.bundle import Bundle, load
 from st_codegen.proof.probes import operating_range
 from st_codegen.proof.verify import ulps_between, verify
 from st_codegen.walkers.base import LoadedModel
+from tests.changes import change_once
 from tests.models import model, random_trees
 
 
@@ -31,7 +32,7 @@ def changed(generated_once, tmp_path):
     def make(target, pattern, by, layout=Layout.TREES):
         copy = tmp_path / "changed"
         shutil.copytree(generated_once("lone", layout=layout) / target, copy / target)
-        change(copy / target / {"twincat": "POUs/FB_Te.TcPOU", "iec": "FB_Te.st"}[target], pattern, by)
+        change_once(copy / target / {"twincat": "POUs/FB_Te.TcPOU", "iec": "FB_Te.st"}[target], pattern, by)
         return copy
 
     return make
@@ -51,53 +52,35 @@ def test_generated_code_passes_and_the_report_says_on_what(lone_folder, generate
     assert set(content["models"]["te"]) >= {"n", "max_abs_err", "max_ulp", "exact", "worst_input", "passed"}
 
 
-def change(path, pattern, by):
-    text = path.read_text(encoding="utf-8")
-    changed = re.sub(pattern, by, text, count=1)
-    assert changed != text
-    path.write_text(changed, encoding="utf-8")
+TREES, TABLE = Layout.TREES, Layout.TABLE
+CHANGES = {
+    "comparison of trees": (TREES, r"aSlot1\[SPLIT_1\[nNode\]\] <=", "aSlot1[SPLIT_1[nNode]] <"),
+    "tree size": (TREES, r"nRoot := nRoot \+ TREE_SIZE_1\[nTree\]", "nRoot := nRoot + TREE_SIZE_1[nTree] - 1"),
+    "a threshold of a tree": (
+        TREES, r"(THRESHOLD_1 [^\[]*\[[^\[]*\[\s*\(\* tree 0 \*\)\s*)(\d+)\.", r"\g<1>1\g<2>."
+    ),
+    "a tree less": (TREES, r"FOR nTree := 0 TO 4", "FOR nTree := 0 TO 3"),
+    "validity": (TREES, r"bValid := bUsable", "bValid := TRUE AND FALSE"),
+    "comparison of ranks": (TABLE, r"IF fX > EDGE_1_0\[nRank\]", "IF fX >= EDGE_1_0[nRank]"),
+    "a threshold of a rank": (TABLE, r"(EDGE_1_1 [^\[]*\[[^\[]*\[\s*)(\d+)\.", r"\g<1>1\g<2>."),
+    "a cell": (TABLE, r"(CELL_2 [^\[]*\[[^\[]*\[\s*\(\*[^*]*\*\)\s*)(-?\d)", r"\g<1>1\g<2>"),
+    "a stride": (TABLE, r"nCell := anRank1\[0\] \* \d+", "nCell := anRank1[0]"),
+    "a missing value": (TABLE, r"IF abMissing\[1\]", "IF abMissing[0]"),
+}  # fmt: skip
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(
-    ("pattern", "by"),
-    [
-        (r"aSlot1\[SPLIT_1\[nNode\]\] <=", "aSlot1[SPLIT_1[nNode]] <"),
-        (r"nRoot := nRoot \+ TREE_SIZE_1\[nTree\]", "nRoot := nRoot + TREE_SIZE_1[nTree] - 1"),
-        (r"(THRESHOLD_1 [^\[]*\[[^\[]*\[\s*\(\* tree 0 \*\)\s*)(\d+)\.", r"\g<1>1\g<2>."),
-        (r"FOR nTree := 0 TO 4", "FOR nTree := 0 TO 3"),
-        (r"bValid := bUsable", "bValid := TRUE AND FALSE"),
-    ],
-    ids=["comparison", "tree size", "a threshold", "a tree less", "validity"],
-)
+@pytest.mark.parametrize("name", CHANGES)
 @pytest.mark.parametrize("target", ["twincat", "iec"])
-def test_a_change_in_the_text_is_found_with_the_row_that_shows_it(lone_folder, changed, pattern, by, target):
-    report = verify(load(lone_folder), changed(target, pattern, by), rows=2000)
+def test_a_change_in_the_text_is_found_with_the_row_that_shows_it(lone_folder, changed, name, target):
+    layout, pattern, by = CHANGES[name]
+    report = verify(load(lone_folder), changed(target, pattern, by, layout), rows=2000)
     assert not report.passed
     assert any(target in failure.between and len(failure.input) == 3 for failure in report.models[0].failures)
 
 
 def test_tables_pass_where_nothing_is_changed(lone_folder, generated_once):
     assert verify(load(lone_folder), generated_once("lone", layout=Layout.TABLE), rows=300).passed
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(
-    ("pattern", "by"),
-    [
-        (r"IF fX > EDGE_1_0\[nRank\]", "IF fX >= EDGE_1_0[nRank]"),
-        (r"(EDGE_1_1 [^\[]*\[[^\[]*\[\s*)(\d+)\.", r"\g<1>1\g<2>."),
-        (r"(CELL_2 [^\[]*\[[^\[]*\[\s*\(\*[^*]*\*\)\s*)(-?\d)", r"\g<1>1\g<2>"),
-        (r"nCell := anRank1\[0\] \* \d+", "nCell := anRank1[0]"),
-        (r"IF abMissing\[1\]", "IF abMissing[0]"),
-    ],
-    ids=["comparison", "a threshold", "a cell", "a stride", "a missing value"],
-)
-@pytest.mark.parametrize("target", ["twincat", "iec"])
-def test_a_change_of_a_table_is_found(lone_folder, changed, pattern, by, target):
-    report = verify(load(lone_folder), changed(target, pattern, by, Layout.TABLE), rows=2000)
-    assert not report.passed
-    assert any(target in failure.between and len(failure.input) == 3 for failure in report.models[0].failures)
 
 
 def test_text_that_would_stop_the_controller_is_an_error_with_its_place(lone_folder, changed):
@@ -240,7 +223,7 @@ def test_a_bundle_is_verified_with_its_two_blocks(bundle_folder, generated_once,
     assert report.passed
     assert [model.name for model in report.models] == ["a", "b", "FB_TEPredict", "FB_Compensator"]
     shutil.copytree(generated / "twincat", tmp_path / "out" / "twincat")
-    change(
+    change_once(
         tmp_path / "out" / "twincat" / "POUs" / "FB_HarmonicSum.TcPOU",
         r"fSum_deg \+ aCosine\[1\]",
         "fSum_deg - aCosine[1]",
@@ -306,9 +289,7 @@ def test_a_proof_takes_the_place_of_rows_for_every_threshold(tmp_path, monkeypat
     sampled = verify(bundle, tmp_path, rows=500).models[0]
     assert (sampled.n, sampled.proved, sampled.passed, sampled.exact) == (500, True, True, True)
     text = tmp_path / "iec" / "FB_M.st"
-    changed, count = re.subn(r"( LEAF\w* : ARRAY.* OF LREAL := \[\s+(\(\*.*?\*\)\s+)?-?)", r"\g<1>9", text.read_text())
-    assert count
-    text.write_text(changed)
+    change_once(text, r"( LEAF\w* : ARRAY.* OF LREAL := \[\s+(\(\*.*?\*\)\s+)?-?)", r"\g<1>9")
     damaged = verify(bundle, tmp_path, rows=500).models[0]
     assert not damaged.proved
     assert damaged.n == whole.n

@@ -146,6 +146,18 @@ BOTH = [
     ("wX := SHL(wX, fX);", "SHL shifts by an integer, not by LREAL"),
     ("fX := EXPT(bX, 2.0);", "the base of a power is REAL or LREAL, not BOOL"),
     ("fX := LREAL#1.0E400;", None),
+    ("fX := SUPER^;", "SUPER^ can only be called, or stand in front of a method"),
+    ("WHILE 99999999999999999999 DO ; END_WHILE;", "99999999999999999999 fits no integer type"),
+    ("sX := INT#'abc';", "a string is no INT"),
+    ("bX := INT#TRUE;", "is no INT"),
+    ("nX := FOO#5;", "'FOO#' is no type of numbers"),
+    ("tX := T#99999999999d;", "this duration does not fit TIME"),
+    ("stX := -stX;", "no - of ST_A"),
+    ("nX := 1.5 MOD 2.0;", "MOD is for integers"),
+    ("fX := EXPT(fX, bX);", "no power with an exponent of type BOOL"),
+    ("stX := SEL(bX, stX, stX);", "SEL chooses between elementary values, not ST_A"),
+    ("nX := LREAL_TO_DINT(1.0E10);", "conversion out of range: 10000000000.0 as DINT"),
+    ("rX := LREAL_TO_REAL(1.0E300);", "conversion out of range: 1e+300 as REAL"),
 ]
 
 
@@ -208,6 +220,7 @@ def test_all_errors_are_reported_at_once_with_their_places() -> None:
 
 
 # fmt: off
+STRUCTURE = " TYPE S : STRUCT a : DINT; END_STRUCT END_TYPE"
 DECLARATIONS = [
     ("FUNCTION F : DINT END_FUNCTION", "'F' never sets its result"),
     ("FUNCTION F : DINT F := F(); END_FUNCTION", "'F' calls itself: F -> F"),
@@ -268,6 +281,17 @@ DECLARATIONS = [
     ("FUNCTION_BLOCK A VAR i : DINT; END_VAR METHOD M i := 3; END_METHOD FOR i := 0 TO 1 DO M(); END_FOR;"
      " END_FUNCTION_BLOCK", "'A.M' assigns 'i', which counts this loop"),
     ("PROGRAM P VAR a : REFERENCE TO DINT := 5; END_VAR END_PROGRAM", "pointers and references have no initial value"),
+    ("PROGRAM P VAR a : ARRAY[0..1] OF ARRAY[0..1] OF DINT := [1, 2]; END_VAR END_PROGRAM", "initialised row by row: [[..], [..]]"),
+    ("PROGRAM P VAR a : S := 5; END_VAR END_PROGRAM" + STRUCTURE, "this is no initial value of S"),
+    ("PROGRAM P VAR a : ARRAY[0..1] OF S := [1, 2]; END_VAR END_PROGRAM" + STRUCTURE, "numbers cannot initialise S"),
+    ("PROGRAM P VAR a : S := (b := 1); END_VAR END_PROGRAM" + STRUCTURE, "'S' has no field 'b'"),
+    ("PROGRAM P VAR a : S := (a := 1, a := 2); END_VAR END_PROGRAM" + STRUCTURE, "'a' is given twice"),
+    ("PROGRAM P VAR b : B := (x := 1); END_VAR END_PROGRAM FUNCTION_BLOCK B VAR CONSTANT x : DINT := 0; END_VAR"
+     " END_FUNCTION_BLOCK", "'x' of 'B' cannot be initialised"),
+    ("FUNCTION_BLOCK A END_FUNCTION_BLOCK FUNCTION_BLOCK B EXTENDS A SUPER^.M(); END_FUNCTION_BLOCK",
+     "SUPER^ has no method 'M'"),
+    ("FUNCTION F : DINT F := TO_DINT(a); END_FUNCTION VAR_GLOBAL a : S; END_VAR" + STRUCTURE, "no conversion from S"),
+    ("FUNCTION F : BOOL F := TIME_TO_BOOL(T#1s); END_FUNCTION", "no conversion from TIME to BOOL"),
 ]
 # fmt: on
 
@@ -277,6 +301,28 @@ def test_errors_of_declarations(source: str, message: str) -> None:
     with pytest.raises(StCheckError) as caught:
         parse_project({"a.st": source}, "twincat")
     assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("type_", "expression", "value"),
+    [
+        ("DINT", "7 MOD 3", 1), ("DINT", "-7 MOD 3", -1), ("DINT", "-7 / 2", -3), ("DINT", "-(3 + 4)", -7),
+        ("DINT", "DINT#2147483647 + 1", -2147483648), ("INT", "DINT_TO_INT(70001)", 4465),
+        ("DINT", "REAL_TO_DINT(REAL#2.5)", 2), ("LREAL", "DINT_TO_LREAL(7)", 7.0), ("LREAL", "-SIN(0.0) + 1.5", 1.5),
+        ("WORD", "NOT WORD#16#00F0", 0xFF0F), ("BOOL", "NOT TRUE", False), ("BOOL", "1.5 < 2.0", True),
+        ("BOOL", "BOOL#1 AND 3 <> 3", False), ("DINT", "+5", 5),
+        ("DINT", "7 MOD 0", "division by zero"), ("LREAL", "1.0 / 0.0", "division by zero"),
+        ("DINT", "DINT#-2147483648 / DINT#-1", "integer overflow"),
+        ("DINT", "DINT#-2147483648 MOD DINT#-1", "integer overflow"),
+        ("LREAL", "SQRT(-1.0)", "invalid operation"), ("REAL", "REAL#1.0E38 * REAL#1.0E38", "overflow"),
+    ],
+)  # fmt: skip
+def test_constants_are_computed(type_: str, expression: str, value: object) -> None:
+    source = f"PROGRAM P VAR CONSTANT c : {type_} := {expression}; END_VAR END_PROGRAM"
+    if isinstance(value, str):
+        assert problems(source) == [f"{value} in a constant"]
+    else:
+        assert project(source).pous["P"].variables[0].initial == value
 
 
 def test_durations_of_twincat_are_whole_milliseconds() -> None:

@@ -1,9 +1,14 @@
 """What the check of blocks around models expects of them: bounds that hold whatever the models may differ."""
 
-import numpy as np
+import dataclasses
 
+import numpy as np
+import pytest
+
+from st_codegen.errors import InputError
 from st_codegen.te.check import _as_parts, _polar
-from st_codegen.te.harmonics import Quantity
+from st_codegen.te.harmonics import Play, Quantity
+from tests.te.projects import described
 
 RANDOM = np.random.default_rng(0)
 ROWS = 300
@@ -52,3 +57,18 @@ def test_a_harmonic_that_may_vanish_has_any_phase():
     value = {Quantity.COSINE: np.array([1e-9, 1.0]), Quantity.SINE: np.zeros(2)}
     error = {Quantity.COSINE: np.full(2, 1e-8), Quantity.SINE: np.zeros(2)}
     assert np.isinf(_polar(value, error)[3]).tolist() == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"reduction_ratio": 0.0}, "give a positive number"),
+        ({"speed_feature": 3}, "there are 3 features"),
+        ({"orders": (1, 39), "play": Play(0.05, 1)}, "a play needs the mean, order 0, of both directions"),
+        ({"cycles": (("parts",), ("parts",))}, "the cycles do not have each model once"),
+    ],
+)
+def test_what_models_cannot_be_for_is_refused(changes, message):
+    _, te = described()
+    with pytest.raises(InputError, match=message):
+        dataclasses.replace(te, **changes)

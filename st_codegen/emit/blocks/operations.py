@@ -11,41 +11,12 @@ from typing import TypeVar, get_type_hints
 
 import numpy as np
 
+from st_codegen import ir
 from st_codegen.emit.blocks.listing import ArrayElement, Group, Listing, suffixes
 from st_codegen.emit.literals import real
-from st_codegen.ir import (
-    Activation,
-    ArgMax,
-    Clip,
-    Combine,
-    Distances,
-    Exceeds,
-    FactoredKernel,
-    FillMissing,
-    FloatArray,
-    Function,
-    Kernel,
-    KernelSum,
-    Linear,
-    NearestMean,
-    Norm,
-    Normalize,
-    Operation,
-    Piecewise,
-    Precision,
-    Round,
-    Scale,
-    Select,
-    SlidingLinear,
-    Softmax,
-    SummationOrder,
-    Towards,
-    WeightedMedian,
-    WholeNumber,
-)
 from st_codegen.ir.base import COS_REACH
 
-_AnyOperation = TypeVar("_AnyOperation", bound=Operation)
+_AnyOperation = TypeVar("_AnyOperation", bound=ir.Operation)
 
 #: Below minus this argument EXP gives a denormal number or zero; 0.0 is taken instead, at most 3.4E-308 away.
 EXP_REACH = 708.0
@@ -54,14 +25,14 @@ EXP_REACH_REAL = 87.0
 
 #: Functions whose code keeps an exponential, or one plus a small number, beside the result.
 _WITH_AN_EXPONENTIAL_BESIDE = (
-    Function.TANH,
-    Function.LOGISTIC,
-    Function.SOFTPLUS,
-    Function.ELU,
-    Function.EXPM1,
-    Function.LOG1P,
-    Function.ERF,
-    Function.GELU,
+    ir.Function.TANH,
+    ir.Function.LOGISTIC,
+    ir.Function.SOFTPLUS,
+    ir.Function.ELU,
+    ir.Function.EXPM1,
+    ir.Function.LOG1P,
+    ir.Function.ERF,
+    ir.Function.GELU,
 )
 
 #: log(erfcx(u) / t) for t = 1 / (1 + u / 2), the highest power first: the least squares fit at the nodes of Chebyshev.
@@ -115,7 +86,7 @@ class Step:
 
 
 @singledispatch
-def lay_out(op: Operation, step: Step, listing: Listing) -> None:
+def lay_out(op: ir.Operation, step: Step, listing: Listing) -> None:
     """Append the code of an operation to a listing."""
     raise NotImplementedError(type(op).__name__)
 
@@ -136,14 +107,14 @@ def _column_by_column(
         declare_result(op, step, listing)
         listing.loop("nColumn", op.width)
         title, template, own = section(op, step, listing)
-        single = getattr(op, "precision", None) is Precision.FLOAT32
+        single = getattr(op, "precision", None) is ir.Precision.FLOAT32
         listing.section(title, template, **{"step": step, "last": op.width - 1, "single": single, **own})
 
     return lay_out.register(get_type_hints(section)["op"], laid_out)
 
 
 @lay_out.register
-def _(op: Select, step: Step, listing: Listing) -> None:
+def _(op: ir.Select, step: Step, listing: Listing) -> None:
     declare_result(op, step, listing)
     sources = [
         ArrayElement(name, column)
@@ -168,7 +139,7 @@ def _(op: Select, step: Step, listing: Listing) -> None:
 
 
 @_column_by_column
-def _(op: Scale, step: Step, listing: Listing) -> Section:
+def _(op: ir.Scale, step: Step, listing: Listing) -> Section:
     constant = listing.table(step.table("OPERAND"), "LREAL", op.constant)
     least = None
     if op.refuses:
@@ -180,7 +151,7 @@ def _(op: Scale, step: Step, listing: Listing) -> Section:
 
 
 @_column_by_column
-def _(op: Combine, step: Step, listing: Listing) -> Section:
+def _(op: ir.Combine, step: Step, listing: Listing) -> Section:
     least = None
     if op.refuses:
         least = listing.table(step.table("LEAST"), "LREAL", [1.0 / op.ceiling])
@@ -190,7 +161,7 @@ def _(op: Combine, step: Step, listing: Listing) -> Section:
 
 
 @lay_out.register
-def _(op: Round, step: Step, listing: Listing) -> None:
+def _(op: ir.Round, step: Step, listing: Listing) -> None:
     declare_result(op, step, listing)
     listing.loop("nColumn", op.width)
     listing.section("rounded to REAL, as the library computes", "round", step=step, last=op.width - 1)
@@ -202,7 +173,7 @@ def _flags(step: Step, listing: Listing) -> str | None:
 
 
 @_column_by_column
-def _(op: FillMissing, step: Step, listing: Listing) -> Section:
+def _(op: ir.FillMissing, step: Step, listing: Listing) -> Section:
     listing.locals("LREAL", "fX")
     same = bool(np.all(op.fill == op.fill[0]))
     own: dict[str, object] = {
@@ -215,13 +186,13 @@ def _(op: FillMissing, step: Step, listing: Listing) -> Section:
 
 
 @_column_by_column
-def _(op: Clip, step: Step, listing: Listing) -> Section:
+def _(op: ir.Clip, step: Step, listing: Listing) -> Section:
     limits = {"lower": op.lower, "upper": op.upper}
     return "limited", "clip", {n: listing.table(step.table(n.upper()), "LREAL", v) for n, v in limits.items()}
 
 
 @_column_by_column
-def _(op: Exceeds, step: Step, listing: Listing) -> Section:
+def _(op: ir.Exceeds, step: Step, listing: Listing) -> Section:
     title = f"1.0 where {'the cut is reached' if op.inclusive else 'above the cut'}, else 0.0"
     cut = listing.table(step.table("CUT"), "LREAL", op.cut)
     return title, "exceeds", {"cut": cut, "comparison": ">=" if op.inclusive else ">"}
@@ -230,22 +201,22 @@ def _(op: Exceeds, step: Step, listing: Listing) -> Section:
 #: From here on a number of a type has no fraction, and a sum with a smaller one is rounded to a whole one.
 _NO_FRACTION = {"LREAL": 2.0**52, "REAL": 2.0**23}
 _WHOLE_TITLES = {
-    Towards.NEAREST: "the nearest whole number, of a tie the even one",
-    Towards.BELOW: "the whole number that is not above",
-    Towards.ABOVE: "the whole number that is not below",
-    Towards.ZERO: "the fraction cut off",
+    ir.Towards.NEAREST: "the nearest whole number, of a tie the even one",
+    ir.Towards.BELOW: "the whole number that is not above",
+    ir.Towards.ABOVE: "the whole number that is not below",
+    ir.Towards.ZERO: "the fraction cut off",
 }
 
 
 @_column_by_column
-def _(op: WholeNumber, step: Step, listing: Listing) -> Section:
+def _(op: ir.WholeNumber, step: Step, listing: Listing) -> Section:
     listing.locals("LREAL", "fX", "fY")
     own: dict[str, object] = {"towards": op.towards.value, "end": real(_NO_FRACTION[step.type])}
     return _WHOLE_TITLES[op.towards], "whole", own
 
 
 @_column_by_column
-def _(op: Piecewise, step: Step, listing: Listing) -> Section:
+def _(op: ir.Piecewise, step: Step, listing: Listing) -> Section:
     listing.locals("LREAL", "fX", "fY")
     listing.locals("DINT", "nKnot", "nHigh")
     counts = np.diff(op.start)
@@ -286,7 +257,7 @@ def _(op: Piecewise, step: Step, listing: Listing) -> Section:
 
 
 @lay_out.register
-def _(op: ArgMax, step: Step, listing: Listing) -> None:
+def _(op: ir.ArgMax, step: Step, listing: Listing) -> None:
     declare_result(op, step, listing)
     values: dict[str, object] = {"merged": None, "last": op.n_columns - 1, "before_last": op.n_columns - 2}
     if op.n_columns > 1:
@@ -298,18 +269,18 @@ def _(op: ArgMax, step: Step, listing: Listing) -> None:
 
 
 @_column_by_column
-def _(op: Softmax, step: Step, listing: Listing) -> Section:
+def _(op: ir.Softmax, step: Step, listing: Listing) -> Section:
     listing.locals("LREAL", "fLargest", "fX", "fY", "fSum")
     title = "less the logarithm of the sum of exponentials" if op.logarithm else "exponentials, divided by their sum"
     return title, "softmax", {"logarithm": op.logarithm, "exp_reach": step.exp_reach}
 
 
 @lay_out.register
-def _(op: Linear, step: Step, listing: Listing) -> None:
+def _(op: ir.Linear, step: Step, listing: Listing) -> None:
     _lay_out_sums(op, step, listing, _sums_of(op.weights), {"function": None})
 
 
-def lay_out_layer(op: Linear, activation: Activation, step: Step, listing: Listing) -> None:
+def lay_out_layer(op: ir.Linear, activation: ir.Activation, step: Step, listing: Listing) -> None:
     """Weighted sums and the function of each in one loop; `step` has the operand of the sums and the layer's result."""
     values = _function_values(activation, step, listing)
     values["function_single"] = values.pop("single")
@@ -317,25 +288,30 @@ def lay_out_layer(op: Linear, activation: Activation, step: Step, listing: Listi
     _lay_out_sums(op, step, listing, title, values)
 
 
-def _sums_of(weights: FloatArray) -> str:
+def _sums_of(weights: ir.FloatArray) -> str:
     """How many weighted sums of how many numbers."""
     sums, numbers = weights.shape
     return f"{sums} weighted sum{'s' * (sums > 1)} of {numbers} number{'s' * (numbers > 1)}"
 
 
-def layers_of(ops: Sequence[Operation]) -> dict[int, tuple[Linear, Activation]]:
+def layers_of(ops: Sequence[ir.Operation]) -> dict[int, tuple[ir.Linear, ir.Activation]]:
     """Weighted sums, by number, of which nothing but the function behind them is read."""
     found = {}
     for number, (op, behind) in enumerate(pairwise(ops), 1):
         readers = sum(number in other.inputs for other in ops)
-        if isinstance(op, Linear) and isinstance(behind, Activation) and behind.inputs == (number,) and readers == 1:
+        if (
+            isinstance(op, ir.Linear)
+            and isinstance(behind, ir.Activation)
+            and behind.inputs == (number,)
+            and readers == 1
+        ):
             found[number] = op, behind
     return found
 
 
-def _lay_out_sums(op: Linear, step: Step, listing: Listing, title: str, function: dict[str, object]) -> None:
+def _lay_out_sums(op: ir.Linear, step: Step, listing: Listing, title: str, function: dict[str, object]) -> None:
     declare_result(op, step, listing)
-    stepwise = op.order is SummationOrder.SEQUENTIAL and op.precision is not Precision.FLOAT64
+    stepwise = op.order is ir.SummationOrder.SEQUENTIAL and op.precision is not ir.Precision.FLOAT64
     outputs, columns = op.weights.shape
     bias = listing.table(step.table("BIAS"), "LREAL", op.bias)
     runs = listing.chunks(np.full(outputs, columns), "neuron")
@@ -362,7 +338,7 @@ def _lay_out_sums(op: Linear, step: Step, listing: Listing, title: str, function
         bias=bias,
         parts=parts,
         stepwise=stepwise,
-        single=op.precision is Precision.FLOAT32,
+        single=op.precision is ir.Precision.FLOAT32,
         **function,
     )
 
@@ -391,7 +367,7 @@ def _loops_of_sums(rows: range, columns: int, listing: Listing) -> list[dict[str
 
 
 @lay_out.register
-def _(op: SlidingLinear, step: Step, listing: Listing) -> None:
+def _(op: ir.SlidingLinear, step: Step, listing: Listing) -> None:
     declare_result(op, step, listing)
     outputs, read = op.weights.shape
     for name, rounds in (("nPlace", len(op.starts)), ("nRow", outputs), ("nColumn", read)):
@@ -413,36 +389,36 @@ def _(op: SlidingLinear, step: Step, listing: Listing) -> None:
         offsets=None if in_order else listing.table(step.table("OFFSET"), "DINT", op.offsets),
         bias=listing.table(step.table("BIAS"), "LREAL", op.bias),
         weights=listing.table(step.table("WEIGHT"), "LREAL", np.ravel(op.weights), groups),
-        single=op.precision is Precision.FLOAT32,
+        single=op.precision is ir.Precision.FLOAT32,
     )
 
 
 @_column_by_column
-def _(op: Activation, step: Step, listing: Listing) -> Section:
+def _(op: ir.Activation, step: Step, listing: Listing) -> Section:
     own = _function_values(op, step, listing)
     if op.refuses:
         own["flags"] = _flags(step, listing)
     return f"{op.function.value} of each column", "activation", own
 
 
-def _function_values(op: Activation, step: Step, listing: Listing) -> dict[str, object]:
+def _function_values(op: ir.Activation, step: Step, listing: Listing) -> dict[str, object]:
     """What `activated` needs to compute fY from fX."""
     listing.locals("LREAL", "fX", "fY")
     if op.function in _WITH_AN_EXPONENTIAL_BESIDE:
         listing.locals("LREAL", "fExp")
-    if op.function in (Function.TANH, Function.ERF, Function.GELU):
+    if op.function in (ir.Function.TANH, ir.Function.ERF, ir.Function.GELU):
         listing.locals("LREAL", "fSquare")
     polynomial = None
-    if op.function in (Function.ERF, Function.GELU):
+    if op.function in (ir.Function.ERF, ir.Function.GELU):
         listing.loop("nTerm", len(_LOG_ERFC))
         polynomial = listing.table(step.table("LOG_ERFC"), "LREAL", _LOG_ERFC)
-    if op.function is Function.SOFTPLUS:
+    if op.function is ir.Function.SOFTPLUS:
         listing.locals("LREAL", "fPositive")
     parameter = None
-    if op.function in (Function.LEAKY_RELU, Function.ELU, Function.POWER):
+    if op.function in (ir.Function.LEAKY_RELU, ir.Function.ELU, ir.Function.POWER):
         parameter = listing.constant(step.table("PARAMETER"), op.parameter)
     power: dict[str, object] = {}
-    if op.function is Function.POWER:
+    if op.function is ir.Function.POWER:
         power = {
             "whole": op.parameter == int(op.parameter),
             "odd": op.parameter % 2 == 1,
@@ -459,19 +435,19 @@ def _function_values(op: Activation, step: Step, listing: Listing) -> dict[str, 
         "exp_limit": real(op.limit) if math.isfinite(op.limit) else None,
         "exp_reach": step.exp_reach,
         "cos_reach": real(COS_REACH),
-        "single": op.precision is Precision.FLOAT32,
+        "single": op.precision is ir.Precision.FLOAT32,
         "flags": None,
     }
 
 
 @_column_by_column
-def _(op: Normalize, step: Step, listing: Listing) -> Section:
+def _(op: ir.Normalize, step: Step, listing: Listing) -> Section:
     listing.locals("LREAL", "fX", "fY", "fSum")
-    least = listing.table(step.table("LEAST"), "LREAL", [1.0 / op.ceiling]) if op.norm is Norm.MAX else None
+    least = listing.table(step.table("LEAST"), "LREAL", [1.0 / op.ceiling]) if op.norm is ir.Norm.MAX else None
     return f"divided by the {op.norm.value} norm", "normalize", {"norm": op.norm.value, "least": least}
 
 
-def _vectors(vectors: FloatArray, name: str, listing: Listing) -> str:
+def _vectors(vectors: ir.FloatArray, name: str, listing: Listing) -> str:
     """The table of vectors, each of which begins a line."""
     rows, columns = vectors.shape
     groups = [Group("", row * columns, (row + 1) * columns) for row in range(rows)]
@@ -479,7 +455,7 @@ def _vectors(vectors: FloatArray, name: str, listing: Listing) -> str:
 
 
 @lay_out.register
-def _(op: KernelSum, step: Step, listing: Listing) -> None:
+def _(op: ir.KernelSum, step: Step, listing: Listing) -> None:
     declare_result(op, step, listing)
     vectors, columns = op.support_vectors.shape
     runs = listing.chunks(np.full(vectors, max(columns, op.width)), "support vector")
@@ -487,19 +463,21 @@ def _(op: KernelSum, step: Step, listing: Listing) -> None:
     listing.loop("nColumn", columns)
     listing.local("nBase", "DINT")
     listing.loop("nRow", op.width)
-    stepwise = op.precision is Precision.REAL
+    stepwise = op.precision is ir.Precision.REAL
     listing.locals("LREAL", "fKernel", "fSum", *(["fTerm"] if stepwise else []))
-    if op.kernel is Kernel.RBF:
+    if op.kernel is ir.Kernel.RBF:
         listing.locals("LREAL", "fDelta")
-    if op.kernel is Kernel.SIGMOID:
+    if op.kernel is ir.Kernel.SIGMOID:
         listing.locals("LREAL", "fX", "fY", "fExp", "fSquare")
-    if op.kernel is Kernel.POLYNOMIAL:
+    if op.kernel is ir.Kernel.POLYNOMIAL:
         listing.locals("LREAL", "fPower")
         listing.loop("nPower", op.degree)
     intercept = listing.table(step.table("INTERCEPT"), "LREAL", op.intercept)
-    gamma = listing.constant(step.table("GAMMA"), op.gamma) if op.kernel is not Kernel.LINEAR else None
+    gamma = listing.constant(step.table("GAMMA"), op.gamma) if op.kernel is not ir.Kernel.LINEAR else None
     coef0 = (
-        listing.constant(step.table("COEF0"), op.coef0) if op.kernel in (Kernel.POLYNOMIAL, Kernel.SIGMOID) else None
+        listing.constant(step.table("COEF0"), op.coef0)
+        if op.kernel in (ir.Kernel.POLYNOMIAL, ir.Kernel.SIGMOID)
+        else None
     )
     parts = []
     for suffix, (first, stop) in zip(suffixes(len(runs)), runs, strict=True):
@@ -524,12 +502,12 @@ def _(op: KernelSum, step: Step, listing: Listing) -> None:
         parts=parts,
         stepwise=stepwise,
         exp_reach=step.exp_reach,
-        single=op.precision is Precision.FLOAT32,
+        single=op.precision is ir.Precision.FLOAT32,
     )
 
 
 @lay_out.register
-def _(op: Distances, step: Step, listing: Listing) -> None:
+def _(op: ir.Distances, step: Step, listing: Listing) -> None:
     declare_result(op, step, listing)
     vectors, columns = op.vectors.shape
     runs = listing.chunks(np.full(vectors, columns), "training row")
@@ -554,7 +532,7 @@ def _(op: Distances, step: Step, listing: Listing) -> None:
 
 
 @lay_out.register
-def _(op: NearestMean, step: Step, listing: Listing) -> None:
+def _(op: ir.NearestMean, step: Step, listing: Listing) -> None:
     declare_result(op, step, listing)
     columns = op.values.shape[1]
     listing.local(f"abUsed{step.number}", "BOOL", columns)
@@ -580,7 +558,7 @@ def _(op: NearestMean, step: Step, listing: Listing) -> None:
 
 
 @lay_out.register
-def _(op: WeightedMedian, step: Step, listing: Listing) -> None:
+def _(op: ir.WeightedMedian, step: Step, listing: Listing) -> None:
     declare_result(op, step, listing)
     columns = len(op.weights)
     listing.local(f"abUsed{step.number}", "BOOL", columns)
@@ -601,7 +579,7 @@ def _(op: WeightedMedian, step: Step, listing: Listing) -> None:
 
 
 @lay_out.register
-def _(op: FactoredKernel, step: Step, listing: Listing) -> None:
+def _(op: ir.FactoredKernel, step: Step, listing: Listing) -> None:
     declare_result(op, step, listing)
     lengths = [len(axis) for axis in op.axes]
     listing.loop("nRow", sum(lengths), op.coefficients.size // lengths[-1])
@@ -633,10 +611,10 @@ def _(op: FactoredKernel, step: Step, listing: Listing) -> None:
         intercept=listing.table(step.table("INTERCEPT"), "LREAL", op.intercept),
         last_output=op.width - 1,
         exp_reach=step.exp_reach,
-        single=op.precision is Precision.FLOAT32,
+        single=op.precision is ir.Precision.FLOAT32,
     )
 
 
-def declare_result(op: Operation, step: Step, listing: Listing) -> None:
+def declare_result(op: ir.Operation, step: Step, listing: Listing) -> None:
     """Declare the array that takes the results of an operation."""
     listing.local(step.result, "LREAL", op.width)

@@ -54,10 +54,9 @@ class Target(ABC):
     `dialect.st.j2` says how the dialect writes what differs. `compiles` says whether the passes rewrite the models
     first; a target that hands the models themselves on has False. `has_tests` says whether test suites can be written,
     `has_configuration` whether a CONFIGURATION can, `has_comparison` whether programs for `compare` and `record` can,
-    `has_project_forms` whether there is a choice of `ProjectForm`,
-    `may_lack_lreal` whether controllers without LREAL are among those that it is for, `lreal_note` which of its vendor
-    it is not for,
-    `is_portable` whether all of the text is of the subset that strict compilers of other vendors accept.
+    `has_project_forms` whether there is a choice of `ProjectForm`, `may_lack_lreal` whether controllers without LREAL
+    are among those that it is for, `lreal_note` which of its vendor it is not for, `is_portable` whether all of the
+    text is of the subset that strict compilers of other vendors accept.
     """
 
     name: str

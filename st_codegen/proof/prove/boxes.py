@@ -53,11 +53,6 @@ class Space:
         other.low, other.high, other.nan = self.low.copy(), self.high.copy(), self.nan.copy()
         return other
 
-    def keep(self, lanes: IntArray) -> None:
-        """Go on with these boxes alone, in this order."""
-        self.low, self.high, self.nan = self.low[lanes], self.high[lanes], self.nan[lanes]
-        self.parents.append(lanes)
-
     def decide(
         self, feature: IntArray, last: IntArray, below: BoolArray, nan: BoolArray, active: BoolArray
     ) -> BoolArray:

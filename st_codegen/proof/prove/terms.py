@@ -194,7 +194,7 @@ class Terms:
         known = self._known_quotient(*arguments)
         low, high = given[1][0], given[1][1]
         divisors = [low, high]
-        if low < 0 < high or low in (0.0,) or high in (0.0,):
+        if low <= 0 <= high:
             divisors = ([low] if low < 0 else []) + ([-least] if low < 0 else []) + ([least, high] if high > 0 else [])
         with np.errstate(all="ignore"):
             found = [float(np.float64(a) / np.float64(b)) for a in given[0][:2] for b in divisors]

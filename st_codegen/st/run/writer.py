@@ -118,10 +118,10 @@ class Writer:
         self.lines.append(f"  {name} = {text}")
         return name
 
-    def local(self, size: int, alignment: int = 8) -> str:
+    def local(self, size: int) -> str:
         """Memory of the function, as an address."""
         name = f"%v{next(self._numbers)}"
-        self.entry.append(f"  {name} = alloca [{size} x i8], align {alignment}")
+        self.entry.append(f"  {name} = alloca [{size} x i8], align 8")
         return name
 
     def slot(self, type_: str) -> str:

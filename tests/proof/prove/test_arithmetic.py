@@ -37,6 +37,7 @@ from st_codegen.proof.prove.prove import Verdict, prove
 from st_codegen.proof.prove.range_bound import interval, range_bound
 from st_codegen.proof.prove.terms import Terms, _exponent
 from st_codegen.proof.runner import GeneratedCode
+from tests.changes import change_once
 from tests.emit.test_emitted import generated
 from tests.models import MISSING_BEHIND, SMALL_MODELS
 from tests.models import model as model_of
@@ -181,9 +182,7 @@ def test_cases_of_one_number_changed_by_hand_are_not_proved(name, tmp_path):
     model = limit_inputs(SMALL_MODELS[f"piecewise {kind}"])
     path = tmp_path / "iec" / "FB_M.st"
     generated(model, "iec", tmp_path)
-    changed, count = re.subn(pattern, replacement, path.read_text(), count=1)
-    assert count == 1
-    path.write_text(changed)
+    change_once(path, pattern, replacement)
     code = GeneratedCode(path.parent, "iec")
     with pytest.raises(NotProvedError):
         prove_arithmetic(model, code.project, "FB_M", tuple(range(len(model.outputs))))

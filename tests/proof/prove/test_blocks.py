@@ -1,6 +1,5 @@
 """Blocks around models: an invariant of every call, and texts in which there is none."""
 
-import re
 import shutil
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from st_codegen.project.bundle import load
 from st_codegen.proof.prove.axis import NotProvedError
 from st_codegen.proof.prove.blocks import prove_block
 from st_codegen.proof.runner import GeneratedCode
+from tests.changes import change_once
 
 GOLDEN = Path(__file__).resolve().parents[3] / "golden" / "bundle"
 
@@ -75,10 +75,7 @@ def test_what_may_stop_a_controller_is_named(name, models, tmp_path):
     pattern, change, reason = FAILING[name]
     folder = tmp_path / "iec"
     shutil.copytree(GOLDEN / "generated" / "iec", folder)
-    text = (folder / "golden.st").read_text()
-    changed, count = re.subn(pattern, change, text, count=1)
-    assert count == 1
-    (folder / "golden.st").write_text(changed)
+    change_once(folder / "golden.st", pattern, change)
     with pytest.raises(NotProvedError, match=reason):
         proof(folder, models)
 
@@ -93,10 +90,7 @@ def test_what_may_stop_a_controller_is_named(name, models, tmp_path):
 def test_a_step_that_is_not_limited_is_not_claimed(pattern, change, models, tmp_path):
     folder = tmp_path / "iec"
     shutil.copytree(GOLDEN / "generated" / "iec", folder)
-    text = (folder / "golden.st").read_text()
-    changed, count = re.subn(pattern, change, text, count=1)
-    assert count == 1
-    (folder / "golden.st").write_text(changed)
+    change_once(folder / "golden.st", pattern, change)
     assert proof(folder, models).slews == ()
 
 

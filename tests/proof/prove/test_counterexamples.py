@@ -14,12 +14,9 @@ from st_codegen.proof.prove.disagree import OtherExpressionError, SearchedInputs
 from st_codegen.proof.prove.prove import Verdict, prove
 from st_codegen.proof.prove.terms import Terms
 from st_codegen.proof.runner import GeneratedCode
+from tests.changes import ulp
 
 GOLDEN = Path(__file__).resolve().parents[3] / "golden" / "lone"
-
-
-def ulp(match):
-    return match[1] + repr(float(np.nextafter(float(match[2]), np.inf)))
 
 
 def more(match):

@@ -1,7 +1,6 @@
 """Classifiers and anomaly models: the label, the scores and the decision, for every input."""
 
 import dataclasses
-import re
 
 import numpy as np
 import pytest
@@ -37,6 +36,7 @@ from st_codegen.proof.prove.arithmetic import METHOD
 from st_codegen.proof.prove.prove import Verdict, prove
 from st_codegen.proof.prove.tree_proof import SUMS, TAIL
 from st_codegen.walkers.base import LoadedModel
+from tests.changes import change_once, ulp
 from tests.classifiers import GAPS, SCORE, THREE, TWO, X, loaded
 
 #: Models without trees: decisions on a score, votes, softmax, sigmoids, distances.
@@ -97,9 +97,7 @@ def test_a_decision_changed_by_hand_is_not_proved(name, tmp_path):
     model = fitted(*EXPRESSIONS[estimator])
     generate(Bundle((model,)), "iec", tmp_path)
     (path,) = (tmp_path / "iec").glob("FB_M.st")
-    changed, count = re.subn(pattern, change, path.read_text(), count=1)
-    assert count == 1
-    path.write_text(changed)
+    change_once(path, pattern, change)
     assert prove(Bundle((model,)), tmp_path).results[0].verdict is not Verdict.PROVED
 
 
@@ -213,9 +211,7 @@ def test_what_stands_behind_trees_is_not_proved_when_it_was_changed(name, tmp_pa
     model = fitted(estimator, y, x)
     generate(Bundle((model,)), "iec", tmp_path, options=Options(layout=Layout.TREES))
     (path,) = (tmp_path / "iec").glob("FB_M.st")
-    changed, count = re.subn(pattern, change, path.read_text(), count=1)
-    assert count == 1
-    path.write_text(changed)
+    change_once(path, pattern, change)
     assert prove(Bundle((model,)), tmp_path).results[0].verdict is not Verdict.PROVED
 
 
@@ -259,13 +255,7 @@ def test_a_linear_model_in_a_leaf_that_was_changed_is_not_proved(name, tmp_path)
     model = booster("lightgbm, linear leaves")
     generate(Bundle((model,)), "iec", tmp_path)
     (path,) = (tmp_path / "iec").glob("FB_M.st")
-
-    def ulp(match):
-        return match[1] + repr(float(np.nextafter(float(match[2]), np.inf)))
-
-    changed, count = re.subn(pattern, change or ulp, path.read_text(), count=1)
-    assert count == 1
-    path.write_text(changed)
+    change_once(path, pattern, change or ulp)
     assert prove(Bundle((model,)), tmp_path).results[0].verdict is not Verdict.PROVED
 
 

@@ -5,8 +5,6 @@ it can have, each with the condition on the inputs under which it has it, in the
 The library's trees become conditions of the same kind, from the arrays that it holds itself.
 """
 
-import re
-
 import numpy as np
 import pytest
 
@@ -22,6 +20,7 @@ from st_codegen.project.bundle import Bundle
 from st_codegen.proof.prove.prove import Verdict, prove
 from st_codegen.proof.runner import GeneratedCode
 from st_codegen.st import tree as t
+from tests.changes import change_once
 from tests.classifiers import SCORE, THREE, X, loaded
 
 DOUBLE, SINGLE, NEAREST = z3.Float64(), z3.Float32(), z3.RNE()
@@ -245,8 +244,6 @@ def test_a_solver_and_prove_both_find_a_threshold_that_was_changed(layout, tmp_p
     model, estimator, output = written("labels", layout, tmp_path)
     path = tmp_path / "iec" / "FB_M.st"
     pattern = r"((?:EDGE_1_0|THRESHOLD_1) : .*\n\s+(?:\(\*.*\n\s+)?)(-?[0-9.]+)"
-    changed, count = re.subn(pattern, lambda m: m[1] + repr(float(m[2]) + 0.25), path.read_text(), count=1)
-    assert count == 1
-    path.write_text(changed)
+    change_once(path, pattern, lambda m: m[1] + repr(float(m[2]) + 0.25))
     assert prove(Bundle((model,)), tmp_path).results[0].verdict is Verdict.REFUTED
     assert differing_input(GeneratedCode(tmp_path / "iec", "iec").project, "FB_M", estimator, output) is not None

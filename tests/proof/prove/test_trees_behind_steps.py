@@ -1,7 +1,6 @@
 """Trees behind encoders, bins and flags: columns that are constant between some numbers of one input."""
 
 import dataclasses
-import re
 
 import numpy as np
 import pytest
@@ -42,6 +41,7 @@ from st_codegen.project.bundle import Bundle
 from st_codegen.proof.prove.prove import Verdict, prove
 from st_codegen.proof.prove.tree_proof import CELLS, TAIL
 from st_codegen.walkers.base import LoadedModel
+from tests.changes import change_once, ulp
 from tests.classifiers import GAPS, RANDOM, SCORE, THREE, X, loaded
 
 UNKNOWN_IS_MISSING = OrdinalEncoder(handle_unknown="use_encoded_value", unknown_value=np.nan)
@@ -105,10 +105,6 @@ def test_trees_behind_steps_are_proved_node_by_node(tmp_path):
     assert prove(Bundle((model,)), tmp_path).proved
 
 
-def ulp(match):
-    return match[1] + repr(float(np.nextafter(float(match[2]), np.inf)))
-
-
 def scaled_leaves(folder):
     lightgbm = pytest.importorskip("lightgbm")
     leaves = lightgbm.LGBMRegressor(n_estimators=3, num_leaves=4, linear_tree=True, verbose=-1, n_jobs=1)
@@ -164,9 +160,7 @@ CHANGES = {
 def test_a_step_that_was_changed_is_refuted(name, tmp_path):
     steps, pattern, change = CHANGES[name]
     model, path = generated(steps, tmp_path)
-    changed, count = re.subn(pattern, change, path.read_text(), count=1)
-    assert count == 1
-    path.write_text(changed)
+    change_once(path, pattern, change)
     (result,) = prove(Bundle((model,)), tmp_path).results
     assert result.verdict is Verdict.REFUTED, result
 
@@ -238,9 +232,7 @@ COMPUTED_CHANGES = {
 def test_what_is_changed_in_front_of_trees_is_not_proved(name, tmp_path):
     steps, pattern, change = COMPUTED_CHANGES[name]
     bundle, path = behind(COMPUTED[steps], tmp_path)
-    changed, count = re.subn(pattern, change, path.read_text(), count=1)
-    assert count == 1
-    path.write_text(changed)
+    change_once(path, pattern, change)
     (result,) = prove(bundle, tmp_path).results
     assert result.verdict is not Verdict.PROVED
     assert result.verdict is Verdict.REFUTED or name not in ("an answer without the tree", "a threshold"), result
@@ -272,9 +264,7 @@ def test_trees_behind_trees_are_proved_as_a_table(tmp_path):
     bundle, path = small_table(tmp_path)
     (result,) = prove(bundle, tmp_path).results
     assert (result.verdict, result.method) == (Verdict.PROVED, CELLS)
-    changed, count = re.subn(r"( CELL_\d+ : .*\n(?:\s+\(\*.*\*\)\n)?\s+)(-?[0-9.E-]+)", ulp, path.read_text(), count=1)
-    assert count == 1
-    path.write_text(changed)
+    change_once(path, r"( CELL_\d+ : .*\n(?:\s+\(\*.*\*\)\n)?\s+)(-?[0-9.E-]+)", ulp)
     assert prove(bundle, tmp_path).results[0].verdict is Verdict.REFUTED
 
 
@@ -293,9 +283,7 @@ STACK_CHANGES = {
 @pytest.mark.parametrize("name", STACK_CHANGES)
 def test_a_stack_that_was_changed_is_not_proved(name, tmp_path):
     bundle, path = behind("passthrough", tmp_path, STACKS["trees"], layout=Layout.TREES)
-    changed, count = re.subn(*STACK_CHANGES[name], path.read_text(), count=1)
-    assert count == 1
-    path.write_text(changed)
+    change_once(path, *STACK_CHANGES[name])
     assert prove(bundle, tmp_path).results[0].verdict is not Verdict.PROVED
 
 
