@@ -16,7 +16,7 @@ from st_codegen.reconcile.judge.candidates import Search, variants
 from st_codegen.reconcile.judge.conclusions import Conclusions, Retuned, conclude, doubted, settled
 from st_codegen.reconcile.judge.frequencies import Frequencies
 from st_codegen.reconcile.judge.in_time import _alike
-from st_codegen.reconcile.judge.lookalikes import by_order_alone, is_a_knee, may_be_of_a_law
+from st_codegen.reconcile.judge.lookalikes import by_order_alone, is_a_knee, may_be_another_power, may_be_of_a_law
 from st_codegen.reconcile.judge.peaks import bracket, chance_of_bracket, is_of_one_speed, spread
 from st_codegen.reconcile.judge.plausible import bounds_met, is_its_own, is_no_form_error, lack_of_forms, law_holds
 from st_codegen.reconcile.judge.retuned import changes, with_piece_held
@@ -77,6 +77,17 @@ def test_a_change_no_larger_than_what_noise_hides_of_a_law_may_be_one(noises, is
     """A delay in proportion to the speed, of some orders alone, was said to have changed amplitudes by a noise."""
     truth = with_values(RIG, 2, amplitude_deg=1e-3 + noises * SIGMA)
     assert may_be_of_a_law(fitted(RIG, observed(truth, grid())), 2) is is_open
+
+
+@pytest.mark.parametrize(("noises", "power", "is_open"), [(40, 1.0, False), (40, 2.0, True), (1, 1.0, True)])
+def test_a_mesh_that_follows_another_power_of_the_load_as_well_may_be_something_else(noises, power, is_open):
+    """Of 26 runs a square law was said to grow by so much per 1000 N m, and nothing else."""
+    at, slope = grid(6, 5, 1), effect("load_dependent_mesh", order=39, slope_deg_per_kNm=noises * SIGMA)
+    data = observed(RIG, at)
+    data.values[:, list(data.orders).index(39)] += noises * SIGMA * (at.torque_Nm / at.torque_Nm.max()) ** power
+    first = fitted(RIG, data)
+    joint = fit(first.target, first.state.with_piece(piece_of(slope, added=True)))
+    assert may_be_another_power(joint, len(joint.state.pieces) - 1) is is_open
 
 
 def test_what_several_parameters_of_the_rig_may_have_made_is_not_unexplained():

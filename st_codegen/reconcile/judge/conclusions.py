@@ -24,6 +24,7 @@ from st_codegen.reconcile.judge.lookalikes import (
     left_of_a_delay,
     left_of_a_smoothing,
     left_of_filters,
+    may_be_another_power,
     may_be_friction,
     may_be_of_a_law,
     may_be_of_the_turn,
@@ -335,7 +336,7 @@ def _retuned(
     is_open = gains_one_sideband(before, after) or is_a_knee(final, after) or may_be_friction(final, after)
     # another size of a constant wave is what a wave from elsewhere would make
     is_open |= may_be_time(final, after) or may_be_of_the_turn(after) or by_order_alone(final, number)
-    is_open |= may_be_of_a_law(final, number)
+    is_open |= may_be_of_a_law(final, number) or may_be_another_power(final, number)
     return Retuned(before, after, errors, p, others, is_open, tuple(sorted(names)))
 
 
@@ -382,7 +383,7 @@ def _claim(
     # nobody has counted how often a sideband without its twin is one
     one_side = piece.effect.stage is Stage.MODULATION and len(told_sides(piece, stderr)) < 2
     is_open = alone or one_side or may_be_friction(final, piece.effect) or may_be_time(final, piece.effect)
-    is_open |= may_be_of_the_turn(piece.effect)
+    is_open |= may_be_of_the_turn(piece.effect) or may_be_another_power(final, number)
     counted = SETTINGS.names_by_order if alone else SETTINGS.names_by_more
     return Claim(
         piece=piece,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 
@@ -134,6 +134,40 @@ def told_sides(piece: Piece, stderr: dict[str, float]) -> set[str]:
     """
     sizes = {key for key in stderr if key.endswith(("_ratio", "_deg"))}
     return {key.partition("_")[0] for key in sizes if piece.effect.scalar(key) > SETTINGS.told * stderr[key]}
+
+
+#: What else a mesh order may follow of the load: contact between lines and points, and what grows faster than the load.
+_POWERS_OF_A_MESH = (0.5, 2 / 3, 1.5, 2.0)
+
+
+def may_be_another_power(final: Fit, number: int) -> bool:
+    """Whether a mesh order that grows in proportion to the load follows another power of it about as well.
+
+    Beside a constant, where that is free as well.
+    """
+    piece, data, good = final.state.pieces[number], final.target.data, final.target.good
+    if piece.effect.name != "load_dependent_mesh" or data.angle_rad is not None:
+        return False
+    others = [one for i, one in enumerate(final.state.pieces) if i != number and one.free]
+    order = set(piece.effect.orders)
+    constant = any(order & set(one.effect.orders) for one in others if is_a_constant_wave(one.effect))
+    column = np.isin(data.orders, piece.effect.orders)
+    sigma = final.target.sigma[good][:, column]
+    wanted = (final.residual + explained(final, piece))[good][:, column] / sigma
+    load, sign = np.abs(data.at.torque_Nm[good]), data.at.sign[good]
+
+    def left(power: float) -> float:
+        """What a wave of each direction leaves whose height is a power of the load, in noises squared."""
+        law = (load / max(float(load.max(initial=0.0)), 1e-300)) ** power
+        laws = np.stack([law, *([np.ones(len(law))] if constant else [])], axis=1).astype(np.complex128)
+        found = 0.0
+        for side, k in product(np.unique(sign), range(wanted.shape[1])):
+            rows = sign == side
+            design, values = laws[rows] / sigma[rows, k : k + 1], wanted[rows, k]
+            found += float((np.abs(values - design @ np.linalg.lstsq(design, values, rcond=None)[0]) ** 2).sum())
+        return found
+
+    return min(map(left, _POWERS_OF_A_MESH)) < left(1.0) + SETTINGS.as_good
 
 
 #: A law that is nothing at one end of a condition and grows in proportion to it is a constant, and what differs from it
