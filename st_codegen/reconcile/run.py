@@ -18,6 +18,7 @@ from st_codegen.reconcile.data.noise import Noise, estimate
 from st_codegen.reconcile.data.observations import Observations, rms_deg
 from st_codegen.reconcile.data.reading import check, check_channels, read_measured
 from st_codegen.reconcile.data.recordings import (
+    ANGLES,
     Recording,
     is_recording,
     observations,
@@ -47,6 +48,7 @@ from st_codegen.reconcile.judge.measurement import Examined, examine
 from st_codegen.reconcile.judge.misread import Misread, in_place_of_the_rest, refined
 from st_codegen.reconcile.judge.mistakes import AS_IS, Mistake, mistaken_runs
 from st_codegen.reconcile.judge.plausible import lack_of_forms
+from st_codegen.reconcile.judge.recorded import check_accepted, check_recordings
 from st_codegen.reconcile.judge.selection import search, with_noise_of
 from st_codegen.reconcile.judge.structure import (
     floors,
@@ -197,7 +199,16 @@ def reconcile_files(
     rig = rig.of_effects()
     files = recordings_in(measured)
     if files:
-        return reconcile_recordings(rig, read_recordings(files), known, progress)
+        recordings = read_recordings(files)
+        check_accepted(scale, accept, measured)
+        if AS_IS not in accept:
+            check_recordings(recordings, rig, measured)
+        others = [file.name for file in sorted(measured.glob("*.csv")) if file not in files]
+        result = reconcile_recordings(rig, recordings, known, progress)
+        if not others:
+            return result
+        aside = f"{', '.join(others)}: no recordings, which have the columns t and {', '.join(ANGLES)}"
+        return replace(result, data=replace(result.data, not_looked_at=(*result.data.not_looked_at, aside)))
     data = read_measured(measured, rig, progress, skip_bad=skip_bad, scale=scale or 1.0).without_copies()
     if scale is not None:
         data = data.scaled(scale)

@@ -24,6 +24,12 @@ class Settings:
     #: samples of a recording that the common core is given at most: the information of more is in their mean already
     most_samples: int = 6000
     least_samples: int = 200
+    #: samples of each recording by which readings in other units are compared
+    samples_that_tell: int = 500
+    #: how near one angle over another is to the factor of a unit: no transmission error is so large a part of it
+    exact_factor: float = 0.01
+    #: no oil of a gear is hotter
+    hottest_oil_C: float = 200.0
     #: waves of noise agree over n runs by 1/n; over both directions by so many times that in one of a thousand orders,
     #: so that of 400 so many are no chance; a wave that is less than half of what a run shows is below its noise
     shared_sure: float = 9.0

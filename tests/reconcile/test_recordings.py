@@ -1,6 +1,8 @@
 """Recordings over time: which angles suffice, and all that is wrong with a file at once."""
 
+from contextlib import nullcontext
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,10 +10,11 @@ import pytest
 
 from st_codegen.errors import InputError
 from st_codegen.reconcile.data.observations import Observations
-from st_codegen.reconcile.data.recordings import ANGLES, is_recording, observations, read_recordings
+from st_codegen.reconcile.data.recordings import ANGLES, Recording, is_recording, observations, read_recordings
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.lines import _slow, lines_in_samples, stand_out, waves_of_angle
 from st_codegen.reconcile.judge.links import _judged, _noise
+from st_codegen.reconcile.judge.recorded import check_recordings
 from st_codegen.reconcile.outcome import Outcome
 from st_codegen.reconcile.report.sentences import floor_text, left_text, verdict_text
 from st_codegen.reconcile.run import reconcile_files, reconcile_recordings
@@ -284,3 +287,80 @@ def test_a_hum_above_the_orders_is_not_called_nothing(floor, near, is_said):
         return
     assert ("0.0029 deg, is more than the noise from sample to sample, 0.0005 deg" in said) == is_said
     assert ("no line among the orders" in floor_text(result)) == is_said
+
+
+def _asked(tmp_path, changes, accept=()):
+    """What is asked of a recording whose columns are changed, and that has speeds as well."""
+    rig = recorded(tmp_path / "r.csv")
+    (r,) = read_recordings([tmp_path / "r.csv"])
+    columns = {"t": r.time_s, **r.angles, "torque_Nm": r.at.torque_Nm, "temperature_C": r.at.temperature_C}
+    columns |= {"speed_rpm": r.at.speed_rpm}
+    columns |= {name: change(columns[name]) for name, change in changes.items()}
+    rows = np.column_stack(list(columns.values()))
+    np.savetxt(tmp_path / "r.csv", rows, "%.12g", ",", header=",".join(columns), comments="")
+    with pytest.raises(InputError) as caught:
+        reconcile_files(rig, tmp_path / "r.csv", catalogue(()), accept=accept)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"theta_out": np.deg2rad}, "as if theta_out is in rad"),
+        ({"theta_out": lambda x: 3600 * x}, "as if theta_out is in arcsec"),
+        ({"theta_out": np.negative}, "as if one of the two has the other sign"),
+        ({"theta_in": lambda x: x % 360}, "theta_in jumps by -35"),
+        ({"theta_in": lambda x: x * 79 / 81, "theta_mot": lambda x: x * 79 / 81}, "a ratio of about 79.01, the rig has 81"),
+        ({"theta_out": lambda x: x + 40 / 9}, "theta_out is 4.44 deg, 1 turns of the fast side, off theta_in"),
+        ({"theta_out": lambda x: x + 4.0 * (np.arange(len(x)) > 2000)}, "at t = 2.001 s: were turns lost?"),
+        ({"theta_out": lambda x: np.minimum(x, 100.0)}, "theta_out does not follow theta_in over the ratio, 81, nor"),
+        ({"theta_out": lambda x: 0.0 * x}, "theta_out never changes"),
+        ({"theta_mot": lambda x: 1.001 * x + 200.0}, "theta_mot and theta_in are up to"),
+        ({"speed_rpm": lambda x: x / 81}, "speed_rpm is 0.01235 times the rate"),
+        ({"t": lambda x: 1000 * x}, "speed_rpm is 1000 times the rate"),
+        ({"temperature_C": lambda x: x + 273.15}, "no oil has 303.15 degC; is temperature_C in K?"),
+    ],
+)
+def test_units_zeros_and_signs_are_asked_about(changes, said, tmp_path):
+    """It listed orders of a thousand degrees each, and no word of the unit."""
+    found = _asked(tmp_path, changes)
+    assert said in found and "give --accept as_is" in found
+
+
+def test_a_gap_of_a_whole_turn_is_no_angle_that_begins_anew(tmp_path):
+    recorded(tmp_path / "r.csv")
+    lines = (tmp_path / "r.csv").read_text().splitlines()
+    rows = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]])
+    rig = parse_rig(RIG)
+    (r,) = read_recordings([tmp_path / "r.csv"])
+    assert rows[100, 1] - rows[0, 1] == pytest.approx(360.0)
+    check_recordings([r.rows(np.delete(np.arange(len(rows)), np.arange(1000, 1099)))], rig, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"), [(-1.0, "of the other sign"), (1 / 81, "those of the input"), (1e-3, "in kN m"), (0.8, None)]
+)
+def test_loads_in_another_unit_are_asked_about(factor, said):
+    """The compliance was said to be 81 times as soft, with something_else."""
+    rig = parse_rig(RIG + """[[effect]]\nname = "torsional_compliance"\nstiffness_Nm_per_arcmin = 450.0\n""")
+    time = np.arange(1000) * 1e-2
+    at = Conditions.of(np.ones(1000), 600.0, 400.0 + 100.0 * time, 30.0)
+    out = 3600.0 / 81.0 * time
+    te = rig.te_deg(out, at.sign, at.speed_rpm, at.torque_Nm, at.temperature_C)
+    read = replace(at, torque_Nm=factor * at.torque_Nm)
+    r = Recording("r.csv", time, {"theta_in": 81.0 * (out - te), "theta_out": out}, read)
+    is_asked = pytest.raises(InputError, match=f"the torques look like .*{said}") if said else nullcontext()
+    with is_asked:
+        check_recordings([r], rig, Path("r.csv"))
+
+
+def test_corrections_of_recordings_are_refused(tmp_path):
+    """They were passed over in silence."""
+    assert "recordings over time are not corrected" in _asked(tmp_path, {}, accept=("sign",))
+
+
+def test_files_beside_recordings_are_named(tmp_path):
+    """They were left out without a word."""
+    rig = recorded(tmp_path / "r.csv")
+    (tmp_path / "other.csv").write_text("time,theta_in,theta_out\n0,1,2\n")
+    assert "other.csv: no recordings" in reconcile_files(rig, tmp_path, catalogue(())).data.not_looked_at[0]

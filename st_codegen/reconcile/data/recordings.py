@@ -7,7 +7,7 @@ by sample. Columns and signs: docs/effects.md.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from st_codegen.errors import Problems
 from st_codegen.files.csv_tables import header_of, read_csv
-from st_codegen.ir.arrays import FloatArray
+from st_codegen.ir.arrays import FloatArray, IntArray
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
@@ -24,7 +24,9 @@ from st_codegen.rig.model import RigModel
 
 ANGLES = ("theta_ref", "theta_mot", "theta_in", "theta_out")
 #: angles of the fast side, the one nearest to the reducer first
-_FAST = ("theta_in", "theta_mot", "theta_ref")
+FAST = ("theta_in", "theta_mot", "theta_ref")
+#: samples whose waves are made at once: some 50 MB
+_AT_ONCE = 100_000
 _CONDITIONS = ("speed_rpm", "torque_Nm", "temperature_C")
 
 
@@ -36,6 +38,11 @@ class Recording:
     time_s: FloatArray
     angles: dict[str, FloatArray]
     at: Conditions
+
+    def rows(self, index: IntArray) -> Recording:
+        """The samples of an index array."""
+        angles = {name: angle[index] for name, angle in self.angles.items()}
+        return Recording(self.name, self.time_s[index], angles, self.at.rows(index))
 
 
 def is_recording(path: Path) -> bool:
@@ -61,7 +68,7 @@ def _read(path: Path) -> Recording:
     if missing := [name for name in ("t", "torque_Nm", "temperature_C") if name not in columns]:
         problems.add(f"the columns {', '.join(missing)} are missing")
     angles = {name: columns[name] for name in ANGLES if name in columns}
-    if len(angles) < 2 or not angles.keys() & set(_FAST):
+    if len(angles) < 2 or not angles.keys() & set(FAST):
         problems.add(
             f"the angles {', '.join(angles)} do not suffice: two of {', '.join(ANGLES)} are needed to tell a difference"
         )
@@ -74,10 +81,7 @@ def _read(path: Path) -> Recording:
     if not bad and (np.diff(time) <= 0).any():
         problems.add(f"the time does not rise from row {int(np.argmax(np.diff(time) <= 0)) + 2} to the next")
     problems.raise_if_any()
-    smooth = next(angles[name] for name in ("theta_ref", "theta_in", "theta_mot") if name in angles)
-    speed = np.gradient(smooth, time)
-    if "theta_ref" not in angles:
-        speed = _smoothed(speed, 15)
+    speed = speed_of(angles, time)
     given = columns.get("speed_rpm", np.abs(speed) / 6.0)
     at = Conditions(_directions(speed), np.abs(given), columns["torque_Nm"], columns["temperature_C"])
     return Recording(path.name, time, angles, at)
@@ -90,6 +94,13 @@ def _columns(path: Path) -> dict[str, FloatArray]:
     values = table.numbers(table.names, problems, is_finite=False)
     problems.raise_if_any()
     return dict(zip(table.names, values.T, strict=True))
+
+
+def speed_of(angles: Mapping[str, FloatArray], time_s: FloatArray) -> FloatArray:
+    """The rate of the fast side, deg/s (n,): of the reference, else of a measured angle over some samples."""
+    smooth = next(angles[name] for name in ("theta_ref", "theta_in", "theta_mot") if name in angles)
+    speed: FloatArray = np.gradient(smooth, time_s)
+    return speed if "theta_ref" in angles else _smoothed(speed, 15)
 
 
 def _smoothed(values: FloatArray, count: int) -> FloatArray:
@@ -112,19 +123,22 @@ def observations(recordings: Sequence[Recording], rig: RigModel) -> Observations
     for r in recordings:
         if "theta_out" in r.angles:
             out = r.angles["theta_out"]
-            te = out - _input_angle(r, rig) / rig.constants.reduction_ratio
+            te = error_of(r, rig)
         else:
             # nothing is measured of the reducer: nothing differs there
             out = next(iter(r.angles.values())) / rig.constants.reduction_ratio
-            te = rig.te_deg(out, r.at.sign, r.at.speed_rpm, r.at.torque_Nm, r.at.temperature_C)
+            te = expected_error(r, out, rig)
         # standstill says nothing of the direction, and little of anything else
         moving = r.at.speed_rpm > 0.02 * r.at.speed_rpm.max()
         parts.append((r, out, te, np.flatnonzero(moving)))
-        bends.append(np.diff(te, n=2)[moving[2:] & moving[1:-1] & moving[:-2]])
+        bends.append(np.diff(te - expected_error(r, out, rig), n=2)[moving[2:] & moving[1:-1] & moving[:-2]])
     step = max(1, -(-sum(len(rows) for *_, rows in parts) // SETTINGS.most_samples))
     labels, values, angles, conditions = [], [], [], []
+    # even steps would show each order as others too
+    random = np.random.default_rng(0)
     for r, out, te, rows in parts:
-        chosen = rows[::step]
+        first = np.arange(0, len(rows), step)
+        chosen = rows[first + random.integers(0, np.minimum(step, len(rows) - first))]
         labels += [f"{r.name}, t = {r.time_s[i]:g} s" for i in chosen]
         values.append(te[chosen])
         angles.append(np.deg2rad(out[chosen]))
@@ -141,6 +155,25 @@ def observations(recordings: Sequence[Recording], rig: RigModel) -> Observations
     neighbours = float(np.sqrt(squares.mean() / 6.0)) if len(squares) else np.inf
     orders, places = np.zeros(1, np.int64), np.concatenate(angles)
     return Observations(at, tuple(labels), orders, column, places, inside, neighbours_deg=neighbours)
+
+
+def expected_error(r: Recording, out: FloatArray, rig: RigModel) -> FloatArray:
+    """The transmission error that the rig has, deg (n,): what sensors of the conditions scatter by is in it."""
+    parts = np.array_split(np.arange(len(out)), max(1, len(out) // _AT_ONCE))
+    at = [r.at.rows(part) for part in parts]
+    found: FloatArray = np.concatenate(
+        [
+            rig.te_deg(out[part], a.sign, a.speed_rpm, a.torque_Nm, a.temperature_C)
+            for part, a in zip(parts, at, strict=True)
+        ]
+    )
+    return found
+
+
+def error_of(r: Recording, rig: RigModel) -> FloatArray:
+    """The transmission error of a recording with theta_out, deg (n,)."""
+    found: FloatArray = r.angles["theta_out"] - _input_angle(r, rig) / rig.constants.reduction_ratio
+    return found
 
 
 def _input_angle(r: Recording, rig: RigModel) -> FloatArray:
