@@ -149,12 +149,15 @@ class Reconciliation:
     def verdict(self) -> Outcome:
         """Whether what differs is named, and whether more than noise is left."""
         named = bool(self.conclusions.claims or self.conclusions.retuned or self.conclusions.offset_changed)
-        # few runs can leave more than noise in which no pattern is seen
-        more_than_noise = self.fitted.after > SETTINGS.clearly_larger * self.fitted.noise_floor
-        found = Outcome.of(named=named, is_more_left=bool(self.unexplained) or more_than_noise)
+        found = Outcome.of(named=named, is_more_left=bool(self.unexplained) or self._is_more_than_noise)
         # what a few runs leave may be noise, or what their model lacks between them
         few = found is Outcome.EXPLAINED and self.data.few_points
         return Outcome.PARTLY_EXPLAINED if few else found
+
+    @property
+    def _is_more_than_noise(self) -> bool:
+        """Whether more than noise is left: few runs, or samples over time, can leave that without a pattern."""
+        return self.fitted.after > SETTINGS.clearly_larger * self.fitted.noise_floor
 
     @property
     def floor_is_bound(self) -> bool:
@@ -162,7 +165,7 @@ class Reconciliation:
 
         What runs differ by from others holds what is unexplained, or varies between few runs, as well as the noise.
         """
-        return bool(self.unexplained) or self.data.few_points
+        return bool(self.unexplained) or self.data.few_points or self._is_more_than_noise
 
     @property
     def scatter_beside_floor_deg(self) -> float:
@@ -540,7 +543,7 @@ def _unexplained(
         lines = lines_in_samples(target, after, gap_power)
         # the samples that were looked at are so far apart that waves change from one to the next
         rest = float((after.real**2).mean()) - sum(one.rms_deg**2 for one in lines)
-        return np.minimum(noise.floor_rms, np.sqrt(max(rest, data.neighbours_deg**2))), lines
+        return np.minimum(noise.floor_rms, np.sqrt(max(rest, data.neighbours_deg**2, data.rounded_deg**2))), lines
     floor_rms = floors(target, after, noise.floor_rms)
     kept = excused(data, after, noise, is_lacking(target, after))
     kept |= loud_and_foreign(target, after, final.state.rig.orders())

@@ -226,7 +226,9 @@ def _of_samples(data: Observations, residual: ComplexArray) -> Noise:
     smooth = np.diff(residual.real, n=3, axis=0) / np.sqrt(20.0)
     size = np.median(np.abs(smooth), axis=0) / MEDIAN_1
     sigma = np.maximum(np.minimum(size, np.median(np.abs(residual.real), axis=0) / MEDIAN_1), 1e-12)
-    floor = np.sqrt((np.minimum(np.abs(smooth), 6 * size) ** 2).mean(axis=0))
+    # what is rounded may differ little from one sample to the next
+    sigma = np.maximum(sigma, data.rounded_deg)
+    floor = np.maximum(np.sqrt((np.minimum(np.abs(smooth), 6 * size) ** 2).mean(axis=0)), data.rounded_deg)
     return Noise(
         np.broadcast_to(sigma, residual.shape).copy(), np.minimum(floor, 1.3 * sigma), np.ones(len(data), bool), ()
     )

@@ -119,11 +119,14 @@ def _directions(speed: FloatArray) -> FloatArray:
 
 def observations(recordings: Sequence[Recording], rig: RigModel) -> Observations:
     """The transmission error of recordings as samples for the common core."""
-    parts, bends = [], [np.zeros(0)]
+    parts, bends, rounded = [], [np.zeros(0)], 0.0
     for r in recordings:
         if "theta_out" in r.angles:
             out = r.angles["theta_out"]
             te = error_of(r, rig)
+            fast = next(name for name in FAST if name in r.angles)
+            steps = step_of(out), step_of(r.angles[fast]) / rig.constants.reduction_ratio
+            rounded = max(rounded, float(np.hypot(*steps)) / np.sqrt(12.0))
         else:
             # nothing is measured of the reducer: nothing differs there
             out = next(iter(r.angles.values())) / rig.constants.reduction_ratio
@@ -154,7 +157,24 @@ def observations(recordings: Sequence[Recording], rig: RigModel) -> Observations
     squares = np.concatenate(bends) ** 2
     neighbours = float(np.sqrt(squares.mean() / 6.0)) if len(squares) else np.inf
     orders, places = np.zeros(1, np.int64), np.concatenate(angles)
-    return Observations(at, tuple(labels), orders, column, places, inside, neighbours_deg=neighbours)
+    return Observations(
+        at, tuple(labels), orders, column, places, inside, neighbours_deg=neighbours, rounded_deg=rounded
+    )
+
+
+def step_of(angle: FloatArray) -> float:
+    """The step of which all values of an angle are multiples, deg: of decimals or of an encoder; 0 without one."""
+    counts = {lines * times for lines in SETTINGS.encoder_lines for times in (1, 4)} | {2**n for n in range(8, 25)}
+    tried = {d * 10.0**-n for n in range(6) for d in (1.0, 2.0, 5.0)} | {360.0 / count for count in counts}
+    values, bends = angle - angle[0], np.abs(np.diff(angle, n=2))
+    dust = 1e-9 * float(np.abs(angle).max())
+    for step in sorted(tried, reverse=True):
+        off = np.abs(values - step * np.round(values / step))
+        # an even motion may go in whole steps; what is rounded is one step too early or too late now and then
+        wobbles = np.abs(bends / step - 1.0) < 0.1
+        if float(off.max()) < 1e-3 * step + dust < 0.01 * step and wobbles.mean() > SETTINGS.least_wobbles:
+            return step
+    return 0.0
 
 
 def expected_error(r: Recording, out: FloatArray, rig: RigModel) -> FloatArray:

@@ -596,6 +596,9 @@ def doubted(
     rows = [k for k in left if {k + 1, k + 2} <= set(left)]
     reached |= {beyond for k in rows for beyond in (k - 2, k - 1, k + 3, k + 4) if beyond > 0}
 
+    # of samples over time all that moves the mean slowly, as a step or a drift, moves what is found of the mean as well
+    samples = found.final.target.data.angle_rad is not None
+    slow = {0} & set(left) if samples else set()
     # what changed in one direction alone is half of what turns with it, and half of what does not
     halves = _ONE_SIDED if found.names >= _ONE_SIDED else frozenset()
 
@@ -606,10 +609,12 @@ def doubted(
         return effect.name in halves or bool(its & set(orders))
 
     claims = tuple(
-        replace(claim, alternatives=(*claim.alternatives, SOMETHING_ELSE), counted=SETTINGS.names_by_order)
-        if (is_open(claim.piece.effect, near) or (is_broad and claim.piece.effect.least_foreign))
+        replace(
+            claim, alternatives=(*claim.alternatives, SOMETHING_ELSE), counted=claim.counted and SETTINGS.names_by_order
+        )
+        if (is_open(claim.piece.effect, near | slow) or (is_broad and claim.piece.effect.least_foreign))
         and SOMETHING_ELSE not in claim.alternatives
-        and claim.counted
+        and (claim.counted or slow)
         else claim
         for claim in found.claims
     )
@@ -617,7 +622,7 @@ def doubted(
         replace(one, is_open=one.is_open or is_open(one.after, near | reached | broad | set(left)))
         for one in found.retuned
     )
-    return replace(found, claims=claims, retuned=retuned, offset_is_open=is_broad)
+    return replace(found, claims=claims, retuned=retuned, offset_is_open=is_broad or bool(slow))
 
 
 def _of_what_is_many(found: Conclusions) -> set[int]:
