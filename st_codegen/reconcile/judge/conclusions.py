@@ -577,14 +577,20 @@ def _own_gap(rig: RigModel, final: Fit, piece: Piece) -> tuple[float, float]:
 
 
 def doubted(
-    found: Conclusions, left: Collection[int], beside: Collection[int], made: Collection[int] = ()
+    found: Conclusions,
+    left: Collection[int],
+    beside: Collection[int],
+    made: Collection[int] = (),
+    *,
+    in_samples: bool = False,
 ) -> Conclusions:
     """Conclusions whose names have the alternative `something_else` where what stays unexplained says so.
 
     left: orders that stay unexplained: what is there may have changed a parameter of the rig on them as well; beside:
     those of them that lie one beside the rig's orders, as where an angle is read wrong: what does that changes the
     orders between them, too; made: the rig's orders. Many others that are left, as a step at one angle makes them, or
-    what dies away behind the start of a curve, reach all up to twice the highest, and the mean.
+    what dies away behind the start of a curve, reach all up to twice the highest, and the mean. In samples over time
+    all that moves the mean slowly, as a step or a drift, moves what is found of the mean as well.
     """
     foreign = sorted(order for order in {*left, *_of_what_is_many(found)} if order > 0 and order not in made)
     is_broad = len(foreign) >= SETTINGS.shared_orders
@@ -596,9 +602,7 @@ def doubted(
     rows = [k for k in left if {k + 1, k + 2} <= set(left)]
     reached |= {beyond for k in rows for beyond in (k - 2, k - 1, k + 3, k + 4) if beyond > 0}
 
-    # of samples over time all that moves the mean slowly, as a step or a drift, moves what is found of the mean as well
-    samples = found.final.target.data.angle_rad is not None
-    slow = {0} & set(left) if samples else set()
+    slow = {0} & set(left) if in_samples else set()
     # what changed in one direction alone is half of what turns with it, and half of what does not
     halves = _ONE_SIDED if found.names >= _ONE_SIDED else frozenset()
 
