@@ -400,6 +400,8 @@ class Settings:
     #: so many standard errors (8) of them, less than the 10 that are asked of what is told
     most_lines: int = 8
     most_waves_of_mean: int = 64
+    #: part of a wave that a recording must hold to tell that it is one: the steps of samples may take a little off it
+    least_of_wave: float = 0.9
     #: a wave that changes over samples is told anew in pieces of at least so much of a turn, so many of its periods and
     #: so many samples: two numbers are told of it, and a piece of a resonance that is passed is hardly shorter
     piece_of_turn: float = 0.125

@@ -369,7 +369,7 @@ def test_files_beside_recordings_are_named(tmp_path):
     """They were left out without a word."""
     rig = recorded(tmp_path / "r.csv")
     (tmp_path / "other.csv").write_text("time,theta_in,theta_out\n0,1,2\n")
-    assert "other.csv: no recordings" in reconcile_files(rig, tmp_path, catalogue(())).data.not_looked_at[0]
+    assert "other.csv: no recordings" in reconcile_files(rig, tmp_path, catalogue(())).data.not_looked_at[-1]
 
 
 def test_a_wave_that_grows_and_fades_has_its_whole_size():
@@ -441,3 +441,22 @@ def test_a_zero_beside_a_mean_that_moves_may_be_something_else():
     result = reconcile_recordings(rig, [r], catalogue(()))
     assert result.conclusions.offset_changed and result.conclusions.offset_is_open
     assert result.floor_is_bound and [one.order for one in result.unexplained] == [0]
+
+
+def test_of_an_axis_that_stands_nothing_is_told(tmp_path):
+    """Its noise was an error of the pins of half a degree."""
+    found = _asked(tmp_path, {name: lambda x: 0.0 * x for name in ANGLES} | {"speed_rpm": lambda x: 0.0 * x})
+    assert "the fast side turns by 0 of a turn at most" in found
+
+
+def test_of_less_than_a_wave_no_order_is_told(tmp_path):
+    rig = recorded(tmp_path / "r.csv")
+    (r,) = read_recordings([tmp_path / "r.csv"])
+    data = observations([r.rows(np.arange(1000))], rig)
+    assert data.inside == (0, 1, *(order for order in data.inside if order >= 8)) and len(data.inside) > 10
+    assert "orders below 8.15: the output turns by 0.12 of a turn at most" in data.not_looked_at[0]
+    angle = np.linspace(0.0, 0.8 * np.pi, 3000)
+    slow = replace(data.rows(np.zeros(3000, int)), angle_rad=angle, neighbours_deg=1e-6)
+    samples = 1e-3 * np.cos(angle) + 1e-6 * np.random.default_rng(0).standard_normal(3000)
+    target = FitData(slow, np.full((3000, 1), 1e-6), np.ones(3000, bool), groups_of(slow.at))
+    assert not {1, 2} & {one.order for one in lines_in_samples(target, samples[:, None].astype(complex), 1.0)}

@@ -151,15 +151,36 @@ def observations(recordings: Sequence[Recording], rig: RigModel) -> Observations
     highest = 3.1 * max(constants.cycloid_teeth, constants.pins)
     mesh = [k for k in constants.mesh_orders() if k <= highest]
     sides = [k + d for k in mesh for d in (-constants.cranks, constants.cranks)]
-    inside = tuple(sorted({0, 1, 2, constants.cranks, *rig.orders(), *mesh, *sides, *range(13)}))
+    turns = turned(recordings, rig)
+    # of less than a wave nobody can tell that it is one
+    told = {order for order in {constants.cranks, *mesh, *sides, *range(13)} if order * turns >= SETTINGS.least_of_wave}
+    inside = tuple(sorted({0, *rig.orders(), *told}))
+    aside = f"orders below {1 / max(turns, 1e-6):.3g}: the output turns by {turns:.2g} of a turn at most, less than a wave of them"
     column = np.concatenate(values).astype(np.complex128)[:, None]
     # second differences of white noise have six times its variance; what is smooth over samples hardly has any
     squares = np.concatenate(bends) ** 2
     neighbours = float(np.sqrt(squares.mean() / 6.0)) if len(squares) else np.inf
     orders, places = np.zeros(1, np.int64), np.concatenate(angles)
     return Observations(
-        at, tuple(labels), orders, column, places, inside, neighbours_deg=neighbours, rounded_deg=rounded
+        at,
+        tuple(labels),
+        orders,
+        column,
+        places,
+        inside,
+        neighbours_deg=neighbours,
+        rounded_deg=rounded,
+        not_looked_at=(aside,) if turns < SETTINGS.least_of_wave else (),
     )
+
+
+def turned(recordings: Sequence[Recording], rig: RigModel) -> float:
+    """Turns of the output over which the recording goes that goes farthest."""
+    ratio, found = rig.constants.reduction_ratio, [0.0]
+    for r in recordings:
+        fast = next(r.angles[name] for name in FAST if name in r.angles)
+        found.append(float(np.ptp(fast)) / (360.0 * ratio))
+    return max(found)
 
 
 def step_of(angle: FloatArray) -> float:

@@ -91,6 +91,9 @@ def _whole_orders(
     mean = _slow(angle, data.at.sign, files)
     own, found = left - mean @ (mean.T @ left), list[int]()
     everywhere = np.ones(highest + 1, np.bool_)
+    # of less than a wave nobody can tell that it is one
+    turns = max(float(np.ptp(angle[files == n])) for n in np.unique(files)) / (2 * np.pi)
+    too_long = [order for order in range(1, highest + 1) if order * turns < SETTINGS.least_of_wave]
     while True:
         orders = [order for order in found if order]
         waves = np.exp(1j * np.outer(angle, orders))
@@ -104,7 +107,7 @@ def _whole_orders(
         power = np.abs(waves_of_angle(data, rest, highest)) ** 2
         power[0] = sizes[0] ** 2
         stands = stand_out(power, power, everywhere)
-        stands[found] = False
+        stands[[*found, *too_long]] = False
         order = int(np.argmax(np.where(stands, power, 0.0)))
         size = float(np.sqrt(power[order] / (2 if order else 1)))
         # noise of a line: sigma*sqrt(2/n); autocorrelation may double it, and what has no line is noise to it

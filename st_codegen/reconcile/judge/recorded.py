@@ -14,7 +14,7 @@ import numpy as np
 
 from st_codegen.errors import InputError, Problems
 from st_codegen.ir.arrays import FloatArray
-from st_codegen.reconcile.data.recordings import FAST, Recording, error_of, expected_error, speed_of
+from st_codegen.reconcile.data.recordings import FAST, Recording, error_of, expected_error, speed_of, turned
 from st_codegen.reconcile.judge.columns import readings
 from st_codegen.reconcile.judge.mistakes import AS_IS
 from st_codegen.reconcile.settings import SETTINGS
@@ -42,6 +42,12 @@ def check_recordings(recordings: Sequence[Recording], rig: RigModel, measured: P
             found = [*found, f"no oil has {coldest:g} degC; is temperature_C in K?"]
         for text in found:
             problems.add(f"{r.name}: {text}")
+    turns = turned(recordings, rig)
+    if not problems.errors and turns * rig.constants.reduction_ratio < 1.0:
+        problems.add(
+            f"the fast side turns by {turns * rig.constants.reduction_ratio:.2g} of a turn at most: a reducer's error "
+            "cannot be told from so little"
+        )
     if not problems.errors:
         for text in _other_reading(recordings, rig):
             problems.add(text)
