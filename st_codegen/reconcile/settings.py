@@ -575,6 +575,10 @@ CHOSEN_ON: dict[str, tuple[str, ...]] = {
     "all counted cases of other physics, development and held out": (
         "names_by_order", "names_by_more",
     ),
+    "75 simulated recordings over time (ramps, reversals, steps, rounding, other units)": (
+        "exact_factor", "piece_of_turn", "waves_of_piece", "least_of_piece", "few_samples", "least_of_rounding",
+        "least_wobbles", "least_of_wave",
+    ),
     "simulated joints of seeds below 500 (tests/reconcile/joint)": (
         "joint_speeds", "joint_better", "joint_most", "joint_share", "joint_told", "joint_noise", "joint_least_waves",
         "joint_own", "joint_beside", "joint_coherence", "joint_frequencies", "joint_broadest", "joint_below_mode",

@@ -155,7 +155,8 @@ def observations(recordings: Sequence[Recording], rig: RigModel) -> Observations
     # of less than a wave nobody can tell that it is one
     told = {order for order in {constants.cranks, *mesh, *sides, *range(13)} if order * turns >= SETTINGS.least_of_wave}
     inside = tuple(sorted({0, *rig.orders(), *told}))
-    aside = f"orders below {1 / max(turns, 1e-6):.3g}: the output turns by {turns:.2g} of a turn at most, less than a wave of them"
+    least = 1 / max(turns, 1e-6)
+    aside = f"orders below {least:.3g}: the output turns by {turns:.2g} of a turn at most, less than a wave of them"
     column = np.concatenate(values).astype(np.complex128)[:, None]
     # second differences of white noise have six times its variance; what is smooth over samples hardly has any
     squares = np.concatenate(bends) ** 2
