@@ -460,3 +460,15 @@ def test_of_less_than_a_wave_no_order_is_told(tmp_path):
     samples = 1e-3 * np.cos(angle) + 1e-6 * np.random.default_rng(0).standard_normal(3000)
     target = FitData(slow, np.full((3000, 1), 1e-6), np.ones(3000, bool), groups_of(slow.at))
     assert not {1, 2} & {one.order for one in lines_in_samples(target, samples[:, None].astype(complex), 1.0)}
+
+
+def test_each_recording_has_its_own_noise():
+    """Of one of 1e-2 and one of 1e-5 deg the floor was said to be 1.5e-4 deg."""
+    count = 3000
+    level = np.repeat([1e-2, 1e-5], count)
+    labels = tuple(f"{name}.csv, t = {n} s" for name in "ab" for n in range(count))
+    at = Conditions.of(np.ones(2 * count), 600.0, 400.0, 30.0)
+    values = (level * np.random.default_rng(0).standard_normal(2 * count))[:, None] + 0j
+    found = estimate(Observations(at, labels, np.zeros(1, np.int64), values, np.zeros(2 * count), (0,)), values)
+    assert found.sigma[[0, -1], 0] == pytest.approx([1e-2, 1e-5], rel=0.1)
+    assert found.floor_rms == pytest.approx(1e-2 / np.sqrt(2), rel=0.1)

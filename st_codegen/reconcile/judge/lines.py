@@ -86,7 +86,7 @@ def _whole_orders(
     """RMS of constant waves of whole orders in samples (n,), by order; the samples without them; these waves (n,)."""
     data, angle = target.data, target.data.angle_rad
     # samples that are far apart differ by waves as well
-    sigma = min(float(target.sigma[0, 0]), max(data.neighbours_deg, data.rounded_deg))
+    sigma = min(float(np.sqrt((target.sigma**2).mean())), max(data.neighbours_deg, data.rounded_deg))
     assert angle is not None
     mean = _slow(angle, data.at.sign, files)
     own, found = left - mean @ (mean.T @ left), list[int]()

@@ -71,8 +71,8 @@ def verdict_text(result: Reconciliation) -> str:
         floor, near = result.held_out.noise_floor, result.data.neighbours_deg
         return (
             f"{VERDICT_TEXT[result.verdict].removesuffix('.')}; but what is left, {floor:.2g} deg, is more than the "
-            f"noise from sample to sample, {near:.2g} deg: noise that lasts over samples, or a wave that is none of the "
-            "orders looked at, as a hum is."
+            f"noise from sample to sample, {near:.2g} deg: noise that lasts over samples, or a wave that is none of "
+            "the orders looked at, as a hum is."
         )
     return VERDICT_TEXT[result.verdict]
 
