@@ -42,7 +42,12 @@ from st_codegen.reconcile.judge.faint import faint
 from st_codegen.reconcile.judge.held_out import between_states, held_out_rms, untested_axes
 from st_codegen.reconcile.judge.in_time import wander_over_runs
 from st_codegen.reconcile.judge.lines import lines_in_samples
-from st_codegen.reconcile.judge.links import coupling_link, servo_link, with_unmeasured_links
+from st_codegen.reconcile.judge.links import (
+    changed_with_unmeasured_links,
+    coupling_link,
+    servo_link,
+    with_unmeasured_links,
+)
 from st_codegen.reconcile.judge.lookalikes import unlike_friction
 from st_codegen.reconcile.judge.measurement import Examined, examine
 from st_codegen.reconcile.judge.misread import Misread, in_place_of_the_rest, refined
@@ -310,7 +315,9 @@ def reconcile_recordings(
     retuned = tuple(link.retuned for link in links if link.retuned is not None)
     found = result.conclusions
     conclusions = replace(
-        found, claims=(*with_unmeasured_links(found.claims, recordings), *claims), retuned=(*found.retuned, *retuned)
+        found,
+        claims=(*with_unmeasured_links(found.claims, recordings), *claims),
+        retuned=(*changed_with_unmeasured_links(found.retuned, recordings), *retuned),
     )
     changed = {entry.before: entry.after for entry in retuned}
     effects = [changed.get(effect, effect) for effect in result.new_rig.effects]

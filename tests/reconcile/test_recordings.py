@@ -13,8 +13,9 @@ from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.data.recordings import ANGLES, Recording, is_recording, observations, read_recordings, step_of
 from st_codegen.reconcile.fit.target import FitData, groups_of
+from st_codegen.reconcile.judge.conclusions import Retuned
 from st_codegen.reconcile.judge.lines import _slow, lines_in_samples, stand_out, waves_of_angle
-from st_codegen.reconcile.judge.links import _judged, _noise
+from st_codegen.reconcile.judge.links import _judged, _noise, changed_with_unmeasured_links
 from st_codegen.reconcile.judge.recorded import check_recordings
 from st_codegen.reconcile.outcome import Outcome
 from st_codegen.reconcile.report.sentences import _few_samples, floor_text, left_text, verdict_text
@@ -460,6 +461,16 @@ def test_of_less_than_a_wave_no_order_is_told(tmp_path):
     samples = 1e-3 * np.cos(angle) + 1e-6 * np.random.default_rng(0).standard_normal(3000)
     target = FitData(slow, np.full((3000, 1), 1e-6), np.ones(3000, bool), groups_of(slow.at))
     assert not {1, 2} & {one.order for one in lines_in_samples(target, samples[:, None].astype(complex), 1.0)}
+
+
+def test_a_stiffness_that_changed_may_be_the_coupling_where_its_angle_was_not_measured():
+    """Only what was added had it among its alternatives."""
+    known = catalogue()
+    own = known["torsional_compliance"]({"stiffness_Nm_per_arcmin": 454.0}, parse_rig(RIG).constants)
+    changed = [Retuned(own, own.with_values({"stiffness_Nm_per_arcmin": 420.0}), {}, 0.0)]
+    without, measured = (SimpleNamespace(angles={name: 0.0}) for name in ("theta_mot", "theta_in"))
+    assert changed_with_unmeasured_links(changed, [without])[0].alternatives == ("coupling_compliance",)
+    assert changed_with_unmeasured_links(changed, [measured])[0].alternatives == ()
 
 
 def test_each_recording_has_its_own_noise():
