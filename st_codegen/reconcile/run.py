@@ -18,6 +18,7 @@ from st_codegen.reconcile.data.noise import Noise, estimate
 from st_codegen.reconcile.data.observations import Observations, rms_deg
 from st_codegen.reconcile.data.reading import check, check_channels, read_measured
 from st_codegen.reconcile.data.recordings import (
+    ANGLES,
     Recording,
     is_recording,
     observations,
@@ -41,12 +42,18 @@ from st_codegen.reconcile.judge.faint import faint
 from st_codegen.reconcile.judge.held_out import between_states, held_out_rms, untested_axes
 from st_codegen.reconcile.judge.in_time import wander_over_runs
 from st_codegen.reconcile.judge.lines import lines_in_samples
-from st_codegen.reconcile.judge.links import coupling_link, servo_link, with_unmeasured_links
+from st_codegen.reconcile.judge.links import (
+    changed_with_unmeasured_links,
+    coupling_link,
+    servo_link,
+    with_unmeasured_links,
+)
 from st_codegen.reconcile.judge.lookalikes import unlike_friction
 from st_codegen.reconcile.judge.measurement import Examined, examine
 from st_codegen.reconcile.judge.misread import Misread, in_place_of_the_rest, refined
 from st_codegen.reconcile.judge.mistakes import AS_IS, Mistake, mistaken_runs
 from st_codegen.reconcile.judge.plausible import lack_of_forms
+from st_codegen.reconcile.judge.recorded import check_accepted, check_recordings
 from st_codegen.reconcile.judge.selection import search, with_noise_of
 from st_codegen.reconcile.judge.structure import (
     floors,
@@ -147,12 +154,15 @@ class Reconciliation:
     def verdict(self) -> Outcome:
         """Whether what differs is named, and whether more than noise is left."""
         named = bool(self.conclusions.claims or self.conclusions.retuned or self.conclusions.offset_changed)
-        # few runs can leave more than noise in which no pattern is seen
-        more_than_noise = self.fitted.after > SETTINGS.clearly_larger * self.fitted.noise_floor
-        found = Outcome.of(named=named, is_more_left=bool(self.unexplained) or more_than_noise)
+        found = Outcome.of(named=named, is_more_left=bool(self.unexplained) or self._is_more_than_noise)
         # what a few runs leave may be noise, or what their model lacks between them
         few = found is Outcome.EXPLAINED and self.data.few_points
         return Outcome.PARTLY_EXPLAINED if few else found
+
+    @property
+    def _is_more_than_noise(self) -> bool:
+        """Whether more than noise is left: few runs, or samples over time, can leave that without a pattern."""
+        return self.fitted.after > SETTINGS.clearly_larger * self.fitted.noise_floor
 
     @property
     def floor_is_bound(self) -> bool:
@@ -160,7 +170,7 @@ class Reconciliation:
 
         What runs differ by from others holds what is unexplained, or varies between few runs, as well as the noise.
         """
-        return bool(self.unexplained) or self.data.few_points
+        return bool(self.unexplained) or self.data.few_points or self._is_more_than_noise
 
     @property
     def scatter_beside_floor_deg(self) -> float:
@@ -197,7 +207,16 @@ def reconcile_files(
     rig = rig.of_effects()
     files = recordings_in(measured)
     if files:
-        return reconcile_recordings(rig, read_recordings(files), known, progress)
+        recordings = read_recordings(files)
+        check_accepted(scale, accept, measured)
+        if AS_IS not in accept:
+            check_recordings(recordings, rig, measured)
+        others = [file.name for file in sorted(measured.glob("*.csv")) if file not in files]
+        result = reconcile_recordings(rig, recordings, known, progress)
+        if not others:
+            return result
+        aside = f"{', '.join(others)}: no recordings, which have the columns t and {', '.join(ANGLES)}"
+        return replace(result, data=replace(result.data, not_looked_at=(*result.data.not_looked_at, aside)))
     data = read_measured(measured, rig, progress, skip_bad=skip_bad, scale=scale or 1.0).without_copies()
     if scale is not None:
         data = data.scaled(scale)
@@ -296,7 +315,9 @@ def reconcile_recordings(
     retuned = tuple(link.retuned for link in links if link.retuned is not None)
     found = result.conclusions
     conclusions = replace(
-        found, claims=(*with_unmeasured_links(found.claims, recordings), *claims), retuned=(*found.retuned, *retuned)
+        found,
+        claims=(*with_unmeasured_links(found.claims, recordings), *claims),
+        retuned=(*changed_with_unmeasured_links(found.retuned, recordings), *retuned),
     )
     changed = {entry.before: entry.after for entry in retuned}
     effects = [changed.get(effect, effect) for effect in result.new_rig.effects]
@@ -467,7 +488,13 @@ def _result(
         data=data,
         target=target,
         noise=noise,
-        conclusions=doubted(conclusions, orders, beside_the_rigs(orders, rig.orders()), rig.orders()),
+        conclusions=doubted(
+            conclusions,
+            orders,
+            beside_the_rigs(orders, rig.orders()),
+            rig.orders(),
+            in_samples=data.angle_rad is not None,
+        ),
         judged=judged,
         unexplained=tuple(left),
         fitted=Gap(whole(rms_deg(before[good], data.orders)), whole(rms_deg(after[good], data.orders)), floor),
@@ -529,7 +556,7 @@ def _unexplained(
         lines = lines_in_samples(target, after, gap_power)
         # the samples that were looked at are so far apart that waves change from one to the next
         rest = float((after.real**2).mean()) - sum(one.rms_deg**2 for one in lines)
-        return np.minimum(noise.floor_rms, np.sqrt(max(rest, data.neighbours_deg**2))), lines
+        return np.minimum(noise.floor_rms, np.sqrt(max(rest, data.neighbours_deg**2, data.rounded_deg**2))), lines
     floor_rms = floors(target, after, noise.floor_rms)
     kept = excused(data, after, noise, is_lacking(target, after))
     kept |= loud_and_foreign(target, after, final.state.rig.orders())

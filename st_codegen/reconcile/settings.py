@@ -24,6 +24,19 @@ class Settings:
     #: samples of a recording that the common core is given at most: the information of more is in their mean already
     most_samples: int = 6000
     least_samples: int = 200
+    #: share of the samples of a rounded angle that come one step early or late at least
+    least_wobbles: float = 0.02
+    #: share of the floor that what angles are rounded by must have to be named: half of its power
+    least_of_rounding: float = 0.7
+    #: half of the power of what is left over time is in so few of the samples that it is no normal noise, of which an
+    #: eighth hold half
+    few_samples: float = 0.04
+    #: samples of each recording by which readings in other units are compared
+    samples_that_tell: int = 500
+    #: how near one angle over another is to the factor of a unit: no transmission error is so large a part of it
+    exact_factor: float = 0.01
+    #: no oil of a gear is hotter
+    hottest_oil_C: float = 200.0
     #: waves of noise agree over n runs by 1/n; over both directions by so many times that in one of a thousand orders,
     #: so that of 400 so many are no chance; a wave that is less than half of what a run shows is below its noise
     shared_sure: float = 9.0
@@ -387,6 +400,13 @@ class Settings:
     #: so many standard errors (8) of them, less than the 10 that are asked of what is told
     most_lines: int = 8
     most_waves_of_mean: int = 64
+    #: part of a wave that a recording must hold to tell that it is one: the steps of samples may take a little off it
+    least_of_wave: float = 0.9
+    #: a wave that changes over samples is told anew in pieces of at least so much of a turn, so many of its periods and
+    #: so many samples: two numbers are told of it, and a piece of a resonance that is passed is hardly shorter
+    piece_of_turn: float = 0.125
+    waves_of_piece: float = 4.0
+    least_of_piece: int = 8
     #: turns of a recording from which on a wave between two orders is told from these (one over the turns tells orders
     #: apart), how far from a whole order it lies at least, and the part of the RMS of all that is left that it has:
     #: a quarter of the power in one of some thousand lines is no chance, and no noise that is some lines wide
@@ -554,6 +574,10 @@ CHOSEN_ON: dict[str, tuple[str, ...]] = {
     ),
     "all counted cases of other physics, development and held out": (
         "names_by_order", "names_by_more",
+    ),
+    "75 simulated recordings over time (ramps, reversals, steps, rounding, other units)": (
+        "exact_factor", "piece_of_turn", "waves_of_piece", "least_of_piece", "few_samples", "least_of_rounding",
+        "least_wobbles", "least_of_wave",
     ),
     "simulated joints of seeds below 500 (tests/reconcile/joint)": (
         "joint_speeds", "joint_better", "joint_most", "joint_share", "joint_told", "joint_noise", "joint_least_waves",

@@ -1,19 +1,24 @@
 """Recordings over time: which angles suffice, and all that is wrong with a file at once."""
 
+from contextlib import nullcontext
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from st_codegen.errors import InputError
+from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations
-from st_codegen.reconcile.data.recordings import ANGLES, is_recording, observations, read_recordings
+from st_codegen.reconcile.data.recordings import ANGLES, Recording, is_recording, observations, read_recordings, step_of
 from st_codegen.reconcile.fit.target import FitData, groups_of
+from st_codegen.reconcile.judge.conclusions import Retuned
 from st_codegen.reconcile.judge.lines import _slow, lines_in_samples, stand_out, waves_of_angle
-from st_codegen.reconcile.judge.links import _judged, _noise
+from st_codegen.reconcile.judge.links import _judged, _noise, changed_with_unmeasured_links
+from st_codegen.reconcile.judge.recorded import check_recordings
 from st_codegen.reconcile.outcome import Outcome
-from st_codegen.reconcile.report.sentences import floor_text, left_text, verdict_text
+from st_codegen.reconcile.report.sentences import _few_samples, floor_text, left_text, verdict_text
 from st_codegen.reconcile.run import reconcile_files, reconcile_recordings
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions, catalogue
@@ -211,8 +216,8 @@ def test_what_is_slow_is_slow_over_the_angle():
     data = Observations(at, ("",) * (2 * count), np.zeros(1, np.int64), te[:, None] + 0j, angle, (0, 1))
     target = SimpleNamespace(data=data, sigma=np.full((2 * count, 1), 1e-5))
     found = {one.order: one.rms_deg for one in lines_in_samples(target, data.values, float((te**2).mean()))}
-    # half of the rows have it: a wave of half its size over all of them
-    assert max(found, key=found.get) == 3 and found[3] == pytest.approx(5e-4 / np.sqrt(2), rel=0.1)
+    # half of the rows have it, and so half of its power is over all of them
+    assert max(found, key=found.get) == 3 and found[3] == pytest.approx(5e-4, rel=0.1)
 
 
 def test_a_mean_that_wanders_has_few_waves_and_none_of_what_lies_between_two_files():
@@ -269,7 +274,9 @@ def test_the_noise_of_neighbours_is_that_of_all_samples(tmp_path):
 @pytest.mark.parametrize(("floor", "near", "is_said"), [(5e-4, 5e-4, False), (2.9e-3, 5e-4, True), (2.9e-3, 0.0, None)])
 def test_a_hum_above_the_orders_is_not_called_nothing(floor, near, is_said):
     """Of a hum of 50 Hz, 405 waves a turn, it said that nothing was found missing, and no more."""
-    data = SimpleNamespace(angle_rad=np.zeros(1), neighbours_deg=near, few_points=False, beyond_deg=None)
+    data = SimpleNamespace(
+        angle_rad=np.zeros(1), neighbours_deg=near, few_points=False, beyond_deg=None, rounded_deg=0.0
+    )
     result = SimpleNamespace(
         verdict=Outcome.NOTHING_MISSING,
         data=data,
@@ -284,3 +291,195 @@ def test_a_hum_above_the_orders_is_not_called_nothing(floor, near, is_said):
         return
     assert ("0.0029 deg, is more than the noise from sample to sample, 0.0005 deg" in said) == is_said
     assert ("no line among the orders" in floor_text(result)) == is_said
+
+
+def _asked(tmp_path, changes, accept=()):
+    """What is asked of a recording whose columns are changed, and that has speeds as well."""
+    rig = recorded(tmp_path / "r.csv")
+    (r,) = read_recordings([tmp_path / "r.csv"])
+    columns = {"t": r.time_s, **r.angles, "torque_Nm": r.at.torque_Nm, "temperature_C": r.at.temperature_C}
+    columns |= {"speed_rpm": r.at.speed_rpm}
+    columns |= {name: change(columns[name]) for name, change in changes.items()}
+    rows = np.column_stack(list(columns.values()))
+    np.savetxt(tmp_path / "r.csv", rows, "%.12g", ",", header=",".join(columns), comments="")
+    with pytest.raises(InputError) as caught:
+        reconcile_files(rig, tmp_path / "r.csv", catalogue(()), accept=accept)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"theta_out": np.deg2rad}, "as if theta_out is in rad"),
+        ({"theta_out": lambda x: 3600 * x}, "as if theta_out is in arcsec"),
+        ({"theta_out": np.negative}, "as if one of the two has the other sign"),
+        ({"theta_in": lambda x: x % 360}, "theta_in jumps by -35"),
+        (
+            {"theta_in": lambda x: x * 79 / 81, "theta_mot": lambda x: x * 79 / 81},
+            "a ratio of about 79.01, the rig has 81",
+        ),
+        ({"theta_out": lambda x: x + 40 / 9}, "theta_out is 4.44 deg, 1 turns of the fast side, off theta_in"),
+        ({"theta_out": lambda x: x + 4.0 * (np.arange(len(x)) > 2000)}, "at t = 2.001 s: were turns lost?"),
+        ({"theta_out": lambda x: np.minimum(x, 100.0)}, "theta_out does not follow theta_in over the ratio, 81, nor"),
+        ({"theta_out": lambda x: 0.0 * x}, "theta_out never changes"),
+        ({"theta_mot": lambda x: 1.001 * x + 200.0}, "theta_mot and theta_in are up to"),
+        ({"speed_rpm": lambda x: x / 81}, "speed_rpm is 0.01235 times the rate"),
+        ({"t": lambda x: 1000 * x}, "speed_rpm is 1000 times the rate"),
+        ({"temperature_C": lambda x: x + 273.15}, "no oil has 303.15 degC; is temperature_C in K?"),
+    ],
+)
+def test_units_zeros_and_signs_are_asked_about(changes, said, tmp_path):
+    """It listed orders of a thousand degrees each, and no word of the unit."""
+    found = _asked(tmp_path, changes)
+    assert said in found and "give --accept as_is" in found
+
+
+def test_a_gap_of_a_whole_turn_is_no_angle_that_begins_anew(tmp_path):
+    recorded(tmp_path / "r.csv")
+    lines = (tmp_path / "r.csv").read_text().splitlines()
+    rows = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]])
+    rig = parse_rig(RIG)
+    (r,) = read_recordings([tmp_path / "r.csv"])
+    assert rows[100, 1] - rows[0, 1] == pytest.approx(360.0)
+    check_recordings([r.rows(np.delete(np.arange(len(rows)), np.arange(1000, 1099)))], rig, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"), [(-1.0, "of the other sign"), (1 / 81, "those of the input"), (1e-3, "in kN m"), (0.8, None)]
+)
+def test_loads_in_another_unit_are_asked_about(factor, said):
+    """The compliance was said to be 81 times as soft, with something_else."""
+    rig = parse_rig(RIG + """[[effect]]\nname = "torsional_compliance"\nstiffness_Nm_per_arcmin = 450.0\n""")
+    time = np.arange(1000) * 1e-2
+    at = Conditions.of(np.ones(1000), 600.0, 400.0 + 100.0 * time, 30.0)
+    out = 3600.0 / 81.0 * time
+    te = rig.te_deg(out, at.sign, at.speed_rpm, at.torque_Nm, at.temperature_C)
+    read = replace(at, torque_Nm=factor * at.torque_Nm)
+    r = Recording("r.csv", time, {"theta_in": 81.0 * (out - te), "theta_out": out}, read)
+    is_asked = pytest.raises(InputError, match=f"the torques look like .*{said}") if said else nullcontext()
+    with is_asked:
+        check_recordings([r], rig, Path("r.csv"))
+
+
+def test_corrections_of_recordings_are_refused(tmp_path):
+    """They were passed over in silence."""
+    assert "recordings over time are not corrected" in _asked(tmp_path, {}, accept=("sign",))
+
+
+def test_files_beside_recordings_are_named(tmp_path):
+    """They were left out without a word."""
+    rig = recorded(tmp_path / "r.csv")
+    (tmp_path / "other.csv").write_text("time,theta_in,theta_out\n0,1,2\n")
+    assert "other.csv: no recordings" in reconcile_files(rig, tmp_path, catalogue(())).data.not_looked_at[-1]
+
+
+def test_a_wave_that_grows_and_fades_has_its_whole_size():
+    """Of a resonance that was passed the mean wave alone was said, four tenths of it."""
+    count, random = 6000, np.random.default_rng(0)
+    speed = np.linspace(200.0, 1500.0, count)
+    angle = np.cumsum(speed) / np.sum(speed) * 40.0 * np.pi
+    lifted = 1.0 / (1.0 - (speed / 750.0) ** 2 + 0.12j * speed / 750.0)
+    te = 1e-3 * (lifted * np.exp(39j * angle)).real + 1e-4 * random.standard_normal(count)
+    at = Conditions.of(np.ones(count), speed, 500.0, 30.0)
+    labels = tuple(f"a.csv, t = {n} s" for n in range(count))
+    data = Observations(at, labels, np.zeros(1, np.int64), te[:, None] + 0j, angle, (0, 1), neighbours_deg=1e-4)
+    target = SimpleNamespace(data=data, sigma=np.full((count, 1), 1e-4))
+    (one,) = lines_in_samples(target, data.values, float((te**2).mean()))
+    assert one.order == 39 and one.rms_deg == pytest.approx(np.sqrt((te**2).mean() - 1e-8), rel=0.05)
+    around = float(one.text.partition("around ")[2].partition(" rpm")[0])
+    assert "of a size or phase that changes: largest, 0.008" in one.text and around == pytest.approx(750.0, rel=0.03)
+
+
+@pytest.mark.parametrize("noise", [0.0, 2e-3])
+def test_what_an_angle_is_rounded_by_is_told_and_an_even_motion_is_no_rounding(noise):
+    """The noise from sample to sample was said to be the floor, two fifths of it."""
+    angle = 9000.0 * np.arange(3000) / 500.0 + noise * np.random.default_rng(0).standard_normal(3000)
+    assert step_of(angle) == 0.0
+    for step in (1e-2, 360.0 / 2**20, 360.0 / 10000):
+        written = np.array([float(f"{x:.10g}") for x in step * np.round(angle / 81.0 / step)])
+        assert step_of(written) == pytest.approx(step)
+
+
+def test_waves_below_what_angles_are_rounded_by_are_not_told():
+    target, samples = _left_of_two_recordings(40.0)
+    coarse = replace(target, data=replace(target.data, rounded_deg=5e-4))
+    assert lines_in_samples(target, samples, 1.0) and not lines_in_samples(coarse, samples, 1.0)
+    assert estimate(coarse.data, samples).floor_rms == pytest.approx(5e-4)
+
+
+def test_where_few_samples_hold_what_is_left_is_said():
+    """Of spikes, and of a place of the turn, nothing was said."""
+    count = 6000
+    angle = np.linspace(0.0, 20.0 * np.pi, count)
+    labels = tuple(f"a.csv, t = {n} s" for n in range(count))
+    at = Conditions.of(np.ones(count), 600.0, 400.0, 30.0)
+    data = Observations(at, labels, np.zeros(1, np.int64), np.zeros((count, 1), complex), angle, (0,))
+    left = 1e-4 * np.random.default_rng(0).standard_normal(count)
+
+    def said(values):
+        final = SimpleNamespace(residual=values[:, None].astype(complex))
+        return _few_samples(SimpleNamespace(data=data, conclusions=SimpleNamespace(final=final)))
+
+    spikes = left + 0.3 * np.isin(np.arange(count), [100, 2500, 4001])
+    assert said(left) == "" and "a.csv, t = " in said(spikes) and "of the output" not in said(spikes)
+    bump = left + 5e-3 * np.exp(-0.5 * ((np.rad2deg(angle) % 360.0 - 120.0) / 1.0) ** 2)
+    assert "of 120 deg of the output" in said(bump)
+
+
+def test_a_zero_beside_a_mean_that_moves_may_be_something_else():
+    """A step in mid-recording was called another zero of the encoders, without a doubt."""
+    count = 3000
+    angle = np.linspace(0.0, 12.0 * np.pi, count)
+    step = 5e-3 * (np.arange(count) > count / 2)
+    te = 0.01 * np.cos(angle) + step + 1e-4 * np.random.default_rng(0).standard_normal(count)
+    rig = parse_rig(RIG)
+    r = Recording(
+        "r.csv",
+        np.arange(count) * 0.01,
+        {"theta_in": np.rad2deg(angle - np.deg2rad(te)) * 81.0, "theta_out": np.rad2deg(angle)},
+        Conditions.of(np.ones(count), 600.0, 400.0, 30.0),
+    )
+    result = reconcile_recordings(rig, [r], catalogue(()))
+    assert result.conclusions.offset_changed and result.conclusions.offset_is_open
+    assert result.floor_is_bound and [one.order for one in result.unexplained] == [0]
+
+
+def test_of_an_axis_that_stands_nothing_is_told(tmp_path):
+    """Its noise was an error of the pins of half a degree."""
+    found = _asked(tmp_path, {name: lambda x: 0.0 * x for name in ANGLES} | {"speed_rpm": lambda x: 0.0 * x})
+    assert "the fast side turns by 0 of a turn at most" in found
+
+
+def test_of_less_than_a_wave_no_order_is_told(tmp_path):
+    rig = recorded(tmp_path / "r.csv")
+    (r,) = read_recordings([tmp_path / "r.csv"])
+    data = observations([r.rows(np.arange(1000))], rig)
+    assert data.inside == (0, 1, *(order for order in data.inside if order >= 8)) and len(data.inside) > 10
+    assert "orders below 8.15: the output turns by 0.12 of a turn at most" in data.not_looked_at[0]
+    angle = np.linspace(0.0, 0.8 * np.pi, 3000)
+    slow = replace(data.rows(np.zeros(3000, int)), angle_rad=angle, neighbours_deg=1e-6)
+    samples = 1e-3 * np.cos(angle) + 1e-6 * np.random.default_rng(0).standard_normal(3000)
+    target = FitData(slow, np.full((3000, 1), 1e-6), np.ones(3000, bool), groups_of(slow.at))
+    assert not {1, 2} & {one.order for one in lines_in_samples(target, samples[:, None].astype(complex), 1.0)}
+
+
+def test_a_stiffness_that_changed_may_be_the_coupling_where_its_angle_was_not_measured():
+    """Only what was added had it among its alternatives."""
+    known = catalogue()
+    own = known["torsional_compliance"]({"stiffness_Nm_per_arcmin": 454.0}, parse_rig(RIG).constants)
+    changed = [Retuned(own, own.with_values({"stiffness_Nm_per_arcmin": 420.0}), {}, 0.0)]
+    without, measured = (SimpleNamespace(angles={name: 0.0}) for name in ("theta_mot", "theta_in"))
+    assert changed_with_unmeasured_links(changed, [without])[0].alternatives == ("coupling_compliance",)
+    assert changed_with_unmeasured_links(changed, [measured])[0].alternatives == ()
+
+
+def test_each_recording_has_its_own_noise():
+    """Of one of 1e-2 and one of 1e-5 deg the floor was said to be 1.5e-4 deg."""
+    count = 3000
+    level = np.repeat([1e-2, 1e-5], count)
+    labels = tuple(f"{name}.csv, t = {n} s" for name in "ab" for n in range(count))
+    at = Conditions.of(np.ones(2 * count), 600.0, 400.0, 30.0)
+    values = (level * np.random.default_rng(0).standard_normal(2 * count))[:, None] + 0j
+    found = estimate(Observations(at, labels, np.zeros(1, np.int64), values, np.zeros(2 * count), (0,)), values)
+    assert found.sigma[[0, -1], 0] == pytest.approx([1e-2, 1e-5], rel=0.1)
+    assert found.floor_rms == pytest.approx(1e-2 / np.sqrt(2), rel=0.1)

@@ -222,14 +222,21 @@ def _sigma_by_direction(data: Observations, e: ComplexArray, rows: BoolArray) ->
 
 
 def _of_samples(data: Observations, residual: ComplexArray) -> Noise:
-    """Noise of samples over time: from third differences of neighbours, and from the residual itself."""
-    smooth = np.diff(residual.real, n=3, axis=0) / np.sqrt(20.0)
-    size = np.median(np.abs(smooth), axis=0) / MEDIAN_1
-    sigma = np.maximum(np.minimum(size, np.median(np.abs(residual.real), axis=0) / MEDIAN_1), 1e-12)
-    floor = np.sqrt((np.minimum(np.abs(smooth), 6 * size) ** 2).mean(axis=0))
-    return Noise(
-        np.broadcast_to(sigma, residual.shape).copy(), np.minimum(floor, 1.3 * sigma), np.ones(len(data), bool), ()
-    )
+    """Noise of samples over time, of each recording: from third differences of neighbours, and the residual itself."""
+    files = np.unique([label.rpartition(", t = ")[0] for label in data.labels], return_inverse=True)[1]
+    sigma, floor = np.empty(residual.shape), np.empty(residual.shape)
+    for n in np.unique(files):
+        own = files == n
+        # of a handful of samples there are no differences: all tell them
+        part = residual[own if own.sum() >= SETTINGS.least_contrasts else ...].real
+        smooth = np.diff(part, n=3, axis=0) / np.sqrt(20.0)
+        size = np.median(np.abs(smooth), axis=0) / MEDIAN_1
+        # what is rounded may differ little from one sample to the next
+        least = max(data.rounded_deg, 1e-12)
+        sigma[own] = np.maximum(np.minimum(size, np.median(np.abs(part), axis=0) / MEDIAN_1), least)
+        tails = np.sqrt((np.minimum(np.abs(smooth), 6 * size) ** 2).mean(axis=0))
+        floor[own] = np.minimum(np.maximum(tails, least), 1.3 * sigma[own])
+    return Noise(sigma, np.sqrt((floor**2).mean(axis=0)), np.ones(len(data), bool), ())
 
 
 def _distances(e: ComplexArray, sigma: FloatArray, usable: BoolArray) -> FloatArray:

@@ -34,7 +34,8 @@ class Observations:
     many, else 0. hums: waves of a frequency of their own that were taken out of the values. begins_rad: the angle at
     which each curve begins, (n,). beyond_deg: RMS that the curves hold above all orders that are looked at, where that
     is more than the noise below lets expect; else 0. neighbours_deg: of samples over time the noise by what each has
-    beside those right before and after it, before any were left out; inf where it is not known.
+    beside those right before and after it, before any were left out; inf where it is not known. rounded_deg: RMS of
+    what the angles of samples over time are rounded by; else 0.
     """
 
     at: Conditions
@@ -54,6 +55,7 @@ class Observations:
     begins_rad: FloatArray | None = None
     beyond_deg: float = 0.0
     neighbours_deg: float = np.inf
+    rounded_deg: float = 0.0
 
     def model_orders(self) -> tuple[int, ...]:
         """The orders whose coefficients a model must give."""

@@ -7,7 +7,7 @@ by sample. Columns and signs: docs/effects.md.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from st_codegen.errors import Problems
 from st_codegen.files.csv_tables import header_of, read_csv
-from st_codegen.ir.arrays import FloatArray
+from st_codegen.ir.arrays import FloatArray, IntArray
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
@@ -24,7 +24,9 @@ from st_codegen.rig.model import RigModel
 
 ANGLES = ("theta_ref", "theta_mot", "theta_in", "theta_out")
 #: angles of the fast side, the one nearest to the reducer first
-_FAST = ("theta_in", "theta_mot", "theta_ref")
+FAST = ("theta_in", "theta_mot", "theta_ref")
+#: samples whose waves are made at once: some 50 MB
+_AT_ONCE = 100_000
 _CONDITIONS = ("speed_rpm", "torque_Nm", "temperature_C")
 
 
@@ -36,6 +38,11 @@ class Recording:
     time_s: FloatArray
     angles: dict[str, FloatArray]
     at: Conditions
+
+    def rows(self, index: IntArray) -> Recording:
+        """The samples of an index array."""
+        angles = {name: angle[index] for name, angle in self.angles.items()}
+        return Recording(self.name, self.time_s[index], angles, self.at.rows(index))
 
 
 def is_recording(path: Path) -> bool:
@@ -61,7 +68,7 @@ def _read(path: Path) -> Recording:
     if missing := [name for name in ("t", "torque_Nm", "temperature_C") if name not in columns]:
         problems.add(f"the columns {', '.join(missing)} are missing")
     angles = {name: columns[name] for name in ANGLES if name in columns}
-    if len(angles) < 2 or not angles.keys() & set(_FAST):
+    if len(angles) < 2 or not angles.keys() & set(FAST):
         problems.add(
             f"the angles {', '.join(angles)} do not suffice: two of {', '.join(ANGLES)} are needed to tell a difference"
         )
@@ -74,10 +81,7 @@ def _read(path: Path) -> Recording:
     if not bad and (np.diff(time) <= 0).any():
         problems.add(f"the time does not rise from row {int(np.argmax(np.diff(time) <= 0)) + 2} to the next")
     problems.raise_if_any()
-    smooth = next(angles[name] for name in ("theta_ref", "theta_in", "theta_mot") if name in angles)
-    speed = np.gradient(smooth, time)
-    if "theta_ref" not in angles:
-        speed = _smoothed(speed, 15)
+    speed = speed_of(angles, time)
     given = columns.get("speed_rpm", np.abs(speed) / 6.0)
     at = Conditions(_directions(speed), np.abs(given), columns["torque_Nm"], columns["temperature_C"])
     return Recording(path.name, time, angles, at)
@@ -90,6 +94,13 @@ def _columns(path: Path) -> dict[str, FloatArray]:
     values = table.numbers(table.names, problems, is_finite=False)
     problems.raise_if_any()
     return dict(zip(table.names, values.T, strict=True))
+
+
+def speed_of(angles: Mapping[str, FloatArray], time_s: FloatArray) -> FloatArray:
+    """The rate of the fast side, deg/s (n,): of the reference, else of a measured angle over some samples."""
+    smooth = next(angles[name] for name in ("theta_ref", "theta_in", "theta_mot") if name in angles)
+    speed: FloatArray = np.gradient(smooth, time_s)
+    return speed if "theta_ref" in angles else _smoothed(speed, 15)
 
 
 def _smoothed(values: FloatArray, count: int) -> FloatArray:
@@ -108,23 +119,29 @@ def _directions(speed: FloatArray) -> FloatArray:
 
 def observations(recordings: Sequence[Recording], rig: RigModel) -> Observations:
     """The transmission error of recordings as samples for the common core."""
-    parts, bends = [], [np.zeros(0)]
+    parts, bends, rounded = [], [np.zeros(0)], 0.0
     for r in recordings:
         if "theta_out" in r.angles:
             out = r.angles["theta_out"]
-            te = out - _input_angle(r, rig) / rig.constants.reduction_ratio
+            te = error_of(r, rig)
+            fast = next(name for name in FAST if name in r.angles)
+            steps = step_of(out), step_of(r.angles[fast]) / rig.constants.reduction_ratio
+            rounded = max(rounded, float(np.hypot(*steps)) / np.sqrt(12.0))
         else:
             # nothing is measured of the reducer: nothing differs there
             out = next(iter(r.angles.values())) / rig.constants.reduction_ratio
-            te = rig.te_deg(out, r.at.sign, r.at.speed_rpm, r.at.torque_Nm, r.at.temperature_C)
+            te = expected_error(r, out, rig)
         # standstill says nothing of the direction, and little of anything else
         moving = r.at.speed_rpm > 0.02 * r.at.speed_rpm.max()
         parts.append((r, out, te, np.flatnonzero(moving)))
-        bends.append(np.diff(te, n=2)[moving[2:] & moving[1:-1] & moving[:-2]])
+        bends.append(np.diff(te - expected_error(r, out, rig), n=2)[moving[2:] & moving[1:-1] & moving[:-2]])
     step = max(1, -(-sum(len(rows) for *_, rows in parts) // SETTINGS.most_samples))
     labels, values, angles, conditions = [], [], [], []
+    # even steps would show each order as others too
+    random = np.random.default_rng(0)
     for r, out, te, rows in parts:
-        chosen = rows[::step]
+        first = np.arange(0, len(rows), step)
+        chosen = rows[first + random.integers(0, np.minimum(step, len(rows) - first))]
         labels += [f"{r.name}, t = {r.time_s[i]:g} s" for i in chosen]
         values.append(te[chosen])
         angles.append(np.deg2rad(out[chosen]))
@@ -134,13 +151,71 @@ def observations(recordings: Sequence[Recording], rig: RigModel) -> Observations
     highest = 3.1 * max(constants.cycloid_teeth, constants.pins)
     mesh = [k for k in constants.mesh_orders() if k <= highest]
     sides = [k + d for k in mesh for d in (-constants.cranks, constants.cranks)]
-    inside = tuple(sorted({0, 1, 2, constants.cranks, *rig.orders(), *mesh, *sides, *range(13)}))
+    turns = turned(recordings, rig)
+    # of less than a wave nobody can tell that it is one
+    told = {order for order in {constants.cranks, *mesh, *sides, *range(13)} if order * turns >= SETTINGS.least_of_wave}
+    inside = tuple(sorted({0, *rig.orders(), *told}))
+    least = 1 / max(turns, 1e-6)
+    aside = f"orders below {least:.3g}: the output turns by {turns:.2g} of a turn at most, less than a wave of them"
     column = np.concatenate(values).astype(np.complex128)[:, None]
     # second differences of white noise have six times its variance; what is smooth over samples hardly has any
     squares = np.concatenate(bends) ** 2
     neighbours = float(np.sqrt(squares.mean() / 6.0)) if len(squares) else np.inf
     orders, places = np.zeros(1, np.int64), np.concatenate(angles)
-    return Observations(at, tuple(labels), orders, column, places, inside, neighbours_deg=neighbours)
+    return Observations(
+        at,
+        tuple(labels),
+        orders,
+        column,
+        places,
+        inside,
+        neighbours_deg=neighbours,
+        rounded_deg=rounded,
+        not_looked_at=(aside,) if turns < SETTINGS.least_of_wave else (),
+    )
+
+
+def turned(recordings: Sequence[Recording], rig: RigModel) -> float:
+    """Turns of the output over which the recording goes that goes farthest."""
+    ratio, found = rig.constants.reduction_ratio, [0.0]
+    for r in recordings:
+        fast = next(r.angles[name] for name in FAST if name in r.angles)
+        found.append(float(np.ptp(fast)) / (360.0 * ratio))
+    return max(found)
+
+
+def step_of(angle: FloatArray) -> float:
+    """The step of which all values of an angle are multiples, deg: of decimals or of an encoder; 0 without one."""
+    counts = {lines * times for lines in SETTINGS.encoder_lines for times in (1, 4)} | {2**n for n in range(8, 25)}
+    tried = {d * 10.0**-n for n in range(6) for d in (1.0, 2.0, 5.0)} | {360.0 / count for count in counts}
+    values, bends = angle - angle[0], np.abs(np.diff(angle, n=2))
+    dust = 1e-9 * float(np.abs(angle).max())
+    for step in sorted(tried, reverse=True):
+        off = np.abs(values - step * np.round(values / step))
+        # an even motion may go in whole steps; what is rounded is one step too early or too late now and then
+        wobbles = np.abs(bends / step - 1.0) < 0.1
+        if float(off.max()) < 1e-3 * step + dust < 0.01 * step and wobbles.mean() > SETTINGS.least_wobbles:
+            return step
+    return 0.0
+
+
+def expected_error(r: Recording, out: FloatArray, rig: RigModel) -> FloatArray:
+    """The transmission error that the rig has, deg (n,): what sensors of the conditions scatter by is in it."""
+    parts = np.array_split(np.arange(len(out)), max(1, len(out) // _AT_ONCE))
+    at = [r.at.rows(part) for part in parts]
+    found: FloatArray = np.concatenate(
+        [
+            rig.te_deg(out[part], a.sign, a.speed_rpm, a.torque_Nm, a.temperature_C)
+            for part, a in zip(parts, at, strict=True)
+        ]
+    )
+    return found
+
+
+def error_of(r: Recording, rig: RigModel) -> FloatArray:
+    """The transmission error of a recording with theta_out, deg (n,)."""
+    found: FloatArray = r.angles["theta_out"] - _input_angle(r, rig) / rig.constants.reduction_ratio
+    return found
 
 
 def _input_angle(r: Recording, rig: RigModel) -> FloatArray:

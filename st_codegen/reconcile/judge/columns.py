@@ -56,7 +56,7 @@ def other_conditions(data: Observations, rig: RigModel) -> list[Mistake]:
     orders, noise, every = data.orders.tolist(), noise_power(data), np.ones(len(data), bool)
     plain = expected_of(data, rig)
     best: tuple[float, list[Mistake]] = (SETTINGS.order_gain, [])
-    for column, text, changed in _readings(rig.constants.reduction_ratio):
+    for column, text, changed in readings(rig.constants.reduction_ratio):
         meant = changed(data.at)
         seen = rig.coefficients(meant, orders)
         some = _nearer(data, noise, plain, seen)
@@ -121,7 +121,7 @@ def _of_runs(data: Observations, rows: BoolArray) -> str:
     return f" of {len(numbers)} of {len(data.runs)} runs"
 
 
-def _readings(ratio: float) -> list[tuple[str, str, Callable[[Conditions], Conditions]]]:
+def readings(ratio: float) -> list[tuple[str, str, Callable[[Conditions], Conditions]]]:
     """What a column may hold in place of what the rig means: its name, that, and the conditions that it means."""
 
     def scaled(key: str, factor: float, off: float = 0.0) -> Callable[[Conditions], Conditions]:

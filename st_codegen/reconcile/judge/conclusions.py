@@ -580,7 +580,12 @@ def _own_gap(rig: RigModel, final: Fit, piece: Piece) -> tuple[float, float]:
 
 
 def doubted(
-    found: Conclusions, left: Collection[int], beside: Collection[int], made: Collection[int] = ()
+    found: Conclusions,
+    left: Collection[int],
+    beside: Collection[int],
+    made: Collection[int] = (),
+    *,
+    in_samples: bool = False,
 ) -> Conclusions:
     """Conclusions whose names have the alternative `something_else` where what stays unexplained says so.
 
@@ -588,7 +593,8 @@ def doubted(
     the other side of a mesh order; beside: those of them that lie one beside the rig's orders, as where an angle is
     read wrong: what does that changes the orders between them, too; made: the rig's orders. Many others that are left,
     as a step at one angle makes them, or what dies away behind the start of a curve, reach all up to twice the highest,
-    and the mean.
+    and the mean. In samples over time all that moves the mean slowly, as a step or a drift, moves what is
+    found of the mean as well.
     """
     foreign = sorted(order for order in {*left, *_of_what_is_many(found)} if order > 0 and order not in made)
     is_broad = len(foreign) >= SETTINGS.shared_orders
@@ -600,6 +606,7 @@ def doubted(
     rows = [k for k in left if {k + 1, k + 2} <= set(left)]
     reached |= {beyond for k in rows for beyond in (k - 2, k - 1, k + 3, k + 4) if beyond > 0}
 
+    slow = {0} & set(left) if in_samples else set()
     # what changed in one direction alone is half of what turns with it, and half of what does not
     halves = _ONE_SIDED if found.names >= _ONE_SIDED else frozenset[str]()
     # above the load that takes play up it is dry friction's twin: what is no play is no such friction either
@@ -614,10 +621,12 @@ def doubted(
         return effect.name in halves or bool(its & set(orders))
 
     claims = tuple(
-        replace(claim, alternatives=(*claim.alternatives, SOMETHING_ELSE), counted=SETTINGS.names_by_order)
-        if (is_open(claim.piece.effect, near) or (is_broad and claim.piece.effect.least_foreign))
+        replace(
+            claim, alternatives=(*claim.alternatives, SOMETHING_ELSE), counted=claim.counted and SETTINGS.names_by_order
+        )
+        if (is_open(claim.piece.effect, near | slow) or (is_broad and claim.piece.effect.least_foreign))
         and SOMETHING_ELSE not in claim.alternatives
-        and claim.counted
+        and (claim.counted or slow)
         else claim
         for claim in found.claims
     )
@@ -628,7 +637,7 @@ def doubted(
         )
         for one in found.retuned
     )
-    return replace(found, claims=claims, retuned=retuned, offset_is_open=is_broad)
+    return replace(found, claims=claims, retuned=retuned, offset_is_open=is_broad or bool(slow))
 
 
 def _mirrored(effect: Effect, left: Collection[int]) -> set[int]:

@@ -53,28 +53,47 @@ def lines_in_samples(target: FitData, residual: ComplexArray, gap_power: float, 
     """Signatures of samples over time: waves of the output's angle that stand above the noise.
 
     All that was found is fitted together with a mean that wanders slowly: where turns are not whole, each of them leaks
-    into other orders.
+    into other orders. A size that changes, as of a resonance that is passed, is that of the wave while it changes.
     """
     files = np.unique([label.rpartition(", t = ")[0] for label in target.data.labels], return_inverse=True)[1]
     between, made = list[Signature](), np.zeros(len(files))
     # each of both leaks into the other where turns are not whole: what is sure of one is taken from the other
     for _ in range(_ROUNDS):
-        whole, rest = _whole_orders(target, residual[:, 0].real - made, files, gap_power, highest)
-        between, made = _between_orders(target, rest + made, files, gap_power, highest)
+        whole, rest, waves = _whole_orders(target, residual[:, 0].real - made, files, highest)
+        between, now = _between_orders(target, rest + made, files, gap_power, highest)
+        rest, made = rest + made - now, now
         if not between:
             break
-    return [*whole, *between]
+    out = list[Signature]()
+    for order, constant in sorted(whole.items(), key=lambda item: -item[1]):
+        size, kind, changes = constant, "constant", ""
+        if order:
+            alone = rest + waves[order]
+            near = min((abs(order - other) for other in whole if other not in (0, order)), default=order)
+            changing, wave, where = _while_it_changes(target, alone, files, order, near)
+            if changing > SETTINGS.clearly_larger * constant:
+                size, rest, kind = changing, alone - wave, "combination"
+                changes = f", of a size or phase that changes: {where}"
+        text = f"{f'order {order}' if order else 'the mean'}: {size:.2g} deg RMS over the recordings{changes}"
+        share = min(1.0, size**2 / max(gap_power, 1e-300))
+        out.append(Signature(order, size, share, {kind: 1.0}, "both", text))
+    return [*sorted(out, key=lambda one: -one.rms_deg), *between]
 
 
 def _whole_orders(
-    target: FitData, left: FloatArray, files: IntArray, gap_power: float, highest: int
-) -> tuple[list[Signature], FloatArray]:
-    """Signatures of waves of whole orders in samples (n,), largest first, and the samples without them."""
-    sigma, angle = float(target.sigma[0, 0]), target.data.angle_rad
+    target: FitData, left: FloatArray, files: IntArray, highest: int
+) -> tuple[dict[int, float], FloatArray, dict[int, FloatArray]]:
+    """RMS of constant waves of whole orders in samples (n,), by order; the samples without them; these waves (n,)."""
+    data, angle = target.data, target.data.angle_rad
+    # samples that are far apart differ by waves as well
+    sigma = min(float(np.sqrt((target.sigma**2).mean())), max(data.neighbours_deg, data.rounded_deg))
     assert angle is not None
-    mean = _slow(angle, target.data.at.sign, files)
+    mean = _slow(angle, data.at.sign, files)
     own, found = left - mean @ (mean.T @ left), list[int]()
     everywhere = np.ones(highest + 1, np.bool_)
+    # of less than a wave nobody can tell that it is one
+    turns = max(float(np.ptp(angle[files == n])) for n in np.unique(files)) / (2 * np.pi)
+    too_long = [order for order in range(1, highest + 1) if order * turns < SETTINGS.least_of_wave]
     while True:
         orders = [order for order in found if order]
         waves = np.exp(1j * np.outer(angle, orders))
@@ -84,24 +103,61 @@ def _whole_orders(
         amplitudes = np.linalg.norm(values.reshape(2, -1), axis=0)
         sizes = dict(zip(orders, (amplitudes / np.sqrt(2)).tolist(), strict=True))
         sizes[0] = float(np.linalg.norm(mean.T @ (left - columns @ values)) / np.sqrt(len(left)))
-        power = np.abs(waves_of_angle(target.data, own - beside @ values, highest)) ** 2
+        rest = own - beside @ values
+        power = np.abs(waves_of_angle(data, rest, highest)) ** 2
         power[0] = sizes[0] ** 2
         stands = stand_out(power, power, everywhere)
-        stands[found] = False
+        stands[[*found, *too_long]] = False
         order = int(np.argmax(np.where(stands, power, 0.0)))
         size = float(np.sqrt(power[order] / (2 if order else 1)))
-        # noise of a line: sigma*sqrt(2/n); autocorrelation may double it
-        is_noise = not stands[order] or size < 10 * sigma / np.sqrt(len(left)) or size < 0.5 * sigma
-        if is_noise or len(found) == SETTINGS.most_lines:
+        # noise of a line: sigma*sqrt(2/n); autocorrelation may double it, and what has no line is noise to it
+        rms = float(np.sqrt((rest**2).mean()))
+        is_noise = not stands[order] or size < 10 * max(sigma, rms) / np.sqrt(len(left)) or size < 0.5 * sigma
+        # what angles are rounded by may have all its power in one wave
+        if is_noise or size < data.rounded_deg or len(found) == SETTINGS.most_lines:
             break
         found.append(order)
-    out = []
-    for order in sorted(found, key=lambda order: -sizes[order]):
-        share = min(1.0, sizes[order] ** 2 / max(gap_power, 1e-300))
-        name = f"order {order}" if order else "the mean"
-        text = f"{name}: {sizes[order]:.2g} deg RMS over the recordings"
-        out.append(Signature(order, sizes[order], share, {"constant": 1.0}, "both", text))
-    return out, own - beside @ values
+    made = {order: beside[:, k :: len(orders)] @ values[k :: len(orders)] for k, order in enumerate(orders)}
+    return {order: sizes[order] for order in found}, rest, made
+
+
+def _while_it_changes(
+    target: FitData, samples: FloatArray, files: IntArray, order: int, near: int
+) -> tuple[float, FloatArray, str]:
+    """RMS of a wave whose size and phase change over samples (n,), noise taken off, the wave, and where it is largest.
+
+    It is told anew in pieces of the angle that is travelled, each as long as tells it from the mean and from the order
+    that is `near` orders away.
+    """
+    data, angle = target.data, target.data.angle_rad
+    assert angle is not None
+    length = max(SETTINGS.piece_of_turn, SETTINGS.waves_of_piece / order, 1.0 / near) * 2 * np.pi
+    travelled = np.cumsum(np.abs(np.diff(angle, prepend=angle[0])))
+    piece = np.unique(np.stack([files, (travelled / length).astype(np.int64)]), axis=1, return_inverse=True)[1].ravel()
+    cosine, sine = np.cos(order * angle), np.sin(order * angle)
+    count = np.bincount(piece)
+    cc, ss, cs, yc, ys = (
+        np.bincount(piece, values) for values in (cosine**2, sine**2, cosine * sine, cosine * samples, sine * samples)
+    )
+    spread = cc * ss - cs**2
+    # where both parts of the wave are told
+    told = spread > 0.1 * (count / 2.0) ** 2
+    told &= count >= SETTINGS.least_of_piece
+    if not told.any():
+        return 0.0, np.zeros(len(samples)), ""
+    spread = np.where(told, spread, 1.0)
+    sizes = np.stack([(ss * yc - cs * ys) / spread, (cc * ys - cs * yc) / spread]) * told
+    saved = (sizes * np.stack([yc, ys])).sum(axis=0)
+    inside = told[piece]
+    noise = max(float((samples[inside] ** 2).sum()) - float(saved.sum()), 0.0) / max(inside.sum() - 2 * told.sum(), 1)
+    power = max(float(saved.sum()) - 2.0 * noise * told.sum(), 0.0) / inside.sum()
+    most = int(np.argmax(np.hypot(*sizes)))
+    at = data.at.rows(np.flatnonzero(piece == most))
+    where = (
+        f"largest, {np.hypot(*sizes[:, most]):.2g} deg, around {at.speed_rpm.mean():.3g} rpm and "
+        f"{at.torque_Nm.mean():.3g} N m ({data.labels[int(np.argmax(piece == most))]})"
+    )
+    return float(np.sqrt(power)), sizes[0][piece] * cosine + sizes[1][piece] * sine, where
 
 
 def _between_orders(

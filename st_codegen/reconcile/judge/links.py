@@ -58,6 +58,16 @@ def with_unmeasured_links(claims: Sequence[Claim], recordings: Sequence[Recordin
     )
 
 
+def changed_with_unmeasured_links(changed: Sequence[Retuned], recordings: Sequence[Recording]) -> tuple[Retuned, ...]:
+    """Changes of the rig with what cannot be told from them where theta_in was not measured."""
+    if all("theta_in" in r.angles for r in recordings):
+        return tuple(changed)
+    return tuple(
+        replace(one, misread=(*one.misread, "coupling_compliance")) if one.after.name in _LIKE_COUPLING else one
+        for one in changed
+    )
+
+
 def servo_link(recordings: Sequence[Recording], rig: RigModel) -> Link | None:
     """theta_ref -> theta_mot: is there a lag that the rig does not have?"""
     usable = [r for r in recordings if {"theta_ref", "theta_mot"} <= r.angles.keys()]

@@ -31,6 +31,8 @@ from st_codegen.rig.effects.resonance import LOAD_PART, StructuralResonance
 CLEARLY = 2.0
 #: how many times as high a resonance must be in one direction for that to be said
 _TIMES_OF_ONE_SIDE = 3.0
+#: what few samples lie around so close together stands at one place of the turn
+_ONE_PLACE_DEG = 15.0
 #: more times than that nobody needs to know
 _MOST_TIMES = 100.0
 VERDICT_TEXT = {
@@ -69,15 +71,15 @@ def verdict_text(result: Reconciliation) -> str:
         floor, near = result.held_out.noise_floor, result.data.neighbours_deg
         return (
             f"{VERDICT_TEXT[result.verdict].removesuffix('.')}; but what is left, {floor:.2g} deg, is more than the "
-            f"noise from sample to sample, {near:.2g} deg: noise that lasts over samples, or a wave above the orders "
-            "looked at, as a hum is."
+            f"noise from sample to sample, {near:.2g} deg: noise that lasts over samples, or a wave that is none of "
+            "the orders looked at, as a hum is."
         )
     return VERDICT_TEXT[result.verdict]
 
 
 def _lasts(result: Reconciliation) -> bool:
-    """Whether what is left of samples over time is more than the noise from one to the next."""
-    floor, near = result.held_out.noise_floor, result.data.neighbours_deg
+    """Whether what is left of samples over time is more than the noise from one to the next, and than the rounding."""
+    floor, near = result.held_out.noise_floor, max(result.data.neighbours_deg, result.data.rounded_deg)
     return result.data.angle_rad is not None and floor > SETTINGS.clearly_larger * near
 
 
@@ -98,6 +100,11 @@ def floor_text(result: Reconciliation) -> str:
     """What the noise floor is made of, and so what it cannot tell from noise."""
     if result.data.angle_rad is not None:
         if not _lasts(result):
+            if result.data.rounded_deg > SETTINGS.least_of_rounding * result.held_out.noise_floor:
+                return (
+                    f"The floor holds what the angles are rounded by, {result.data.rounded_deg:.2g} deg RMS: smaller "
+                    "waves cannot be told from it."
+                )
             return "The floor is the noise from sample to sample."
         return (
             "The floor is the rest of the samples; from one to the next they differ as noise of "
@@ -194,7 +201,7 @@ def left_text(result: Reconciliation) -> str:
     times = gap.after / gap.noise_floor
     if result.data.angle_rad is not None:
         listed = "only waves of the angle that stand out of it are listed"
-        return f"The gap on held-out recordings is {times:.3g} floors; {listed}."
+        return f"The gap on held-out recordings is {times:.3g} floors; {listed}.{_few_samples(result)}"
     hums = [hum for hum in result.data.hums if hum.power]
     of_hums = sum((hum.by_order[[one.order for one in own]] ** 2 for hum in hums), np.zeros(len(own)))
     left = np.maximum(np.array([one.held_out for one in own]) ** 2 - of_hums, 0.0)
@@ -218,6 +225,24 @@ def left_text(result: Reconciliation) -> str:
             text += f" (of the {own[k].after:.2g} deg of the fitted runs both directions share {alike[k]:.2g}{moves})"
         parts.append(text)
     return f"The gap on held-out runs is {times:.3g} floors: {'; '.join(parts)}."
+
+
+def _few_samples(result: Reconciliation) -> str:
+    """Where in the recordings most of what is left stands, if few samples hold it; empty elsewhere."""
+    data, power = result.data, result.conclusions.final.residual[:, 0].real ** 2
+    assert data.angle_rad is not None
+    ranked = np.argsort(-power)
+    count = int(np.searchsorted(np.cumsum(power[ranked]), power.sum() / 2)) + 1
+    if count > SETTINGS.few_samples * len(data):
+        return ""
+    turns = np.exp(1j * data.angle_rad[ranked[:count]])
+    place = float(np.rad2deg(np.angle(turns.mean()))) % 360.0
+    reach = float(np.rad2deg(np.abs(np.angle(turns * np.exp(-1j * np.deg2rad(place)))).max()))
+    where = f", all within {reach:.2g} deg of {place:.0f} deg of the output" if reach < _ONE_PLACE_DEG else ""
+    return (
+        f" {count} of {len(data)} samples that were looked at hold half of the power of what is left{where}; the "
+        f"largest, {math.sqrt(power[ranked[0]]):.2g} deg, is at {data.labels[ranked[0]]}."
+    )
 
 
 def together_text(result: Reconciliation) -> str:
