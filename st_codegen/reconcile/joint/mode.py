@@ -12,6 +12,8 @@ from scipy.optimize import least_squares
 from st_codegen.ir.arrays import ComplexArray, FloatArray
 from st_codegen.reconcile.settings import SETTINGS
 
+#: a fit that is stopped before it has converged ends elsewhere on another processor
+_MOST_STEPS = 400
 #: Torque per acceleration from parameters at angular frequencies.
 Form = Callable[[FloatArray, FloatArray], ComplexArray]
 
@@ -89,7 +91,7 @@ def _upper(p: FloatArray, w: FloatArray) -> ComplexArray:
 
 
 def _both(p: FloatArray, w: FloatArray) -> ComplexArray:
-    """Antiresonance and resonance: an encoder before the spring."""
+    """Antiresonance and resonance: an encoder before the spring; or a resonance, and a filter above it."""
     found: ComplexArray = _upper(p, w) * p[6] ** 2 / (p[6] ** 2 - w**2 + 2j * p[7] * p[6] * w)
     return found
 
@@ -125,7 +127,7 @@ def find_mode(found: JointResponse) -> JointMode | None:
         spread = np.sqrt(np.diag(np.linalg.inv(done.jac.T @ done.jac)) * max(2 * done.cost / (2 * len(w)), 1.0))
     except np.linalg.LinAlgError:
         return None
-    lower = float(p[6] / (2 * np.pi)) if model is _both else None
+    lower = float(p[6] / (2 * np.pi)) if model is _both and not _is_filter(p) else None
     to_hertz = 1 / (2 * np.pi)
     # what no mode explains may move its peak by as much of its width
     spread[4] = np.sqrt(spread[4] ** 2 + apart[0] ** 2 + (after * p[5] * p[4]) ** 2)
@@ -151,13 +153,18 @@ def _is_within_errors(rigid: Any, w: FloatArray) -> bool:
 
 def _is_mode(p: FloatArray, w: FloatArray) -> bool:
     """Whether parameters are those of a mode that is narrow, damped, and inside of the frequencies."""
-    both = len(p) > 6
+    both = len(p) > 6 and not _is_filter(p)
     wide = p[5] > SETTINGS.joint_broadest or (both and p[7] > SETTINGS.joint_broadest)
     negative = p[5] <= 0 or p[0] <= 0 or (both and not (0 < p[6] < p[4] and p[7] > 0))
     if wide or negative or not w[1] < p[4] < w[-2]:
         return False
     near = np.abs(w / p[4] - 1) < 3 * max(p[5], 0.05)
     return bool(near.sum() >= 4 and (w[near] < p[4]).any() and (w[near] > p[4]).any())
+
+
+def _is_filter(p: FloatArray) -> bool:
+    """Whether what falls off beside a resonance lies above it, and has no peak, as a filter of the torque has none."""
+    return len(p) > 6 and bool(p[6] > p[4] and p[7] > SETTINGS.joint_broadest)
 
 
 def _fit(
@@ -171,7 +178,7 @@ def _fit(
         left = (model(p * unit, w) - value) / error
         return np.concatenate([left.real, left.imag])
 
-    done = least_squares(off, start / unit, loss="soft_l1", x_scale="jac", max_nfev=40)
+    done = least_squares(off, start / unit, loss="soft_l1", x_scale="jac", max_nfev=_MOST_STEPS)
     p = done.x * unit
     # a frequency and its damping that are both negative are the same mode
     for place in range(4, len(p), 2):
