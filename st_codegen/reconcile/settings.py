@@ -33,6 +33,8 @@ class Settings:
     few_samples: float = 0.04
     #: samples of each recording by which readings in other units are compared
     samples_that_tell: int = 500
+    #: by how much (s) a column of a recording may be late: between one sample and what nobody fails to see
+    delays_s: tuple[float, float] = (0.004, 4.0)
     #: how near one angle over another is to the factor of a unit: no transmission error is so large a part of it
     exact_factor: float = 0.01
     #: no oil of a gear is hotter

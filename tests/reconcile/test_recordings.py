@@ -361,6 +361,20 @@ def test_loads_in_another_unit_are_asked_about(factor, said):
         check_recordings([r], rig, Path("r.csv"))
 
 
+@pytest.mark.parametrize(("late", "said"), [(0.3, "0.3 s late"), (-0.05, "0.05 s early"), (0.0, None)])
+def test_loads_that_are_late_are_asked_about(late, said):
+    """Most of the gap was unexplained, and nothing told why."""
+    rig = parse_rig(RIG + """[[effect]]\nname = "torsional_compliance"\nstiffness_Nm_per_arcmin = 450.0\n""")
+    time = np.arange(2000) * 5e-3
+    torque = [600.0 + 400.0 * np.sin(3.0 * t) + 100.0 * np.sin(7.0 * t) for t in (time, time - late)]
+    at = Conditions.of(np.ones(2000), 600.0, torque[0], 30.0)
+    out = 3600.0 / 81.0 * time
+    te = rig.te_deg(out, at.sign, at.speed_rpm, at.torque_Nm, at.temperature_C)
+    r = Recording("r.csv", time, {"theta_in": 81.0 * (out - te), "theta_out": out}, replace(at, torque_Nm=torque[1]))
+    with pytest.raises(InputError, match=f"torque_Nm looks {said}") if said else nullcontext():
+        check_recordings([r], rig, Path("r.csv"))
+
+
 def test_corrections_of_recordings_are_refused(tmp_path):
     """They were passed over in silence."""
     assert "recordings over time are not corrected" in _asked(tmp_path, {}, accept=("sign",))

@@ -6,7 +6,7 @@ error of a reducer is the cause: nobody could tell which turn it was.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -142,10 +142,21 @@ def _other_speed(r: Recording) -> list[str]:
     return [f"speed_rpm is {factor:.4g} times the rate of the fast side over t: one of them is in another unit"]
 
 
+def _least_at(of: Callable[[float], float]) -> float:
+    """The delay (s), of either sign, at which a function is least."""
+    # only here: it takes a tenth of a second
+    from scipy.optimize import minimize_scalar
+
+    low, high, delays = *SETTINGS.delays_s, int(np.log2(SETTINGS.delays_s[1] / SETTINGS.delays_s[0])) + 1
+    best = min((sign * delay for delay in np.geomspace(low, high, delays) for sign in (1.0, -1.0)), key=of)
+    ends = (min(best / 2.0, best * 2.0), max(best / 2.0, best * 2.0))
+    return float(minimize_scalar(of, bounds=ends, method="bounded").x)
+
+
 def _other_reading(recordings: Sequence[Recording], rig: RigModel) -> list[str]:
     """Conditions or angles in other units with which the rig leaves hardly anything of what it leaves as they are."""
-    some = [r.rows(np.linspace(0, len(r.time_s) - 1, SETTINGS.samples_that_tell).astype(int)) for r in recordings]
-    some = [r for r in some if "theta_out" in r.angles]
+    whole = [r for r in recordings if "theta_out" in r.angles]
+    some = [r.rows(np.linspace(0, len(r.time_s) - 1, SETTINGS.samples_that_tell).astype(int)) for r in whole]
     if not some:
         return []
     degrees = [
@@ -167,6 +178,13 @@ def _other_reading(recordings: Sequence[Recording], rig: RigModel) -> list[str]:
         rest = [error_of(r, rig) - expected_error(r, r.angles["theta_out"], rig) for r in read]
         return float(np.mean(np.concatenate(rest) ** 2))
 
+    def by(late_s: float) -> list[Recording]:
+        """The recordings with torques that were written so much too late."""
+        torques = [np.interp(few.time_s + late_s, r.time_s, r.at.torque_Nm) for few, r in zip(some, whole, strict=True)]
+        return [replace(r, at=replace(r.at, torque_Nm=torque)) for r, torque in zip(some, torques, strict=True)]
+
+    late = _least_at(lambda seconds: left(by(seconds)))
+    tried[f"torque_Nm looks {abs(late):.2g} s {'late' if late > 0 else 'early'}"] = by(late)
     # what has no load predicted as well is no reading of it; errors of angles in other units are in other units
     as_is, least = left(some), min(left(some), left(idle))
     sizes = {text: left(read) / (np.rad2deg(1.0) ** 2 if read is degrees else 1.0) for text, read in tried.items()}
