@@ -26,6 +26,8 @@ BAND = 400
 SIGNIFICANT = math.sqrt(-math.log(1e-6))
 #: neighbours on each side that tell the noise at an order
 _NEIGHBOURS = 12
+#: waves whose product is one at all samples but for so much are the same there
+_SAME_WAVE = 1e-6
 #: of the samples, as many hold an order above the band at what is expected where there is no noise
 _LEAST_BELIEF = 1e-9
 #: rounds of finding what else is in a curve
@@ -153,15 +155,20 @@ def fit_orders(curve: Curve | Sums, orders: Sequence[int], beyond: Mapping[int, 
     whole, sums = sums, _without(sums, expected)
     own, coefficients, residual, floor = fitted, *_fitted(sums, fitted)
     for _ in range(_ROUNDS):
-        new = np.setdiff1d(np.flatnonzero(np.abs(residual) > SIGNIFICANT * floor), fitted)
+        new = _no_images(sums, fitted, np.setdiff1d(np.flatnonzero(np.abs(residual) > SIGNIFICANT * floor), fitted))
         if not len(new) and len(own) == len(fitted) + len(expected):
             break
-        fitted = np.union1d(fitted, new)
-        own = np.concatenate([fitted, np.array(sorted(expected), np.intp)])
+        more = np.union1d(fitted, new)
+        beside = np.concatenate([more, np.array(sorted(expected), np.intp)])
         # an amplitude has 4/N of the variance of a sample
         variance = sums.samples * floor[-1] ** 2 / 4.0
         belief = [max(variance / abs(expected[k]) ** 2, _LEAST_BELIEF * sums.samples) for k in sorted(expected)]
-        coefficients, residual, floor = _fitted(sums, own, np.array([0.0] * len(fitted) + belief))
+        try:
+            coefficients, residual, floor = _fitted(sums, beside, np.array([0.0] * len(more) + belief))
+        except InputError:
+            # so many waves the samples do not tell apart, as where a part of the turn is missing
+            break
+        fitted, own = more, beside
     residual[fitted] = coefficients[: len(fitted)]
     columns = np.searchsorted(fitted, wanted)
     chosen = coefficients[columns]
@@ -176,6 +183,18 @@ def _fitted(
     coefficients = _solve(sums, orders, belief)
     residual = _residual(sums, orders, coefficients)
     return coefficients, residual, _noise_floor(sums, residual, orders, coefficients)
+
+
+def _no_images(sums: Sums, fitted: npt.NDArray[np.intp], new: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
+    """The new orders without those whose waves are, at the angles of the samples, those of lower ones.
+
+    Angles that are rounded to 360 steps a turn show order 359 where there is order 1.
+    """
+    kept = fitted
+    for order in new:
+        alike = np.abs(_angle_sum(sums, np.concatenate([order - kept, order + kept]))).max(initial=0.0)
+        kept = kept if alike > (1.0 - _SAME_WAVE) * sums.samples else np.append(kept, order)
+    return np.setdiff1d(kept, fitted)
 
 
 def _without(sums: Sums, expected: Mapping[int, complex]) -> Sums:
@@ -224,7 +243,8 @@ def _solve(sums: Sums, orders: npt.NDArray[np.intp], belief: FloatArray | None =
     try:
         found, again = np.linalg.solve(matrix, np.stack([right[mask], matrix @ known], axis=1)).T
         # what is believed of an order holds it where the samples do not
-        is_told = belief is not None or np.abs(again - known).max() <= math.sqrt(np.finfo(np.float64).eps)
+        own = np.full(len(matrix), True) if belief is None else np.tile(belief == 0.0, 2)[mask]
+        is_told = np.abs(again - known)[own].max() <= math.sqrt(np.finfo(np.float64).eps)
     except np.linalg.LinAlgError:
         is_told = False
     if not is_told:

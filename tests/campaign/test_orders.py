@@ -171,7 +171,12 @@ def test_angles_that_do_not_tell_orders_apart():
         fit_orders(Curve(angle, np.cos(np.deg2rad(angle))), (1, 39, 41))
 
 
-def test_angles_that_tell_the_wanted_orders_but_not_those_of_what_is_left():
-    angle = np.repeat(np.arange(4) * 90.0, 10)
-    with pytest.raises(InputError, match=r"do not tell the orders 0, 1, .* apart"):
-        fit_orders(Curve(angle, np.cos(np.deg2rad(angle))), (1,))
+@pytest.mark.parametrize("steps", [4, 40, 72, 360])
+def test_images_of_an_order_at_coarse_angles_take_nothing_from_it(steps):
+    """Of angles in whole degrees orders 1 and 359 were fitted together, and 0.37 deg was left of 1 deg."""
+    angle = np.arange(4000) * 0.09
+    te = np.cos(np.deg2rad(angle)) + 0.1 * np.cos(np.deg2rad(39 * angle) + 0.4)
+    read = np.round(angle * steps / 360.0) * 360.0 / steps
+    (size,) = np.abs(fit_orders(Curve(read, te), (1,)).coefficients)
+    # the mean over a step of the angle
+    assert size == pytest.approx(np.sinc(1 / steps), abs=0.01)
