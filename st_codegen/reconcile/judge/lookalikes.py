@@ -10,6 +10,7 @@ import numpy as np
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.fit.fitting import Fit
 from st_codegen.reconcile.fit.parameters import Piece
+from st_codegen.reconcile.judge.peaks import has_a_frequency
 from st_codegen.reconcile.judge.plausible import explained, followers
 from st_codegen.reconcile.judge.retuned import shown_change
 from st_codegen.reconcile.settings import SETTINGS
@@ -178,10 +179,11 @@ _CONSTANT_OF_A_LAW = 3.0
 def may_be_of_a_law(final: Fit, number: int) -> bool:
     """Whether a change of an effect is so small that a law of the conditions would make it, and leave unseen the rest.
 
-    On each of its orders: structure below a part of the noise is not told from an error of the noise's estimate.
+    On each of its orders: structure below a part of the noise is not told from an error of the noise's estimate. What
+    is large at one speed or angle alone is like none.
     """
-    data, good = final.target.data, final.target.good
-    if data.angle_rad is not None:
+    data, good, effect = final.target.data, final.target.good, final.state.pieces[number].effect
+    if data.angle_rad is not None or has_a_frequency(effect) or effect.least_foreign:
         return False
     change = (np.abs(shown_change(final, final.state.pieces[number])[good]) ** 2).mean(axis=0)
     noise = np.where(data.orders == 0, 1, 2) * (final.target.sigma[good] ** 2).mean(axis=0)
