@@ -437,51 +437,28 @@ def _result(
     apart: BoolArray,
 ) -> Reconciliation:
     """Gaps, and what is left, of a fit."""
-    final = conclusions.final
-    target, noise = with_noise_of(final)
-    noise = _with_suspects(target, final, noise)
+    target, noise = with_noise_of(conclusions.final)
+    noise = _with_suspects(target, conclusions.final, noise)
     target = replace(target, good=noise.good)
+    final = replace(conclusions.final, target=target)
     before, after, good = target.residual(rig), final.residual, noise.good
     weight = np.where(data.orders == 0, 1.0, 0.5)
-    hum = sum((one.by_order[data.orders] ** 2 for one in data.hums), np.zeros(len(data.orders)))
-    # what was taken out of the curves is in the gap, on orders that nobody looks at as well
-    elsewhere = max(0.0, sum(one.power for one in data.hums) - float(hum.sum()))
-    gap_power = float((weight * (np.abs(before[good]) ** 2).mean(axis=0)).sum() + hum.sum()) + elsewhere
-    floor_rms, left = _unexplained(target, final, before, noise, gap_power)
-    left = left or faint(replace(final, target=target), judged, gap_power)
-    # the noise within the curves says nothing of the mean, and little of the lowest orders, in which noise wanders:
-    # what runs differ by holds what these keep as well, and is the most that it can be
-    kept = [one.order for one in left if one.order <= SETTINGS.wander_orders]
-    floor_rms = np.where(np.isin(data.orders, kept), np.maximum(floor_rms, noise.floor_rms), floor_rms)
-    floor_power = weight * np.where(data.orders == 0, 1, 2) * floor_rms**2
-    floor = float(np.sqrt(floor_power.sum()))
-    if not left and data.angle_rad is None and rms_deg(after[good], data.orders) > SETTINGS.clearly_larger * floor:
-        left = [loudest(target, after, gap_power, floor_rms)]
+    hums = _OfHums.of(data)
+    floor_rms, left = _left_over(final, before, noise, judged, hums.with_all(rms_deg(before[good], data.orders)) ** 2)
     # what noise is left where the noise holds what is unexplained as well nobody knows
     told = [one.order for one in left if not (one.at_least or "scatter" in one.dependence)]
-    rest = in_place_of_the_rest(replace(final, target=target), told)
-    conclusions = conclusions.with_misread(rest)
-    unseen = _held_out(replace(final, target=target), before, apart)
+    conclusions = conclusions.with_misread(in_place_of_the_rest(final, told))
+    unseen = _held_out(final, before, apart)
 
-    def with_hum(values: ComplexArray, chosen: list[int]) -> float:
-        """The RMS of the chosen orders with the hum that was taken out of the curves."""
-        return math.hypot(rms_deg(values[good][:, chosen], data.orders[chosen]), math.sqrt(float(hum[chosen].sum())))
+    def whole(before: float, after: float) -> Gap:
+        return Gap(hums.with_all(before), hums.with_all(after), float(np.linalg.norm(floor_rms)))
 
-    def whole(part: float) -> float:
-        """The RMS of the curves from what all orders have, with all that was taken out of the curves."""
-        return math.hypot(part, math.sqrt(float(hum.sum()) + elsewhere))
+    def of_order(k: int) -> OrderGap:
+        fitted = [rms_deg(values[good][:, [k]], data.orders[[k]]) for values in (before, after)]
+        own = [hums.with_own(rms, k) for rms in (*fitted, float(unseen.by_order[k]))]
+        return OrderGap(int(data.orders[k]), own[0], own[1], float(floor_rms[k]), own[2])
 
     orders = [one.order for one in left if one.order >= 0]
-    per_order = tuple(
-        OrderGap(
-            int(order),
-            with_hum(before, [k]),
-            with_hum(after, [k]),
-            float(np.sqrt(floor_power[k])),
-            math.hypot(float(unseen.by_order[k]), math.sqrt(float(hum[k]))),
-        )
-        for k, order in enumerate(data.orders)
-    )
     return Reconciliation(
         rig=rig,
         new_rig=_new_rig(rig, final, conclusions),
@@ -497,9 +474,9 @@ def _result(
         ),
         judged=judged,
         unexplained=tuple(left),
-        fitted=Gap(whole(rms_deg(before[good], data.orders)), whole(rms_deg(after[good], data.orders)), floor),
-        held_out=Gap(whole(unseen.before), whole(float(np.linalg.norm(unseen.by_order))), floor),
-        orders=per_order,
+        fitted=whole(rms_deg(before[good], data.orders), rms_deg(after[good], data.orders)),
+        held_out=whole(unseen.before, float(np.linalg.norm(unseen.by_order))),
+        orders=tuple(map(of_order, range(len(data.orders)))),
         mistakes=examined.mistakes,
         cannot_show=(
             *cannot_show(data),
@@ -514,6 +491,31 @@ def _result(
         untested=untested_axes(conclusions.final) if data.angle_rad is None else (),
         carriers=math.inf if data.angle_rad is not None else _alike((weight * np.abs(unseen.left) ** 2).sum(axis=1)),
     )
+
+
+@dataclass(frozen=True)
+class _OfHums:
+    """The power (deg^2) that hums had in the gap before they were taken out of the curves.
+
+    by_order: of the orders that are looked at, (K,); elsewhere: of all others together.
+    """
+
+    by_order: FloatArray
+    elsewhere: float
+
+    @classmethod
+    def of(cls, data: Observations) -> _OfHums:
+        """The power of the hums that were taken out of the data."""
+        by_order = sum((one.by_order[data.orders] ** 2 for one in data.hums), np.zeros(len(data.orders)))
+        return cls(by_order, max(0.0, sum(one.power for one in data.hums) - float(by_order.sum())))
+
+    def with_all(self, rms: float) -> float:
+        """The RMS of the curves from what all orders have, with all that was taken out."""
+        return math.hypot(rms, math.sqrt(float(self.by_order.sum()) + self.elsewhere))
+
+    def with_own(self, rms: float, k: int) -> float:
+        """The RMS of one order, by its place, with what was taken out of it."""
+        return math.hypot(rms, math.sqrt(float(self.by_order[k])))
 
 
 @dataclass(frozen=True)
@@ -545,6 +547,30 @@ def _held_out(final: Fit, before: ComplexArray, apart: BoolArray) -> _Unseen:
     if np.linalg.norm(levels.by_order) < SETTINGS.clearly_larger * np.linalg.norm(by_order):
         return _Unseen(by_order, rms_deg(before[kept], orders), left, int(kept.sum()))
     return levels
+
+
+def _left_over(
+    final: Fit,
+    before: ComplexArray,
+    noise: Noise,
+    judged: Sequence[tuple[Candidate, Evidence]],
+    gap_power: float,
+) -> tuple[FloatArray, list[Signature]]:
+    """The noise floor (K,), and what is left of a gap with a pattern, faintly, or without any.
+
+    before: what the rig leaves, (n, K).
+    """
+    target, data = final.target, final.target.data
+    floor_rms, left = _unexplained(target, final, before, noise, gap_power)
+    left = left or faint(final, judged, gap_power)
+    # the noise within the curves says nothing of the mean, and little of the lowest orders, in which noise wanders:
+    # what runs differ by holds what these keep as well, and is the most that it can be
+    kept = [one.order for one in left if one.order <= SETTINGS.wander_orders]
+    floor_rms = np.where(np.isin(data.orders, kept), np.maximum(floor_rms, noise.floor_rms), floor_rms)
+    after = rms_deg(final.residual[target.good], data.orders)
+    if not left and data.angle_rad is None and after > SETTINGS.clearly_larger * float(np.linalg.norm(floor_rms)):
+        left = [loudest(target, final.residual, gap_power, floor_rms)]
+    return floor_rms, left
 
 
 def _unexplained(
