@@ -326,8 +326,9 @@ def test_what_is_loud_at_one_speed_in_all_orders_is_no_resonance():
     at_900 = {f"k{k}": k * 900 / 60 / 81 for k in (40, 78, 81, 162)}
     target, _ = peaks(**at_900)
     assert is_of_one_speed(target, target.data.values, of_orders(78, 81), [40, 162])
-    # orders beside each other peak at one speed in a resonance, too, and others elsewhere
-    assert not is_of_one_speed(target, target.data.values, of_orders(78, 81), [])
+    # orders beside each other peak at one speed in a resonance, too, and another one may peak there by chance
+    for others in ([], [40]):
+        assert not is_of_one_speed(target, target.data.values, of_orders(78, 81), others)
     target, _ = peaks(**{**at_900, "k40": 10.0, "k162": 50.0})
     assert not is_of_one_speed(target, target.data.values, of_orders(78, 81), [40, 162])
     # a resonance above the largest speed has all orders loudest there

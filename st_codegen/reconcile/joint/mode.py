@@ -163,7 +163,7 @@ def _is_mode(p: FloatArray, w: FloatArray) -> bool:
 
 
 def _is_filter(p: FloatArray) -> bool:
-    """Whether what falls off beside a resonance lies above it, and has no peak, as a filter of the torque has none."""
+    """Whether what falls off beside a resonance lies above it, and has no sharp peak, as a filter of the torque."""
     return len(p) > 6 and bool(p[6] > p[4] and p[7] > SETTINGS.joint_broadest)
 
 

@@ -94,6 +94,13 @@ class Claim:
         """Chance that the name is true, by how many of its kind were (rule of succession); None where none is known."""
         return None if self.counted is None else (self.counted[0] + 1) / (self.counted[1] + 2)
 
+    def in_doubt(self) -> Claim:
+        """The claim with `something_else` among its alternatives."""
+        if SOMETHING_ELSE in self.alternatives:
+            return self
+        counted = self.counted and SETTINGS.names_by_order
+        return replace(self, alternatives=(*self.alternatives, SOMETHING_ELSE), counted=counted)
+
 
 @dataclass(frozen=True)
 class Retuned:
@@ -608,11 +615,7 @@ def doubted(
 
     slow = {0} & set(left) if in_samples else set()
     # what changed in one direction alone is half of what turns with it, and half of what does not
-    halves = _ONE_SIDED if found.names >= _ONE_SIDED else frozenset[str]()
-    # above the load that takes play up it is dry friction's twin: what is no play is no such friction either
-    unsure = {one.after.name for one in found.retuned if SOMETHING_ELSE in one.alternatives}
-    unsure |= {claim.piece.effect.name for claim in found.claims if SOMETHING_ELSE in claim.alternatives}
-    halves |= {"friction_windup"} if "backlash" in unsure else set()
+    halves = _ONE_SIDED if found.names >= _ONE_SIDED else frozenset()
 
     def is_open(effect: Effect, orders: Collection[int]) -> bool:
         its = set(effect.touched_orders())
@@ -620,30 +623,33 @@ def doubted(
             its |= set(left) - {0}
         return effect.name in halves or bool(its & set(orders))
 
-    claims = tuple(
-        replace(
-            claim, alternatives=(*claim.alternatives, SOMETHING_ELSE), counted=claim.counted and SETTINGS.names_by_order
-        )
+    claims = [
+        claim.in_doubt()
         if (is_open(claim.piece.effect, near | slow) or (is_broad and claim.piece.effect.least_foreign))
-        and SOMETHING_ELSE not in claim.alternatives
         and (claim.counted or slow)
         else claim
         for claim in found.claims
-    )
-    retuned = tuple(
+    ]
+    retuned = [
         replace(
             one,
             is_open=one.is_open or is_open(one.after, near | reached | broad | set(left) | _mirrored(one.after, left)),
         )
         for one in found.retuned
-    )
-    return replace(found, claims=claims, retuned=retuned, offset_is_open=is_broad or bool(slow))
+    ]
+    unsure = {one.after.name for one in retuned if SOMETHING_ELSE in one.alternatives}
+    unsure |= {claim.piece.effect.name for claim in claims if SOMETHING_ELSE in claim.alternatives}
+    if "backlash" in unsure:
+        # above the load that takes play up it is dry friction's twin: what is no play is no such friction either
+        claims = [claim.in_doubt() if claim.piece.effect.name == "friction_windup" else claim for claim in claims]
+        retuned = [replace(one, is_open=one.is_open or one.after.name == "friction_windup") for one in retuned]
+    return replace(found, claims=tuple(claims), retuned=tuple(retuned), offset_is_open=is_broad or bool(slow))
 
 
 def _mirrored(effect: Effect, left: Collection[int]) -> set[int]:
-    """The orders that lie as far on the other side of the mesh order next to each: what changes a mesh makes both."""
-    mesh = np.array(effect.constants.mesh_orders())
-    return {2 * int(mesh[np.argmin(np.abs(mesh - k))]) - k for k in left if k > 0}
+    """The sidebands on the other side of the mesh order beside each: what changes a mesh makes both."""
+    mesh, reach = effect.constants.mesh_orders(), effect.constants.cranks
+    return {2 * order - k for k in left for order in mesh if abs(order - k) <= reach}
 
 
 def _of_what_is_many(found: Conclusions) -> set[int]:

@@ -168,7 +168,9 @@ def may_be_another_power(final: Fit, number: int) -> bool:
             found += float((np.abs(values - design @ np.linalg.lstsq(design, values, rcond=None)[0]) ** 2).sum())
         return found
 
-    return min(map(left, _POWERS_OF_A_MESH)) < left(1.0) + SETTINGS.as_good
+    own, best = left(1.0), min(map(left, _POWERS_OF_A_MESH))
+    # what neither explains is as much noise to both
+    return best < own + SETTINGS.as_good * max(1.0, min(own, best) / (2.0 * wanted.size))
 
 
 #: A law that is nothing at one end of a condition and grows in proportion to it is a constant, and what differs from it

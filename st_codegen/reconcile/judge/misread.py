@@ -286,13 +286,14 @@ def in_place_of_a_move(final: Fit, number: int) -> frozenset[str]:
     moves = {"frequency_per_kNm", "levels_off_per_kNm"}
     values = {key: x for key, x in piece.effect.values.items() if key not in moves}
     still = replace(piece, effect=piece.effect.with_values(values), free=piece.free - moves)
-    low, high = piece.effect.scalar("frequency_Hz"), frequencies_in(piece.effect, data.at)
-    seen = max(high, key=lambda hertz: abs(hertz - low))
-    sizes = np.array([100.0 * (1.0 - low / seen)])
+    at_rest = replace(data.at, temperature_C=np.full(len(data), piece.effect.constants.reference_temperature_C))
+    still_Hz = piece.effect.scalar("frequency_Hz")
+    moved_Hz = max(frequencies_in(piece.effect, at_rest), key=lambda hertz: abs(hertz - still_Hz))
+    sizes = np.array([100.0 * (1.0 - still_Hz / moved_Hz)])
     if abs(sizes[0]) > _SLIP.most[0]:
         return frozenset()
-    best = _read(final.target, final.state.replaced(number, still), _SLIP, sizes)[1]
-    return frozenset() if _is_needed(best, final, 1) else frozenset([_SLIP.name])
+    sizes, best = _read(final.target, final.state.replaced(number, still), _SLIP, sizes)
+    return frozenset() if abs(sizes[0]) > _SLIP.most[0] or _is_needed(best, final, 1) else frozenset([_SLIP.name])
 
 
 def in_place_of_the_rest(final: Fit, orders: Collection[int]) -> tuple[Misread, ...]:

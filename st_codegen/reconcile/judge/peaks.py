@@ -105,11 +105,13 @@ def is_of_one_speed(target: FitData, residual: ComplexArray, effect: Effect, oth
         return False
     hertz = max(order * below for order, below, _ in own), min(order * above for order, _, above in own)
     foreign = [
-        below < high and low < above
+        (order, below < high and low < above)
         for order, below, above in _loudest(target, residual, others, some, SETTINGS.loud_order)
         if not (order * below < hertz[1] and hertz[0] < order * above)
     ]
-    return 2 * sum(foreign) > len(foreign)
+    # one of them may well be a resonance of its own that peaks there
+    several = len({order for order, there in foreign if there}) > 1
+    return several and 2 * sum(there for _, there in foreign) > len(foreign)
 
 
 def _edges(speed: FloatArray) -> FloatArray:

@@ -43,9 +43,9 @@ class ResidualStructure:
         return np.asarray(false_discoveries(self.chance, SETTINGS.discovery_rate) | in_time)
 
     def significant_among(self, asked: BoolArray) -> BoolArray:
-        """Which orders keep structure, (K,), where those `asked`, (K,), are looked at apart from all others.
+        """Which orders keep structure, (K,), among all, or among those `asked`, (K,): few are not weighed down by many.
 
-        The false discovery rate holds for each of the two groups: few orders are not weighed down by many others.
+        The false discovery rate holds for all orders, and once more for those.
         """
         found = self.significant.copy()
         found[asked] |= false_discoveries(self.chance[asked], SETTINGS.discovery_rate)
