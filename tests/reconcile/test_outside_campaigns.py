@@ -199,6 +199,13 @@ def test_a_law_of_a_sorted_campaign_may_be_one_of_the_time():
     assert "torque" in one.text and "or with the time if the runs were made in the order of their list" in one.text
 
 
+def test_where_runs_are_few_nothing_was_found_but_large_things():
+    """A mean that stepped by six of its noises among twelve runs passed for noise, and nothing else was said."""
+    few, many = (reconcile_observations(RIG, observed(RIG, at), KNOWN) for at in (grid(4, 3, 1), grid(6, 5, 1)))
+    assert verdict_text(few).endswith("; the runs are too few to tell small ones.")
+    assert verdict_text(many).endswith("in the differences.")
+
+
 @pytest.fixture(scope="module")
 def scattered():
     """A rig that is right, of whose curves order 40 differs from run to run."""

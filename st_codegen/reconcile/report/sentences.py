@@ -47,6 +47,8 @@ def verdict_text(result: Reconciliation) -> str:
     """The verdict in words."""
     if result.verdict is Outcome.PARTLY_EXPLAINED and result.data.few_points and not result.unexplained:
         return "What is named was missing; the runs are too few to tell whether what is left of them is noise."
+    if result.verdict is Outcome.NOTHING_MISSING and result.data.few_points:
+        return f"{VERDICT_TEXT[result.verdict].removesuffix('.')}; the runs are too few to tell small ones."
     if result.unexplained and all(one.would_be for one in result.unexplained):
         named = "What differs is named; what is left" if result.verdict is Outcome.PARTLY_EXPLAINED else "What differs"
         return f"{named} has a faint pattern, which may be noise that lasts over runs."
