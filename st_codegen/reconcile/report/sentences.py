@@ -47,8 +47,6 @@ def verdict_text(result: Reconciliation) -> str:
     """The verdict in words."""
     if result.verdict is Outcome.PARTLY_EXPLAINED and result.data.few_points and not result.unexplained:
         return "What is named was missing; the runs are too few to tell whether what is left of them is noise."
-    if result.verdict is Outcome.NOTHING_MISSING and result.data.few_points:
-        return f"{VERDICT_TEXT[result.verdict].removesuffix('.')}; the runs are too few to tell small ones."
     if result.unexplained and all(one.would_be for one in result.unexplained):
         named = "What differs is named; what is left" if result.verdict is Outcome.PARTLY_EXPLAINED else "What differs"
         return f"{named} has a faint pattern, which may be noise that lasts over runs."
@@ -59,24 +57,24 @@ def verdict_text(result: Reconciliation) -> str:
             f"{named} differ by more than the noise {known}, without a pattern over the conditions: more noise, or "
             "something missing."
         )
+    text = VERDICT_TEXT[result.verdict]
+    hidden = _hidden(result) if result.verdict in (Outcome.EXPLAINED, Outcome.NOTHING_MISSING) else ""
+    return f"{text.removesuffix('.')}; {hidden}." if hidden else text
+
+
+def _hidden(result: Reconciliation) -> str:
+    """What may hide beside a verdict that nothing more was found; empty where nothing is known of it."""
     # what a correction takes from the orders it takes above them as well
-    if (
-        result.data.beyond_deg
-        and not result.mistakes
-        and result.verdict in (Outcome.EXPLAINED, Outcome.NOTHING_MISSING)
-    ):
-        said, beyond = VERDICT_TEXT[result.verdict].removesuffix("."), result.data.beyond_deg
-        return (
-            f"{said}; but above the orders that were looked at the curves hold {beyond:.2g} deg RMS, more than noise."
-        )
-    if result.verdict in (Outcome.EXPLAINED, Outcome.NOTHING_MISSING) and _lasts(result):
+    if result.data.beyond_deg and not result.mistakes:
+        beyond = result.data.beyond_deg
+        return f"but above the orders that were looked at the curves hold {beyond:.2g} deg RMS, more than noise"
+    if _lasts(result):
         floor, near = result.held_out.noise_floor, result.data.neighbours_deg
         return (
-            f"{VERDICT_TEXT[result.verdict].removesuffix('.')}; but what is left, {floor:.2g} deg, is more than the "
-            f"noise from sample to sample, {near:.2g} deg: noise that lasts over samples, or a wave that is none of "
-            "the orders looked at, as a hum is."
+            f"but what is left, {floor:.2g} deg, is more than the noise from sample to sample, {near:.2g} deg: noise "
+            "that lasts over samples, or a wave that is none of the orders looked at, as a hum is"
         )
-    return VERDICT_TEXT[result.verdict]
+    return "the runs are too few to tell small ones" if result.data.few_points else ""
 
 
 def _lasts(result: Reconciliation) -> bool:
