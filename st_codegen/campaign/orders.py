@@ -191,6 +191,8 @@ def _no_images(sums: Sums, fitted: npt.NDArray[np.intp], new: npt.NDArray[np.int
     Angles that are rounded to 360 steps a turn show order 359 where there is order 1.
     """
     kept = fitted
+    if np.abs(sums.angle[1:]).max(initial=0.0) <= (1.0 - _SAME_WAVE) * sums.samples:
+        return new  # the usual case: no two waves are the same
     for order in new:
         alike = np.abs(_angle_sum(sums, np.concatenate([order - kept, order + kept]))).max(initial=0.0)
         kept = kept if alike > (1.0 - _SAME_WAVE) * sums.samples else np.append(kept, order)
