@@ -250,9 +250,10 @@ def _solve(sums: Sums, orders: npt.NDArray[np.intp], belief: FloatArray | None =
     except np.linalg.LinAlgError:
         is_told = False
     if not is_told:
-        raise InputError(
-            f"the angles of the samples do not tell the orders {listed(orders.tolist())} apart: are their steps coarse?"
-        )
+        new = _no_images(sums, orders[:0], orders)
+        same = np.setdiff1d(orders, new).tolist()
+        which = f"{listed(same)} from lower ones" if same else f"{listed(orders.tolist())} apart"
+        raise InputError(f"the angles of the samples do not tell the orders {which}: are their steps coarse?")
     solution[mask] = found
     return solution[: len(orders)] + 1j * solution[len(orders) :]
 
