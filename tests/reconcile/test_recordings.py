@@ -1,5 +1,6 @@
 """Recordings over time: which angles suffice, and all that is wrong with a file at once."""
 
+import re
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +17,7 @@ from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.conclusions import Retuned
 from st_codegen.reconcile.judge.lines import _slow, lines_in_samples, stand_out, waves_of_angle
 from st_codegen.reconcile.judge.links import _judged, _noise, changed_with_unmeasured_links
-from st_codegen.reconcile.judge.recorded import check_recordings
+from st_codegen.reconcile.judge.recorded import _jumps, _least_at, _other_angle, check_recordings
 from st_codegen.reconcile.outcome import Outcome
 from st_codegen.reconcile.report.sentences import _few_samples, floor_text, left_text, verdict_text
 from st_codegen.reconcile.run import reconcile_files, reconcile_recordings
@@ -373,6 +374,100 @@ def test_loads_that_are_late_are_asked_about(late, said):
     r = Recording("r.csv", time, {"theta_in": 81.0 * (out - te), "theta_out": out}, replace(at, torque_Nm=torque[1]))
     with pytest.raises(InputError, match=f"torque_Nm looks {said}") if said else nullcontext():
         check_recordings([r], rig, Path("r.csv"))
+
+
+def _even(rig, te=None, count=1000, step_s=1e-2, fast="theta_in"):
+    """A recording at 600 rpm with the rig's transmission error, or another, and its output's angle."""
+    time = np.arange(count) * step_s
+    at = Conditions.of(np.ones(count), 600.0, 400.0, 30.0)
+    out = 3600.0 / 81.0 * time
+    te = rig.te_deg(out, at.sign, at.speed_rpm, at.torque_Nm, at.temperature_C) if te is None else te * np.ones(count)
+    return Recording("r.csv", time, {fast: 81.0 * (out - te), "theta_out": out}, at)
+
+
+COMPLIANT = RIG + """[[effect]]\nname = "torsional_compliance"\nstiffness_Nm_per_arcmin = 450.0\n"""
+
+
+@pytest.mark.parametrize("part", [0.0, 0.1, 0.2, 1.0])
+def test_a_gear_that_errs_less_than_the_rig_has_its_angles_in_degrees(part):
+    """Reading them as rad makes the error 57 times as large: nearer to the rig's, by the rig's own power alone."""
+    rig = parse_rig(COMPLIANT)
+    te = _even(rig).angles
+    te = part * (te["theta_out"] - te["theta_in"] / 81.0) + 1e-5 * np.random.default_rng(0).standard_normal(1000)
+    check_recordings([_even(rig, te)], rig, Path("r.csv"))
+
+
+def test_angles_in_rad_are_asked_about_with_what_is_left_in_degrees():
+    """1.8e-06 deg were said of 1e-4."""
+    rig = parse_rig(COMPLIANT)
+    r = _even(rig)
+    noise = 1e-4 * np.random.default_rng(0).standard_normal(1000)
+    angles = {"theta_in": r.angles["theta_in"], "theta_out": r.angles["theta_out"] + noise}
+    angles = {name: np.deg2rad(angle) for name, angle in angles.items()}
+    read = replace(r, angles=angles, at=replace(r.at, speed_rpm=np.deg2rad(r.at.speed_rpm)))
+    with pytest.raises(
+        InputError, match=r"look like in rad: read so, the rig leaves (0.0001|9\.\de-05|1\.\d?e-04) deg"
+    ):
+        check_recordings([read], rig, Path("r.csv"))
+
+
+def test_nothing_is_asked_where_nothing_is_left_and_a_lag_is_that_of_all_samples():
+    """degF were asked about with 0 deg; and rows that came twice made the lag, and what is left, no number."""
+    check_recordings([_even(parse_rig("[rig]\nreduction_ratio = 81.0\n"), 0.0)], parse_rig(RIG), Path("r.csv"))
+    nothing = parse_rig("[rig]\nreduction_ratio = 81.0\n")
+    check_recordings([_even(nothing, 0.0)], nothing, Path("r.csv"))
+    rig = parse_rig(RIG)
+    for count in (300, 3000):
+        time = np.arange(count) * 1e-2
+        reference = 3600.0 * time + 300.0 * np.sin(3.0 * time)
+        out = rig.effects[1].motor_angle(time, reference) / 81.0
+        at = Conditions.of(np.ones(count), 600.0, 0.0, 30.0)
+        angles = {"theta_ref": reference, "theta_out": out + rig.te_deg(out, 1.0, 600.0, 0.0, 30.0)}
+        r = Recording("r.csv", time, angles, replace(at, speed_rpm=np.abs(np.gradient(reference, time)) / 6.0))
+        check_recordings([r], rig, Path("r.csv"))
+
+
+@pytest.mark.parametrize("moved", [300.0, 340.0])
+def test_fast_moves_between_pauses_are_no_angle_that_begins_anew(moved):
+    """10 ms a sample, three fifths of the time at rest: 5000 rpm are 300 deg a step."""
+    steps = np.where(np.arange(1000) % 50 < 20, moved, 0.0)
+    angle = np.cumsum(steps)
+    at = Conditions.of(np.ones(1000), 5000.0, 0.0, 30.0)
+    r = Recording("r.csv", np.arange(1000) * 1e-2, {"theta_in": angle}, at)
+    assert _jumps(r) == []
+    assert "theta_in jumps by -3" in _jumps(replace(r, angles={"theta_in": (0.1 * angle) % 360.0}))[0]
+
+
+@pytest.mark.parametrize(
+    ("ratio", "factor", "said"),
+    [
+        (57.0, 180.0 / np.pi, "as if theta_in is in rad$"),
+        (57.0, 57.0, "as if both are of the fast side$"),
+        (60.0, 60.0, "as if theta_out is in arcmin or both are of the fast side$"),
+    ],
+)
+def test_a_ratio_that_is_near_the_factor_of_a_unit_is_not_taken_for_it(ratio, factor, said):
+    rig, out = parse_rig(f"[rig]\nreduction_ratio = {ratio}\n"), np.linspace(0.0, 500.0, 1000)
+    at = Conditions.of(np.ones(1000), 600.0, 0.0, 30.0)
+    r = Recording("r.csv", np.arange(1000) * 1e-2, {"theta_in": ratio * out, "theta_out": factor * out}, at)
+    assert re.search(said, _other_angle(r, rig)[0])
+
+
+def test_an_axis_at_rest_that_is_taken_as_it_is_ends_in_a_message(tmp_path):
+    """It ended in an error of the program; and links alone need no turn of the fast side."""
+    rest = {name: lambda x: 0.0 * x for name in (*ANGLES, "speed_rpm")}
+    assert "the axis does not move" in _asked(tmp_path, rest, accept=("as_is",))
+    rig, time = parse_rig(RIG), np.arange(1000) * 1e-3
+    at = Conditions.of(np.ones(1000), 10.0, 0.0, 30.0)
+    link = Recording("r.csv", time, {"theta_ref": 60.0 * time, "theta_mot": 60.0 * time}, at)
+    check_recordings([link], rig, Path("r.csv"))
+
+
+def test_a_delay_is_looked_for_within_its_limits():
+    low, high = SETTINGS.delays_s
+    for goal in (2.0 * high, -2.0 * high, 0.5 * low, 0.3):
+        found = _least_at(lambda x, goal=goal: (x - goal) ** 2)
+        assert low <= abs(found) <= high and found * goal > 0.0
 
 
 def test_corrections_of_recordings_are_refused(tmp_path):

@@ -8,12 +8,12 @@ by sample. Columns and signs: docs/effects.md.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from st_codegen.errors import Problems
+from st_codegen.errors import InputError, Problems
 from st_codegen.files.csv_tables import header_of, read_csv
 from st_codegen.ir.arrays import FloatArray, IntArray
 from st_codegen.reconcile.data.observations import Observations
@@ -135,6 +135,8 @@ def observations(recordings: Sequence[Recording], rig: RigModel) -> Observations
         moving = r.at.speed_rpm > 0.02 * r.at.speed_rpm.max()
         parts.append((r, out, te, np.flatnonzero(moving)))
         bends.append(np.diff(te - expected_error(r, out, rig), n=2)[moving[2:] & moving[1:-1] & moving[:-2]])
+    if not any(len(rows) for *_, rows in parts):
+        raise InputError(f"{', '.join(r.name for r in recordings)}: the axis does not move")
     step = max(1, -(-sum(len(rows) for *_, rows in parts) // SETTINGS.most_samples))
     labels, values, angles, conditions = [], [], [], []
     # even steps would show each order as others too
@@ -222,11 +224,17 @@ def _input_angle(r: Recording, rig: RigModel) -> FloatArray:
     """theta_in, deg: measured, or by the rig's own links from the next angle of the fast side that is there."""
     if "theta_in" in r.angles:
         return r.angles["theta_in"]
-    angle = r.angles.get("theta_mot")
-    if angle is None:
-        angle = r.angles["theta_ref"]
-        for effect in rig.effects:
-            angle = effect.motor_angle(r.time_s, angle) if isinstance(effect, ControlLag) else angle
+    angle = with_motor(r, rig).angles["theta_mot"]
     for effect in rig.effects:
         angle = angle + effect.twist(r.at) if isinstance(effect, CouplingCompliance) else angle
     return angle
+
+
+def with_motor(r: Recording, rig: RigModel) -> Recording:
+    """The recording with theta_mot, by the rig's own lag from theta_ref where no angle behind it was measured."""
+    if r.angles.keys() & {"theta_in", "theta_mot"}:
+        return r
+    angle = r.angles["theta_ref"]
+    for effect in rig.effects:
+        angle = effect.motor_angle(r.time_s, angle) if isinstance(effect, ControlLag) else angle
+    return replace(r, angles={**r.angles, "theta_mot": angle})
