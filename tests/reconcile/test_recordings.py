@@ -15,7 +15,7 @@ from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.data.recordings import ANGLES, Recording, is_recording, observations, read_recordings, step_of
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.conclusions import Retuned
-from st_codegen.reconcile.judge.lines import _slow, lines_in_samples, stand_out, waves_of_angle
+from st_codegen.reconcile.judge.lines import _slow, _while_it_changes, lines_in_samples, stand_out, waves_of_angle
 from st_codegen.reconcile.judge.links import _judged, _noise, changed_with_unmeasured_links
 from st_codegen.reconcile.judge.recorded import _jumps, _least_at, _other_angle, check_recordings
 from st_codegen.reconcile.outcome import Outcome
@@ -479,7 +479,11 @@ def test_files_beside_recordings_are_named(tmp_path):
     """They were left out without a word."""
     rig = recorded(tmp_path / "r.csv")
     (tmp_path / "other.csv").write_text("time,theta_in,theta_out\n0,1,2\n")
-    assert "other.csv: no recordings" in reconcile_files(rig, tmp_path, catalogue(())).data.not_looked_at[-1]
+    (tmp_path / "a_folder.csv").mkdir()
+    assert (
+        "other.csv: no recordings, which have the column t and one of"
+        in (reconcile_files(rig, tmp_path, catalogue(())).data.not_looked_at[-1])
+    )
 
 
 def test_a_wave_that_grows_and_fades_has_its_whole_size():
@@ -511,7 +515,7 @@ def test_what_an_angle_is_rounded_by_is_told_and_an_even_motion_is_no_rounding(n
 
 def test_waves_below_what_angles_are_rounded_by_are_not_told():
     target, samples = _left_of_two_recordings(40.0)
-    coarse = replace(target, data=replace(target.data, rounded_deg=5e-4))
+    coarse = replace(target, data=replace(target.data, rounded_by=np.full(len(target.data), 5e-4)))
     assert lines_in_samples(target, samples, 1.0) and not lines_in_samples(coarse, samples, 1.0)
     assert estimate(coarse.data, samples).floor_rms == pytest.approx(5e-4)
 
@@ -525,12 +529,15 @@ def test_where_few_samples_hold_what_is_left_is_said():
     data = Observations(at, labels, np.zeros(1, np.int64), np.zeros((count, 1), complex), angle, (0,))
     left = 1e-4 * np.random.default_rng(0).standard_normal(count)
 
-    def said(values):
+    def said(values, of_links=0.0):
         final = SimpleNamespace(residual=values[:, None].astype(complex))
-        return _few_samples(SimpleNamespace(data=data, conclusions=SimpleNamespace(final=final)))
+        gap = SimpleNamespace(after=max(float(np.sqrt((values**2).mean())), of_links))
+        return _few_samples(SimpleNamespace(data=data, conclusions=SimpleNamespace(final=final), held_out=gap))
 
     spikes = left + 0.3 * np.isin(np.arange(count), [100, 2500, 4001])
     assert said(left) == "" and "a.csv, t = " in said(spikes) and "of the output" not in said(spikes)
+    # of a gap that is the servo's or the coupling's the reducer's samples say nothing
+    assert said(spikes, of_links=0.1) == ""
     bump = left + 5e-3 * np.exp(-0.5 * ((np.rad2deg(angle) % 360.0 - 120.0) / 1.0) ** 2)
     assert "of 120 deg of the output" in said(bump)
 
@@ -564,7 +571,7 @@ def test_of_less_than_a_wave_no_order_is_told(tmp_path):
     (r,) = read_recordings([tmp_path / "r.csv"])
     data = observations([r.rows(np.arange(1000))], rig)
     assert data.inside == (0, 1, *(order for order in data.inside if order >= 8)) and len(data.inside) > 10
-    assert "orders below 8.15: the output turns by 0.12 of a turn at most" in data.not_looked_at[0]
+    assert "orders below 7.33 but those of the rig: the output turns by 0.12 of a turn at most" in data.not_looked_at[0]
     angle = np.linspace(0.0, 0.8 * np.pi, 3000)
     slow = replace(data.rows(np.zeros(3000, int)), angle_rad=angle, neighbours_deg=1e-6)
     samples = 1e-3 * np.cos(angle) + 1e-6 * np.random.default_rng(0).standard_normal(3000)
@@ -592,3 +599,42 @@ def test_each_recording_has_its_own_noise():
     found = estimate(Observations(at, labels, np.zeros(1, np.int64), values, np.zeros(2 * count), (0,)), values)
     assert found.sigma[[0, -1], 0] == pytest.approx([1e-2, 1e-5], rel=0.1)
     assert found.floor_rms == pytest.approx(1e-2 / np.sqrt(2), rel=0.1)
+
+
+def test_what_one_recording_is_rounded_by_is_not_the_noise_of_another():
+    """One that was written in steps of 0.02 deg set the noise of all."""
+    rig, fine = parse_rig(COMPLIANT), _even(parse_rig(COMPLIANT))
+    random = np.random.default_rng(0)
+    angles = {name: angle + 1e-4 * random.standard_normal(1000) for name, angle in fine.angles.items()}
+    fine = replace(fine, angles=angles)
+    written = {**angles, "theta_out": 0.02 * np.round(angles["theta_out"] / 0.02)}
+    coarse = replace(fine, name="coarse.csv", angles=written)
+    data = observations([fine, coarse], rig)
+    size = 0.02 / np.sqrt(12.0)
+    assert data.rounded_by[[0, -1]] == pytest.approx([0.0, size])
+    assert data.rounded_deg == pytest.approx(size / np.sqrt(2))
+    assert data.rows(np.arange(10)).rounded_deg == 0.0
+    left = 1e-4 * random.standard_normal((len(data), 1)) + 0j
+    assert estimate(data, left).sigma[[0, -1], 0] == pytest.approx([1e-4, size], rel=0.1)
+
+
+def test_recordings_without_the_output_say_nothing_of_the_noise_from_sample_to_sample():
+    """They differ from the rig by nothing: with as many of them the noise was said to be 0.7 of what it is."""
+    rig = parse_rig(COMPLIANT)
+    r = _even(rig)
+    noisy = r.angles["theta_out"] + 1e-4 * np.random.default_rng(0).standard_normal(1000)
+    measured = replace(r, angles={**r.angles, "theta_out": noisy})
+    fast = r.angles["theta_in"]
+    link = Recording("link.csv", r.time_s, {"theta_ref": fast, "theta_mot": fast}, r.at)
+    assert observations([measured, link], rig).neighbours_deg == pytest.approx(1e-4, rel=0.05)
+    assert observations([link], rig).neighbours_deg == np.inf
+
+
+def test_the_size_of_a_wave_that_changes_is_over_all_samples():
+    """Pieces that do not tell it counted for nothing: a third of the recording was all of it."""
+    target, _ = _left_of_two_recordings(0.0)
+    angle = np.where(np.arange(6000) < 2000, target.data.angle_rad, 3.0)
+    data = replace(target.data, angle_rad=angle)
+    wave = 1e-3 * np.cos(40 * angle) * (np.arange(6000) < 2000)
+    size = _while_it_changes(replace(target, data=data), wave, np.zeros(6000, np.int64), 40, 40)[0]
+    assert size == pytest.approx(1e-3 / np.sqrt(6), rel=0.02)

@@ -150,7 +150,7 @@ def _while_it_changes(
     saved = (sizes * np.stack([yc, ys])).sum(axis=0)
     inside = told[piece]
     noise = max(float((samples[inside] ** 2).sum()) - float(saved.sum()), 0.0) / max(inside.sum() - 2 * told.sum(), 1)
-    power = max(float(saved.sum()) - 2.0 * noise * told.sum(), 0.0) / inside.sum()
+    power = max(float(saved.sum()) - 2.0 * noise * told.sum(), 0.0) / len(samples)
     most = int(np.argmax(np.hypot(*sizes)))
     at = data.at.rows(np.flatnonzero(piece == most))
     where = (

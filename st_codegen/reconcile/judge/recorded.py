@@ -168,8 +168,8 @@ def _least_at(of: Callable[[float], float]) -> float:
 
     low, high, delays = *SETTINGS.delays_s, int(np.log2(SETTINGS.delays_s[1] / SETTINGS.delays_s[0])) + 1
     best = min((sign * delay for delay in np.geomspace(low, high, delays) for sign in (1.0, -1.0)), key=of)
-    ends = sorted(np.copysign(np.clip([abs(best) / 2.0, abs(best) * 2.0], low, high), best).tolist())
-    return float(minimize_scalar(of, bounds=ends, method="bounded").x)
+    first, last = sorted(np.copysign(np.clip([abs(best) / 2.0, abs(best) * 2.0], low, high), best).tolist())
+    return float(minimize_scalar(of, bounds=(first, last), method="bounded").x)
 
 
 def _other_reading(recordings: Sequence[Recording], rig: RigModel) -> list[str]:
