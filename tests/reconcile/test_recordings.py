@@ -486,21 +486,51 @@ def test_files_beside_recordings_are_named(tmp_path):
     )
 
 
-def test_a_wave_that_grows_and_fades_has_its_whole_size():
-    """Of a resonance that was passed the mean wave alone was said, four tenths of it."""
-    count, random = 6000, np.random.default_rng(0)
-    speed = np.linspace(200.0, 1500.0, count)
-    angle = np.cumsum(speed) / np.sum(speed) * 40.0 * np.pi
-    lifted = 1.0 / (1.0 - (speed / 750.0) ** 2 + 0.12j * speed / 750.0)
+def _left_of_a_resonance(first, last, centre, damping, turns, beside=()):
+    """A target of one recording of a ramp of speed, and a residual: order 39 with its resonance, and constant waves."""
+    random, count = np.random.default_rng(0), 6000
+    time = np.sort(random.uniform(size=count))
+    speed = first + (last - first) * time
+    angle = (first * time + (last - first) * time**2 / 2) / (first + last) * turns * 4.0 * np.pi
+    lifted = 1.0 / (1.0 - (speed / centre) ** 2 + 1j * damping * speed / centre)
     te = 1e-3 * (lifted * np.exp(39j * angle)).real + 1e-4 * random.standard_normal(count)
+    te += sum(size * np.cos(order * angle + 0.7) for order, size in beside)
     at = Conditions.of(np.ones(count), speed, 500.0, 30.0)
     labels = tuple(f"a.csv, t = {n} s" for n in range(count))
     data = Observations(at, labels, np.zeros(1, np.int64), te[:, None] + 0j, angle, (0, 1), neighbours_deg=1e-4)
-    target = SimpleNamespace(data=data, sigma=np.full((count, 1), 1e-4))
-    (one,) = lines_in_samples(target, data.values, float((te**2).mean()))
-    assert one.order == 39 and one.rms_deg == pytest.approx(np.sqrt((te**2).mean() - 1e-8), rel=0.05)
+    return SimpleNamespace(data=data, sigma=np.full((count, 1), 1e-4)), data.values
+
+
+def test_a_wave_that_grows_and_fades_has_its_whole_size():
+    """Of a resonance that was passed the mean wave alone was said, four tenths of it."""
+    target, left = _left_of_a_resonance(200.0, 1500.0, 750.0, 0.12, 20.0)
+    (one,) = lines_in_samples(target, left, 1.0)
+    power = float((left.real**2).mean())
+    assert one.order == 39 and one.rms_deg == pytest.approx(np.sqrt(power - 1e-8), rel=0.05)
     around = float(one.text.partition("around ")[2].partition(" rpm")[0])
-    assert "of a size or phase that changes: largest, 0.008" in one.text and around == pytest.approx(750.0, rel=0.03)
+    assert "order 39: " in one.text and "of a size or phase that changes: largest, 0.008" in one.text
+    assert around == pytest.approx(750.0, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    "passed",
+    [(100.0, 3000.0, 200.0, 0.12, 60.0), (200.0, 1500.0, 750.0, 0.02, 20.0), (1500.0, 200.0, 750.0, 0.03, 20.0)],
+)
+def test_a_resonance_that_is_passed_is_one_wave_and_orders_that_do_as_well_are_named(passed):
+    """Its phase turns while it is passed: orders 38 and 36, or 38 and 39, were said of 39."""
+    target, left = _left_of_a_resonance(*passed)
+    (one,) = lines_in_samples(target, left, 1.0)
+    orders = [int(order) for order in re.findall(r"\d+", one.text.partition(":")[0])]
+    assert 39 in orders and orders[0] == one.order and len(orders) <= 5
+    assert one.rms_deg == pytest.approx(np.sqrt((left.real**2).mean()), rel=0.15)
+
+
+def test_constant_waves_beside_a_resonance_and_beside_each_other_stay():
+    target, left = _left_of_a_resonance(200.0, 1500.0, 750.0, 0.12, 20.0, [(37, 3e-3)])
+    found = {one.order: one.rms_deg for one in lines_in_samples(target, left, 1.0)}
+    assert found == {37: pytest.approx(3e-3 / np.sqrt(2), rel=0.05), 39: pytest.approx(1.9e-3, rel=0.05)}
+    target, left = _left_of_a_resonance(200.0, 1500.0, 1e6, 0.02, 20.0, [(38, 5e-4), (40, 5e-4)])
+    assert sorted(one.order for one in lines_in_samples(target, left, 1.0)) == [38, 39, 40]
 
 
 @pytest.mark.parametrize("noise", [0.0, 2e-3])
@@ -636,5 +666,5 @@ def test_the_size_of_a_wave_that_changes_is_over_all_samples():
     angle = np.where(np.arange(6000) < 2000, target.data.angle_rad, 3.0)
     data = replace(target.data, angle_rad=angle)
     wave = 1e-3 * np.cos(40 * angle) * (np.arange(6000) < 2000)
-    size = _while_it_changes(replace(target, data=data), wave, np.zeros(6000, np.int64), 40, 40)[0]
+    size = _while_it_changes(replace(target, data=data), wave, np.zeros(6000, np.int64), 40, 0.125)[0]
     assert size == pytest.approx(1e-3 / np.sqrt(6), rel=0.02)
