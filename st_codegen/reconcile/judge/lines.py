@@ -180,8 +180,10 @@ def _changing(
         constant = [whole[k] for k in (best.order, *best.parts) if k in whole]
         if constant and best.rms_deg > SETTINGS.clearly_larger * float(np.linalg.norm(constant)):
             noise = min(_noise_of(target) ** 2, best.left) * max(1.0 - 10.0 / np.sqrt(len(rest)), 0.0)
-            most = noise + SETTINGS.as_little * (best.left - noise)
-            return replace(best, alike=tuple(one.order for one in tried if one is not best and one.left < most))
+            # of two resonances at once the rest holds the other as well
+            more = min((SETTINGS.as_little - 1.0) * (best.left - noise), SETTINGS.as_little_of_wave * best.rms_deg**2)
+            alike = tuple(one.order for one in tried if one is not best and one.left < best.left + more)
+            return replace(best, alike=alike)
     return None
 
 
