@@ -211,11 +211,11 @@ def reconcile_files(
         check_accepted(scale, accept, measured)
         if AS_IS not in accept:
             check_recordings(recordings, rig, measured)
-        others = [file.name for file in sorted(measured.glob("*.csv")) if file not in files]
+        others = [file.name for file in sorted(measured.glob("*.csv")) if file.is_file() and file not in files]
         result = reconcile_recordings(rig, recordings, known, progress)
         if not others:
             return result
-        aside = f"{', '.join(others)}: no recordings, which have the columns t and {', '.join(ANGLES)}"
+        aside = f"{', '.join(others)}: no recordings, which have the column t and one of {', '.join(ANGLES)}"
         return replace(result, data=replace(result.data, not_looked_at=(*result.data.not_looked_at, aside)))
     data = read_measured(measured, rig, progress, skip_bad=skip_bad, scale=scale or 1.0).without_copies()
     if scale is not None:

@@ -409,6 +409,13 @@ class Settings:
     piece_of_turn: float = 0.125
     waves_of_piece: float = 4.0
     least_of_piece: int = 8
+    #: orders to each side that such a wave may hold as well, since its phase turns; the part of what it leaves that one
+    #: of its own tells there (parts of a resonance tell up to 7 %); up to so many times what the best order leaves
+    #: above the noise, and more by this part of its wave, others leave about as little
+    beside_changing: int = 3
+    own_beside_changing: float = 0.1
+    as_little: float = 2.0
+    as_little_of_wave: float = 0.15
     #: turns of a recording from which on a wave between two orders is told from these (one over the turns tells orders
     #: apart), how far from a whole order it lies at least, and the part of the RMS of all that is left that it has:
     #: a quarter of the power in one of some thousand lines is no chance, and no noise that is some lines wide
@@ -579,7 +586,8 @@ CHOSEN_ON: dict[str, tuple[str, ...]] = {
     ),
     "75 simulated recordings over time (ramps, reversals, steps, rounding, other units)": (
         "exact_factor", "piece_of_turn", "waves_of_piece", "least_of_piece", "few_samples", "least_of_rounding",
-        "least_wobbles", "least_of_wave",
+        "least_wobbles", "least_of_wave", "beside_changing", "own_beside_changing", "as_little",
+        "as_little_of_wave",
     ),
     "simulated joints of seeds below 500 (tests/reconcile/joint)": (
         "joint_speeds", "joint_better", "joint_most", "joint_share", "joint_told", "joint_noise", "joint_least_waves",

@@ -1,5 +1,6 @@
 """Recordings over time: which angles suffice, and all that is wrong with a file at once."""
 
+import re
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -14,9 +15,9 @@ from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.data.recordings import ANGLES, Recording, is_recording, observations, read_recordings, step_of
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.conclusions import Retuned
-from st_codegen.reconcile.judge.lines import _slow, lines_in_samples, stand_out, waves_of_angle
+from st_codegen.reconcile.judge.lines import _slow, _while_it_changes, lines_in_samples, stand_out, waves_of_angle
 from st_codegen.reconcile.judge.links import _judged, _noise, changed_with_unmeasured_links
-from st_codegen.reconcile.judge.recorded import check_recordings
+from st_codegen.reconcile.judge.recorded import _jumps, _least_at, _other_angle, check_recordings
 from st_codegen.reconcile.outcome import Outcome
 from st_codegen.reconcile.report.sentences import _few_samples, floor_text, left_text, verdict_text
 from st_codegen.reconcile.run import reconcile_files, reconcile_recordings
@@ -375,6 +376,100 @@ def test_loads_that_are_late_are_asked_about(late, said):
         check_recordings([r], rig, Path("r.csv"))
 
 
+def _even(rig, te=None, count=1000, step_s=1e-2, fast="theta_in"):
+    """A recording at 600 rpm with the rig's transmission error, or another, and its output's angle."""
+    time = np.arange(count) * step_s
+    at = Conditions.of(np.ones(count), 600.0, 400.0, 30.0)
+    out = 3600.0 / 81.0 * time
+    te = rig.te_deg(out, at.sign, at.speed_rpm, at.torque_Nm, at.temperature_C) if te is None else te * np.ones(count)
+    return Recording("r.csv", time, {fast: 81.0 * (out - te), "theta_out": out}, at)
+
+
+COMPLIANT = RIG + """[[effect]]\nname = "torsional_compliance"\nstiffness_Nm_per_arcmin = 450.0\n"""
+
+
+@pytest.mark.parametrize("part", [0.0, 0.1, 0.2, 1.0])
+def test_a_gear_that_errs_less_than_the_rig_has_its_angles_in_degrees(part):
+    """Reading them as rad makes the error 57 times as large: nearer to the rig's, by the rig's own power alone."""
+    rig = parse_rig(COMPLIANT)
+    te = _even(rig).angles
+    te = part * (te["theta_out"] - te["theta_in"] / 81.0) + 1e-5 * np.random.default_rng(0).standard_normal(1000)
+    check_recordings([_even(rig, te)], rig, Path("r.csv"))
+
+
+def test_angles_in_rad_are_asked_about_with_what_is_left_in_degrees():
+    """1.8e-06 deg were said of 1e-4."""
+    rig = parse_rig(COMPLIANT)
+    r = _even(rig)
+    noise = 1e-4 * np.random.default_rng(0).standard_normal(1000)
+    angles = {"theta_in": r.angles["theta_in"], "theta_out": r.angles["theta_out"] + noise}
+    angles = {name: np.deg2rad(angle) for name, angle in angles.items()}
+    read = replace(r, angles=angles, at=replace(r.at, speed_rpm=np.deg2rad(r.at.speed_rpm)))
+    with pytest.raises(
+        InputError, match=r"look like in rad: read so, the rig leaves (0.0001|9\.\de-05|1\.\d?e-04) deg"
+    ):
+        check_recordings([read], rig, Path("r.csv"))
+
+
+def test_nothing_is_asked_where_nothing_is_left_and_a_lag_is_that_of_all_samples():
+    """degF were asked about with 0 deg; and rows that came twice made the lag, and what is left, no number."""
+    check_recordings([_even(parse_rig("[rig]\nreduction_ratio = 81.0\n"), 0.0)], parse_rig(RIG), Path("r.csv"))
+    nothing = parse_rig("[rig]\nreduction_ratio = 81.0\n")
+    check_recordings([_even(nothing, 0.0)], nothing, Path("r.csv"))
+    rig = parse_rig(RIG)
+    for count in (300, 3000):
+        time = np.arange(count) * 1e-2
+        reference = 3600.0 * time + 300.0 * np.sin(3.0 * time)
+        out = rig.effects[1].motor_angle(time, reference) / 81.0
+        at = Conditions.of(np.ones(count), 600.0, 0.0, 30.0)
+        angles = {"theta_ref": reference, "theta_out": out + rig.te_deg(out, 1.0, 600.0, 0.0, 30.0)}
+        r = Recording("r.csv", time, angles, replace(at, speed_rpm=np.abs(np.gradient(reference, time)) / 6.0))
+        check_recordings([r], rig, Path("r.csv"))
+
+
+@pytest.mark.parametrize("moved", [300.0, 340.0])
+def test_fast_moves_between_pauses_are_no_angle_that_begins_anew(moved):
+    """10 ms a sample, three fifths of the time at rest: 5000 rpm are 300 deg a step."""
+    steps = np.where(np.arange(1000) % 50 < 20, moved, 0.0)
+    angle = np.cumsum(steps)
+    at = Conditions.of(np.ones(1000), 5000.0, 0.0, 30.0)
+    r = Recording("r.csv", np.arange(1000) * 1e-2, {"theta_in": angle}, at)
+    assert _jumps(r) == []
+    assert "theta_in jumps by -3" in _jumps(replace(r, angles={"theta_in": (0.1 * angle) % 360.0}))[0]
+
+
+@pytest.mark.parametrize(
+    ("ratio", "factor", "said"),
+    [
+        (57.0, 180.0 / np.pi, "as if theta_in is in rad$"),
+        (57.0, 57.0, "as if both are of the fast side$"),
+        (60.0, 60.0, "as if theta_out is in arcmin or both are of the fast side$"),
+    ],
+)
+def test_a_ratio_that_is_near_the_factor_of_a_unit_is_not_taken_for_it(ratio, factor, said):
+    rig, out = parse_rig(f"[rig]\nreduction_ratio = {ratio}\n"), np.linspace(0.0, 500.0, 1000)
+    at = Conditions.of(np.ones(1000), 600.0, 0.0, 30.0)
+    r = Recording("r.csv", np.arange(1000) * 1e-2, {"theta_in": ratio * out, "theta_out": factor * out}, at)
+    assert re.search(said, _other_angle(r, rig)[0])
+
+
+def test_an_axis_at_rest_that_is_taken_as_it_is_ends_in_a_message(tmp_path):
+    """It ended in an error of the program; and links alone need no turn of the fast side."""
+    rest = {name: lambda x: 0.0 * x for name in (*ANGLES, "speed_rpm")}
+    assert "the axis does not move" in _asked(tmp_path, rest, accept=("as_is",))
+    rig, time = parse_rig(RIG), np.arange(1000) * 1e-3
+    at = Conditions.of(np.ones(1000), 10.0, 0.0, 30.0)
+    link = Recording("r.csv", time, {"theta_ref": 60.0 * time, "theta_mot": 60.0 * time}, at)
+    check_recordings([link], rig, Path("r.csv"))
+
+
+def test_a_delay_is_looked_for_within_its_limits():
+    low, high = SETTINGS.delays_s
+    for goal in (2.0 * high, -2.0 * high, 0.5 * low, 0.3):
+        found = _least_at(lambda x, goal=goal: (x - goal) ** 2)
+        assert low <= abs(found) <= high and found * goal > 0.0
+
+
 def test_corrections_of_recordings_are_refused(tmp_path):
     """They were passed over in silence."""
     assert "recordings over time are not corrected" in _asked(tmp_path, {}, accept=("sign",))
@@ -384,24 +479,58 @@ def test_files_beside_recordings_are_named(tmp_path):
     """They were left out without a word."""
     rig = recorded(tmp_path / "r.csv")
     (tmp_path / "other.csv").write_text("time,theta_in,theta_out\n0,1,2\n")
-    assert "other.csv: no recordings" in reconcile_files(rig, tmp_path, catalogue(())).data.not_looked_at[-1]
+    (tmp_path / "a_folder.csv").mkdir()
+    assert (
+        "other.csv: no recordings, which have the column t and one of"
+        in (reconcile_files(rig, tmp_path, catalogue(())).data.not_looked_at[-1])
+    )
+
+
+def _left_of_a_resonance(first, last, centre, damping, turns, beside=()):
+    """A target of one recording of a ramp of speed, and a residual: order 39 with its resonance, and constant waves."""
+    random, count = np.random.default_rng(0), 6000
+    time = np.sort(random.uniform(size=count))
+    speed = first + (last - first) * time
+    angle = (first * time + (last - first) * time**2 / 2) / (first + last) * turns * 4.0 * np.pi
+    lifted = 1.0 / (1.0 - (speed / centre) ** 2 + 1j * damping * speed / centre)
+    te = 1e-3 * (lifted * np.exp(39j * angle)).real + 1e-4 * random.standard_normal(count)
+    te += sum(size * np.cos(order * angle + 0.7) for order, size in beside)
+    at = Conditions.of(np.ones(count), speed, 500.0, 30.0)
+    labels = tuple(f"a.csv, t = {n} s" for n in range(count))
+    data = Observations(at, labels, np.zeros(1, np.int64), te[:, None] + 0j, angle, (0, 1), neighbours_deg=1e-4)
+    return SimpleNamespace(data=data, sigma=np.full((count, 1), 1e-4)), data.values
 
 
 def test_a_wave_that_grows_and_fades_has_its_whole_size():
     """Of a resonance that was passed the mean wave alone was said, four tenths of it."""
-    count, random = 6000, np.random.default_rng(0)
-    speed = np.linspace(200.0, 1500.0, count)
-    angle = np.cumsum(speed) / np.sum(speed) * 40.0 * np.pi
-    lifted = 1.0 / (1.0 - (speed / 750.0) ** 2 + 0.12j * speed / 750.0)
-    te = 1e-3 * (lifted * np.exp(39j * angle)).real + 1e-4 * random.standard_normal(count)
-    at = Conditions.of(np.ones(count), speed, 500.0, 30.0)
-    labels = tuple(f"a.csv, t = {n} s" for n in range(count))
-    data = Observations(at, labels, np.zeros(1, np.int64), te[:, None] + 0j, angle, (0, 1), neighbours_deg=1e-4)
-    target = SimpleNamespace(data=data, sigma=np.full((count, 1), 1e-4))
-    (one,) = lines_in_samples(target, data.values, float((te**2).mean()))
-    assert one.order == 39 and one.rms_deg == pytest.approx(np.sqrt((te**2).mean() - 1e-8), rel=0.05)
+    target, left = _left_of_a_resonance(200.0, 1500.0, 750.0, 0.12, 20.0)
+    (one,) = lines_in_samples(target, left, 1.0)
+    power = float((left.real**2).mean())
+    assert one.order == 39 and one.rms_deg == pytest.approx(np.sqrt(power - 1e-8), rel=0.05)
     around = float(one.text.partition("around ")[2].partition(" rpm")[0])
-    assert "of a size or phase that changes: largest, 0.008" in one.text and around == pytest.approx(750.0, rel=0.03)
+    assert "order 39: " in one.text and "of a size or phase that changes: largest, 0.008" in one.text
+    assert around == pytest.approx(750.0, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    "passed",
+    [(100.0, 3000.0, 200.0, 0.12, 60.0), (200.0, 1500.0, 750.0, 0.02, 20.0), (1500.0, 200.0, 750.0, 0.03, 20.0)],
+)
+def test_a_resonance_that_is_passed_is_one_wave_and_orders_that_do_as_well_are_named(passed):
+    """Its phase turns while it is passed: orders 38 and 36, or 38 and 39, were said of 39."""
+    target, left = _left_of_a_resonance(*passed)
+    (one,) = lines_in_samples(target, left, 1.0)
+    orders = [int(order) for order in re.findall(r"\d+", one.text.partition(":")[0])]
+    assert 39 in orders and orders[0] == one.order and len(orders) <= 5
+    assert one.rms_deg == pytest.approx(np.sqrt((left.real**2).mean()), rel=0.15)
+
+
+def test_constant_waves_beside_a_resonance_and_beside_each_other_stay():
+    target, left = _left_of_a_resonance(200.0, 1500.0, 750.0, 0.12, 20.0, [(37, 3e-3)])
+    found = {one.order: one.rms_deg for one in lines_in_samples(target, left, 1.0)}
+    assert found == {37: pytest.approx(3e-3 / np.sqrt(2), rel=0.05), 39: pytest.approx(1.9e-3, rel=0.05)}
+    target, left = _left_of_a_resonance(200.0, 1500.0, 1e6, 0.02, 20.0, [(38, 5e-4), (40, 5e-4)])
+    assert sorted(one.order for one in lines_in_samples(target, left, 1.0)) == [38, 39, 40]
 
 
 @pytest.mark.parametrize("noise", [0.0, 2e-3])
@@ -416,7 +545,7 @@ def test_what_an_angle_is_rounded_by_is_told_and_an_even_motion_is_no_rounding(n
 
 def test_waves_below_what_angles_are_rounded_by_are_not_told():
     target, samples = _left_of_two_recordings(40.0)
-    coarse = replace(target, data=replace(target.data, rounded_deg=5e-4))
+    coarse = replace(target, data=replace(target.data, rounded_by=np.full(len(target.data), 5e-4)))
     assert lines_in_samples(target, samples, 1.0) and not lines_in_samples(coarse, samples, 1.0)
     assert estimate(coarse.data, samples).floor_rms == pytest.approx(5e-4)
 
@@ -430,12 +559,15 @@ def test_where_few_samples_hold_what_is_left_is_said():
     data = Observations(at, labels, np.zeros(1, np.int64), np.zeros((count, 1), complex), angle, (0,))
     left = 1e-4 * np.random.default_rng(0).standard_normal(count)
 
-    def said(values):
+    def said(values, of_links=0.0):
         final = SimpleNamespace(residual=values[:, None].astype(complex))
-        return _few_samples(SimpleNamespace(data=data, conclusions=SimpleNamespace(final=final)))
+        gap = SimpleNamespace(after=max(float(np.sqrt((values**2).mean())), of_links))
+        return _few_samples(SimpleNamespace(data=data, conclusions=SimpleNamespace(final=final), held_out=gap))
 
     spikes = left + 0.3 * np.isin(np.arange(count), [100, 2500, 4001])
     assert said(left) == "" and "a.csv, t = " in said(spikes) and "of the output" not in said(spikes)
+    # of a gap that is the servo's or the coupling's the reducer's samples say nothing
+    assert said(spikes, of_links=0.1) == ""
     bump = left + 5e-3 * np.exp(-0.5 * ((np.rad2deg(angle) % 360.0 - 120.0) / 1.0) ** 2)
     assert "of 120 deg of the output" in said(bump)
 
@@ -469,7 +601,7 @@ def test_of_less_than_a_wave_no_order_is_told(tmp_path):
     (r,) = read_recordings([tmp_path / "r.csv"])
     data = observations([r.rows(np.arange(1000))], rig)
     assert data.inside == (0, 1, *(order for order in data.inside if order >= 8)) and len(data.inside) > 10
-    assert "orders below 8.15: the output turns by 0.12 of a turn at most" in data.not_looked_at[0]
+    assert "orders below 7.33 but those of the rig: the output turns by 0.12 of a turn at most" in data.not_looked_at[0]
     angle = np.linspace(0.0, 0.8 * np.pi, 3000)
     slow = replace(data.rows(np.zeros(3000, int)), angle_rad=angle, neighbours_deg=1e-6)
     samples = 1e-3 * np.cos(angle) + 1e-6 * np.random.default_rng(0).standard_normal(3000)
@@ -497,3 +629,42 @@ def test_each_recording_has_its_own_noise():
     found = estimate(Observations(at, labels, np.zeros(1, np.int64), values, np.zeros(2 * count), (0,)), values)
     assert found.sigma[[0, -1], 0] == pytest.approx([1e-2, 1e-5], rel=0.1)
     assert found.floor_rms == pytest.approx(1e-2 / np.sqrt(2), rel=0.1)
+
+
+def test_what_one_recording_is_rounded_by_is_not_the_noise_of_another():
+    """One that was written in steps of 0.02 deg set the noise of all."""
+    rig, fine = parse_rig(COMPLIANT), _even(parse_rig(COMPLIANT))
+    random = np.random.default_rng(0)
+    angles = {name: angle + 1e-4 * random.standard_normal(1000) for name, angle in fine.angles.items()}
+    fine = replace(fine, angles=angles)
+    written = {**angles, "theta_out": 0.02 * np.round(angles["theta_out"] / 0.02)}
+    coarse = replace(fine, name="coarse.csv", angles=written)
+    data = observations([fine, coarse], rig)
+    size = 0.02 / np.sqrt(12.0)
+    assert data.rounded_by[[0, -1]] == pytest.approx([0.0, size])
+    assert data.rounded_deg == pytest.approx(size / np.sqrt(2))
+    assert data.rows(np.arange(10)).rounded_deg == 0.0
+    left = 1e-4 * random.standard_normal((len(data), 1)) + 0j
+    assert estimate(data, left).sigma[[0, -1], 0] == pytest.approx([1e-4, size], rel=0.1)
+
+
+def test_recordings_without_the_output_say_nothing_of_the_noise_from_sample_to_sample():
+    """They differ from the rig by nothing: with as many of them the noise was said to be 0.7 of what it is."""
+    rig = parse_rig(COMPLIANT)
+    r = _even(rig)
+    noisy = r.angles["theta_out"] + 1e-4 * np.random.default_rng(0).standard_normal(1000)
+    measured = replace(r, angles={**r.angles, "theta_out": noisy})
+    fast = r.angles["theta_in"]
+    link = Recording("link.csv", r.time_s, {"theta_ref": fast, "theta_mot": fast}, r.at)
+    assert observations([measured, link], rig).neighbours_deg == pytest.approx(1e-4, rel=0.05)
+    assert observations([link], rig).neighbours_deg == np.inf
+
+
+def test_the_size_of_a_wave_that_changes_is_over_all_samples():
+    """Pieces that do not tell it counted for nothing: a third of the recording was all of it."""
+    target, _ = _left_of_two_recordings(0.0)
+    angle = np.where(np.arange(6000) < 2000, target.data.angle_rad, 3.0)
+    data = replace(target.data, angle_rad=angle)
+    wave = 1e-3 * np.cos(40 * angle) * (np.arange(6000) < 2000)
+    size = _while_it_changes(replace(target, data=data), wave, np.zeros(6000, np.int64), 40, 0.125)[0]
+    assert size == pytest.approx(1e-3 / np.sqrt(6), rel=0.02)

@@ -232,7 +232,7 @@ def _of_samples(data: Observations, residual: ComplexArray) -> Noise:
         smooth = np.diff(part, n=3, axis=0) / np.sqrt(20.0)
         size = np.median(np.abs(smooth), axis=0) / MEDIAN_1
         # what is rounded may differ little from one sample to the next
-        least = max(data.rounded_deg, 1e-12)
+        least = 1e-12 if data.rounded_by is None else max(float(data.rounded_by[own][0]), 1e-12)
         sigma[own] = np.maximum(np.minimum(size, np.median(np.abs(part), axis=0) / MEDIAN_1), least)
         tails = np.sqrt((np.minimum(np.abs(smooth), 6 * size) ** 2).mean(axis=0))
         floor[own] = np.minimum(np.maximum(tails, least), 1.3 * sigma[own])

@@ -34,8 +34,8 @@ class Observations:
     many, else 0. hums: waves of a frequency of their own that were taken out of the values. begins_rad: the angle at
     which each curve begins, (n,). beyond_deg: RMS that the curves hold above all orders that are looked at, where that
     is more than the noise below lets expect; else 0. neighbours_deg: of samples over time the noise by what each has
-    beside those right before and after it, before any were left out; inf where it is not known. rounded_deg: RMS of
-    what the angles of samples over time are rounded by; else 0.
+    beside those right before and after it, before any were left out; inf where it is not known. rounded_by: of
+    samples over time the RMS, deg, of what the angles of each one's recording are rounded by, (n,).
     """
 
     at: Conditions
@@ -55,7 +55,12 @@ class Observations:
     begins_rad: FloatArray | None = None
     beyond_deg: float = 0.0
     neighbours_deg: float = np.inf
-    rounded_deg: float = 0.0
+    rounded_by: FloatArray | None = None
+
+    @property
+    def rounded_deg(self) -> float:
+        """RMS of what the angles of samples over time are rounded by; else 0."""
+        return 0.0 if self.rounded_by is None else float(np.sqrt((self.rounded_by**2).mean()))
 
     def model_orders(self) -> tuple[int, ...]:
         """The orders whose coefficients a model must give."""
@@ -93,6 +98,7 @@ class Observations:
             left_out=None if self.left_out is None else self.left_out[index],
             seen=None if self.seen is None else self.seen[index],
             begins_rad=None if self.begins_rad is None else self.begins_rad[index],
+            rounded_by=None if self.rounded_by is None else self.rounded_by[index],
         )
 
     def of_orders(self, choice: BoolArray, why: str) -> Observations:

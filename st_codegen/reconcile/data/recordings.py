@@ -8,12 +8,12 @@ by sample. Columns and signs: docs/effects.md.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from st_codegen.errors import Problems
+from st_codegen.errors import InputError, Problems
 from st_codegen.files.csv_tables import header_of, read_csv
 from st_codegen.ir.arrays import FloatArray, IntArray
 from st_codegen.reconcile.data.observations import Observations
@@ -119,33 +119,36 @@ def _directions(speed: FloatArray) -> FloatArray:
 
 def observations(recordings: Sequence[Recording], rig: RigModel) -> Observations:
     """The transmission error of recordings as samples for the common core."""
-    parts, bends, rounded = [], [np.zeros(0)], 0.0
+    parts, bends = [], [np.zeros(0)]
     for r in recordings:
+        # standstill says nothing of the direction, and little of anything else
+        moving = r.at.speed_rpm > 0.02 * r.at.speed_rpm.max()
         if "theta_out" in r.angles:
             out = r.angles["theta_out"]
             te = error_of(r, rig)
             fast = next(name for name in FAST if name in r.angles)
             steps = step_of(out), step_of(r.angles[fast]) / rig.constants.reduction_ratio
-            rounded = max(rounded, float(np.hypot(*steps)) / np.sqrt(12.0))
+            rounded = float(np.hypot(*steps)) / np.sqrt(12.0)
+            bends.append(np.diff(te - expected_error(r, out, rig), n=2)[moving[2:] & moving[1:-1] & moving[:-2]])
         else:
             # nothing is measured of the reducer: nothing differs there
             out = next(iter(r.angles.values())) / rig.constants.reduction_ratio
-            te = expected_error(r, out, rig)
-        # standstill says nothing of the direction, and little of anything else
-        moving = r.at.speed_rpm > 0.02 * r.at.speed_rpm.max()
-        parts.append((r, out, te, np.flatnonzero(moving)))
-        bends.append(np.diff(te - expected_error(r, out, rig), n=2)[moving[2:] & moving[1:-1] & moving[:-2]])
+            te, rounded = expected_error(r, out, rig), 0.0
+        parts.append((r, out, te, rounded, np.flatnonzero(moving)))
+    if not any(len(rows) for *_, rows in parts):
+        raise InputError(f"{', '.join(r.name for r in recordings)}: the axis does not move")
     step = max(1, -(-sum(len(rows) for *_, rows in parts) // SETTINGS.most_samples))
-    labels, values, angles, conditions = [], [], [], []
+    labels, values, angles, conditions, roundings = list[str](), [], [], [], []
     # even steps would show each order as others too
     random = np.random.default_rng(0)
-    for r, out, te, rows in parts:
+    for r, out, te, rounded, rows in parts:
         first = np.arange(0, len(rows), step)
         chosen = rows[first + random.integers(0, np.minimum(step, len(rows) - first))]
         labels += [f"{r.name}, t = {r.time_s[i]:g} s" for i in chosen]
         values.append(te[chosen])
         angles.append(np.deg2rad(out[chosen]))
         conditions.append(r.at.rows(chosen))
+        roundings.append(np.full(len(chosen), rounded))
     at = Conditions(*(np.concatenate([getattr(c, name) for c in conditions]) for name in ("sign", *_CONDITIONS)))
     constants = rig.constants
     highest = 3.1 * max(constants.cycloid_teeth, constants.pins)
@@ -155,8 +158,10 @@ def observations(recordings: Sequence[Recording], rig: RigModel) -> Observations
     # of less than a wave nobody can tell that it is one
     told = {order for order in {constants.cranks, *mesh, *sides, *range(13)} if order * turns >= SETTINGS.least_of_wave}
     inside = tuple(sorted({0, *rig.orders(), *told}))
-    least = 1 / max(turns, 1e-6)
-    aside = f"orders below {least:.3g}: the output turns by {turns:.2g} of a turn at most, less than a wave of them"
+    aside = (
+        f"orders below {SETTINGS.least_of_wave / max(turns, 1e-6):.3g} but those of the rig: the output turns by "
+        f"{turns:.2g} of a turn at most, less than a wave of them"
+    )
     column = np.concatenate(values).astype(np.complex128)[:, None]
     # second differences of white noise have six times its variance; what is smooth over samples hardly has any
     squares = np.concatenate(bends) ** 2
@@ -170,7 +175,7 @@ def observations(recordings: Sequence[Recording], rig: RigModel) -> Observations
         places,
         inside,
         neighbours_deg=neighbours,
-        rounded_deg=rounded,
+        rounded_by=np.concatenate(roundings),
         not_looked_at=(aside,) if turns < SETTINGS.least_of_wave else (),
     )
 
@@ -222,11 +227,17 @@ def _input_angle(r: Recording, rig: RigModel) -> FloatArray:
     """theta_in, deg: measured, or by the rig's own links from the next angle of the fast side that is there."""
     if "theta_in" in r.angles:
         return r.angles["theta_in"]
-    angle = r.angles.get("theta_mot")
-    if angle is None:
-        angle = r.angles["theta_ref"]
-        for effect in rig.effects:
-            angle = effect.motor_angle(r.time_s, angle) if isinstance(effect, ControlLag) else angle
+    angle = with_motor(r, rig).angles["theta_mot"]
     for effect in rig.effects:
         angle = angle + effect.twist(r.at) if isinstance(effect, CouplingCompliance) else angle
     return angle
+
+
+def with_motor(r: Recording, rig: RigModel) -> Recording:
+    """The recording with theta_mot, by the rig's own lag from theta_ref where no angle behind it was measured."""
+    if r.angles.keys() & {"theta_in", "theta_mot"}:
+        return r
+    angle = r.angles["theta_ref"]
+    for effect in rig.effects:
+        angle = effect.motor_angle(r.time_s, angle) if isinstance(effect, ControlLag) else angle
+    return replace(r, angles={**r.angles, "theta_mot": angle})

@@ -106,6 +106,7 @@ class Claim:
 class Retuned:
     """An effect of the rig whose parameters the data contradict; other effects that would do in place of the change.
 
+    misread: names of mistakes of measuring, and of links of the axis that were not measured, that would do so as well.
     is_gone: the data show nothing of it; its sizes are at nothing then, and its shapes are the rig's.
     """
 
@@ -120,7 +121,7 @@ class Retuned:
 
     @property
     def alternatives(self) -> tuple[str, ...]:
-        """Names of effects, and of mistakes of measuring (misread), that explain the data as well as the change does.
+        """Names of effects, and those of `misread`, that explain the data as well as the change does.
 
         `something_else` is among them (is_open) where its orders stay unexplained: what is there may have moved it.
         """

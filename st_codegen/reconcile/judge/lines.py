@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
 import numpy as np
 
 from st_codegen.campaign.moments import moments
@@ -65,16 +69,18 @@ def lines_in_samples(target: FitData, residual: ComplexArray, gap_power: float, 
         if not between:
             break
     out = list[Signature]()
-    for order, constant in sorted(whole.items(), key=lambda item: -item[1]):
-        size, kind, changes = constant, "constant", ""
-        if order:
-            alone = rest + waves[order]
-            near = min((abs(order - other) for other in whole if other not in (0, order)), default=order)
-            changing, wave, where = _while_it_changes(target, alone, files, order, near)
-            if changing > SETTINGS.clearly_larger * constant:
-                size, rest, kind = changing, alone - wave, "combination"
-                changes = f", of a size or phase that changes: {where}"
-        text = f"{f'order {order}' if order else 'the mean'}: {size:.2g} deg RMS over the recordings{changes}"
+    while whole:
+        order = max(whole, key=lambda one: whole[one])
+        found = _changing(target, rest, files, order, whole, waves, [one.order for one in out]) if order else None
+        kind, name, changes = "constant", f"order {order}" if order else "the mean", ""
+        if found is None:
+            size = whole.pop(order)
+        else:
+            order, size, rest, kind = found.order, found.rms_deg, found.rest, "combination"
+            whole = {k: constant for k, constant in whole.items() if k not in (order, *found.parts)}
+            alike = f" (or {', '.join(map(str, found.alike))}, with about as little left)" if found.alike else ""
+            name, changes = f"order {order}{alike}", f", of a size or phase that changes: {found.where}"
+        text = f"{name}: {size:.2g} deg RMS over the recordings{changes}"
         share = min(1.0, size**2 / max(gap_power, 1e-300))
         out.append(Signature(order, size, share, {kind: 1.0}, "both", text))
     return [*sorted(out, key=lambda one: -one.rms_deg), *between]
@@ -84,9 +90,7 @@ def _whole_orders(
     target: FitData, left: FloatArray, files: IntArray, highest: int
 ) -> tuple[dict[int, float], FloatArray, dict[int, FloatArray]]:
     """RMS of constant waves of whole orders in samples (n,), by order; the samples without them; these waves (n,)."""
-    data, angle = target.data, target.data.angle_rad
-    # samples that are far apart differ by waves as well
-    sigma = min(float(np.sqrt((target.sigma**2).mean())), max(data.neighbours_deg, data.rounded_deg))
+    data, angle, sigma = target.data, target.data.angle_rad, _noise_of(target)
     assert angle is not None
     mean = _slow(angle, data.at.sign, files)
     own, found = left - mean @ (mean.T @ left), list[int]()
@@ -121,19 +125,102 @@ def _whole_orders(
     return {order: sizes[order] for order in found}, rest, made
 
 
+def _noise_of(target: FitData) -> float:
+    """The noise of a sample, deg: samples that are far apart differ by waves as well."""
+    data = target.data
+    return min(float(np.sqrt((target.sigma**2).mean())), max(data.neighbours_deg, data.rounded_deg))
+
+
+@dataclass(frozen=True)
+class _Changing:
+    """A wave whose size or phase changes: its order, its RMS, where it is largest, and the samples without it (n,).
+
+    parts: orders of constant waves beside it that were nothing but parts of it; alike: other orders that leave about as
+    little.
+    """
+
+    order: int
+    rms_deg: float
+    where: str
+    rest: FloatArray
+    parts: tuple[int, ...]
+    alike: tuple[int, ...] = ()
+
+    @cached_property
+    def left(self) -> float:
+        """The mean power of the samples without it."""
+        return float((self.rest**2).mean())
+
+
+def _changing(
+    target: FitData,
+    rest: FloatArray,
+    files: IntArray,
+    order: int,
+    whole: Mapping[int, float],
+    waves: Mapping[int, FloatArray],
+    told: Sequence[int],
+) -> _Changing | None:
+    """The wave of about an order that changes over samples, which leave `rest` (n,) without all waves; None without.
+
+    A resonance that is passed has its phase turn while its size grows: constant waves of the orders beside it make that
+    as well as one of its own. So all of them are taken as one, of the order that leaves least, if it is clearly larger.
+    """
+    reach, shortest = SETTINGS.beside_changing, max(SETTINGS.piece_of_turn, SETTINGS.waves_of_piece / order)
+    # what lies beside any that is tried
+    near = [k for k in whole if k and 0 < abs(k - order) <= 2 * reach and abs(k - order) * shortest < 1.0]
+    for beside in [near, []] if near else [[]]:
+        group = {k: waves[k] for k in (order, *beside)}
+        far = min((abs(order - k) for k in (*whole, *told) if k and k not in group), default=order)
+        length = max(shortest, 1.0 / far)
+        # pieces tell other orders from it
+        orders = [k for k in range(max(1, order - reach), order + reach + 1) if abs(k - order) * length < 1.0]
+        tried = [_beside_constant_ones(target, rest, files, k, length, group) for k in orders]
+        best = min(tried, key=lambda one: one.left)
+        constant = [whole[k] for k in (best.order, *best.parts) if k in whole]
+        if constant and best.rms_deg > SETTINGS.clearly_larger * float(np.linalg.norm(constant)):
+            noise = min(_noise_of(target) ** 2, best.left) * max(1.0 - 10.0 / np.sqrt(len(rest)), 0.0)
+            # of two resonances at once the rest holds the other as well
+            more = min((SETTINGS.as_little - 1.0) * (best.left - noise), SETTINGS.as_little_of_wave * best.rms_deg**2)
+            alike = tuple(one.order for one in tried if one is not best and one.left < best.left + more)
+            return replace(best, alike=alike)
+    return None
+
+
+def _beside_constant_ones(
+    target: FitData, rest: FloatArray, files: IntArray, order: int, length: float, waves: Mapping[int, FloatArray]
+) -> _Changing:
+    """A wave of an order that changes, beside those of constant `waves` that tell much of what it leaves."""
+    angle = target.data.angle_rad
+    assert angle is not None
+    alone, parts = rest + np.sum(list(waves.values()), axis=0), list[int]()
+    left = alone - _while_it_changes(target, alone, files, order, length)[1]
+    for k, wave in ((k, wave) for k, wave in waves.items() if k != order):
+        both = (np.cos(k * angle), np.sin(k * angle))
+        columns = np.stack([one - _while_it_changes(target, one, files, order, length)[1] for one in both], axis=1)
+        told = columns @ np.linalg.lstsq(columns, left, rcond=None)[0]
+        is_own = float(told @ told) > SETTINGS.own_beside_changing * float(left @ left)
+        if is_own or abs(k - order) > SETTINGS.beside_changing:
+            alone = alone - wave
+        else:
+            parts.append(k)
+    size, made, where = _while_it_changes(target, alone, files, order, length)
+    return _Changing(order, size, where, alone - made, tuple(parts))
+
+
 def _while_it_changes(
-    target: FitData, samples: FloatArray, files: IntArray, order: int, near: int
+    target: FitData, samples: FloatArray, files: IntArray, order: int, length: float
 ) -> tuple[float, FloatArray, str]:
     """RMS of a wave whose size and phase change over samples (n,), noise taken off, the wave, and where it is largest.
 
-    It is told anew in pieces of the angle that is travelled, each as long as tells it from the mean and from the order
-    that is `near` orders away.
+    It is told anew in pieces of the angle that is travelled, of `length` turns.
     """
     data, angle = target.data, target.data.angle_rad
     assert angle is not None
-    length = max(SETTINGS.piece_of_turn, SETTINGS.waves_of_piece / order, 1.0 / near) * 2 * np.pi
     travelled = np.cumsum(np.abs(np.diff(angle, prepend=angle[0])))
-    piece = np.unique(np.stack([files, (travelled / length).astype(np.int64)]), axis=1, return_inverse=True)[1].ravel()
+    piece = np.unique(
+        np.stack([files, (travelled / (2 * np.pi * length)).astype(np.int64)]), axis=1, return_inverse=True
+    )[1].ravel()
     cosine, sine = np.cos(order * angle), np.sin(order * angle)
     count = np.bincount(piece)
     cc, ss, cs, yc, ys = (
@@ -150,7 +237,7 @@ def _while_it_changes(
     saved = (sizes * np.stack([yc, ys])).sum(axis=0)
     inside = told[piece]
     noise = max(float((samples[inside] ** 2).sum()) - float(saved.sum()), 0.0) / max(inside.sum() - 2 * told.sum(), 1)
-    power = max(float(saved.sum()) - 2.0 * noise * told.sum(), 0.0) / inside.sum()
+    power = max(float(saved.sum()) - 2.0 * noise * told.sum(), 0.0) / len(samples)
     most = int(np.argmax(np.hypot(*sizes)))
     at = data.at.rows(np.flatnonzero(piece == most))
     where = (

@@ -14,13 +14,23 @@ import numpy as np
 
 from st_codegen.errors import InputError, Problems
 from st_codegen.ir.arrays import FloatArray
-from st_codegen.reconcile.data.recordings import FAST, Recording, error_of, expected_error, speed_of, turned
+from st_codegen.reconcile.data.recordings import (
+    FAST,
+    Recording,
+    error_of,
+    expected_error,
+    speed_of,
+    turned,
+    with_motor,
+)
 from st_codegen.reconcile.judge.columns import readings
 from st_codegen.reconcile.judge.mistakes import AS_IS
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.model import RigModel
 
 _TURN_DEG = 360.0
+#: part of a turn by which steps beside each other may differ where an angle begins anew: what it speeds up by
+_NEAR_A_TURN = 1 / 16
 
 
 def check_accepted(scale: float | None, accept: Collection[str], measured: Path) -> None:
@@ -42,11 +52,11 @@ def check_recordings(recordings: Sequence[Recording], rig: RigModel, measured: P
             found = [*found, f"no oil has {coldest:g} degC; is temperature_C in K?"]
         for text in found:
             problems.add(f"{r.name}: {text}")
-    turns = turned(recordings, rig)
-    if not problems.errors and turns * rig.constants.reduction_ratio < 1.0:
+    gears = [r for r in recordings if "theta_out" in r.angles]
+    turns = turned(gears, rig) * rig.constants.reduction_ratio
+    if gears and not problems.errors and turns < 1.0:
         problems.add(
-            f"the fast side turns by {turns * rig.constants.reduction_ratio:.2g} of a turn at most: a reducer's error "
-            "cannot be told from so little"
+            f"the fast side turns by {turns:.2g} of a turn at most: a reducer's error cannot be told from so little"
         )
     if not problems.errors:
         for text in _other_reading(recordings, rig):
@@ -64,7 +74,10 @@ def _jumps(r: Recording) -> list[str]:
     usual = waits < SETTINGS.joint_jump * np.median(waits)
     for name, angle in r.angles.items():
         steps = np.diff(angle)
-        jumps = usual & (np.abs(np.abs(steps) - _TURN_DEG) < _TURN_DEG / 4)
+        # fast moves between pauses have large steps as well, and none that is a turn off both beside it
+        turns = np.diff(np.pad(steps, 1, mode="reflect")) / _TURN_DEG
+        is_turn = np.abs(np.abs(turns) - np.maximum(np.round(np.abs(turns)), 1.0)) < _NEAR_A_TURN
+        jumps = usual & is_turn[:-1] & is_turn[1:]
         if jumps.any() and float(np.median(np.abs(steps))) < _TURN_DEG / 4:
             row = int(np.argmax(jumps))
             found.append(
@@ -85,15 +98,21 @@ def _other_angle(r: Recording, rig: RigModel) -> list[str]:
     follows = out - error_of(r, rig)
     moves = follows - follows.mean()
     slope = float(moves @ out / max(moves @ moves, 1e-300))
-    known = {
-        np.pi / 180: "theta_out is in rad", 180 / np.pi: f"{fast} is in rad", 60.0: "theta_out is in arcmin",
-        3600.0: "theta_out is in arcsec", 1 / 360: "theta_out is in turns", 360.0: f"{fast} is in turns",
-        -1.0: "one of the two has the other sign", ratio: "both are of the fast side",
-        1 / ratio: f"{fast} was multiplied by the ratio", ratio**2: "the two are exchanged",
-    }  # fmt: skip
-    why = [text for factor, text in known.items() if abs(slope / factor - 1) < SETTINGS.exact_factor]
-    if why:
-        return [f"theta_out turns {slope:.5g} times as far as {fast} over the ratio, {ratio:g}: as if {why[0]}"]
+    known = (
+        (np.pi / 180, "theta_out is in rad"), (180 / np.pi, f"{fast} is in rad"), (60.0, "theta_out is in arcmin"),
+        (3600.0, "theta_out is in arcsec"), (1 / 360, "theta_out is in turns"), (360.0, f"{fast} is in turns"),
+        (-1.0, "one of the two has the other sign"), (ratio, "both are of the fast side"),
+        (1 / ratio, f"{fast} was multiplied by the ratio"), (ratio**2, "the two are exchanged"),
+    )  # fmt: skip
+    apart = [abs(slope / factor - 1) for factor, _ in known]
+    if min(apart) < SETTINGS.exact_factor:
+        # a ratio may be one of the units
+        why = [
+            text for far, (_, text) in zip(apart, known, strict=True) if far < min(apart) + SETTINGS.exact_factor / 10
+        ]
+        return [
+            f"theta_out turns {slope:.5g} times as far as {fast} over the ratio, {ratio:g}: as if {' or '.join(why)}"
+        ]
     # the servo lags as far as it likes
     return [] if fast == "theta_ref" else [_not_a_gear(r, f"{fast} over the ratio", off, slope, ratio)]
 
@@ -149,14 +168,15 @@ def _least_at(of: Callable[[float], float]) -> float:
 
     low, high, delays = *SETTINGS.delays_s, int(np.log2(SETTINGS.delays_s[1] / SETTINGS.delays_s[0])) + 1
     best = min((sign * delay for delay in np.geomspace(low, high, delays) for sign in (1.0, -1.0)), key=of)
-    ends = (min(best / 2.0, best * 2.0), max(best / 2.0, best * 2.0))
-    return float(minimize_scalar(of, bounds=ends, method="bounded").x)
+    first, last = sorted(np.copysign(np.clip([abs(best) / 2.0, abs(best) * 2.0], low, high), best).tolist())
+    return float(minimize_scalar(of, bounds=(first, last), method="bounded").x)
 
 
 def _other_reading(recordings: Sequence[Recording], rig: RigModel) -> list[str]:
     """Conditions or angles in other units with which the rig leaves hardly anything of what it leaves as they are."""
-    whole = [r for r in recordings if "theta_out" in r.angles]
-    some = [r.rows(np.linspace(0, len(r.time_s) - 1, SETTINGS.samples_that_tell).astype(int)) for r in whole]
+    # a lag is that of all samples
+    whole = [with_motor(r, rig) for r in recordings if "theta_out" in r.angles]
+    some = [r.rows(np.unique(np.linspace(0, len(r.time_s) - 1, SETTINGS.samples_that_tell).astype(int))) for r in whole]
     if not some:
         return []
     degrees = [
@@ -185,10 +205,14 @@ def _other_reading(recordings: Sequence[Recording], rig: RigModel) -> list[str]:
 
     late = _least_at(lambda seconds: left(by(seconds)))
     tried[f"torque_Nm looks {abs(late):.2g} s {'late' if late > 0 else 'early'}"] = by(late)
-    # what has no load predicted as well is no reading of it; errors of angles in other units are in other units
-    as_is, least = left(some), min(left(some), left(idle))
+    # what has no load, or no rig at all, predicted as well is no reading of it: an error in degrees is large beside the
+    # rig's; errors of angles in other units are in other units
+    none = float(np.mean(np.concatenate([error_of(r, rig) for r in some]) ** 2))
+    as_is, least = left(some), min(left(some), left(idle), none)
     sizes = {text: left(read) / (np.rad2deg(1.0) ** 2 if read is degrees else 1.0) for text, read in tried.items()}
     best = min(sizes, key=lambda text: sizes[text])
-    if sizes[best] > SETTINGS.left_of_rest * least:
+    if not sizes[best] < SETTINGS.left_of_rest * least:
         return []
-    return [f"{best}: read so, the rig leaves {sizes[best] ** 0.5:.2g} deg RMS, and as they are {as_is**0.5:.2g} deg"]
+    return [
+        f"{best}: read so, the rig leaves {left(tried[best]) ** 0.5:.2g} deg RMS, and as they are {as_is**0.5:.2g} deg"
+    ]

@@ -231,6 +231,9 @@ def _few_samples(result: Reconciliation) -> str:
     """Where in the recordings most of what is left stands, if few samples hold it; empty elsewhere."""
     data, power = result.data, result.conclusions.final.residual[:, 0].real ** 2
     assert data.angle_rad is not None
+    # the gap is that of all links: of what the servo or the coupling leaves, the reducer's samples say nothing
+    if power.sum() < result.held_out.after**2 * len(data) / 2:
+        return ""
     ranked = np.argsort(-power)
     count = int(np.searchsorted(np.cumsum(power[ranked]), power.sum() / 2)) + 1
     if count > SETTINGS.few_samples * len(data):
