@@ -55,7 +55,7 @@ _ASKED = 48
 
 @dataclass(frozen=True)
 class Disagreement:
-    """One row on which two answers differ by more than they may."""
+    """One row on which two answers differ by more than they may: `bound` is that of the numbers that do."""
 
     between: str
     input: tuple[float, ...]
@@ -550,15 +550,15 @@ def _compare(
     same = (expected == got) | (np.isnan(expected) & np.isnan(got))
     with np.errstate(invalid="ignore"):
         near = (np.abs(expected - got) <= bound) | np.isinf(bound)
-    wrong = np.flatnonzero(~np.all(same | near, axis=1))
-    for row in wrong[:3]:
+    differs = ~(same | near)
+    for row in np.flatnonzero(differs.any(axis=1))[:3]:
         report.failures.append(
             Disagreement(
                 between,
                 tuple(map(float, x[row])),
                 tuple(map(float, expected[row])),
                 tuple(map(float, got[row])),
-                float(np.max(bound[row])),
+                float(np.max(bound[row, differs[row]])),
             )
         )
 
@@ -609,10 +609,13 @@ def _in_order(value: AnyArray) -> IntArray:
 
 def block_report(check: BlockCheck, target: str) -> ModelReport:
     """A block around the models against the models that it is made of."""
-    bound = float(np.max(check.bound, initial=0.0))
-    report = ModelReport(check.block, n=len(check.inputs), bound=bound, must_be_exact=not bound, targets=[target])
+    known = np.isfinite(check.bound)
+    bound = float(np.max(check.bound[known], initial=0.0))
+    report = ModelReport(check.block, n=len(check.inputs), bound=bound, targets=[target])
+    report.must_be_exact, report.unbounded = not np.any(check.bound), int(np.sum(~known.all(axis=1)))
     _compare(report, f"models and {target}", check.inputs, check.expected, check.got, check.bound)
     answered = np.all(np.isfinite(check.expected) & np.isfinite(check.got), axis=1)
+    report.nothing_compared = not np.any(answered)
     report.exact = bool(np.array_equal(check.expected, check.got, equal_nan=True))
     report.zero_signs = _other_zeros(check.expected, check.got)
     _measure(report, check.inputs, check.expected, check.got, answered)
@@ -629,6 +632,8 @@ def _merged(reports: list[ModelReport]) -> list[ModelReport]:
         known.targets += report.targets
         known.failures += report.failures
         known.exact &= report.exact
+        known.must_be_exact &= report.must_be_exact
+        known.unbounded = max(known.unbounded, report.unbounded)
         known.zero_signs = max(known.zero_signs, report.zero_signs)
         known.bound = max(known.bound, report.bound)
         known.nothing_compared |= report.nothing_compared
