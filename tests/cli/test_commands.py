@@ -193,16 +193,24 @@ def test_diff_says_in_words_what_changed():
     def features(unit, **known):
         return [{"name": "speed_rpm", "unit": unit, **known}]
 
+    known = {"range": [0.1, 1800.0000001], "range_from": "configuration", "limited": True}
     facts = (
         Change("trees", 1500, 5),
-        Change("features", features("rpm"), features("1/min", range=[0.0, 1800.0])),
+        Change(
+            "features",
+            features("rpm"),
+            features("1/min", **known),
+        ),
         Change("layout", "trees", "table"),
     )
     models = (
         ModelChange("te", facts, (OutputChange("y", 0.5, 0.1, {}),), 2000, 3, 1200, True),
-        ModelChange("same", (), (OutputChange("y", 0.0, 0.0, {}),), 2000, 0, 0, True),
+        ModelChange("same", (), (OutputChange("y", 0.0, 0.0, {}),), 2000, 0, 0, True, answered=2000),
+        ModelChange("seldom", (), (), 2000, 0, 0, True, answered=0),
         ModelChange(
-            "labels", (), (OutputChange("class", 1.0, 0.25, {}),), 2000, 0, 0, True, (), (LabelChange("a", "b", 0.25),)
+            *("labels", (), (OutputChange("class", 1.0, 0.25, {}),), 2000, 0, 0, True, ()),
+            (LabelChange("a", "b", 0.25),),
+            1500,
         ),
     )
     found = Review("iec", ("new",), ("old",), models, (Change("tasks", 1, 2),), {"a.st": "added", "b.st": "added"})
@@ -211,11 +219,12 @@ def test_diff_says_in_words_what_changed():
         "model removed: old",
         "tasks: 1 -> 2",
         "te: trees: 1,500 -> 5",
-        "te: features: speed_rpm [rpm] -> speed_rpm [1/min] 0 .. 1800",
+        "te: features: speed_rpm [rpm] -> speed_rpm [1/min] 0.1 .. 1800.0000001 (configuration, limited)",
         "te: layout: trees -> table",
         "te: of 2,000 operating points, 3 lost their answer, 1,200 gained one",
         "same: text changed, no output moved at 2,000 points",
-        "labels: another label at 25.0% of the operating points: a -> b 25.0%",
+        "seldom: text changed, no output moved at the 0 of 2,000 points that both texts answer",
+        "labels: another label at 25.0% of the 1,500 of 2,000 points that both texts answer: a -> b 25.0%",
         "files: 2 added",
     ]
 
