@@ -9,7 +9,6 @@ any, the report says so with the library's reason.
 
 from __future__ import annotations
 
-import dataclasses
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -24,6 +23,7 @@ from st_codegen.cost.report import ProjectCost, project_cost
 from st_codegen.emit.blocks.comparison import PROGRAM
 from st_codegen.emit.blocks.model import refused_where
 from st_codegen.emit.blocks.self_test import SELF_TEST
+from st_codegen.emit.blocks.tests import TEST_TASK
 from st_codegen.emit.output import block_of, is_real
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.files.html_text import html_table
@@ -366,19 +366,17 @@ def verify(
 def cycle_cost(code: GeneratedCode, profile: Profile, entries: tuple[str, ...] = ()) -> ProjectCost:
     """The worst case of a cycle of generated text: of `entries`, else of what its tasks call (see `project_cost`).
 
-    FB_SelfTest, which runs once, is part of no cycle unless it is named or a program calls it. Programs of several
-    tasks are added up, for they share a processor. Raises GeneratedCodeError for an unknown entry.
+    FB_SelfTest, which runs once, is part of no cycle unless it is named or a program calls it; nor are the programs of
+    `compare` and of test suites, which do not run in operation. Programs of several tasks are added up, for they share
+    a processor. Raises GeneratedCodeError for an unknown entry.
     """
     names = {name.upper() for name in code.project.pous}
     missing = [name for name in entries if name.upper() not in names]
     if missing:
         raise GeneratedCodeError(f"{code.folder}: no block {', '.join(missing)}")
-    # rows of `compare` run in a task that leaves the others their time, and not in operation
-    tasks = tuple(name for name in code.task_programs if name.upper() in names and name != PROGRAM)
-    cost = project_cost(code.project, profile, entries or tasks or None)
-    if entries or tasks:
-        return cost
-    return dataclasses.replace(cost, entries=tuple(name for name in cost.entries if name not in (SELF_TEST, PROGRAM)))
+    aside = (SELF_TEST, PROGRAM, *TEST_TASK.programs)
+    tasks = tuple(name for name in code.task_programs if name.upper() in names and name not in aside)
+    return project_cost(code.project, profile, entries or tasks or None, aside)
 
 
 def _model_reports(
