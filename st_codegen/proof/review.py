@@ -234,7 +234,8 @@ def _with_sizes(manifest: Manifest, code: GeneratedCode, profile: Profile | None
     if profile is not None and own:
         costs = project_cost(code.project, profile, sorted(set(own.values()))).blocks
         for name, block in own.items():
-            more[name]["worst_us"] = round(costs[block].cold_us, 2)
+            if costs[block].is_bounded:
+                more[name]["worst_us"] = round(costs[block].cold_us, 2)
     return {name: {**facts, **more.get(name, {})} for name, facts in models.items()}
 
 

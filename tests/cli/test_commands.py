@@ -11,7 +11,7 @@ import pytest
 
 from st_codegen.cli.diff import _lines
 from st_codegen.cli.generate import command as generate_command
-from st_codegen.files.number_text import percent
+from st_codegen.files.number_text import percent, plain_number
 from st_codegen.project.build_options import LAYOUTS
 from st_codegen.proof.review import Change, LabelChange, ModelChange, OutputChange, Review
 from tests.cli.helpers import run
@@ -171,6 +171,11 @@ def test_more_rows_than_were_asked_for_are_explained(lone_folder, tmp_path, caps
 )
 def test_a_share_is_none_or_all_only_where_it_is(share, text):
     assert percent(share) == text
+
+
+@pytest.mark.parametrize(("value", "text"), [(1800.0, "1800"), (0.1, "0.1"), (30.0000001, "30.0000001")])
+def test_a_number_that_is_to_be_given_back_has_all_its_digits(value, text):
+    assert plain_number(value) == text
 
 
 def test_labels_of_a_model_file_do_not_act_on_the_terminal(tmp_path, capsys):
