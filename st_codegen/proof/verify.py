@@ -104,7 +104,8 @@ class ModelReport:
 
     `guessed`: features of which nobody knows a range, so that the rows lie where the model's own numbers are.
 
-    `refusal`: why the library has no answer for the model, or for an input that it should take; nothing was compared.
+    `refusal`: why the library has no answer for the model, or for an input that it should take; nothing was compared,
+    and `n` is 0.
     """
 
     name: str
@@ -448,7 +449,7 @@ def model_report(
     try:
         library[usable] = model.predict(limited[usable])
     except LibraryRefusesError as refusal:
-        report.refusal, report.exact, report.targets = str(refusal), False, list(targets)
+        report.refusal, report.exact, report.targets, report.n = str(refusal), False, list(targets), 0
         return report
     _note_open_rows(report, ir, x, library, expected, bound)
     report.unbounded = int(np.sum(~np.all(np.isfinite(bound), axis=1)))
