@@ -170,7 +170,9 @@ def test_a_layout_that_is_no_longer_possible_is_replaced_and_announced(tmp_path,
     assert run(path, "--trust-pickle", "--out", tmp_path) == 0
     capsys.readouterr()
     assert run(path, "--trust-pickle", "--out", tmp_path, "--table-limit", 1) == 0
-    assert re.search(r"model: new layout '[\w ]+' for 'table', which is no longer possible", capsys.readouterr().err)
+    assert re.search(
+        r"model: new layout '[\w ]+' for 'table', which these options and limits do not allow", capsys.readouterr().err
+    )
 
 
 def test_a_choice_that_saves_much_is_taken():

@@ -73,7 +73,7 @@ def print_verdict(target: str, cost: ProjectCost, cycle_us: float | None) -> Non
     """One line: the worst case, and whether it fits."""
     times = f"{cost.warm_us:.1f} us with warm caches, {cost.cold_us:.1f} us with cold ones"
     if cost.unbounded:
-        times = f"no bound; loops without one counted once: {times}"
+        times = f"no bound; what has none counted once: {times}"
     line = Text(f"{target}: {times} on {cost.profile.name}")
     if cycle_us is not None:
         line.append(f", budget {cycle_us:g} us: ")

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from st_codegen.cli.console import FILE, PLACE, Whole, console, progress_bar, quiet_option, table_of, trust_option
 from st_codegen.cli.costs import profile_option
-from st_codegen.files.number_text import percent
+from st_codegen.files.number_text import percent, plain_number
 from st_codegen.files.text import inert, write_text
 
 if TYPE_CHECKING:
@@ -110,9 +110,9 @@ def _lines(found: Review) -> list[str]:
             share = sum(change.share for change in model.labels)
             most = ", ".join(f"{c.before} -> {c.after} {percent(c.share)}" for c in model.labels[:_MOST_LABELS])
             more = ", .." if len(model.labels) > _MOST_LABELS else ""
-            lines.append(f"{model.name}: another label at {percent(share)} of the operating points: {most}{more}")
+            lines.append(f"{model.name}: another label at {percent(share)} of {model.points}: {most}{more}")
         if model.changed and not model.facts and not any(output.largest for output in model.outputs):
-            lines.append(f"{model.name}: text changed, no output moved at {model.rows:,} points")
+            lines.append(f"{model.name}: text changed, no output moved at {model.points}")
     counts = {kind: sum(1 for k in found.files.values() if k == kind) for kind in ("added", "removed", "changed")}
     files = [f"{count} {kind}" for kind, count in counts.items() if count]
     return [*lines, f"files: {', '.join(files)}"] if files else lines
@@ -132,10 +132,13 @@ def _text(value: object) -> str:
 
 
 def _feature(feature: dict[str, Any]) -> str:
-    """Name and unit of a feature, and its range where one is known."""
-    known = feature.get("range")
-    ends = "" if known is None else f" {known[0]:g} .. {known[1]:g}"
-    return f"{feature['name']} [{feature['unit']}]{ends}"
+    """Name and unit of a feature, and its range where one is known, in all digits, with what it is known from."""
+    text = f"{feature['name']} [{feature['unit']}]"
+    if (known := feature.get("range")) is not None:
+        text += f" {plain_number(known[0])} .. {plain_number(known[1])}"
+    if source := feature.get("range_from"):
+        text += f" ({source}{', limited' if feature.get('limited') else ''})"
+    return text
 
 
 def _table(models: list[ModelChange]) -> Table:

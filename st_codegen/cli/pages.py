@@ -149,7 +149,8 @@ def _cost_section(target: str, cost: ProjectCost, cycle_us: float | None) -> Pag
     parts = cost.parts[:_MOST_PARTS]
     rows = [(p.unit, p.total_operations, p.table_bytes, p.warm_us, p.cold_us) for p in parts]
     text = f"{cost.warm_us:.1f} us with warm caches, {cost.cold_us:.1f} us with cold ones on {cost.profile.name}."
-    text += " Loops without a bound were counted once: there is no bound." if cost.unbounded else ""
+    if cost.unbounded:
+        text += f" This is no bound; what has none was counted once: {'; '.join(cost.unbounded)}."
     if cycle_us is not None:
         text += f" Budget: {cycle_us:g} us: it {'fits' if cost.fits(cycle_us) else 'DOES NOT FIT'}."
     if len(parts) < len(cost.parts):
@@ -183,8 +184,12 @@ def explain_sections(found: Sequence[Explanation]) -> tuple[str, list[PageSectio
         if entry.prices:
             sections.append(_layouts_section(entry))
         sections.append(_cost_section(entry.target, entry.cost, None))
-    times = "; ".join(f"{entry.target}: {entry.cost.cold_us:.1f} us in the worst case" for entry in found)
+    times = "; ".join(f"{entry.target}: {_worst_text(entry.cost)}" for entry in found)
     return f"{times}. Times are of the cost model, for {found[0].cost.profile.name}." if found else "", sections
+
+
+def _worst_text(cost: ProjectCost) -> str:
+    return "no bound is known" if cost.unbounded else f"{cost.cold_us:.1f} us in the worst case"
 
 
 def _layouts_section(entry: Explanation) -> PageSection:

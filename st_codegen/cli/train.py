@@ -14,7 +14,7 @@ from st_codegen.cli.choices import MODEL_FORMS
 from st_codegen.cli.console import FILE, FOLDER, PLACE, Number, Whole, console, progress_bar, quiet_option, table_of
 from st_codegen.cli.training import search_options
 from st_codegen.errors import InputError
-from st_codegen.files.number_text import parse_whole
+from st_codegen.files.number_text import parse_whole, plain_number
 from st_codegen.files.text import write_text
 
 if TYPE_CHECKING:
@@ -130,7 +130,7 @@ def _print(lessons: list[Lesson], head: BundleHead, out: Path, faulty_are: str) 
         console.print(_summary(lesson, faulty_are))
     for feature, value in head.constant().items():
         console.print(
-            f"{feature} was {value:g} in all runs: the blocks compute with {value:g}, "
+            f"{feature} was {plain_number(value)} in all runs: the blocks compute with {plain_number(value)}, "
             "and bInRange is FALSE at any other value"
         )
     console.print(f"{out}: {sum(len(lesson.models) for lesson in lessons)} models")

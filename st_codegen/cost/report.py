@@ -54,7 +54,8 @@ class UnitPart:
 class BlockCost:
     """The worst case of one call of a block, with all it calls; `parts` by unit, the slowest first.
 
-    With an entry in `unbounded` the times are no bound: those loops are counted as a single round.
+    With an entry in `unbounded` the times are no bound: those loops are counted as a single round, and those blocks of
+    libraries as a single call.
     """
 
     block: str
@@ -157,26 +158,30 @@ class ProjectCost:
         }
 
 
-def project_cost(project: t.Project, profile: Profile, entries: Iterable[str] | None = None) -> ProjectCost:
+def project_cost(
+    project: t.Project, profile: Profile, entries: Iterable[str] | None = None, aside: Iterable[str] = ()
+) -> ProjectCost:
     """The worst cases of a checked project. Paths are compared with cold caches, as that is what a cycle must bear.
 
     `entries` are the units that a cycle runs; without them all programs, or in a project without any all blocks that
-    nobody calls, those that only libraries call (test suites) left out. Raises KeyError for an entry that the project
-    does not have.
+    nobody calls. Programs and blocks of `aside`, and blocks that only libraries call (test suites), are none of these,
+    and what they call they do not call in a cycle. Raises KeyError for an entry that the project does not have.
     """
     units = Units(project, profile)
     kinds = (PouKind.FUNCTION_BLOCK, PouKind.PROGRAM)
     own = {key: pou for key, pou in project.pous.items() if pou.kind in kinds and not pou.is_native and pou.body}
     costs = {key: units.of(key) for key in own}
     blocks = {own[key].name: _block_cost(own[key], cost, units, profile) for key, cost in costs.items()}
-    programs = [pou.name for pou in own.values() if pou.kind is PouKind.PROGRAM]
+    never = {name.upper() for name in aside}
+    never |= {key for key in own if any(base.is_native for base in project.lineage(key))}  # those of libraries
+    in_cycles = {key: pou for key, pou in own.items() if key not in never}
+    programs = [pou.name for pou in in_cycles.values() if pou.kind is PouKind.PROGRAM]
     if entries is None and programs:
         chosen = programs
     elif entries is None:
-        called = {key for unit in costs.values() for key in unit.called}
+        called = {key for own_key in in_cycles for key in costs[own_key].called}
         called |= {pou.base for pou in project.pous.values() if pou.base is not None}
-        called |= {key for key in own if any(base.is_native for base in project.lineage(key))}  # those of libraries
-        chosen = [pou.name for key, pou in own.items() if key not in called]
+        chosen = [pou.name for key, pou in in_cycles.items() if key not in called]
     else:
         chosen = [project.pous[name.upper()].name for name in entries]
     return ProjectCost(profile, blocks, tuple(chosen))

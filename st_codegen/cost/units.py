@@ -24,7 +24,8 @@ class UnitCost:
     """The worst call of a unit, with all that it calls.
 
     `code_bytes` is an estimate of all its code, each operation counted once as it stands in the text. `unbounded` says
-    which loops have no known bound, here and in what it calls; those are counted once.
+    which loops have no known bound, here and in what it calls, and which blocks of libraries no known time; those are
+    counted once.
     """
 
     cost: PathCost
@@ -46,7 +47,9 @@ class Units:
         """The cost of a unit by its key; projects have no recursion."""
         if key not in self._done:
             pou = self.project.pous[key]
-            native = UnitCost(Costs(key, self.weights).of(CostClass.NATIVE), 0, (), frozenset())
+            is_block = pou.block is not None or pou.kind is PouKind.FUNCTION_BLOCK
+            unknown = (f"{pou.full_name}: a block of a library, whose time is not known",) if is_block else ()
+            native = UnitCost(Costs(key, self.weights).of(CostClass.NATIVE), 0, unknown, frozenset())
             self._done[key] = native if pou.is_native else _Body(self, pou).cost()
         return self._done[key]
 

@@ -44,3 +44,9 @@ def percent(share: float) -> str:
     if text == "0.0%" and share > 0.0:
         return "below 0.1%"
     return "above 99.9%" if text == "100.0%" and share < 1.0 else text
+
+
+def plain_number(value: float) -> str:
+    """A number with six digits, or with as many as it takes to tell it from all others."""
+    text = f"{value:g}"
+    return text if float(text) == value else repr(float(value))

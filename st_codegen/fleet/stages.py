@@ -219,7 +219,7 @@ class _Stages:
         generated = self.folder / PLACES[COMPILE]
         if self.options.check is TextCheck.VERIFY:
             compared = verify(self._bundle, generated, jobs=1)
-            return {"passed": compared.passed, "how": "agree on a sample" if compared.passed else "differ"}
+            return {"passed": compared.passed, "how": "agree on a sample" if compared.passed else "not found to agree"}
         report = prove(self._bundle, generated)
         content = certificate(self._bundle, self.folder / PLACES[TRAIN], generated, report)
         write_text(self.folder / PLACES[CHECK], json.dumps(content, indent=1, sort_keys=True) + "\n")

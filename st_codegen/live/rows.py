@@ -55,7 +55,7 @@ def comparison_rows(models: Sequence[ModelIR], rows: int, seed: int = 0) -> Chos
         if len(kept) + len(aimed[number]) > room:
             break
         kept += aimed[number]
-        reached += 1
+        reached += bool(aimed[number])
     parts = [probe_rows(models[0], min(rows, _PROBES), seed), _cells(models)]
     if kept:
         parts.append(np.array(kept))
@@ -95,7 +95,10 @@ def _cells(models: Sequence[ModelIR]) -> FloatArray:
 
 
 def _aimed(model: ModelIR, random: np.random.Generator) -> Iterator[list[FloatArray]]:
-    """For each leaf a row that reaches it, for each split the threshold and its neighbours where it is reached."""
+    """For each leaf rows that reach it, for each split the threshold and its neighbours where it is reached.
+
+    Splits by categories, and those of numbers that no input gives, have none.
+    """
     lower, upper = operating_range(model)
     for op in model.ops:
         if not isinstance(op, TreeEnsemble):
@@ -116,6 +119,8 @@ def _aimed(model: ModelIR, random: np.random.Generator) -> Iterator[list[FloatAr
                     )
                 elif split < 0:
                     yield [_base(lower, upper, box, origins, random) for _ in range(_ROWS_OF_A_LEAF)]
+                else:
+                    yield []
                 if split >= 0:
                     low, high = box.get(split, (-np.inf, np.inf))
                     for child, part in (

@@ -66,7 +66,7 @@ class LayoutDecision:
         if self.earlier in (None, self.chosen):
             return ""
         before = next((c.cost.nanoseconds for c in self.candidates if c.layout == self.earlier), None)
-        why = "which is no longer possible within the limits"
+        why = "which these options and limits do not allow"
         if before is not None:
             share = self.candidates[0].cost.nanoseconds / before
             why = f"whose time in the worst case falls to {share:.0%} by the prices that it was chosen by"

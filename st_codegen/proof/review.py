@@ -7,7 +7,7 @@ emitted texts, run on the same operating points.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,11 @@ from st_codegen.ir import FloatArray
 from st_codegen.processes import Progress
 from st_codegen.proof.probes import RangeSource
 from st_codegen.proof.runner import BlockResult, GeneratedCode, target_folders
+from st_codegen.st.check.flow import all_reached
+from st_codegen.st.syntax.source import SUFFIXES
 
+#: Width of a range in which whole numbers may be categories.
+_WIDE = 2.0
 #: Points of a curve
 _CURVE = 120
 
@@ -68,7 +72,7 @@ class Sweep:
 class OutputChange:
     """How one output moved over the operating range; `where` is the operating point of the largest change.
 
-    `moved` is the share of the tried points at which the output is another number.
+    `moved` is the share of the points that both texts answer at which the output is another number.
     """
 
     output: str
@@ -81,7 +85,7 @@ class OutputChange:
 
 @dataclass(frozen=True)
 class LabelChange:
-    """A label, the one that came in its place, and the share of the tried points at which it did."""
+    """A label, the one that came in its place, and the share of the points that both texts answer at which it did."""
 
     before: str
     after: str
@@ -93,8 +97,8 @@ class ModelChange:
     """What changed in one model that both folders have.
 
     `labels`: of a classifier, which labels came in place of which, the most frequent change first.
-    `rows_lost`: points that only the old text answered; `guessed`: features whose operating range is not known, so that
-    the points lie where the model's own numbers are.
+    `rows_lost`: points that only the old text answered; `answered`: those that both did; `guessed`: features whose
+    operating range is not known, so that the points lie where the model's own numbers are.
     """
 
     name: str
@@ -106,6 +110,14 @@ class ModelChange:
     text_changed: bool
     guessed: tuple[str, ...] = ()
     labels: tuple[LabelChange, ...] = ()
+    answered: int = 0
+
+    @property
+    def points(self) -> str:
+        """The points at which outputs were compared, in words."""
+        if self.answered == self.rows:
+            return f"{self.rows:,} points"
+        return f"the {self.answered:,} of {self.rows:,} points that both texts answer"
 
     @property
     def changed(self) -> bool:
@@ -125,6 +137,8 @@ def tried_text(changed: Sequence[ModelChange], target: str) -> str:
         f"Both texts of the target {target} were run at random points of the operating range, at which no input is "
         "missing; a larger change may lie elsewhere."
     )
+    if partly := [model.name for model in changed if model.answered < model.rows]:
+        text += f" Of these models the points are those that both texts answer: {', '.join(partly)}."
     guessed = sorted({f"{model.name}: {', '.join(model.guessed)}" for model in changed if model.guessed})
     if guessed:
         text += (
@@ -174,13 +188,14 @@ def diff(
     before, after, others = _common_target(Path(old), Path(new))
     manifests = [read_manifest(folder) for folder in (before, after)]
     codes = [GeneratedCode(folder) for folder in (before, after)]
+    files = _changed_files(before, after)
     models = [_with_sizes(manifest, code, profile) for manifest, code in zip(manifests, codes, strict=True)]
     common = sorted(set(models[0]) & set(models[1]))
     changes = []
     for number, name in enumerate(common):
         if progress is not None:
             progress(number, len(common), name)
-        changes.append(_compare_model(name, (models[0][name], models[1][name]), codes, rows, seed))
+        changes.append(_compare_model(name, (models[0][name], models[1][name]), codes, files, rows, seed))
     if progress is not None:
         progress(len(common), len(common), "")
     project = [manifest.purpose for manifest in manifests]
@@ -194,7 +209,7 @@ def diff(
             for key in sorted({*project[0], *project[1]})
             if project[0].get(key) != project[1].get(key)
         ),
-        files=_changed_files(before, after)
+        files=files
         | {f"{one.name}/{name}": kind for one, other in others for name, kind in _changed_files(one, other).items()},
     )
 
@@ -219,7 +234,8 @@ def _with_sizes(manifest: Manifest, code: GeneratedCode, profile: Profile | None
     if profile is not None and own:
         costs = project_cost(code.project, profile, sorted(set(own.values()))).blocks
         for name, block in own.items():
-            more[name]["worst_us"] = round(costs[block].cold_us, 2)
+            if costs[block].is_bounded:
+                more[name]["worst_us"] = round(costs[block].cold_us, 2)
     return {name: {**facts, **more.get(name, {})} for name, facts in models.items()}
 
 
@@ -237,7 +253,12 @@ def _changed_files(before: Path, after: Path) -> dict[str, str]:
 
 
 def _compare_model(
-    name: str, facts: tuple[dict[str, Any], dict[str, Any]], codes: list[GeneratedCode], rows: int, seed: int
+    name: str,
+    facts: tuple[dict[str, Any], dict[str, Any]],
+    codes: list[GeneratedCode],
+    files: Iterable[str],
+    rows: int,
+    seed: int,
 ) -> ModelChange:
     old, new = facts
     changes = tuple(
@@ -248,7 +269,8 @@ def _compare_model(
     text_changed = codes[0].text(old["block"]) != codes[1].text(new["block"])
     same_shape = len(old["outputs"]) == len(new["outputs"])
     classifies = "labels" in old and "labels" in new
-    if len(old["features"]) != len(new["features"]) or not (same_shape or classifies) or not text_changed:
+    may_differ = text_changed or _reaches(codes[1], new["block"], files)
+    if len(old["features"]) != len(new["features"]) or not (same_shape or classifies) or not may_differ:
         return ModelChange(name, changes, (), 0, 0, 0, text_changed)
     x = _operating_points(old, new, rows, seed)
     results = _answers(facts, codes, x)
@@ -283,7 +305,15 @@ def _compare_model(
         text_changed,
         tuple(f["name"] for f in new["features"] if f.get("range_from") == RangeSource.GUESS),
         labels,
+        int(both.sum()),
     )
+
+
+def _reaches(code: GeneratedCode, block: str, files: Iterable[str]) -> bool:
+    """Whether a block calls what stands in one of some files: those of units are called after them."""
+    reached, known = all_reached(code.project, block.upper()), code.project.pous
+    stems = (Path(name).stem.upper() for name in files if name.lower().endswith(SUFFIXES))
+    return any(stem in reached or stem not in known for stem in stems)
 
 
 def _answers(facts: tuple[dict[str, Any], ...], codes: list[GeneratedCode], x: FloatArray) -> list[BlockResult]:
@@ -340,12 +370,17 @@ def _known(value: Any) -> Any:
 
 
 def _operating_points(old: dict[str, Any], new: dict[str, Any], rows: int, seed: int) -> FloatArray:
-    """Points at random in the operating range; what only one of two differing ranges covers belongs to it."""
+    """Points at random in the operating range; what only one of two differing ranges covers belongs to it.
+
+    In every other point the numbers of wide ranges are whole, as those of categories are.
+    """
     ends = np.array([[feature["range"] for feature in facts["features"]] for facts in (old, new)])
     ends[0, _columns(old, new)] = ends[0].copy()
     lower, upper = ends[:, :, 0].min(axis=0), ends[:, :, 1].max(axis=0)
     random = np.random.default_rng(seed)
     points: FloatArray = lower + (upper - lower) * random.random((rows, len(lower)))
+    whole = points[::2, upper - lower >= _WIDE]
+    points[::2, upper - lower >= _WIDE] = np.floor(whole) + (np.floor(whole) < lower[upper - lower >= _WIDE])
     return points
 
 

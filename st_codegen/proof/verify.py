@@ -9,7 +9,6 @@ any, the report says so with the library's reason.
 
 from __future__ import annotations
 
-import dataclasses
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -24,6 +23,7 @@ from st_codegen.cost.report import ProjectCost, project_cost
 from st_codegen.emit.blocks.comparison import PROGRAM
 from st_codegen.emit.blocks.model import refused_where
 from st_codegen.emit.blocks.self_test import SELF_TEST
+from st_codegen.emit.blocks.tests import TEST_TASK
 from st_codegen.emit.output import block_of, is_real
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.files.html_text import html_table
@@ -55,7 +55,7 @@ _ASKED = 48
 
 @dataclass(frozen=True)
 class Disagreement:
-    """One row on which two answers differ by more than they may."""
+    """One row on which two answers differ by more than they may: `bound` is that of the numbers that do."""
 
     between: str
     input: tuple[float, ...]
@@ -104,7 +104,8 @@ class ModelReport:
 
     `guessed`: features of which nobody knows a range, so that the rows lie where the model's own numbers are.
 
-    `refusal`: why the library has no answer for the model, or for an input that it should take; nothing was compared.
+    `refusal`: why the library has no answer for the model, or for an input that it should take; nothing was compared,
+    and `n` is 0.
     """
 
     name: str
@@ -366,19 +367,17 @@ def verify(
 def cycle_cost(code: GeneratedCode, profile: Profile, entries: tuple[str, ...] = ()) -> ProjectCost:
     """The worst case of a cycle of generated text: of `entries`, else of what its tasks call (see `project_cost`).
 
-    FB_SelfTest, which runs once, is part of no cycle unless it is named or a program calls it. Programs of several
-    tasks are added up, for they share a processor. Raises GeneratedCodeError for an unknown entry.
+    FB_SelfTest, which runs once, is part of no cycle unless it is named or a program calls it; nor are the programs of
+    `compare` and of test suites, which do not run in operation. Programs of several tasks are added up, for they share
+    a processor. Raises GeneratedCodeError for an unknown entry.
     """
     names = {name.upper() for name in code.project.pous}
     missing = [name for name in entries if name.upper() not in names]
     if missing:
         raise GeneratedCodeError(f"{code.folder}: no block {', '.join(missing)}")
-    # rows of `compare` run in a task that leaves the others their time, and not in operation
-    tasks = tuple(name for name in code.task_programs if name.upper() in names and name != PROGRAM)
-    cost = project_cost(code.project, profile, entries or tasks or None)
-    if entries or tasks:
-        return cost
-    return dataclasses.replace(cost, entries=tuple(name for name in cost.entries if name not in (SELF_TEST, PROGRAM)))
+    aside = (SELF_TEST, PROGRAM, *TEST_TASK.programs)
+    tasks = tuple(name for name in code.task_programs if name.upper() in names and name not in aside)
+    return project_cost(code.project, profile, entries or tasks or None, aside)
 
 
 def _model_reports(
@@ -450,7 +449,7 @@ def model_report(
     try:
         library[usable] = model.predict(limited[usable])
     except LibraryRefusesError as refusal:
-        report.refusal, report.exact, report.targets = str(refusal), False, list(targets)
+        report.refusal, report.exact, report.targets, report.n = str(refusal), False, list(targets), 0
         return report
     _note_open_rows(report, ir, x, library, expected, bound)
     report.unbounded = int(np.sum(~np.all(np.isfinite(bound), axis=1)))
@@ -550,15 +549,15 @@ def _compare(
     same = (expected == got) | (np.isnan(expected) & np.isnan(got))
     with np.errstate(invalid="ignore"):
         near = (np.abs(expected - got) <= bound) | np.isinf(bound)
-    wrong = np.flatnonzero(~np.all(same | near, axis=1))
-    for row in wrong[:3]:
+    differs = ~(same | near)
+    for row in np.flatnonzero(differs.any(axis=1))[:3]:
         report.failures.append(
             Disagreement(
                 between,
                 tuple(map(float, x[row])),
                 tuple(map(float, expected[row])),
                 tuple(map(float, got[row])),
-                float(np.max(bound[row])),
+                float(np.max(bound[row, differs[row]])),
             )
         )
 
@@ -609,10 +608,13 @@ def _in_order(value: AnyArray) -> IntArray:
 
 def block_report(check: BlockCheck, target: str) -> ModelReport:
     """A block around the models against the models that it is made of."""
-    bound = float(np.max(check.bound, initial=0.0))
-    report = ModelReport(check.block, n=len(check.inputs), bound=bound, must_be_exact=not bound, targets=[target])
+    known = np.isfinite(check.bound)
+    bound = float(np.max(check.bound[known], initial=0.0))
+    report = ModelReport(check.block, n=len(check.inputs), bound=bound, targets=[target])
+    report.must_be_exact, report.unbounded = not np.any(check.bound), int(np.sum(~known.all(axis=1)))
     _compare(report, f"models and {target}", check.inputs, check.expected, check.got, check.bound)
     answered = np.all(np.isfinite(check.expected) & np.isfinite(check.got), axis=1)
+    report.nothing_compared = not np.any(answered)
     report.exact = bool(np.array_equal(check.expected, check.got, equal_nan=True))
     report.zero_signs = _other_zeros(check.expected, check.got)
     _measure(report, check.inputs, check.expected, check.got, answered)
@@ -629,6 +631,8 @@ def _merged(reports: list[ModelReport]) -> list[ModelReport]:
         known.targets += report.targets
         known.failures += report.failures
         known.exact &= report.exact
+        known.must_be_exact &= report.must_be_exact
+        known.unbounded = max(known.unbounded, report.unbounded)
         known.zero_signs = max(known.zero_signs, report.zero_signs)
         known.bound = max(known.bound, report.bound)
         known.nothing_compared |= report.nothing_compared

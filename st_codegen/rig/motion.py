@@ -10,6 +10,7 @@ from enum import StrEnum
 import numpy as np
 
 from st_codegen.errors import InputError
+from st_codegen.files.number_text import percent
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.rig.axis import Axis, ErrorModel, Harmonics, controlled_torque
 from st_codegen.rig.axis_parameters import AxisParameters, Thermal
@@ -303,7 +304,7 @@ def _refused(running: RunningCompensator) -> str:
     share = sum(running.refused.values()) / running.calls
     known = {code.value: code for code in TE_ERROR.all}
     reasons = "; ".join(f"{known[number].name}: {known[number].comment}" for number in sorted(running.refused))
-    return f"no correction in {share:.2%} of the calls ({reasons})"
+    return f"no correction in {percent(share)} of the calls ({reasons})"
 
 
 def lead_time_s(rig: Rig, form: TaskForm) -> float:

@@ -32,6 +32,8 @@ _ROUNDINGS = 16
 #: Operating points on which FB_TEPredict and FB_Compensator are tried; their models are verified by themselves.
 _ROWS = 2_000
 _UNIT = bounds.UNIT[Precision.FLOAT64]
+#: What the root of a sum of squares that underflow may lack: half of the smallest number each, below the root.
+_UNDERFLOW = 5e-162
 #: Phases nearer to half a turn may come with either sign.
 _HALF_TURN = 3.1
 
@@ -139,7 +141,9 @@ def _polar(value: _Values, error: _Values) -> tuple[FloatArray, FloatArray, Floa
     moved = error[Quantity.COSINE] + error[Quantity.SINE]
     with np.errstate(divide="ignore", invalid="ignore"):
         turned = np.where(moved > 0, moved / np.maximum(amplitude - moved, 0.0), 0.0)
-    return amplitude, phase, moved + _ROUNDINGS * _UNIT * amplitude, turned + _ROUNDINGS * _UNIT * np.pi
+    lost = np.where(moved > 0, _UNDERFLOW, 0.0)
+    most = np.minimum(turned + _ROUNDINGS * _UNIT * np.pi, np.pi)  # no two angles lie farther apart
+    return amplitude, phase, moved + _ROUNDINGS * _UNIT * amplitude + lost, most
 
 
 def check_transmission_error(
@@ -284,7 +288,7 @@ def prediction_vectors(te: TransmissionError, models: Sequence[LoadedModel]) -> 
     sure = np.ones(len(x), np.bool_)
     for direction in te.directions:
         found = harmonics([model.ir for model in models], te, direction, x, evaluate=by_library)
-        sure &= np.all((np.abs(found.phase) < _HALF_TURN) & np.isfinite(found.phase_bound), axis=1)
+        sure &= np.all((np.abs(found.phase) < _HALF_TURN) & (found.phase_bound < np.pi), axis=1)
         for kind, values, bound in (
             ("aAmplitude", found.amplitude, found.amplitude_bound),
             ("aPhase", found.phase, found.phase_bound),

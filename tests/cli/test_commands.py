@@ -11,7 +11,7 @@ import pytest
 
 from st_codegen.cli.diff import _lines
 from st_codegen.cli.generate import command as generate_command
-from st_codegen.files.number_text import percent
+from st_codegen.files.number_text import percent, plain_number
 from st_codegen.project.build_options import LAYOUTS
 from st_codegen.proof.review import Change, LabelChange, ModelChange, OutputChange, Review
 from tests.cli.helpers import run
@@ -173,6 +173,11 @@ def test_a_share_is_none_or_all_only_where_it_is(share, text):
     assert percent(share) == text
 
 
+@pytest.mark.parametrize(("value", "text"), [(1800.0, "1800"), (0.1, "0.1"), (30.0000001, "30.0000001")])
+def test_a_number_that_is_to_be_given_back_has_all_its_digits(value, text):
+    assert plain_number(value) == text
+
+
 def test_labels_of_a_model_file_do_not_act_on_the_terminal(tmp_path, capsys):
     tree, skops = pytest.importorskip("sklearn.tree"), pytest.importorskip("skops.io")
     labels = np.array(["low", "\x1b[31mred\x1b]0;title\x07"])
@@ -193,16 +198,24 @@ def test_diff_says_in_words_what_changed():
     def features(unit, **known):
         return [{"name": "speed_rpm", "unit": unit, **known}]
 
+    known = {"range": [0.1, 1800.0000001], "range_from": "configuration", "limited": True}
     facts = (
         Change("trees", 1500, 5),
-        Change("features", features("rpm"), features("1/min", range=[0.0, 1800.0])),
+        Change(
+            "features",
+            features("rpm"),
+            features("1/min", **known),
+        ),
         Change("layout", "trees", "table"),
     )
     models = (
         ModelChange("te", facts, (OutputChange("y", 0.5, 0.1, {}),), 2000, 3, 1200, True),
-        ModelChange("same", (), (OutputChange("y", 0.0, 0.0, {}),), 2000, 0, 0, True),
+        ModelChange("same", (), (OutputChange("y", 0.0, 0.0, {}),), 2000, 0, 0, True, answered=2000),
+        ModelChange("seldom", (), (), 2000, 0, 0, True, answered=0),
         ModelChange(
-            "labels", (), (OutputChange("class", 1.0, 0.25, {}),), 2000, 0, 0, True, (), (LabelChange("a", "b", 0.25),)
+            *("labels", (), (OutputChange("class", 1.0, 0.25, {}),), 2000, 0, 0, True, ()),
+            (LabelChange("a", "b", 0.25),),
+            1500,
         ),
     )
     found = Review("iec", ("new",), ("old",), models, (Change("tasks", 1, 2),), {"a.st": "added", "b.st": "added"})
@@ -211,11 +224,12 @@ def test_diff_says_in_words_what_changed():
         "model removed: old",
         "tasks: 1 -> 2",
         "te: trees: 1,500 -> 5",
-        "te: features: speed_rpm [rpm] -> speed_rpm [1/min] 0 .. 1800",
+        "te: features: speed_rpm [rpm] -> speed_rpm [1/min] 0.1 .. 1800.0000001 (configuration, limited)",
         "te: layout: trees -> table",
         "te: of 2,000 operating points, 3 lost their answer, 1,200 gained one",
         "same: text changed, no output moved at 2,000 points",
-        "labels: another label at 25.0% of the operating points: a -> b 25.0%",
+        "seldom: text changed, no output moved at the 0 of 2,000 points that both texts answer",
+        "labels: another label at 25.0% of the 1,500 of 2,000 points that both texts answer: a -> b 25.0%",
         "files: 2 added",
     ]
 

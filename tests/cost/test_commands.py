@@ -9,11 +9,14 @@ import pytest
 
 from st_codegen.cli.main import main
 from st_codegen.cost.profile import load_profile
+from st_codegen.driver import generate
 from st_codegen.emit.targets import TARGETS
 from st_codegen.passes.choose import Options
 from st_codegen.passes.pipeline import compile_models
 from st_codegen.project.bundle import load
 from st_codegen.proof.explain import Pricing
+from st_codegen.proof.runner import GeneratedCode
+from st_codegen.proof.verify import cycle_cost
 
 
 def run(*arguments):
@@ -65,6 +68,28 @@ def test_verify_fails_with_a_table_when_a_cycle_does_not_fit(bundle_folder, gene
     assert run(*verify, "--cycle-us", block["cold_us"] - 0.01, "--entry", "FB_TEPredict") == 1
     # without a budget nothing can be exceeded
     assert run(*verify) == 0
+
+
+@pytest.mark.parametrize("wish", ["with_comparison", "with_tests"])
+def test_programs_that_do_not_run_in_operation_are_no_cycle(lone_folder, tmp_path, wish):
+    """A project of blocks that nobody calls yet has no other programs than these."""
+    bundle = load(lone_folder)
+    folders = [generate(bundle, "twincat", tmp_path / "a"), generate(bundle, "twincat", tmp_path / "b", **{wish: True})]
+    plain, more = (cycle_cost(GeneratedCode(made.folder), load_profile()) for made in folders)
+    assert plain.entries == more.entries == ("FB_Te",)
+    assert more.cold_us == plain.cold_us > 0.0
+
+
+def test_a_runtime_of_which_no_time_is_known_fits_no_budget(lone_folder, tmp_path, capsys):
+    page = tmp_path / "page.html"
+    explained = ("--target", "beckhoff-ml", "--out", tmp_path / "out", "--explain", "--html", page)
+    assert run(lone_folder, *explained) == 0
+    assert "beckhoff-ml: no bound is known." in page.read_text(encoding="utf-8")
+    assert "This is no bound; what has none was counted once: FB_M" in page.read_text(encoding="utf-8")
+    assert run("verify", lone_folder, "--generated", tmp_path / "out", "--rows", 50, "--cycle-us", 1000) == 1
+    shown = capsys.readouterr().err
+    assert "Predict: a block of a library, whose time is not known" in shown
+    assert "beckhoff-ml: no bound; what has none counted once: " in shown
 
 
 def test_wrong_options_exit_with_2(bundle_folder, generated, capsys):

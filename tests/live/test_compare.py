@@ -10,6 +10,8 @@ import warnings
 
 import numpy as np
 import pytest
+import skops.io
+from sklearn.ensemble import HistGradientBoostingRegressor
 
 from st_codegen import generate, load
 from st_codegen.cost.calibrate import read_measurements
@@ -201,6 +203,19 @@ def test_every_leaf_of_every_tree_has_a_row(models):
     assert reached == set(np.flatnonzero(op.split < 0).tolist())
     few = comparison_rows([ir], 1)
     assert few.reached == few.constants == chosen.constants
+
+
+def test_splits_by_categories_are_no_rows_that_are_aimed_at_them(tmp_path):
+    random = np.random.default_rng(0)
+    x = np.column_stack([random.integers(0, 9, 500), random.random(500)])
+    fitted = HistGradientBoostingRegressor(categorical_features=[0], max_iter=3).fit(x, x[:, 0] % 3 + x[:, 1])
+    skops.io.dump(fitted, tmp_path / "te.skops")
+    ir = load(tmp_path).irs[0]
+    (op,) = (op for op in ir.ops if hasattr(op, "leaf_value"))
+    by_category = sum(split >= 0 and op.columns[split].categorical for split in op.split)
+    chosen = comparison_rows([ir], 100)
+    assert by_category
+    assert (chosen.constants, chosen.reached) == (op.n_nodes, op.n_nodes - by_category)
 
 
 # --- what can be wrong

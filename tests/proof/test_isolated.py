@@ -242,6 +242,7 @@ def test_verify_reports_what_the_library_refuses_and_verifies_the_rest(model, tm
     assert report.models[0].passed
     assert report.models[1].refusal == "the library refuses the model: ValueError: [nan] is not a tag"
     assert report.as_json()["models"]["other"]["refusal"] == report.models[1].refusal
+    assert report.models[1].n == 0  # no row was compared
 
 
 def test_the_command_line_shows_the_reason_as_it_is(lone_folder, tmp_path, capsys, monkeypatch):

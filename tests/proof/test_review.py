@@ -2,12 +2,15 @@ import re
 
 import numpy as np
 import pytest
+import skops.io
+from sklearn.ensemble import HistGradientBoostingRegressor
 
 from st_codegen.driver import generate
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.project.bundle import load
 from st_codegen.proof.review import diff, tried_text
+from tests.changes import change_once
 
 
 def make(models, out, *targets):
@@ -116,7 +119,7 @@ def test_labels_are_compared_by_what_they_say(tmp_path):
     wider = diff(old, made(words[np.where(X[:, 1] > 0, 2, THREE)], "wider", None), rows=500)
     share = sum(change.share for change in wider.models[0].labels)
     assert 0 < share < 1 and wider.models[0].outputs == ()
-    assert any(f"another label at {share:.1%} of the operating points" in line for line in _lines(wider))
+    assert any(f"another label at {share:.1%} of 500 points" in line for line in _lines(wider))
 
 
 def test_ranges_and_the_bundle_before_and_after(bundle_folder, tmp_path):
@@ -139,8 +142,33 @@ def test_points_that_lose_their_answer_are_counted(lone_folder, tmp_path):
         path.read_text(encoding="utf-8").replace("bUsable := TRUE;", "bUsable := fSpeed_rpm < 900.0;"), encoding="utf-8"
     )
     found = diff(old, new)
-    assert 0 < found.models[0].rows_lost < found.models[0].rows
+    (model,) = found.models
+    assert 0 < model.rows_lost < model.rows
+    assert model.answered == model.rows - model.rows_lost
+    assert "the points are those that both texts answer: te." in tried_text([model], "twincat")
     assert found.changed
+
+
+def test_a_change_in_a_function_that_a_block_calls_is_one_of_its_model(lone_folder, tmp_path):
+    old, new = make(lone_folder, tmp_path / "a"), make(lone_folder, tmp_path / "b")
+    change_once(new / "twincat/POUs/F_IsNan.TcPOU", "> INFINITY_BITS", ">= 0")
+    (model,) = diff(old, new, rows=100).models
+    assert not model.text_changed
+    assert model.changed and model.outputs[0].largest > 0
+
+
+def test_categories_are_among_the_points(tmp_path):
+    """Between whole numbers there is no category: a change of one alone would not show."""
+    random = np.random.default_rng(0)
+    x = np.column_stack([random.integers(0, 9, 500), random.random(500)])
+    folders = []
+    for name, odd in (("a", 3), ("b", 4)):
+        fitted = HistGradientBoostingRegressor(categorical_features=[0], max_iter=3).fit(x, x[:, 0] == odd)
+        (tmp_path / name).mkdir()
+        skops.io.dump(fitted, tmp_path / name / "te.skops")
+        folders.append(make(tmp_path / name, tmp_path / f"{name}.out"))
+    (output,) = diff(*folders, rows=500).models[0].outputs
+    assert output.where["f0"] in (3.0, 4.0)
 
 
 def test_folders_without_generated_files_or_common_targets_are_named(lone_folder, tmp_path):

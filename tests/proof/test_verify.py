@@ -13,8 +13,9 @@ from st_codegen.ir import Activation, Comparison, Exceeds, Function, Operator, P
 from st_codegen.passes.choose import Layout
 from st_codegen.passes.domain import limit_inputs
 from st_codegen.project.bundle import Bundle, load
+from st_codegen.project.purpose import BlockCheck
 from st_codegen.proof.probes import operating_range
-from st_codegen.proof.verify import ulps_between, verify
+from st_codegen.proof.verify import _merged, block_report, ulps_between, verify
 from st_codegen.walkers.base import LoadedModel
 from tests.changes import change_once
 from tests.models import model, random_trees
@@ -294,3 +295,31 @@ def test_a_proof_takes_the_place_of_rows_for_every_threshold(tmp_path, monkeypat
     assert not damaged.proved
     assert damaged.n == whole.n
     assert not damaged.passed
+
+
+def _block(expected, got, bound):
+    rows = np.arange(float(len(expected)))[:, None]
+    return block_report(BlockCheck("FB_X", rows, *(np.array(part, np.float64) for part in (expected, got, bound))), "x")
+
+
+def test_a_block_is_not_called_within_a_bound_that_there_is_none_of():
+    report = _block([[1.0], [2.0]], [[1.0], [5.0]], [[0.5], [np.inf]])
+    assert (report.bound, report.unbounded) == (0.5, 1)
+    assert "on 1 of 2 rows no bound is known" in report.not_judged
+
+
+def test_a_block_that_answers_nothing_does_not_pass():
+    report = _block([[np.nan], [np.nan]], [[np.nan], [np.nan]], [[0.0], [0.0]])
+    assert report.nothing_compared
+    assert report.verdict == "FAILED"
+
+
+def test_the_bound_of_a_failure_is_that_of_the_number_that_is_wrong():
+    (failure,) = _block([[1.0, 0.0]], [[2.0, 0.1]], [[0.5, 3.0]]).failures
+    assert failure.bound == 0.5
+
+
+def test_a_block_that_one_target_need_not_have_to_the_bit_passes_with_both():
+    exact, near = _block([[1.0]], [[1.0]], [[0.0]]), _block([[1.0]], [[1.1]], [[0.5]])
+    (merged,) = _merged([exact, near])
+    assert (merged.passed, merged.verdict) == (True, "within bound")

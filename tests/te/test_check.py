@@ -56,7 +56,16 @@ def test_amplitude_and_phase_differ_by_no_more_than_their_bound_which_is_not_far
 def test_a_harmonic_that_may_vanish_has_any_phase():
     value = {Quantity.COSINE: np.array([1e-9, 1.0]), Quantity.SINE: np.zeros(2)}
     error = {Quantity.COSINE: np.full(2, 1e-8), Quantity.SINE: np.zeros(2)}
-    assert np.isinf(_polar(value, error)[3]).tolist() == [True, False]
+    amplitude, _, _, phase = _polar(value, error)
+    assert (phase == np.pi).tolist() == [True, False]
+    assert np.all(np.isfinite(amplitude * phase))
+
+
+def test_squares_that_underflow_are_within_the_bound_of_an_amplitude():
+    tiny = np.array([1e-160, 3e-162, 1e-300])
+    parts = {Quantity.COSINE: tiny, Quantity.SINE: tiny}
+    amplitude, _, bound, _ = _polar(parts, dict.fromkeys(parts, np.full(3, 5e-324)))
+    assert np.all(np.abs(np.sqrt(tiny * tiny + tiny * tiny) - amplitude) <= bound)
 
 
 @pytest.mark.parametrize(
