@@ -186,15 +186,16 @@ def _fitted(
 
 
 def _no_images(sums: Sums, fitted: npt.NDArray[np.intp], new: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
-    """The new orders without those whose waves are, at the angles of the samples, those of lower ones.
+    """The new orders without those whose waves are, at the angles of the samples, those of lower ones or half of one.
 
-    Angles that are rounded to 360 steps a turn show order 359 where there is order 1.
+    Angles that are rounded to 360 steps a turn show order 359 where there is order 1, and of order 180 no sine.
     """
     kept = fitted
     if np.abs(sums.angle[1:]).max(initial=0.0) <= (1.0 - _SAME_WAVE) * sums.samples:
         return new  # the usual case: no two waves are the same
     for order in new:
-        alike = np.abs(_angle_sum(sums, np.concatenate([order - kept, order + kept]))).max(initial=0.0)
+        others = np.concatenate([order - kept, order + kept, [2 * order] if order else []]).astype(np.intp)
+        alike = np.abs(_angle_sum(sums, others)).max(initial=0.0)
         kept = kept if alike > (1.0 - _SAME_WAVE) * sums.samples else np.append(kept, order)
     return np.setdiff1d(kept, fitted)
 
@@ -246,13 +247,15 @@ def _solve(sums: Sums, orders: npt.NDArray[np.intp], belief: FloatArray | None =
         found, again = np.linalg.solve(matrix, np.stack([right[mask], matrix @ known], axis=1)).T
         # what is believed of an order holds it where the samples do not
         own = np.full(len(matrix), True) if belief is None else np.tile(belief == 0.0, 2)[mask]
-        is_told = np.abs(again - known)[own].max() <= math.sqrt(np.finfo(np.float64).eps)
+        least = math.sqrt(np.finfo(np.float64).eps)
+        # a wave that is nothing at all angles, as a sine of two steps a period, may have any size
+        is_told = np.abs(again - known)[own].max() <= least and np.diag(matrix)[own].min() > least * sums.samples
     except np.linalg.LinAlgError:
         is_told = False
     if not is_told:
         new = _no_images(sums, orders[:0], orders)
         same = np.setdiff1d(orders, new).tolist()
-        which = f"{listed(same)} from lower ones" if same else f"{listed(orders.tolist())} apart"
+        which = f"{listed(same)} from others" if same else f"{listed(orders.tolist())} apart"
         raise InputError(f"the angles of the samples do not tell the orders {which}: are their steps coarse?")
     solution[mask] = found
     return solution[: len(orders)] + 1j * solution[len(orders) :]

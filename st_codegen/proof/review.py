@@ -7,7 +7,7 @@ emitted texts, run on the same operating points.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -25,8 +25,6 @@ from st_codegen.proof.runner import BlockResult, GeneratedCode, target_folders
 from st_codegen.st.check.flow import all_reached
 from st_codegen.st.syntax.source import SUFFIXES
 
-#: Width of a range in which whole numbers may be categories.
-_WIDE = 2.0
 #: Points of a curve
 _CURVE = 120
 
@@ -256,7 +254,7 @@ def _compare_model(
     name: str,
     facts: tuple[dict[str, Any], dict[str, Any]],
     codes: list[GeneratedCode],
-    files: Iterable[str],
+    files: Mapping[str, str],
     rows: int,
     seed: int,
 ) -> ModelChange:
@@ -309,10 +307,14 @@ def _compare_model(
     )
 
 
-def _reaches(code: GeneratedCode, block: str, files: Iterable[str]) -> bool:
-    """Whether a block calls what stands in one of some files: those of units are called after them."""
+def _reaches(code: GeneratedCode, block: str, files: Mapping[str, str]) -> bool:
+    """Whether a block calls what stands in one of some files: those of units are called after them.
+
+    A file that is called after none of the project's units may hold any of them.
+    """
     reached, known = all_reached(code.project, block.upper()), code.project.pous
-    stems = (Path(name).stem.upper() for name in files if name.lower().endswith(SUFFIXES))
+    kept = (name for name, kind in files.items() if kind != "removed" and name.lower().endswith(SUFFIXES))
+    stems = (Path(name).stem.upper() for name in kept)
     return any(stem in reached or stem not in known for stem in stems)
 
 
@@ -372,15 +374,16 @@ def _known(value: Any) -> Any:
 def _operating_points(old: dict[str, Any], new: dict[str, Any], rows: int, seed: int) -> FloatArray:
     """Points at random in the operating range; what only one of two differing ranges covers belongs to it.
 
-    In every other point the numbers of wide ranges are whole, as those of categories are.
+    In every third point the numbers are whole where the range holds two whole numbers, as those of categories are.
     """
     ends = np.array([[feature["range"] for feature in facts["features"]] for facts in (old, new)])
     ends[0, _columns(old, new)] = ends[0].copy()
     lower, upper = ends[:, :, 0].min(axis=0), ends[:, :, 1].max(axis=0)
     random = np.random.default_rng(seed)
     points: FloatArray = lower + (upper - lower) * random.random((rows, len(lower)))
-    whole = points[::2, upper - lower >= _WIDE]
-    points[::2, upper - lower >= _WIDE] = np.floor(whole) + (np.floor(whole) < lower[upper - lower >= _WIDE])
+    first, last = np.ceil(lower), np.floor(upper)
+    whole = np.minimum(first + np.floor((last - first + 1.0) * random.random(points[::3].shape)), last)
+    points[::3] = np.where(last > first, whole, points[::3])
     return points
 
 

@@ -155,7 +155,7 @@ class ModelReport:
         if self.unbounded:
             said.append(
                 f"on {self.unbounded:,} of {self.n:,} rows no bound is known, since rounding may grow there without "
-                "limit: the library's answers to them were not judged"
+                "limit: the answers to them were not judged"
             )
         if self.vague:
             said.append(
@@ -608,13 +608,15 @@ def _in_order(value: AnyArray) -> IntArray:
 
 def block_report(check: BlockCheck, target: str) -> ModelReport:
     """A block around the models against the models that it is made of."""
-    known = np.isfinite(check.bound)
-    bound = float(np.max(check.bound[known], initial=0.0))
+    # what the models refuse has no bound, and needs none
+    limits = np.where(np.isnan(check.expected), 0.0, check.bound)
+    known = np.isfinite(limits)
+    bound = float(np.max(limits[known], initial=0.0))
     report = ModelReport(check.block, n=len(check.inputs), bound=bound, targets=[target])
-    report.must_be_exact, report.unbounded = not np.any(check.bound), int(np.sum(~known.all(axis=1)))
+    report.must_be_exact, report.unbounded = not np.any(limits), int(np.sum(~known.all(axis=1)))
     _compare(report, f"models and {target}", check.inputs, check.expected, check.got, check.bound)
     answered = np.all(np.isfinite(check.expected) & np.isfinite(check.got), axis=1)
-    report.nothing_compared = not np.any(answered)
+    report.nothing_compared = not np.any(np.isfinite(check.expected) & np.isfinite(check.got))
     report.exact = bool(np.array_equal(check.expected, check.got, equal_nan=True))
     report.zero_signs = _other_zeros(check.expected, check.got)
     _measure(report, check.inputs, check.expected, check.got, answered)

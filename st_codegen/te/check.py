@@ -141,7 +141,7 @@ def _polar(value: _Values, error: _Values) -> tuple[FloatArray, FloatArray, Floa
     moved = error[Quantity.COSINE] + error[Quantity.SINE]
     with np.errstate(divide="ignore", invalid="ignore"):
         turned = np.where(moved > 0, moved / np.maximum(amplitude - moved, 0.0), 0.0)
-    lost = np.where(moved > 0, _UNDERFLOW, 0.0)
+    lost = np.where((moved > 0) | (amplitude > 0), _UNDERFLOW, 0.0)
     most = np.minimum(turned + _ROUNDINGS * _UNIT * np.pi, np.pi)  # no two angles lie farther apart
     return amplitude, phase, moved + _ROUNDINGS * _UNIT * amplitude + lost, most
 

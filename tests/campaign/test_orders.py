@@ -167,8 +167,11 @@ def test_orders_are_chosen_with_reasons():
 def test_angles_that_do_not_tell_orders_apart():
     """An encoder of 40 steps a turn: orders 1 and 39 are the same wave at its angles."""
     angle = np.repeat(np.arange(40) * 9.0, 10)
-    with pytest.raises(InputError, match="do not tell the orders 39, 41 from lower ones"):
+    with pytest.raises(InputError, match="do not tell the orders 39, 41 from others"):
         fit_orders(Curve(angle, np.cos(np.deg2rad(angle))), (1, 39, 41))
+    # of order 20 there is a cosine alone
+    with pytest.raises(InputError, match="do not tell the orders 20 from others"):
+        fit_orders(Curve(angle, np.cos(np.deg2rad(angle))), (1, 20))
 
 
 @pytest.mark.parametrize("steps", [4, 40, 72, 360])

@@ -9,7 +9,7 @@ from st_codegen.driver import generate
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.project.bundle import load
-from st_codegen.proof.review import diff, tried_text
+from st_codegen.proof.review import _operating_points, diff, tried_text
 from tests.changes import change_once
 
 
@@ -177,3 +177,13 @@ def test_folders_without_generated_files_or_common_targets_are_named(lone_folder
         diff(old, make(lone_folder, tmp_path / "b", "iec"))
     with pytest.raises(GeneratedCodeError, match="no generated files"):
         diff(old, tmp_path / "nothing")
+
+
+def test_every_category_of_a_range_is_tried():
+    """A change at the highest one, or of one of two, was "no output moved"."""
+    facts = {"features": [{"name": n, "range": r} for n, r in (("a", (0, 1)), ("b", (0, 3)), ("c", (0.2, 0.8)))]}
+    points = _operating_points(facts, facts, 600, 0)
+    for column, whole in ((0, {0.0, 1.0}), (1, {0.0, 1.0, 2.0, 3.0})):
+        values = points[:, column]
+        assert {x for x in values.tolist() if x == int(x)} == whole and 350 < np.sum(values % 1.0 != 0.0) < 450
+    assert points[:, 2].min() > 0.2 and points[:, 2].max() < 0.8 and np.all(points[:, 2] % 1.0 != 0.0)

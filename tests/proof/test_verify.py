@@ -314,6 +314,11 @@ def test_a_block_that_answers_nothing_does_not_pass():
     assert report.verdict == "FAILED"
 
 
+def test_what_the_models_refuse_needs_no_bound():
+    report = _block([[1.0, np.nan], [np.nan, np.nan]], [[1.0, np.nan], [np.nan, np.nan]], [[0.0, np.nan]] * 2)
+    assert report.must_be_exact and not report.unbounded and report.verdict == "exact"
+
+
 def test_the_bound_of_a_failure_is_that_of_the_number_that_is_wrong():
     (failure,) = _block([[1.0, 0.0]], [[2.0, 0.1]], [[0.5, 3.0]]).failures
     assert failure.bound == 0.5

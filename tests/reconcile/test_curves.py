@@ -116,7 +116,7 @@ def test_angles_that_do_not_tell_the_orders_apart_are_those_of_a_named_file(tmp_
         read(tmp_path, monkeypatch, coarse)
     said = str(caught.value)
     assert "run0.csv, forward: the angles of the samples do not tell the orders 39, 40, 42, " in said
-    assert all(len(line) < 300 for line in said.splitlines()) and " from lower ones" in said
+    assert all(len(line) < 300 for line in said.splitlines()) and " from others" in said
 
 
 def test_a_campaign_of_which_no_curve_is_whole_is_refused(tmp_path, monkeypatch):

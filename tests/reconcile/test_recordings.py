@@ -668,3 +668,12 @@ def test_the_size_of_a_wave_that_changes_is_over_all_samples():
     wave = 1e-3 * np.cos(40 * angle) * (np.arange(6000) < 2000)
     size = _while_it_changes(replace(target, data=data), wave, np.zeros(6000, np.int64), 40, 0.125)[0]
     assert size == pytest.approx(1e-3 / np.sqrt(6), rel=0.02)
+
+
+def test_recordings_without_the_output_say_nothing_of_the_reducer(tmp_path):
+    """Their samples agreed with any rig: with them an eccentricity three times the rig's was no change of it."""
+    rig = recorded(tmp_path / "a.csv")
+    recorded(tmp_path / "b.csv", ("t", "theta_mot", "theta_in", "torque_Nm", "temperature_C"))
+    both = read_recordings([tmp_path / "a.csv", tmp_path / "b.csv"])
+    assert {label.partition(",")[0] for label in observations(both, rig).labels} == {"a.csv"}
+    assert {label.partition(",")[0] for label in observations(both[1:], rig).labels} == {"b.csv"}

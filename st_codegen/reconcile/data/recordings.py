@@ -118,7 +118,11 @@ def _directions(speed: FloatArray) -> FloatArray:
 
 
 def observations(recordings: Sequence[Recording], rig: RigModel) -> Observations:
-    """The transmission error of recordings as samples for the common core."""
+    """The transmission error of recordings as samples for the common core.
+
+    Of those without theta_out, beside others with it, there are none: what was not measured agrees with any rig.
+    """
+    recordings = [r for r in recordings if "theta_out" in r.angles] or recordings
     parts, bends = [], [np.zeros(0)]
     for r in recordings:
         # standstill says nothing of the direction, and little of anything else

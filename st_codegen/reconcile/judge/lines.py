@@ -69,9 +69,12 @@ def lines_in_samples(target: FitData, residual: ComplexArray, gap_power: float, 
         if not between:
             break
     out = list[Signature]()
+    # where there are as many as are told, others of constant size may be in the rest, and look like one that changes
+    may_change = len(whole) < SETTINGS.most_lines
     while whole:
         order = max(whole, key=lambda one: whole[one])
-        found = _changing(target, rest, files, order, whole, waves, [one.order for one in out]) if order else None
+        told = [one.order for one in out]
+        found = _changing(target, rest, files, order, whole, waves, told) if order and may_change else None
         kind, name, changes = "constant", f"order {order}" if order else "the mean", ""
         if found is None:
             size = whole.pop(order)

@@ -170,7 +170,7 @@ def may_be_another_power(final: Fit, number: int) -> bool:
 
     own, best = left(1.0), min(map(left, _POWERS_OF_A_MESH))
     # what neither explains is as much noise to both
-    return best < own + SETTINGS.as_good * max(1.0, min(own, best) / (2.0 * wanted.size))
+    return best < own + SETTINGS.as_good * max(1.0, min(own, best) / max(2.0 * wanted.size, 1.0))
 
 
 #: A law that is nothing at one end of a condition and grows in proportion to it is a constant, and what differs from it

@@ -210,7 +210,7 @@ def _other_reading(recordings: Sequence[Recording], rig: RigModel) -> list[str]:
     none = float(np.mean(np.concatenate([error_of(r, rig) for r in some]) ** 2))
     as_is, least = left(some), min(left(some), left(idle), none)
     sizes = {text: left(read) / (np.rad2deg(1.0) ** 2 if read is degrees else 1.0) for text, read in tried.items()}
-    best = min(sizes, key=lambda text: sizes[text])
+    best = min(sizes, key=lambda text: np.nan_to_num(sizes[text], nan=np.inf))
     if not sizes[best] < SETTINGS.left_of_rest * least:
         return []
     return [
