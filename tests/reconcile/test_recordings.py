@@ -677,3 +677,16 @@ def test_recordings_without_the_output_say_nothing_of_the_reducer(tmp_path):
     both = read_recordings([tmp_path / "a.csv", tmp_path / "b.csv"])
     assert {label.partition(",")[0] for label in observations(both, rig).labels} == {"a.csv"}
     assert {label.partition(",")[0] for label in observations(both[1:], rig).labels} == {"b.csv"}
+
+
+def test_many_waves_of_constant_size_are_none_that_changes():
+    """Of twelve beside each other the four that were not told made one of those that were "of a size that changes"."""
+    count, random = 6000, np.random.default_rng(12)
+    angle = np.linspace(0.0, 6.0 * np.pi, count)
+    sizes = random.uniform(0.5e-3, 1.5e-3, 12) * np.exp(2j * np.pi * random.uniform(size=12))
+    te = (np.exp(1j * np.outer(angle, np.arange(60, 72))) @ sizes).real + 1e-4 * random.standard_normal(count)
+    at = Conditions.of(np.ones(count), 600.0, 500.0, 30.0)
+    labels = tuple(f"a.csv, t = {n} s" for n in range(count))
+    data = Observations(at, labels, np.zeros(1, np.int64), te[:, None] + 0j, angle, (0, 1), neighbours_deg=1e-4)
+    lines = lines_in_samples(SimpleNamespace(data=data, sigma=np.full((count, 1), 1e-4)), data.values, 1.0)
+    assert len(lines) == SETTINGS.most_lines and not any("changes" in one.text for one in lines)
