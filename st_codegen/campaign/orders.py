@@ -137,6 +137,7 @@ def _ends(te: FloatArray) -> FloatArray:
 def fit_orders(curve: Curve | Sums, orders: Sequence[int], beyond: Mapping[int, complex] | None = None) -> OrderFit:
     """Fit a set of orders to a curve, together with every other order up to the band that stands above the noise.
 
+    Of waves that are the same at the angles of the samples the lowest, or the wanted one, is fitted.
     Fitting the others too keeps them from leaking into the wanted ones where the angles are uneven, or have a gap.
     beyond: coefficients that are expected of orders above the band, deg. They are fitted as well, each believed to its
     own size; those that the sums do not reach do not count.

@@ -675,7 +675,9 @@ def test_recordings_without_the_output_say_nothing_of_the_reducer(tmp_path):
     rig = recorded(tmp_path / "a.csv")
     recorded(tmp_path / "b.csv", ("t", "theta_mot", "theta_in", "torque_Nm", "temperature_C"))
     both = read_recordings([tmp_path / "a.csv", tmp_path / "b.csv"])
-    assert {label.partition(",")[0] for label in observations(both, rig).labels} == {"a.csv"}
+    found = observations(both, rig)
+    assert {label.partition(",")[0] for label in found.labels} == {"a.csv"}
+    assert found.not_looked_at[0] == "b.csv: without theta_out it says nothing of the reducer"
     assert {label.partition(",")[0] for label in observations(both[1:], rig).labels} == {"b.csv"}
 
 

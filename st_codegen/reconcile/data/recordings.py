@@ -122,7 +122,10 @@ def observations(recordings: Sequence[Recording], rig: RigModel) -> Observations
 
     Of those without theta_out, beside others with it, there are none: what was not measured agrees with any rig.
     """
-    recordings = [r for r in recordings if "theta_out" in r.angles] or recordings
+    whole = [r for r in recordings if "theta_out" in r.angles]
+    links = [r.name for r in recordings if "theta_out" not in r.angles]
+    aside = [f"{name}: without theta_out it says nothing of the reducer" for name in links]
+    recordings = whole or recordings
     parts, bends = [], [np.zeros(0)]
     for r in recordings:
         # standstill says nothing of the direction, and little of anything else
@@ -140,7 +143,7 @@ def observations(recordings: Sequence[Recording], rig: RigModel) -> Observations
             te, rounded = expected_error(r, out, rig), 0.0
         parts.append((r, out, te, rounded, np.flatnonzero(moving)))
     if not any(len(rows) for *_, rows in parts):
-        raise InputError(f"{', '.join(r.name for r in recordings)}: the axis does not move")
+        raise InputError(f"{', '.join(r.name for r in recordings)}: the axis does not move, by its speed")
     step = max(1, -(-sum(len(rows) for *_, rows in parts) // SETTINGS.most_samples))
     labels, values, angles, conditions, roundings = list[str](), [], [], [], []
     # even steps would show each order as others too
@@ -162,10 +165,11 @@ def observations(recordings: Sequence[Recording], rig: RigModel) -> Observations
     # of less than a wave nobody can tell that it is one
     told = {order for order in {constants.cranks, *mesh, *sides, *range(13)} if order * turns >= SETTINGS.least_of_wave}
     inside = tuple(sorted({0, *rig.orders(), *told}))
-    aside = (
-        f"orders below {SETTINGS.least_of_wave / max(turns, 1e-6):.3g} but those of the rig: the output turns by "
-        f"{turns:.2g} of a turn at most, less than a wave of them"
-    )
+    if turns < SETTINGS.least_of_wave:
+        aside.append(
+            f"orders below {SETTINGS.least_of_wave / max(turns, 1e-6):.3g} but those of the rig: the output turns by "
+            f"{turns:.2g} of a turn at most, less than a wave of them"
+        )
     column = np.concatenate(values).astype(np.complex128)[:, None]
     # second differences of white noise have six times its variance; what is smooth over samples hardly has any
     squares = np.concatenate(bends) ** 2
@@ -180,7 +184,7 @@ def observations(recordings: Sequence[Recording], rig: RigModel) -> Observations
         inside,
         neighbours_deg=neighbours,
         rounded_by=np.concatenate(roundings),
-        not_looked_at=(aside,) if turns < SETTINGS.least_of_wave else (),
+        not_looked_at=tuple(aside),
     )
 
 
