@@ -348,6 +348,11 @@ class Settings:
     #: knees that are tried, by quantiles of the torques, and powers of the load: contact is between a half and one
     knees_tried: int = 12
     powers_of_a_load: tuple[float, ...] = (0.5, 2 / 3, 0.75, 0.9)
+    #: what else a mesh order may follow: contact of lines and points, and what grows faster than the load
+    powers_of_a_mesh: tuple[float, ...] = (0.5, 2 / 3, 1.5, 2.0)
+    #: a law that is nothing at one end of a condition and grows in proportion to it is a constant, and what differs
+    #: from it by a third of its power
+    constant_of_a_law: float = 3.0
     #: so many quiet orders tell the noise of an order of a curve, half of those whose median it is
     quiet_beside: int = 12
     #: of tables, whose orders may differ: so many of their usual distances (standard deviations) above those beside it,

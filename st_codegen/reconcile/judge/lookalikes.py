@@ -137,10 +137,6 @@ def told_sides(piece: Piece, stderr: dict[str, float]) -> set[str]:
     return {key.partition("_")[0] for key in sizes if piece.effect.scalar(key) > SETTINGS.told * stderr[key]}
 
 
-#: What else a mesh order may follow of the load: contact between lines and points, and what grows faster than the load.
-_POWERS_OF_A_MESH = (0.5, 2 / 3, 1.5, 2.0)
-
-
 def may_be_another_power(final: Fit, number: int) -> bool:
     """Whether a mesh order that grows in proportion to the load follows another power of it about as well.
 
@@ -168,14 +164,9 @@ def may_be_another_power(final: Fit, number: int) -> bool:
             found += float((np.abs(values - design @ np.linalg.lstsq(design, values, rcond=None)[0]) ** 2).sum())
         return found
 
-    own, best = left(1.0), min(map(left, _POWERS_OF_A_MESH))
+    own, best = left(1.0), min(map(left, SETTINGS.powers_of_a_mesh))
     # what neither explains is as much noise to both
     return best < own + SETTINGS.as_good * max(1.0, min(own, best) / max(2.0 * wanted.size, 1.0))
-
-
-#: A law that is nothing at one end of a condition and grows in proportion to it is a constant, and what differs from it
-#: by a third of its power.
-_CONSTANT_OF_A_LAW = 3.0
 
 
 def may_be_of_a_law(final: Fit, number: int) -> bool:
@@ -189,7 +180,7 @@ def may_be_of_a_law(final: Fit, number: int) -> bool:
         return False
     change = (np.abs(shown_change(final, final.state.pieces[number])[good]) ** 2).mean(axis=0)
     noise = np.where(data.orders == 0, 1, 2) * (final.target.sigma[good] ** 2).mean(axis=0)
-    return bool((change < _CONSTANT_OF_A_LAW * SETTINGS.least_excess * noise).all())
+    return bool((change < SETTINGS.constant_of_a_law * SETTINGS.least_excess * noise).all())
 
 
 #: Constant waves once or twice a turn: the weight of an arm that hangs on the output, how a machine is mounted, or an
