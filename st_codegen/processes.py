@@ -19,6 +19,7 @@ import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from pathlib import Path
@@ -36,24 +37,52 @@ _Result = TypeVar("_Result")
 #: how long the end of a worker may come before this process is told of the interruption that ended it
 _INTERRUPTED_WITHIN_S = 1.0
 
+#: Whether this process is a copy, which computes on the processor that it was made for.
+_IS_COPY = False
 
-def shared_out(work: Callable[[_Item], _Result], items: Iterable[_Item], *, is_large: bool) -> list[_Result]:
+
+def shared_out(
+    work: Callable[[_Item], _Result],
+    items: Iterable[_Item],
+    *,
+    is_large: bool,
+    at_once: int | None = None,
+    can_travel: bool = True,
+    begun: Callable[[int, _Item], None] = lambda _, __: None,
+) -> list[_Result]:
     """What a function makes of each item, in their order, computed on all processors where the work `is_large`.
 
     Work stays in this process where it is small and where there are no `other_processors`; the results are the same.
-    Arrays that come from another process are read-only.
+    Arrays that come from another process are read-only. `at_once`: so many items at the same time at most. Where this
+    process cannot be copied the work is sent to others, or is done by threads where it holds what cannot travel.
+    `begun` is told of the items that this process takes: how many are done or being done, and the item.
     """
     items = list(items)
-    others = min(other_processors(), len(items) - 1) if is_large else 0
+    others = min(other_processors(), len(items) - 1, (at_once or len(items)) - 1) if is_large else 0
     if others > 0 and can_be_copied():
-        return _in_copies(work, items, others)
+        return _in_copies(work, items, others, begun)
+    if others > 0 and not can_travel:
+        with ThreadPoolExecutor(others + 1) as pool:
+            runs = [pool.submit(work, item) for item in items]
+            results = []
+            try:
+                for number, run in enumerate(runs):
+                    begun(number, items[number])
+                    results.append(run.result())
+            finally:
+                pool.shutdown(cancel_futures=True)
+            return results
     if others > 0:
         with contextlib.suppress(BrokenProcessPool):  # the end of a worker is no answer
             import joblib
 
             parallel = joblib.Parallel(n_jobs=-1, batch_size=1, max_nbytes=None)
             return [_unpacked(*made) for made in parallel(joblib.delayed(_packed)(work, item) for item in items)]
-    return [work(item) for item in items]
+    results = []
+    for number, item in enumerate(items):
+        begun(number, item)
+        results.append(work(item))
+    return results
 
 
 @contextlib.contextmanager
@@ -91,10 +120,10 @@ def interruptible() -> Iterator[None]:
 def other_processors() -> int:
     """How many processors work may be shared out to beside the one of this process.
 
-    None where this process is a worker itself, where joblib is not installed, and where `LOKY_MAX_CPU_COUNT` (or the
-    system) leaves one.
+    None where this process is a worker or a copy itself, where joblib is not installed, and where `LOKY_MAX_CPU_COUNT`
+    (or the system) leaves one.
     """
-    if multiprocessing.current_process().name != "MainProcess":
+    if _IS_COPY or multiprocessing.current_process().name != "MainProcess":
         return 0
     try:
         import joblib
@@ -103,10 +132,13 @@ def other_processors() -> int:
     return int(joblib.cpu_count()) - 1
 
 
-def _in_copies(work: Callable[[_Item], _Result], items: list[_Item], copies: int) -> list[_Result]:
+def _in_copies(
+    work: Callable[[_Item], _Result], items: list[_Item], copies: int, begun: Callable[[int, _Item], None]
+) -> list[_Result]:
     """What a function makes of each item, computed here and in copies of this process, which need no time to start.
 
-    Each takes the next item when it is done with one. What a copy does not answer is computed here.
+    Each takes the next item when it is done with one. What a copy does not answer is computed here. No copy outlives
+    an interruption or a failure here.
     """
     with contextlib.ExitStack() as opened:
         turns = opened.enter_context(os.fdopen(os.memfd_create("turns"), "w+b", buffering=0))
@@ -119,19 +151,29 @@ def _in_copies(work: Callable[[_Item], _Result], items: list[_Item], copies: int
                 yield int.from_bytes(number)
 
         def answer(file: IO[bytes]) -> None:
-            pickle.dump([(number, _packed(work, items[number])) for number in taken()], file)
-            file.flush()
+            for number in taken():
+                pickle.dump((number, _packed(work, items[number])), file)
+                file.flush()
 
         children = [make_copy(partial(answer, file)) for file in answers]
+        found = {}
         try:
-            found = {number: work(items[number]) for number in taken()}
+            for number in taken():
+                begun(number, items[number])
+                found[number] = work(items[number])
+        except BaseException:
+            for child in children:
+                os.kill(child, signal.SIGKILL)
+            raise
         finally:
             for child in children:
                 os.waitpid(child, 0)
         for file in answers:
             file.seek(0)
             with contextlib.suppress(EOFError, pickle.UnpicklingError):
-                found |= {number: _unpacked(*made) for number, made in pickle.load(file)}
+                while True:
+                    number, made = pickle.load(file)
+                    found[number] = _unpacked(*made)
     return [found[number] if number in found else work(item) for number, item in enumerate(items)]
 
 
@@ -162,7 +204,9 @@ def make_copy(action: Callable[[], object]) -> int:
     code = 1
 
     def compute() -> None:
+        global _IS_COPY  # noqa: PLW0603 - a fact of the process
         nonlocal code
+        _IS_COPY = True
         with contextlib.suppress(Exception):  # the code says it
             action()
             code = 0

@@ -101,3 +101,75 @@ def test_what_joblib_says_of_interrupted_workers_is_not_shown(interrupts, monkey
         thread.join()
     assert sorted(shown) == (["another"] if interrupts else ["ExecutorManagerThread", "another"])
     assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_who_watches_is_told_of_what_this_process_takes(monkeypatch):
+    monkeypatch.setattr(joblib, "cpu_count", lambda: 2)
+    told = []
+    found = shared_out(_square, range(10, 15), is_large=True, begun=lambda *given: told.append(given))
+    here = [n for n, (process, _) in enumerate(found) if process == os.getpid()]
+    assert told == [(n, 10 + n) for n in here]
+
+
+@pytest.mark.parametrize("copies", [True, False])
+def test_no_more_is_done_at_once_than_is_asked_for(copies, monkeypatch):
+    monkeypatch.setattr(processes, "can_be_copied", lambda: copies)
+    monkeypatch.setattr(joblib, "cpu_count", lambda: 8)
+    running, most = [], []
+
+    def watched(number):
+        running.append(number)
+        most.append(len(running))
+        time.sleep(0.05)
+        running.remove(number)
+        return os.getpid(), threading.get_ident()
+
+    for at_once in (1, 2):
+        found = shared_out(watched, range(6), is_large=True, at_once=at_once, can_travel=False)
+        assert len(set(found)) <= at_once
+        assert max(most) <= at_once
+
+
+def test_work_that_cannot_travel_is_done_by_threads_where_nothing_can_be_copied(monkeypatch):
+    monkeypatch.setattr(processes, "can_be_copied", lambda: False)
+    monkeypatch.setattr(joblib, "cpu_count", lambda: 2)
+    told, both = [], threading.Barrier(2)
+
+    def meets(number):
+        both.wait(60)  # which one thread alone would wait for in vain
+        return number * 2
+
+    found = shared_out(meets, range(4), is_large=True, can_travel=False, begun=lambda *given: told.append(given))
+    assert found == [0, 2, 4, 6]
+    assert told == [(n, n) for n in range(4)]
+
+
+@pytest.mark.skipif(not processes.can_be_copied(), reason="no copies here")
+def test_an_interruption_ends_the_copies_at_once(monkeypatch):
+    """Ctrl-C in `verify` waited for the rows of the models that were tried."""
+    monkeypatch.setattr(joblib, "cpu_count", lambda: 2)
+    home = os.getpid()
+    before = processes.children(home)
+
+    def work(number):
+        if os.getpid() != home:
+            time.sleep(6000)
+        time.sleep(0.3)  # the copy has taken the other one
+        raise KeyboardInterrupt
+
+    started = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        shared_out(work, range(2), is_large=True)
+    assert time.monotonic() - started < 600
+    assert processes.children(home) == before
+
+
+def test_copies_share_no_work_out(monkeypatch):
+    monkeypatch.setattr(joblib, "cpu_count", lambda: 2)
+
+    def work(_):
+        time.sleep(0.2)
+        return os.getpid(), processes.other_processors()
+
+    found = shared_out(work, range(2), is_large=True)
+    assert dict(found) == {process: int(process == os.getpid()) for process, _ in found}

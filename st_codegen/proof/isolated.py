@@ -46,32 +46,17 @@ def isolated(models: Sequence[LoadedModel]) -> Iterator[tuple[LoadedModel, ...]]
     """The same models, whose `predict` asks a process that is a copy of this one.
 
     It raises LibraryRefusesError with the library's reason. The copy shares what is loaded already, computes on one
-    thread, and is made anew where a library ends it, or sleeps and never answers. Where this process cannot be copied
-    (`can_be_copied`) a thread answers instead, and what ends a library ends the command.
+    thread, and is made anew where a library ends it, or sleeps and never answers. A copy of this process that asks has
+    an answering copy of its own. Where this process cannot be copied (`can_be_copied`) a thread answers instead, and
+    what ends a library ends the command.
     """
-    ours, theirs = multiprocessing.Pipe()
-    keeper = 0
-    if can_be_copied():
-        keeper = fork()
-        if not keeper:
-            ours.close()
-            _keep(theirs, models)
-        with contextlib.suppress(OSError):  # the copy was quicker, or has ended
-            os.setpgid(keeper, keeper)
-        theirs.close()
-    else:
-        threading.Thread(target=_answers, args=(theirs, models), daemon=True).start()
-    link = _Link(ours, keeper, threading.Lock())
+    links = _Links(models)
     try:
         yield tuple(
-            dataclasses.replace(model, predict=_remote(model, number, link)) for number, model in enumerate(models)
+            dataclasses.replace(model, predict=_remote(model, number, links)) for number, model in enumerate(models)
         )
     finally:
-        ours.close()
-        if keeper:
-            with contextlib.suppress(OSError):  # nobody waits for an answer any more
-                os.killpg(keeper, signal.SIGKILL)
-            os.waitpid(keeper, 0)
+        links.end()
 
 
 def answers_to(model: LoadedModel, x: FloatArray, calls: float = math.inf) -> tuple[FloatArray, BoolArray]:
@@ -143,6 +128,31 @@ class _Link:
     keeper: int
     lock: threading.Lock
 
+    @classmethod
+    def to(cls, models: Sequence[LoadedModel]) -> _Link:
+        """The way to a new copy of this process, or to a thread."""
+        ours, theirs = multiprocessing.Pipe()
+        keeper = 0
+        if can_be_copied():
+            keeper = fork()
+            if not keeper:
+                ours.close()
+                _keep(theirs, models)
+            with contextlib.suppress(OSError):  # the copy was quicker, or has ended
+                os.setpgid(keeper, keeper)
+            theirs.close()
+        else:
+            threading.Thread(target=_answers, args=(theirs, models), daemon=True).start()
+        return cls(ours, keeper, threading.Lock())
+
+    def end(self) -> None:
+        """End what answers; nobody waits for it any more."""
+        self.connection.close()
+        if self.keeper:
+            with contextlib.suppress(OSError):
+                os.killpg(self.keeper, signal.SIGKILL)
+            os.waitpid(self.keeper, 0)
+
     def ask(self, number: int, rows: FloatArray) -> Any:
         """The answer of a model, or a refusal."""
         with self.lock:
@@ -164,15 +174,39 @@ class _Link:
         return False
 
 
-def _remote(model: LoadedModel, number: int, link: _Link) -> Predictor:
+class _Links:
+    """The links of this process and of its copies to what answers, each made when it is first asked.
+
+    That of a copy ends with it: what answers finds its connection closed.
+    """
+
+    def __init__(self, models: Sequence[LoadedModel]) -> None:
+        self._models, self._lock = models, threading.Lock()
+        self._of_process: dict[int, _Link] = {}
+
+    def ask(self, number: int, rows: FloatArray) -> Any:
+        """The answer of a model, or a refusal."""
+        with self._lock:
+            link = self._of_process.get(os.getpid())
+            if link is None:
+                link = self._of_process[os.getpid()] = _Link.to(self._models)
+        return link.ask(number, rows)
+
+    def end(self) -> None:
+        """End the link of this process."""
+        if link := self._of_process.get(os.getpid()):
+            link.end()
+
+
+def _remote(model: LoadedModel, number: int, links: _Links) -> Predictor:
     """The predictor of a model that asks the other process."""
 
     def predict(rows: FloatArray) -> FloatArray:
         if not len(rows):  # which some libraries refuse
             return np.zeros((0, len(model.ir.outputs)))
-        answer = link.ask(number, rows)
+        answer = links.ask(number, rows)
         if isinstance(answer, _Refusal):
-            raise LibraryRefusesError(_refused(lambda some: link.ask(number, some), rows, answer.reason))
+            raise LibraryRefusesError(_refused(lambda some: links.ask(number, some), rows, answer.reason))
         found: FloatArray = answer
         return found
 

@@ -10,9 +10,9 @@ any, the report says so with the library's reason.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -29,7 +29,7 @@ from st_codegen.errors import GeneratedCodeError
 from st_codegen.files.html_text import html_table
 from st_codegen.ir import AnyArray, BoolArray, FloatArray, IntArray, Label, ModelIR, TreeEnsemble, reference
 from st_codegen.passes.jumps import largest_jump, unsure_columns
-from st_codegen.processes import Progress
+from st_codegen.processes import Progress, shared_out
 from st_codegen.project.bundle import Bundle
 from st_codegen.project.purpose import BlockCheck
 from st_codegen.proof import bounds
@@ -40,7 +40,6 @@ from st_codegen.proof.prove.prove import prove_model
 from st_codegen.proof.prove.range_bound import real_remarks
 from st_codegen.proof.runner import BlockResult, GeneratedCode, target_folders
 from st_codegen.proof.windows import window_checks
-from st_codegen.st.run.machine import processors
 from st_codegen.walkers.base import LoadedModel
 
 #: What trying a row on a tree takes about.
@@ -329,10 +328,10 @@ def verify(
     `budget` asks for the worst case of one cycle as well, from the emitted text, on the controller of a profile
     (`Budget`). It costs a walk over all paths of the text, seconds for a bundle; what does not fit fails the report.
 
-    `progress` is told of each model before its result is waited for.
+    `progress` is told of models as they are tried.
 
-    `jobs` is how many models are tried at the same time, in threads (None: one a processor). The report does not depend
-    on it; each model that is tried takes memory for its rows.
+    `jobs` is how many models are tried at the same time (None: one a processor), in copies of this process or, where
+    there are none, in threads. The report does not depend on it; each model that is tried takes memory for its rows.
 
     Raises GeneratedCodeError where there is nothing to verify, or the text cannot be read or would stop a controller.
     """
@@ -342,18 +341,7 @@ def verify(
             "generate --real go together"
         )
     targets = {folder.name: GeneratedCode(folder) for folder in target_folders(Path(generated))}
-    with isolated(bundle.models) as models:
-        reports = _model_reports(models, targets, rows, seed, progress, jobs)
-    total = len(bundle.models)
-    if bundle.purpose is not None:
-        for name, code in targets.items():
-            checks = bundle.purpose.checks(bundle.irs, code, seed, arithmetic_of(name).bound)
-            reports.extend(block_report(check, name) for check in checks)
-    if windows := bundle.configuration.windows():
-        for name, code in targets.items():
-            reports.extend(block_report(check, name) for check in window_checks(bundle.irs, windows, code, seed))
-    if progress is not None:
-        progress(total, total, "")
+    reports = _reports(bundle, targets, rows, seed, progress, jobs)
     notes = {name: note for name in targets if (note := arithmetic_of(name).note)}
     notes |= real_remarks(bundle.irs)
     costs = (
@@ -380,28 +368,62 @@ def cycle_cost(code: GeneratedCode, profile: Profile, entries: tuple[str, ...] =
     return project_cost(code.project, profile, entries or tasks or None, aside)
 
 
-def _model_reports(
-    models: Sequence[LoadedModel],
+def _reports(
+    bundle: Bundle,
     targets: dict[str, GeneratedCode],
     rows: int,
     seed: int,
     progress: Progress | None,
     jobs: int | None,
 ) -> list[ModelReport]:
-    """The report of each model, in their order."""
-    reports = []
+    """The reports of all models, in their order, and of the blocks around them."""
+    total = len(bundle.models)
+
+    def begun(number: int, task: _Task) -> None:
+        if progress is not None:
+            progress(min(number, total), total, task.name)
+
     # Predictors silence their warnings one by one, which is not safe in threads; here all are silent together
-    with warnings.catch_warnings(), ThreadPoolExecutor(jobs or processors()) as pool:
+    with isolated(bundle.models) as models, warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        runs = [pool.submit(_verify_model, model, targets, rows, seed) for model in models]
-        try:
-            for number, (model, run) in enumerate(zip(models, runs, strict=True)):
-                if progress is not None:
-                    progress(number, len(models), model.ir.name)
-                reports.append(run.result())
-        finally:
-            pool.shutdown(cancel_futures=True)
-    return reports
+        around = list(_block_tasks(bundle, targets, seed))
+        tasks = [_Task(model.ir.name, partial(_model_reports, model, targets, rows, seed)) for model in models]
+        # what takes longest begins first
+        made = shared_out(_done, [*around, *tasks], is_large=True, at_once=jobs, can_travel=False, begun=begun)
+    if progress is not None:
+        progress(total, total, "")
+    return [report for reports in (*made[len(around) :], *made[: len(around)]) for report in reports]
+
+
+@dataclass(frozen=True)
+class _Task:
+    """A part of the verification that needs no other one, and what it is called while it goes on."""
+
+    name: str
+    reports: Callable[[], list[ModelReport]]
+
+
+def _done(task: _Task) -> list[ModelReport]:
+    return task.reports()
+
+
+def _block_tasks(bundle: Bundle, targets: dict[str, GeneratedCode], seed: int) -> Iterable[_Task]:
+    """What checks the blocks around the models, target by target."""
+    if (purpose := bundle.purpose) is not None:
+        for name, code in targets.items():
+            bound = arithmetic_of(name).bound
+            yield _Task(name, partial(_block_reports, partial(purpose.checks, bundle.irs, code, seed, bound), name))
+    if windows := bundle.configuration.windows():
+        for name, code in targets.items():
+            yield _Task(name, partial(_block_reports, partial(window_checks, bundle.irs, windows, code, seed), name))
+
+
+def _block_reports(checks: Callable[[], Iterable[BlockCheck]], target: str) -> list[ModelReport]:
+    return [block_report(check, target) for check in checks()]
+
+
+def _model_reports(model: LoadedModel, targets: dict[str, GeneratedCode], rows: int, seed: int) -> list[ModelReport]:
+    return [_verify_model(model, targets, rows, seed)]
 
 
 def _is_worth_a_proof(model: ModelIR, count: int, rows: int) -> bool:

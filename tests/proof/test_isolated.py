@@ -188,6 +188,26 @@ def test_a_library_that_computes_or_is_done_is_not_taken_for_stuck():
 
 
 @on_linux
+def test_each_copy_of_this_process_asks_one_of_its_own(model, monkeypatch):
+    monkeypatch.setattr(processes, "other_processors", lambda: 3)
+    x = np.random.default_rng(0).normal(size=(300, 3))
+    expected = [model.predict(x[n::40]) for n in range(40)]
+    whose = LoadedModel(model.ir, lambda rows: np.full((len(rows), 1), os.getpid()))
+    with isolated([model, whose]) as (one, who):
+        found = processes.shared_out(
+            lambda n: (who.predict(x[:1]), one.predict(x[n::40])), range(40), is_large=True, can_travel=False
+        )
+    assert all(np.array_equal(numbers, other) for (_, numbers), other in zip(found, expected, strict=True))
+    answering = {int(number[0, 0]) for number, _ in found}
+    assert len(answering) > 1
+    assert os.getpid() not in answering
+    end = time.monotonic() + 600  # none outlives the copy that asked it
+    while any(Path(f"/proc/{process}").exists() for process in answering) and time.monotonic() < end:
+        time.sleep(0.01)
+    assert not [process for process in answering if Path(f"/proc/{process}").exists()]
+
+
+@on_linux
 def test_the_end_of_a_busy_library_is_not_waited_for(model):
     busy = LoadedModel(model.ir, lambda rows: time.sleep(6000))
     started = time.monotonic()
