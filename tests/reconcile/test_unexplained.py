@@ -7,12 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from st_codegen.reconcile.data.contrasts import neighbours
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.structure import (
     ResidualStructure,
     floors,
+    is_lacking,
     lifted_by_a_walk,
     of_an_encoder,
     scatter,
@@ -615,3 +617,49 @@ def test_what_one_direction_alone_has_is_no_noise_by_what_both_differ_by(sign, n
 def test_a_campaign_of_one_direction_says_nothing_of_the_other():
     one, _ = _few_curves_are_far_off((1.0,), 1.0)
     assert one.direction == "both" and "only" not in one.text
+
+
+def few_runs(layout, random):
+    """Operating points of a small campaign, in both directions."""
+    if layout == "scattered":
+        points = random.uniform([100, 0, 25], [1800, 1300, 35], (20, 3))
+    else:
+        points = np.array([(s, m, t) for s in (300, 900, 1600) for m in (100, 1300) for t in (25.0, 35.0)])
+        points += random.uniform(-1, 1, points.shape) * [80, 80, 0]
+    return Conditions.of(np.tile([1.0, -1.0], len(points)), *(np.repeat(axis, 2) for axis in points.T))
+
+
+@pytest.mark.parametrize("spectral", [None, SIGMA])
+@pytest.mark.parametrize("layout", ["twelve", "scattered"])
+def test_noise_of_few_runs_is_noise(layout, spectral):
+    """Contrasts of so few tell their noise by chance to a half, and pairs of runs that were counted twice agreed."""
+    orders, lacking, alike = np.arange(20, 60), 0, 0
+    for seed in range(30):
+        random = np.random.default_rng(seed)
+        at = few_runs(layout, random)
+        values = SIGMA * (random.standard_normal((len(at), 40)) + 1j * random.standard_normal((len(at), 40)))
+        known = None if spectral is None else np.full(values.shape, spectral)
+        data = Observations(at, labels(at), orders, values, spectral_deg=known)
+        noise = estimate(data, values)
+        target = FitData(data, noise.sigma, noise.good, groups_of(at))
+        lacking += int(is_lacking(target, values).any())
+        alike += int((structure(target, values).chance < 1e-3).sum())
+    assert not lacking
+    assert alike <= 3  # 1.2 by chance
+
+
+def test_what_few_runs_have_beside_the_noise_of_their_curves_is_found():
+    random = np.random.default_rng(0)
+    at = few_runs("twelve", random)
+    values = SIGMA * (random.standard_normal((24, 40)) + 1j * random.standard_normal((24, 40)))
+    values[:, 7] += 6 * SIGMA * np.where(at.speed_rpm > 700, 1.0, -1.0)
+    data = Observations(at, labels(at), np.arange(20, 60), values, spectral_deg=np.full(values.shape, SIGMA))
+    noise = estimate(data, values)
+    target = FitData(data, noise.sigma, noise.good, groups_of(at))
+    assert np.flatnonzero(is_lacking(target, values)).tolist() == [7]
+
+
+def test_no_pair_of_neighbours_comes_twice():
+    at = few_runs("scattered", np.random.default_rng(1))
+    for _, pairs in neighbours(at, np.ones(len(at), bool)):
+        assert len(pairs) == len({frozenset(pair) for pair in pairs.tolist()})

@@ -131,12 +131,14 @@ def _write_lines(
 def neighbours(at: Conditions, good: BoolArray) -> Iterator[tuple[str, IntArray]]:
     """Pairs (pairs, 2) of good rows next to each other along one axis, all else the same; repeats among them.
 
-    Off any grid each row has one of its ten nearest for a neighbour."""
+    Off any grid each row has one of its ten nearest for a neighbour. No pair comes twice: what is counted twice would
+    seem to be shared.
+    """
     for name, order, same, _ in _lines_along(at, good):
         yield name, np.stack([order[:-1][same], order[1:][same]], axis=1).astype(np.int64)
     local = contrasts(at, good)
     rows = np.flatnonzero(good & local.usable)
-    yield "nearest", np.stack([rows, local.index[rows, 0]], axis=1)
+    yield "nearest", np.unique(np.sort(np.stack([rows, local.index[rows, 0]], axis=1), axis=1), axis=0)
 
 
 def repeats(at: Conditions, deviation: ComplexArray, row: int) -> bool:

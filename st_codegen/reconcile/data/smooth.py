@@ -20,7 +20,7 @@ _LENGTHS = ((0.2, 0.5, 1.5, np.inf), (0.2, 0.5, 1.5, np.inf), (0.7, 2.0, np.inf)
 #: variance of the noise over that of the function
 _RATIOS = np.geomspace(1e-8, 1e2, 31)
 #: fewer runs of a direction say nothing; of more than these their neighbours say as much at less cost
-LEAST, MOST = 16, 200
+LEAST, MOST = 24, 200
 
 
 def noise_beside(at: Conditions, values: ComplexArray, orders: IntArray) -> FloatArray:

@@ -49,6 +49,10 @@ class Piece:
     added: bool = False
     origin: Effect | None = None
 
+    def told_keys(self) -> set[str]:
+        """The keys of its parameters that the fit tells, phases among them."""
+        return {key for c in self.coordinates() for key in (c.key, c.phase_key)}
+
     def coordinates(self) -> tuple[Coordinate, ...]:
         """The free coordinates, in the order of the catalogue."""
         places = len(self.effect.orders) if self.effect.orders_key == "orders" else 1

@@ -373,6 +373,8 @@ def _claim(
     others = _as_good(standing.without, joint, number, known)
     piece = final.state.pieces[number]
     stderr, peaks = standard_errors(joint, number, final, wrong), _peaks(final, piece)
+    # a number that is held now is none that the data tell
+    stderr = {key: error for key, error in stderr.items() if key.partition("[")[0] in piece.told_keys()}
     if peaks is not None:
         # the shape fails, so the errors of the fit say little: what the speeds of the peaks leave open counts
         frequency = piece.effect.scalar("frequency_Hz")

@@ -170,8 +170,10 @@ def normal_tail(x: FloatArray) -> FloatArray:
     return found
 
 
-def f_tail(x: float, count: int, rest: int) -> float:
-    """Chance that an F with these degrees of freedom exceeds x."""
+def f_tail(x: float, count: int, rest: float) -> float:
+    """Chance that an F with these degrees of freedom exceeds x; rest may be infinite."""
+    if rest == np.inf:
+        return chi_square_tail(x * count, count)
     from scipy.special import fdtrc
 
     return float(fdtrc(count, rest, x)) if x > 0 else 1.0

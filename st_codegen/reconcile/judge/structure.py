@@ -18,7 +18,7 @@ from st_codegen.reconcile.data.contrasts import levels_of, neighbours, speed_lev
 from st_codegen.reconcile.data.noise import MEDIAN_1
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.fit.target import FitData
-from st_codegen.reconcile.judge.evidence import chi_square_tail, false_discoveries, normal_tail
+from st_codegen.reconcile.judge.evidence import f_tail, false_discoveries, normal_tail
 from st_codegen.reconcile.judge.in_time import Course, course_of, without_lasting
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
@@ -73,14 +73,29 @@ def _structure(target: FitData, residual: ComplexArray) -> ResidualStructure:
     data, good = target.data, target.good
     parts = np.where(data.orders == 0, 1, 2)
     r: ComplexArray = np.where(data.orders == 0, residual.real, residual).astype(np.complex128)
-    whole: ComplexArray = without_lasting(target, r) / target.sigma * good[:, None]
+    sigma, known = _scale_of(target)
+    whole: ComplexArray = without_lasting(target, r) / sigma * good[:, None]
     z: ComplexArray = whole * np.minimum(1.0, SETTINGS.cut / np.maximum(np.abs(whole), 1e-300))
-    p_levels, excess, scale = _between_levels(target, z[good], parts)
+    p_levels, excess, scale = _between_levels(target, z[good], parts, known)
     p_shared, shared = _between_neighbours(target, z, parts)
     large = np.maximum(excess / scale, shared) > SETTINGS.least_excess * parts
     courses = course_of(target, z, whole, parts)
     p = np.where(large, np.minimum(np.minimum(2 * p_levels, 2 * p_shared), 1.0), 1.0)
     return ResidualStructure(data.orders, p, tuple(courses))
+
+
+def _scale_of(target: FitData) -> tuple[FloatArray, FloatArray]:
+    """The noise by which a residual is tested, (n, K), and of how many degrees of freedom it is known, (K,).
+
+    That of contrasts is a median, of as many as there are runs: it tells as much as half of their real and imaginary
+    parts would. Of a dozen runs it may be half of what it should be; what there is between the orders of a curve is in
+    an order as well, and known far better.
+    """
+    parts = np.where(target.data.orders == 0, 1, 2)
+    spectral = target.data.spectral_deg
+    if spectral is not None and target.data.few_points:
+        return np.maximum(target.sigma, spectral), np.full(len(parts), np.inf)
+    return target.sigma, parts * int(target.good.sum()) / 2
 
 
 def is_lacking(target: FitData, residual: ComplexArray) -> BoolArray:
@@ -104,15 +119,21 @@ def loud_and_foreign(target: FitData, residual: ComplexArray, made: Sequence[int
     return loud & ~np.isin(orders, made) & (orders > SETTINGS.wander_orders)
 
 
-def _between_levels(target: FitData, z: ComplexArray, parts: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Chance of the differences between levels; their power in noises; the noise that is left, each (K,)."""
+def _between_levels(
+    target: FitData, z: ComplexArray, parts: IntArray, known: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Chance of the differences between levels; their power in noises; the noise that is left, each (K,).
+
+    known: by how many degrees of freedom the noise of z is, (K,).
+    """
     basis = orthogonal_basis(np.concatenate(list(level_designs(target).values()), axis=1))
     rows, rank = len(basis), basis.shape[1]
     explained = (np.abs(basis.T @ z) ** 2).sum(axis=0)
     left = np.maximum((np.abs(z) ** 2).sum(axis=0) - explained, 1e-12) / np.maximum(parts * (rows - rank), 1)
     # noise that is larger than believed must not look like structure
     scale = np.maximum(left, 1.0)
-    p = np.array([chi_square_tail(float(x), int(k * rank)) for x, k in zip(explained / scale, parts, strict=True)])
+    times = explained / scale / (parts * rank)
+    p = np.array([f_tail(float(x), int(k * rank), float(n)) for x, k, n in zip(times, parts, known, strict=True)])
     return p, np.maximum(explained - parts * rank * scale, 0.0) / rows, scale
 
 
