@@ -118,13 +118,21 @@ def _share(result: JointResult, name: str) -> float:
     return float(result.chosen.own(name).var() / result.rows.torque.var())
 
 
+def _is_told(name: str, value: float, error: float) -> bool:
+    """Whether a part is larger than what else is left could make of it.
+
+    The square of the speed is the bend that any other curve over speed has in common with it: it must be twice as large.
+    """
+    return abs(value) > (2.0 if name == "square_friction" else 1.0) * error
+
+
 def _part(result: JointResult, name: str) -> JointFinding | None:
     """One part of friction; None where it has a sign that friction does not have, no name, or may be of the rest."""
     chosen = result.chosen
     value, error = chosen.value(name)
     if name == "curved_friction":
         return _stribeck(result)
-    if abs(value) <= error:
+    if not _is_told(name, value, error):
         return None
     if name in ("reversal_travel", "reversal_time"):
         return _reversal(result, name)
@@ -223,7 +231,7 @@ def _reversal(result: JointResult, name: str) -> JointFinding | None:
 def _unnamed(result: JointResult, name: str) -> str:
     size, error = result.chosen.value(name)
     value = number(size, error, _UNITS.get(name, "Nm"))
-    if abs(size) <= error:
+    if not _is_told(name, size, error):
         return f"a part with the form of {_INSTEAD[name]} ({value}): what else is left could make all of it"
     if name in ("dry_friction", "viscous_friction", "load_dependent_friction"):
         return (

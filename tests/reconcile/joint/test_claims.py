@@ -5,12 +5,14 @@ import pytest
 
 from st_codegen.errors import InputError
 from st_codegen.reconcile.joint import run as joint_run
+from st_codegen.reconcile.joint.findings import findings, signatures
 from st_codegen.reconcile.joint.mode import JointResponse, find_mode, is_rigid
 from st_codegen.reconcile.joint.reading import JointRecording, read_joints
 from st_codegen.reconcile.joint.rows import rows_of
+from st_codegen.reconcile.joint.run import reconcile_joints
 from tests.cli.helpers import run
 
-from .machine import write
+from .machine import Joint, Measured, simulate, write
 from .test_joint import changed, named, plain, report
 
 pytestmark = pytest.mark.thorough
@@ -162,3 +164,16 @@ def test_a_torque_that_the_motion_does_not_make_is_asked_about(tmp_path):
     assert any("is it the torque of this joint?" in text for text in joint["measurement"])
     (joint,) = report(columns, tmp_path)
     assert not any("is it the torque" in text for text in joint["measurement"])
+
+
+def test_the_bend_of_another_law_is_not_called_the_square_of_the_speed(tmp_path):
+    """Stribeck's curve, missed, left 0.371 +- 0.3 N m per (rad/s)^2."""
+    joint = Joint(dry=1.0, viscous=0.8, breakaway=0.8)
+    measured = Measured(torque_noise=0.005, angle_noise=5e-7, seed=2018)
+    path = write(simulate(joint, measured), tmp_path / "joint.csv", {"q": "q_rad"})
+    (result,) = reconcile_joints(read_joints([path]))
+    said = [one.name for one in findings(result, None)]
+    assert "square_friction" not in said
+    assert "dry_friction" in said
+    if "square_friction" in result.chosen.names():  # it depends on the processor whether it is chosen
+        assert any("form of square friction" in text for text in signatures(result))
