@@ -533,6 +533,9 @@ class Settings:
     joint_most: float = 0.7
     joint_errors: float = 6.0
     joint_share: float = 0.01
+    #: the square of the speed must be so many times what else is left could make of it: it is the bend that every other
+    #: curve over speed has in common with it
+    joint_bend: float = 2.0
     #: of a part that another one would do in place of, so much may be the other's: that one of them is there stays said
     joint_of_another: float = 0.95
     #: a motion repeats where all angles come back to this share of their power: left-out stretches then are parts of a
@@ -599,4 +602,5 @@ CHOSEN_ON: dict[str, tuple[str, ...]] = {
         "joint_own", "joint_beside", "joint_coherence", "joint_frequencies", "joint_broadest", "joint_below_mode",
         "joint_one_inertia", "joint_mode",
     ),
+    "a joint with Stribeck's friction (seed 2018 of tests/reconcile/joint)": ("joint_bend",),
 }  # fmt: skip

@@ -119,11 +119,8 @@ def _share(result: JointResult, name: str) -> float:
 
 
 def _is_told(name: str, value: float, error: float) -> bool:
-    """Whether a part is larger than what else is left could make of it.
-
-    The square of the speed is the bend that any other curve over speed has in common with it: it must be twice as large.
-    """
-    return abs(value) > (2.0 if name == "square_friction" else 1.0) * error
+    """Whether a part is larger than what else is left could make of it."""
+    return abs(value) > (SETTINGS.joint_bend if name == "square_friction" else 1.0) * error
 
 
 def _part(result: JointResult, name: str) -> JointFinding | None:
