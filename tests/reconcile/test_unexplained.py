@@ -230,10 +230,9 @@ def test_noise_that_lasts_over_runs_is_not_alike_in_both_directions():
     assert len(scatter(target, both)) > 200
 
 
-def curves(values, spectral, samples=0):
+def curves(values, spectral, samples=0, orders=(0, 1, 2, 3, 48, 53)):
     """Signatures and floors of curves with this noise within each of them."""
-    at = grid()
-    orders = np.array([0, 1, 2, 3, 48, 53])
+    at, orders = grid(), np.array(orders)
     data = Observations(at, labels(at), orders, values, spectral_deg=np.full(values.shape, spectral), samples=samples)
     noise = estimate(data, values)
     target = FitData(data, noise.sigma, noise.good, groups_of(at))
@@ -289,9 +288,9 @@ def test_what_is_left_of_an_order_that_something_is_named_on_must_be_its_own_noi
 
 
 def white(sizes, seed=2):
-    """White noise of six orders, each of its own size, as a residual of nothing."""
+    """White noise of a mean and of waves, each of its own size, as a residual of nothing."""
     random = np.random.default_rng(seed)
-    shape = (len(grid()), 6)
+    shape = (len(grid()), len(sizes))
     values = SIGMA * np.array(sizes) * (random.standard_normal(shape) + 1j * random.standard_normal(shape))
     values[:, 0] = values[:, 0].real
     return values
@@ -312,6 +311,17 @@ def test_a_wander_within_the_turn_is_noise_and_a_mean_that_jumps_alone_is_not():
     assert left == {} and floor[1] == pytest.approx(12 * SIGMA, rel=0.1)
     left, floor = curves(white([9, 1, 1, 1, 1, 1]), SIGMA)
     assert list(left) == [0] and floor[0] == pytest.approx(SIGMA)
+
+
+def test_a_wander_within_the_turn_reaches_beyond_the_lowest_orders():
+    """Its power falls with the square of the order: orders 6 to 8 were called louder than noise."""
+    orders = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 40, 41, 42, 43, 44, 45, 46, 47, 48])
+    walk = np.sqrt(1.0 + (12.0 / np.maximum(orders, 0.5)) ** 2)
+    left, _ = curves(white(walk), SIGMA, orders=orders)
+    assert left == {}
+    walk[orders == 7] *= 2.5
+    left, _ = curves(white(walk), SIGMA, orders=orders)
+    assert list(left) == [7]
 
 
 def test_a_few_runs_whose_mean_was_moved_are_no_structure_of_it():

@@ -343,16 +343,17 @@ def _beyond(target: FitData, residual: ComplexArray) -> FloatArray:
     """How many times the noise that is no structure a residual may be, (K,).
 
     No farther above it than orders usually are, from run to run and beside each other. Of curves that is at most twice
-    what a slow wander makes of it; of tables more, and most for the lowest orders, where a wander would show and no
+    what a slow wander makes of it, which reaches beyond the lowest orders; of tables more, and most for the lowest orders, where a wander would show and no
     curve tells how strong it is.
     """
     orders, usual = target.data.orders, _usual_times(_times_spectral(target, residual), target.data.orders)
     if target.data.spectral_deg is not None:
-        found = SETTINGS.beyond_spectral * _wandering(target, residual)
+        walking = _wandering(target, residual)
+        found = SETTINGS.beyond_spectral * walking
         found[orders == 0] *= np.maximum(1.0, target.run_offset_deg / noise_within(target)[orders == 0])
         by_chance = 1.0 + SETTINGS.beyond_usual / np.sqrt(4.0 * max(int(target.good.sum()), 1))
         near = np.clip(usual, np.maximum(SETTINGS.clearly_larger, by_chance), SETTINGS.beyond_spectral)
-        return np.asarray(np.where(orders > SETTINGS.wander_orders, near, found))
+        return np.asarray(np.where(orders > SETTINGS.wander_orders, near * walking, found))
     if not np.isfinite(usual):
         return np.full(len(orders), SETTINGS.beyond_beside)
     usual = float(np.clip(usual, SETTINGS.beyond_spectral, SETTINGS.beyond_beside))
