@@ -343,8 +343,8 @@ def _beyond(target: FitData, residual: ComplexArray) -> FloatArray:
     """How many times the noise that is no structure a residual may be, (K,).
 
     No farther above it than orders usually are, from run to run and beside each other. Of curves that is at most twice
-    what a slow wander makes of it, which reaches beyond the lowest orders; of tables more, and most for the lowest orders, where a wander would show and no
-    curve tells how strong it is.
+    what a slow wander makes of it, which reaches beyond the lowest orders; of tables more, and most for the lowest
+    orders, where a wander would show and no curve tells how strong it is.
     """
     orders, usual = target.data.orders, _usual_times(_times_spectral(target, residual), target.data.orders)
     if target.data.spectral_deg is not None:
