@@ -40,7 +40,10 @@ FILES = {
         {"st-codegen.toml": '[project]\nreal = "REAL"\n'},
         "real stands in [build]",
     ),
-    "30 files that are no models": ({f"n{n}.txt": "hello" for n in range(30)}, "and 29 more that differ in names"),
+    "30 files that are no models": (
+        {f"n{n}.txt": "hello" for n in range(30)},
+        "n14.txt, n15.txt and 22 more: not a LightGBM text model",
+    ),
 }
 #: Arguments behind the folder of a good model, and what the message says of them.
 OPTIONS = {
