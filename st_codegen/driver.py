@@ -22,7 +22,7 @@ from st_codegen.emit.blocks.model import Extras, Limits, block_name
 from st_codegen.emit.contents import Contents
 from st_codegen.emit.render import print_plans
 from st_codegen.emit.targets import TARGETS, FilePlan, Target, target_named
-from st_codegen.errors import InputError, TargetError
+from st_codegen.errors import InputError, TargetError, counted
 from st_codegen.files.html_text import html_table
 from st_codegen.files.made_by import VERSION
 from st_codegen.files.temporary import temporary_folder
@@ -78,7 +78,7 @@ class Generated:
     changed: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        return f"Generated({self.folder}: {len(self.files)} files, {sum(self.files.values()):,} bytes)"
+        return f"Generated({self.folder}: {counted(len(self.files), 'file')}, {sum(self.files.values()):,} bytes)"
 
     def _repr_html_(self) -> str:
         return html_table(repr(self), ("model", "layout", "block", "bytes of tables"), self.models())

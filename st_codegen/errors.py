@@ -29,6 +29,15 @@ MOST_SHOWN = 50
 _FOR_OTHERS = ("errors", "files.toml_tables", "files.csv_tables")
 
 
+def counted(number: int, one: str, many: str = "") -> str:
+    """A number with its noun, as messages and pages count.
+
+    >>> counted(1, "model"), counted(0, "axis", "axes"), counted(10_000, "row")
+    ('1 model', '0 axes', '10,000 rows')
+    """
+    return f"{number:,} {one if number == 1 else many or f'{one}s'}"
+
+
 class StCodegenError(Exception):
     """Base class: everything that the command line reports with exit code 2 and no traceback."""
 

@@ -12,6 +12,7 @@ from rich.table import Table
 
 from st_codegen.cli.console import FILE, PLACE, Whole, console, progress_bar, quiet_option, table_of, trust_option
 from st_codegen.cli.costs import profile_option
+from st_codegen.errors import counted
 from st_codegen.files.number_text import percent, plain_number
 from st_codegen.files.text import inert, write_text
 
@@ -103,7 +104,7 @@ def _lines(found: Review) -> list[str]:
         lines += [_sentence(f"{model.name}: ", change) for change in model.facts]
         if model.rows_lost or model.rows_gained:
             lines.append(
-                f"{model.name}: of {model.rows:,} operating points, {model.rows_lost:,} lost their answer, "
+                f"{model.name}: of {counted(model.rows, 'operating point')}, {model.rows_lost:,} lost their answer, "
                 f"{model.rows_gained:,} gained one"
             )
         if model.labels:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from st_codegen.cli.costs import magnitude_text
 from st_codegen.cli.prove import VERDICT_COLUMNS, sentence, verdict_rows
+from st_codegen.errors import counted
 from st_codegen.files.number_text import percent
 from st_codegen.files.text import write_text
 from st_codegen.proof.review import tried_text
@@ -47,7 +48,7 @@ def review_sections(found: Review, lines: list[str], *, draw: bool) -> tuple[str
     """The summary of a review, and its sections: the model, the numbers, the text; `draw`: with pictures."""
     changed = [model for model in found.models if model.changed]
     same = [model.name for model in found.models if not model.changed]
-    counts = f"{len(changed)} of {len(found.models)} models changed in the target {found.target}."
+    counts = f"{len(changed)} of {counted(len(found.models), 'model')} changed in the target {found.target}."
     summary = counts if found.changed else "No difference."
     if found.added or found.removed:
         summary += f" {len(found.added)} added, {len(found.removed)} removed."

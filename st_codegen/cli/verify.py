@@ -27,6 +27,7 @@ from st_codegen.cli.console import (
     table_of,
 )
 from st_codegen.cli.costs import cycle_option, entry_option, print_budget, print_verdict, profile_option
+from st_codegen.errors import counted
 from st_codegen.files.text import write_text
 
 if TYPE_CHECKING:
@@ -158,7 +159,7 @@ def _print_remarks(report: VerifyReport, bundle: Bundle, rows: int) -> None:
     models = {ir.name for ir in bundle.irs}
     others = [model for model in report.models if model.n != rows]
     if more := [model.name for model in others if model.n > rows and model.name in models]:
-        say(f"special values and thresholds take more than {rows:,} rows: {', '.join(more)}")
+        say(f"special values and thresholds take more than {counted(rows, 'row')}: {', '.join(more)}")
     if around := [f"{model.name} {model.n:,}" for model in others if model.name not in models]:
         say(f"blocks around models have numbers of rows that --rows does not change: {', '.join(around)}")
 

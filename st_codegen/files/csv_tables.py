@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from st_codegen.errors import InputError, Problems
+from st_codegen.errors import InputError, Problems, counted
 from st_codegen.files.number_text import parse_number
 from st_codegen.files.text import read_text
 
@@ -55,7 +55,7 @@ class CsvTable:
     def text(self, row: CsvRow, name: str) -> str:
         """A cell, without the blanks around it. Raises RowError."""
         if len(row.cells) != len(self.names):
-            raise RowError(row.line, f"{len(row.cells)} values, the header has {len(self.names)}")
+            raise RowError(row.line, f"{counted(len(row.cells), 'value')}, the header has {len(self.names)}")
         return row.cells[self.names.index(name)].strip()
 
     def number(self, row: CsvRow, name: str, *, is_finite: bool = True) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+from st_codegen.errors import counted
 from st_codegen.live.controller import UNKNOWN
 from st_codegen.proof.verify import ModelReport, guesses
 from st_codegen.report import PageSection, PageTable
@@ -94,9 +95,9 @@ class LiveReport:
         for name, (rows, tried, constants) in self.rows.items():
             if constants:
                 share = f"all {constants:,}" if tried == constants else f"{tried:,} of {constants:,}"
-                lines.append(f"{name}: {rows:,} rows, with rows aimed at {share} leaves and splits")
+                lines.append(f"{name}: {counted(rows, 'row')}, with rows aimed at {share} leaves and splits")
             else:
-                lines.append(f"{name}: {rows:,} rows")
+                lines.append(f"{name}: {counted(rows, 'row')}")
         lines += [remark for model in self.models for remark in model.remarks]
         lines += filter(None, [guesses(self.models)])
         if self.state == UNKNOWN:
@@ -106,7 +107,7 @@ class LiveReport:
         for name, found in self.times.items():
             most = f"99 % of {found.calls:,} at most {found.high_us:.1f} us"
             lines.append(f"{name}: median {found.median_us:.1f} us a call, {most}")
-        lines.append(f"{self.sent:,} rows in {self.seconds:.1f} s: {self.rows_a_second:,.0f} rows a second")
+        lines.append(f"{counted(self.sent, 'row')} in {self.seconds:.1f} s: {self.rows_a_second:,.0f} rows a second")
         return lines
 
 

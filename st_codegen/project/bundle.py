@@ -14,7 +14,7 @@ import numpy as np
 
 from st_codegen.emit.literals import identifier
 from st_codegen.entries import Entries
-from st_codegen.errors import InputError, Problems, with_subject
+from st_codegen.errors import InputError, Problems, counted, with_subject
 from st_codegen.files.html_text import html_table
 from st_codegen.ir import FloatArray, ModelIR, OutputKind, digest
 from st_codegen.passes.domain import limit_inputs
@@ -50,7 +50,7 @@ class Bundle:
             (m.name, m.source.model_class, ", ".join(f.name for f in m.features), str(len(m.outputs)), m.source.file)
             for m in self.irs
         ]
-        return html_table(f"{len(rows)} models", ("model", "class", "features", "outputs", "file"), rows)
+        return html_table(counted(len(rows), "model"), ("model", "class", "features", "outputs", "file"), rows)
 
 
 @dataclass(frozen=True)
