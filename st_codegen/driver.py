@@ -66,7 +66,7 @@ class Generated:
     """What one run wrote: the folder of the target, its files with their sizes in bytes, and why it looks as it does.
 
     `facts` is what the manifest says of models and blocks, `purpose` what the printed models are for. `changed` names
-    the files of an earlier run that would have been removed, had nobody changed them.
+    the files of an earlier run that would have been removed, had nobody changed them, `removed` those that were.
     """
 
     target: str
@@ -76,6 +76,7 @@ class Generated:
     purpose: Purpose | None
     facts: dict[str, Any]
     changed: tuple[str, ...] = ()
+    removed: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"Generated({self.folder}: {counted(len(self.files), 'file')}, {sum(self.files.values()):,} bytes)"
@@ -217,8 +218,10 @@ def generate(
         large = {name: size for name, size in files.items() if size > _LARGE_FILE}
         if announce is not None and large:
             announce(_large_files(folder, large, target))
+        before = output.generated_names(folder)
         changed = output.install(staged.stage, folder, force=force)
-    return Generated(target.name, folder, files, staged.compiled, staged.purpose, staged.facts, changed)
+    removed = tuple(name for name in before if not (folder / name).exists())
+    return Generated(target.name, folder, files, staged.compiled, staged.purpose, staged.facts, changed, removed)
 
 
 def differences(

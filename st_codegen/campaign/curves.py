@@ -23,7 +23,7 @@ from st_codegen.campaign.conditions import CONDITION_COLUMNS, OperatingPoint
 from st_codegen.errors import InputError, counted, extra_package
 from st_codegen.files.csv_tables import RowError, read_csv
 from st_codegen.files.number_text import parse_number
-from st_codegen.files.text import whole_file
+from st_codegen.files.text import encoding_fault, whole_file
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.te.harmonics import Direction
 
@@ -186,8 +186,10 @@ def _layout(path: Path) -> _Layout:
     try:
         with path.open(encoding="utf-8-sig") as file:
             first, second = file.readline().strip(), file.readline().strip()
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadFileError(path, None, f"not readable as text ({error})") from None
+    except UnicodeDecodeError:
+        raise BadFileError(path, None, encoding_fault(path)) from None
+    except OSError as error:
+        raise BadFileError(path, None, f"cannot be read ({error.strerror or error})") from None
     if not first:
         raise BadFileError(path, 1, "the file is empty")
     separator = ";" if ";" in first else ","
@@ -265,8 +267,10 @@ def _first_fault(path: Path, layout: _Layout, width: int, otherwise: str) -> Bad
                 for cell in cells:
                     if cell and not _is_number(cell):
                         return BadFileError(path, line, f"'{cell[:40]}' is not a number")
-    except (OSError, UnicodeDecodeError) as error:
-        return BadFileError(path, None, f"not readable as text ({error})")
+    except UnicodeDecodeError:
+        return BadFileError(path, None, encoding_fault(path))
+    except OSError as error:
+        return BadFileError(path, None, f"cannot be read ({error.strerror or error})")
     return BadFileError(path, None, f"not readable as a table ({otherwise.splitlines()[0]})")
 
 

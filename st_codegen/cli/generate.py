@@ -209,6 +209,9 @@ def _show_generated(generated: Generated) -> None:
         "written"
         for name in generated.changed
     ]
+    if generated.removed:
+        listed = ", ".join(generated.removed[:8]) + (", .." if len(generated.removed) > 8 else "")
+        lines.append(f"removed, since no longer generated: {counted(len(generated.removed), 'file')}: {listed}")
     lines += filter(None, (decision.change for decision in generated.compiled.decisions))
     lines += generated.purpose.remarks() if generated.purpose else ()
     say(f"{generated.folder}: {counted(len(generated.files), 'file')} and {MANIFEST}, the list of what was written")

@@ -105,6 +105,21 @@ def _curves(title: str, curves: Iterable[Sweep]) -> list[str]:
 # --- verify
 
 
+def _proved_for_every_input(proof: ProveReport) -> str:
+    """What was proved of how many texts: the model's bits, its expression, or that no call of a block fails."""
+    from st_codegen.proof.prove.arithmetic import METHOD
+    from st_codegen.proof.prove.tree_proof import CELLS, SUMS, TAIL
+
+    kinds = {"the model's bits": (CELLS, SUMS), "the model's expression": (METHOD, TAIL), "that no call fails": ()}
+    counts = dict.fromkeys(kinds, 0)
+    for result in (result for result in proof.results if result.is_proved):
+        kind = next((kind for kind, methods in kinds.items() if result.method in methods), "that no call fails")
+        counts[kind] += 1
+    text = f"Proved for every input: {sum(counts.values())} of {counted(len(proof.results), 'text')}"
+    said = ", ".join(f"of {count} {kind}" for kind, count in counts.items() if count)
+    return f"{text}{': ' if said else ''}{said}."
+
+
 def verify_sections(report: VerifyReport, proof: ProveReport, bundle: Bundle) -> tuple[str, list[PageSection]]:
     """The summary of a verification, and its sections: agreement, proof, provenance, cost."""
     failed = [model.name for model in report.models if not model.passed]
@@ -115,8 +130,7 @@ def verify_sections(report: VerifyReport, proof: ProveReport, bundle: Bundle) ->
     )
     if report.over_budget:
         summary += f"\n\nThe cycle DOES NOT FIT: {', '.join(report.over_budget)}."
-    proved = sum(result.is_proved for result in proof.results)
-    summary += f"\n\nProved for every input: {proved} of {len(proof.results)} texts."
+    summary += f"\n\n{_proved_for_every_input(proof)}"
     rows = [(m.name, m.n, m.max_abs_err, m.bound, m.max_ulp, m.verdict, ", ".join(m.targets)) for m in report.models]
     columns = ("model", "rows", "largest error", "allowed", "ulp", "result", "targets")
     strong = {(row, 5) for row, model in enumerate(report.models) if not model.passed}

@@ -93,8 +93,10 @@ def command(
         for target, note in report.notes.items():
             say(f"{target}: {note}")
         _print_remarks(report, bundle, rows)
-        for line in bundle.purpose.served(bundle.irs) if bundle.purpose else ():
-            say(line)
+        if served := bundle.purpose.served(bundle.irs) if bundle.purpose else ():
+            say("what each file is used for; no comparison of numbers sees two files that are exchanged:")
+        for line in served:
+            say(f"  {line}")
     for model in report.models:
         for remark in () if given.quiet and model.passed else model.remarks:
             say(remark)

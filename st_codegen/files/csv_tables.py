@@ -92,9 +92,10 @@ def read_csv(path: Path, wanted: Sequence[str] = ()) -> CsvTable:
         raise InputError(f"{path}: the file is empty; the first line must name the columns")
     names = tuple(name.strip() for name in rows[0].cells)
     problems = Problems(str(path))
-    for name in wanted:
-        if name not in names:
-            problems.add(f"the column '{name}' is missing; the table needs {','.join(wanted)}")
+    missing = [f"'{name}'" for name in wanted if name not in names]
+    if missing:
+        which = f"the column {missing[0]} is" if len(missing) == 1 else f"the columns {', '.join(missing)} are"
+        problems.add(f"{which} missing; the table needs {','.join(wanted)}")
     for name in sorted({name for name in names if name and names.count(name) > 1}):
         problems.add(f"the column '{_cut(name)}' is there twice")
     problems.raise_if_any()

@@ -64,7 +64,7 @@ OPTIONS = {
 TABLES = {
     "a word": ("speed_rpm;torque_Nm;temperature_C\n300,5;4,x;1\n", "line 2: torque_Nm: '4,x' is not a number"),
     "a column that is missing": ("speed_rpm,torqe,temperature_C\n1,2,3\n", "no column torque_Nm; the header has"),
-    "a short line": ("speed_rpm,torque_Nm,temperature_C\n300\n", "line 2: 1 values, the header has 3"),
+    "a short line": ("speed_rpm,torque_Nm,temperature_C\n300\n", "line 2: 1 value, the header has 3"),
     "nothing": ("", ""),
 }
 

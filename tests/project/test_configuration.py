@@ -578,3 +578,17 @@ def test_wrong_names_of_a_classifiers_outputs_are_refused(classifier, old, new, 
     path.write_text(NAMED.replace(old, new))
     with pytest.raises(InputError, match=message):
         load(classifier)
+
+
+def test_what_init_leaves_out_has_its_reason_once_and_is_said(lone_folder, capsys):
+    (lone_folder / "notes.txt").write_text("hello")
+    assert run("init", lone_folder) == 0
+    text = (lone_folder / "st-codegen.toml").read_text()
+    assert "    \"notes.txt\",  # not a LightGBM text model: the first line is not 'tree'\n" in text
+    said = " ".join(capsys.readouterr().err.split())
+    assert said.startswith("left out, with the reason beside each in ") and "st-codegen.toml: notes.txt " in said
+
+
+def test_init_writes_no_empty_list(lone_folder):
+    assert run("init", lone_folder) == 0
+    assert "leave_out" not in (lone_folder / "st-codegen.toml").read_text()

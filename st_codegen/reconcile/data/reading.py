@@ -275,7 +275,11 @@ def _not_looked_at(
     folder: Path, campaign: Campaign, rig: RigModel, bands: IntArray, files: list[str], unseen: float
 ) -> tuple[str, ...]:
     """Files that were left out, orders above what curves can tell, and how much (`unseen`, deg) these hold."""
-    found = [f"{error.path.relative_to(folder).as_posix()} was left out: {error}" for error in campaign.bad]
+    found = [
+        f"{error.path.relative_to(folder).as_posix()} was left out: "
+        f"{'' if error.line is None else f'line {error.line}: '}{error.reason}"
+        for error in campaign.bad
+    ]
     found += [campaign.spikes] if campaign.spikes else []
     least = int(bands.min())
     if least < bands.max():
