@@ -59,7 +59,7 @@ Examples:
     "targets",
     multiple=True,
     metavar="NAME",
-    help=f"Dialect to write, may be given several times: {', '.join(TARGETS)}. Default: twincat.",
+    help=f"What to write, may be given several times: {', '.join(TARGETS)}. Default: twincat.",
 )
 @click.option(
     "-o",

@@ -105,6 +105,15 @@ def _curves(title: str, curves: Iterable[Sweep]) -> list[str]:
 # --- verify
 
 
+def _but_for(report: VerifyReport) -> str:
+    """How many of the rows were not compared with the library, or leave more labels than one; empty for none."""
+    unjudged = sum(model.unbounded for model in report.models)
+    undecided = sum(model.open_rows for model in report.models)
+    parts = [f"{counted(unjudged, 'row')} without a bound, not judged"] if unjudged else []
+    parts += [f"{counted(undecided, 'row')} whose label rounding leaves open"] if undecided else []
+    return f", but for {' and '.join(parts)}" if parts else ""
+
+
 def _proved_for_every_input(proof: ProveReport) -> str:
     """What was proved of how many texts: the model's bits, its expression, or that no call of a block fails."""
     from st_codegen.proof.prove.arithmetic import METHOD
@@ -126,7 +135,7 @@ def verify_sections(report: VerifyReport, proof: ProveReport, bundle: Bundle) ->
     tried = sum(model.n for model in report.models)
     summary = (
         f"{'FAILED: ' + ', '.join(failed) if failed else 'All agree'}: library, reference and generated text on a "
-        f"sample of {tried:,} rows."
+        f"sample of {tried:,} rows{_but_for(report)}."
     )
     if report.over_budget:
         summary += f"\n\nThe cycle DOES NOT FIT: {', '.join(report.over_budget)}."

@@ -17,7 +17,7 @@ FILES = {
     "garbage in .xml": ({"m.xml": "<a/>"}, "m.xml: "),
     "a model that is cut": ({"m.txt": "$HALF"}, "m.txt: the file ends inside tree"),
     "a pickle": ({"m.pkl": "x"}, "m.pkl: loading a pickle can run any code that its author put into it"),
-    "two files of one stem": ({"te.json": "{}"}, "two models would be called FB_te: te.json and te.txt; rename one"),
+    "two files of one stem": ({"te.json": "{}"}, "two models would be called FB_Te: te.json and te.txt; rename one"),
     "a name with umlauts": ({"kühl.txt": "$MODEL"}, "kühl.txt: model name 'kühl' contains 'ü'"),
     "a reserved word, which FB_Log is not": ({"log.txt": "$MODEL"}, None),
     "features of one name": (

@@ -308,7 +308,7 @@ def test_feature_names_that_only_partly_agree_are_refused(bundle_folder):
 
 def test_duplicate_names_are_named(lone_folder, lightgbm_text):
     (lone_folder / "TE.txt").write_text(lightgbm_text)
-    with pytest.raises(InputError, match=r"two models would be called FB_te: TE\.txt and te\.txt"):
+    with pytest.raises(InputError, match=r"two models would be called FB_Te: TE\.txt and te\.txt"):
         load(lone_folder)
 
 
