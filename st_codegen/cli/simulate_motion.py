@@ -150,7 +150,7 @@ def command(
     if as_json:
         click.echo(json.dumps(rows, indent=1))
     if not quiet:
-        console.print(_table(f"{out}/report.html", result, rows))
+        console.print(_table(f"simulated, in deg: {out}/report.html", result, rows))
         for text in motion_files.remarks(result):
             say(text)
 

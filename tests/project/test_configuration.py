@@ -230,7 +230,7 @@ def test_reserved_words_are_refused_only_as_whole_names(lone_folder, tmp_path):
 
 def test_two_files_of_one_name_are_told_with_their_suffixes(lone_folder):
     (lone_folder / "te.json").write_text("{}")
-    with pytest.raises(InputError, match=r"called FB_te: te\.json and te\.txt; rename one"):
+    with pytest.raises(InputError, match=r"called FB_Te: te\.json and te\.txt; rename one"):
         load(lone_folder)
 
 
