@@ -313,3 +313,18 @@ def test_what_is_no_longer_generated_is_said_to_be_removed(lone_folder, lightgbm
     assert run(lone_folder, "--out", tmp_path, "--target", "iec") == 0
     said = " ".join(capsys.readouterr().err.split())
     assert "removed, since no longer generated: 1 file: FB_Other.st" in said
+
+
+def test_numbers_that_are_not_compared_are_said_to_be_so(lone_folder, tmp_path, capsys):
+    """A model of other inputs has no rows in common with the old one: without a word it looked as if nothing moved."""
+    lightgbm = pytest.importorskip("lightgbm")
+    assert run(lone_folder, "--out", tmp_path / "old", "--target", "iec", "-q") == 0
+    x = np.random.default_rng(0).uniform(size=(100, 2))
+    booster = lightgbm.train({"verbose": -1, "num_threads": 1}, lightgbm.Dataset(x, x.sum(axis=1)), 3)
+    booster.save_model(lone_folder / "te.txt")
+    assert run(lone_folder, "--out", tmp_path / "new", "--target", "iec", "-q") == 0
+    capsys.readouterr()
+    assert run("diff", tmp_path / "old", tmp_path / "new") == 1
+    shown = capsys.readouterr().out
+    assert "te: not as many inputs or outputs as before: its numbers were not compared" in shown
+    assert "[]" not in shown
