@@ -97,10 +97,9 @@ class FleetReport:
         rare = list(dict.fromkeys(axis for one in compared.rare for axis in one.axes))
         grown = list(dict.fromkeys(one.axis for one in compared.growth if one.times is not None))
         new = list(dict.fromkeys(one.axis for one in compared.growth if one.times is None))
-        parts = [
-            f"{counted(len(self.axes), 'axis', 'axes')}; failed: {_named(failed)}; text that did not pass its check: "
-            f"{_named(unproved)}."
-        ]
+        checked = any(CHECK in result.facts for result in self.results.values())
+        text = f"text that did not pass its check: {_named(unproved)}" if checked else "no text was checked"
+        parts = [f"{counted(len(self.axes), 'axis', 'axes')}; failed: {_named(failed)}; {text}."]
         if any(spread.limit is not None for spread in compared.spreads):
             parts.append(f"Stand out: {_named(odd)}; with an effect that fewer than half have: {_named(rare)}.")
         else:
