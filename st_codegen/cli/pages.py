@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 from st_codegen.cli.costs import magnitude_text
 from st_codegen.cli.prove import VERDICT_COLUMNS, sentence, verdict_rows
+from st_codegen.emit.output import MANIFEST
 from st_codegen.errors import counted
 from st_codegen.files.number_text import percent
-from st_codegen.files.text import write_text
+from st_codegen.files.text import file_sha256, write_text
 from st_codegen.proof.review import tried_text
+from st_codegen.proof.runner import changes_by_hand, target_folders
 from st_codegen.report import COLOURS, PageSection, PageTable, figures, markdown, page
 from st_codegen.report.picture import panels
 
@@ -129,7 +131,9 @@ def _proved_for_every_input(proof: ProveReport) -> str:
     return f"{text}{': ' if said else ''}{said}."
 
 
-def verify_sections(report: VerifyReport, proof: ProveReport, bundle: Bundle) -> tuple[str, list[PageSection]]:
+def verify_sections(
+    report: VerifyReport, proof: ProveReport, bundle: Bundle, generated: Path
+) -> tuple[str, list[PageSection]]:
     """The summary of a verification, and its sections: agreement, proof, provenance, cost."""
     failed = [model.name for model in report.models if not model.passed]
     tried = sum(model.n for model in report.models)
@@ -151,8 +155,14 @@ def verify_sections(report: VerifyReport, proof: ProveReport, bundle: Bundle) ->
         for ir in bundle.irs
     ]
     head = ("model", "file", "library", "class", "digest of what was read")
-    served = "\n\n".join(bundle.purpose.served(bundle.irs)) if bundle.purpose else ""
-    sections.append(PageSection("Provenance", served, PageTable(head, sources)))
+    served = bundle.purpose.served(bundle.irs) if bundle.purpose else ()
+    texts = [
+        f"{folder.name}: the generated files are listed with their SHA-256 in {MANIFEST}, whose own is "
+        f"{file_sha256(folder / MANIFEST)}."
+        for folder in target_folders(generated)
+    ]
+    notes = "\n\n".join([*texts, *changes_by_hand(generated), *served])
+    sections.append(PageSection("Provenance", notes, PageTable(head, sources)))
     return summary, sections + [_cost_section(target, cost, report.cycle_us) for target, cost in report.costs.items()]
 
 

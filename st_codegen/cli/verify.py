@@ -79,6 +79,7 @@ def command(
     finds an input that differs.
     """
     from st_codegen.cost.profile import load_profile
+    from st_codegen.proof.runner import changes_by_hand
     from st_codegen.proof.verify import Budget, verify
 
     budget = Budget(load_profile(profile), cycle_us, entries)
@@ -93,6 +94,8 @@ def command(
         for target, note in report.notes.items():
             say(f"{target}: {note}")
         _print_remarks(report, bundle, rows)
+        for line in changes_by_hand(generated):
+            say(line)
         if served := bundle.purpose.served(bundle.irs) if bundle.purpose else ():
             say("what each file is used for; no comparison of numbers sees two files that are exchanged:")
         for line in served:
@@ -143,7 +146,7 @@ def _write_page(path: Path, given: GivenModels, generated: Path, report: VerifyR
 
     with progress_bar("proving", quiet=given.quiet) as progress:
         proof = prove(bundle, generated, progress=progress)
-    summary, sections = verify_sections(report, proof, bundle)
+    summary, sections = verify_sections(report, proof, bundle, generated)
     write_pages(f"Verification of {given.models}", sections, summary, path, None)
     refuted = [result for result in proof.results if result.verdict is Verdict.REFUTED]
     for result in refuted:

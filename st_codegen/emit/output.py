@@ -191,6 +191,12 @@ def generated_names(folder: Path) -> list[str]:
     return [*files, MANIFEST] if files else []
 
 
+def changed_since(folder: Path) -> tuple[str, ...]:
+    """The generated files of a folder that are not as they were written, or are gone."""
+    files = read_manifest(folder).files
+    return tuple(name for name, sha256 in files.items() if not _is_as_written(folder / name, sha256))
+
+
 def check_place(folder: Path) -> None:
     """Raise InputError where the generated folder cannot stand: a link or a file has its name."""
     if folder.is_symlink():

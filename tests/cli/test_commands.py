@@ -328,3 +328,15 @@ def test_numbers_that_are_not_compared_are_said_to_be_so(lone_folder, tmp_path, 
     shown = capsys.readouterr().out
     assert "te: not as many inputs or outputs as before: its numbers were not compared" in shown
     assert "[]" not in shown
+
+
+@pytest.mark.parametrize("command", ["verify", "prove"])
+def test_text_that_was_changed_by_hand_is_said_to_be_so(lone_folder, tmp_path, capsys, command):
+    assert run(lone_folder, "--out", tmp_path, "--target", "iec", "-q") == 0
+    assert run(command, lone_folder, "--generated", tmp_path) == 0
+    assert "not as generated" not in capsys.readouterr().err
+    block = tmp_path / "iec" / "FB_Te.st"
+    block.write_text(block.read_text(encoding="utf-8").replace("bValid : BOOL;", "bValid : BOOL; (* mine *)"), "utf-8")
+    assert run(command, lone_folder, "--generated", tmp_path) == 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert "iec: not as generated: FB_Te.st; what is said here is of the text as it is now" in said

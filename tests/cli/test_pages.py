@@ -1,5 +1,6 @@
 """Pages of `diff` and `verify`, and `diff` of revisions of git."""
 
+import hashlib
 import re
 import shutil
 import subprocess
@@ -59,6 +60,8 @@ def test_verification_has_a_page(lone_folder, tmp_path):
     text = page.read_text(encoding="utf-8")
     assert "All agree: library, reference and generated text on a sample of" in text
     assert "te.txt" in text
+    digest = hashlib.sha256((tmp_path / "twincat" / "st-codegen.json").read_bytes()).hexdigest()
+    assert f"in st-codegen.json, whose own is {digest}." in text
     assert "estimates" in text
     assert "Proved for every input: 1 of 1 text: of 1 the model&#39;s bits." in text
     assert re.search(r"<td>te</td><td>twincat</td><td>proved</td><td>all cells|sums of trees</td>", text)
