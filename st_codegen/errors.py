@@ -186,7 +186,7 @@ def _by_file(messages: list[str]) -> list[str]:
     alike: dict[str, list[str]] = {}
     for message in messages:
         subject, _, said = message.partition(": ")
-        is_file = said and PurePath(subject).suffix and "\n" not in subject
+        is_file = said and PurePath(subject).suffix and "\n" not in subject and ", " not in subject
         alike.setdefault(said if is_file else message, []).append(subject if is_file else "")
     return [f"{_listed(files)}: {said}" if files[0] else said for said, files in alike.items()]
 
