@@ -246,7 +246,7 @@ DIAGNOSTICS = (
     ),
     Diagnostic(
         "STC1306",
-        "What is said of inputs or outputs does not fit to the model",
+        "What is said of inputs or outputs does not fit the model",
         "A range is empty or has one end only, or another number of outputs is described than the model has.",
         "Correct the entry in st-codegen.toml or bundle.toml; st-codegen init shows what the model has.",
         places=("ir.model:Feature", "ir.model:Output", "ir.model:ModelIR.__post_init__"),
@@ -260,7 +260,7 @@ DIAGNOSTICS = (
     ),
     Diagnostic(
         "STC1308",
-        "A table of training data does not fit to the models",
+        "A table of training data does not fit the models",
         "The table has no rows, lacks a column that a model has, or reaches less far than the data that a model's file "
         "says it was trained with.",
         "Give the table that the models were trained with, with the names of their inputs as its header.",
@@ -285,7 +285,7 @@ DIAGNOSTICS = (
     Diagnostic(
         "STC1305",
         "A profile or its measured times cannot be used",
-        "A profile lacks a cost, or the table of measured times does not fit to the generated code.",
+        "A profile lacks a cost, or the table of measured times does not fit the generated code.",
         "Copy profiles/cx5140.toml and change its numbers. calibrate --help shows the form of the table.",
         places=("cost", "cli.calibrate"),
     ),
@@ -364,14 +364,14 @@ DIAGNOSTICS = (
     Diagnostic(
         "STC1603",
         "Training cannot start or go on",
-        "Orders, families or folds do not fit to the data, or kept work is of another run.",
+        "Orders, families or folds do not fit the data, or kept work is of another run.",
         "Follow the message; st-codegen train --help has examples.",
         places=("training", "cli.train", "cli.training", "cli.tables"),
     ),
     Diagnostic(
         "STC1604",
         "A motion or a campaign cannot be simulated",
-        "The profile, the conditions, the tasks or the inputs of the compensator do not fit to the rig.",
+        "The profile, the conditions, the tasks or the inputs of the compensator do not fit the rig.",
         "Follow the message; the page on motions explains rig, profiles and tasks.",
         places=("rig", "te.latency"),
     ),

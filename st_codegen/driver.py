@@ -22,7 +22,7 @@ from st_codegen.emit.blocks.model import Extras, Limits, block_name
 from st_codegen.emit.contents import Contents
 from st_codegen.emit.render import print_plans
 from st_codegen.emit.targets import TARGETS, FilePlan, Target, target_named
-from st_codegen.errors import InputError, TargetError
+from st_codegen.errors import InputError, TargetError, counted
 from st_codegen.files.html_text import html_table
 from st_codegen.files.made_by import VERSION
 from st_codegen.files.temporary import temporary_folder
@@ -66,7 +66,7 @@ class Generated:
     """What one run wrote: the folder of the target, its files with their sizes in bytes, and why it looks as it does.
 
     `facts` is what the manifest says of models and blocks, `purpose` what the printed models are for. `changed` names
-    the files of an earlier run that would have been removed, had nobody changed them.
+    the files of an earlier run that would have been removed, had nobody changed them, `removed` those that were.
     """
 
     target: str
@@ -76,9 +76,10 @@ class Generated:
     purpose: Purpose | None
     facts: dict[str, Any]
     changed: tuple[str, ...] = ()
+    removed: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        return f"Generated({self.folder}: {len(self.files)} files, {sum(self.files.values()):,} bytes)"
+        return f"Generated({self.folder}: {counted(len(self.files), 'file')}, {sum(self.files.values()):,} bytes)"
 
     def _repr_html_(self) -> str:
         return html_table(repr(self), ("model", "layout", "block", "bytes of tables"), self.models())
@@ -217,8 +218,10 @@ def generate(
         large = {name: size for name, size in files.items() if size > _LARGE_FILE}
         if announce is not None and large:
             announce(_large_files(folder, large, target))
+        before = output.generated_names(folder)
         changed = output.install(staged.stage, folder, force=force)
-    return Generated(target.name, folder, files, staged.compiled, staged.purpose, staged.facts, changed)
+    removed = tuple(name for name in before if not (folder / name).exists())
+    return Generated(target.name, folder, files, staged.compiled, staged.purpose, staged.facts, changed, removed)
 
 
 def differences(

@@ -29,6 +29,15 @@ MOST_SHOWN = 50
 _FOR_OTHERS = ("errors", "files.toml_tables", "files.csv_tables")
 
 
+def counted(number: int, one: str, many: str = "") -> str:
+    """A number with its noun, as messages and pages count.
+
+    >>> counted(1, "model"), counted(0, "axis", "axes"), counted(10_000, "row")
+    ('1 model', '0 axes', '10,000 rows')
+    """
+    return f"{number:,} {one if number == 1 else many or f'{one}s'}"
+
+
 class StCodegenError(Exception):
     """Base class: everything that the command line reports with exit code 2 and no traceback."""
 
@@ -154,7 +163,12 @@ class Problems:
 
 
 def _grouped(messages: list[str]) -> list[str]:
-    """The messages; of many that differ in quoted names and numbers alone, the first with the count of the others."""
+    """The messages, those that say the same together.
+
+    What several files have alike is one line with their names; of many messages that differ in quoted names and numbers
+    alone, the first with the count of the others is left.
+    """
+    messages = _by_file(messages)
     kinds = [re.sub(r"'[^']*'|\d+", "*", message) for message in messages]
     counts = Counter(kinds)
     shown: dict[tuple[str, int], str] = {}
@@ -165,6 +179,23 @@ def _grouped(messages: list[str]) -> list[str]:
             others = f"; and {counts[kind] - 1} more that differ in names and numbers only"
             shown[kind, 0] = message + others + _subjects(kind, kinds, messages)
     return list(shown.values())
+
+
+def _by_file(messages: list[str]) -> list[str]:
+    """The messages, where those that say the same of several files name the files first and are said once."""
+    alike: dict[str, list[str]] = {}
+    for message in messages:
+        subject, _, said = message.partition(": ")
+        is_file = said and PurePath(subject).suffix and "\n" not in subject and ", " not in subject
+        alike.setdefault(said if is_file else message, []).append(subject if is_file else "")
+    return [f"{_listed(files)}: {said}" if files[0] else said for said, files in alike.items()]
+
+
+def _listed(names: list[str]) -> str:
+    """Names in a row: all of few, of many the first and how many more there are."""
+    if len(names) > _MANY_ALIKE + 1:
+        return f"{', '.join(names[:_MANY_ALIKE])} and {len(names) - _MANY_ALIKE} more"
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
 
 
 def _subjects(kind: str, kinds: list[str], messages: list[str]) -> str:

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from st_codegen.emit.output import FileChange, is_real, kinds_of_outputs
-from st_codegen.errors import GeneratedCodeError
+from st_codegen.errors import GeneratedCodeError, counted
 
 if TYPE_CHECKING:
     from st_codegen.project.bundle import Bundle
@@ -47,7 +47,7 @@ def assert_generated_up_to_date(models: Path | str, out: Path | str, *, trust_pi
     if changed:
         names = "\n".join(f"  {change.path}" for change in changed)
         lines = [line.rstrip("\n") for change in changed for line in change.lines()]
-        more = f"\n.. and {len(lines) - _SHOWN} more lines" if len(lines) > _SHOWN else ""
+        more = f"\n.. and {counted(len(lines) - _SHOWN, 'more line')}" if len(lines) > _SHOWN else ""
         shown = "\n".join(lines[:_SHOWN]) + more
         pytest.fail(
             f"{len(changed)} generated files are not those of {models}; write them with "

@@ -64,15 +64,38 @@ def test_a_table_of_wrong_cells_is_looked_through_once(monkeypatch):
     assert len(looked) == 1
 
 
-def test_files_that_are_alike_wrong_are_all_named(tmp_path):
+def test_files_that_are_alike_wrong_are_one_line(tmp_path):
     for number in range(12):
         (tmp_path / f"n{number:02}.txt").write_text("hello")
     with pytest.raises(InputError) as caught:
         load(tmp_path)
-    line = str(caught.value).splitlines()[1]
-    assert line.startswith("  - n00.txt: not a LightGBM text model")
-    assert line.endswith("and 11 more that differ in names and numbers only (" + ", ".join(
-        f"n{number:02}.txt" for number in range(1, 9)) + ", ..)")  # fmt: skip
+    _, line = str(caught.value).splitlines()
+    names = ", ".join(f"n{number:02}.txt" for number in range(8))
+    assert line.startswith(f"  - {names} and 4 more: not a LightGBM text model")
+
+
+def test_untrusted_files_of_any_names_are_one_line(tmp_path):
+    for name in ("A0_forward.joblib", "A0_backward.joblib", "phi1.pkl", "pump.joblib"):
+        (tmp_path / name).write_bytes(b"")
+    with pytest.raises(InputError) as caught:
+        load(tmp_path)
+    head, line = str(caught.value).splitlines()
+    assert head.endswith(": 4 problems")
+    assert line.startswith("  - A0_backward.joblib, A0_forward.joblib, phi1.pkl and pump.joblib: loading a pickle can")
+
+
+def test_files_that_are_wrong_in_different_ways_have_a_line_each():
+    problems = Problems("models")
+    problems.add("a.txt: no trees")
+    problems.add("b.txt: no header")
+    problems.add("feature 'speed': no unit")
+    with pytest.raises(InputError) as caught:
+        problems.raise_if_any()
+    assert str(caught.value).splitlines()[1:] == [
+        "  - a.txt: no trees",
+        "  - b.txt: no header",
+        "  - feature 'speed': no unit",
+    ]
 
 
 def test_a_single_file_is_named_once(tmp_path):

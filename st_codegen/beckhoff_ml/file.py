@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from lxml import etree
 
-from st_codegen.errors import InputError, errors_name
+from st_codegen.errors import InputError, counted, errors_name
 from st_codegen.ir import FloatArray, Function, IntArray, Kernel
 from st_codegen.walkers.limits import Things, check_count
 
@@ -95,7 +95,7 @@ class XmlElement:
         """Children stem1 .. stemN; exactly so many."""
         found = [child for child in self.element if str(child.tag).startswith(stem)]
         if len(found) != count or [child.tag for child in found] != [f"{stem}{n + 1}" for n in range(len(found))]:
-            raise self.error(f"{count} elements {stem}1, {stem}2, .. are announced, {len(found)} are there")
+            raise self.error(f"elements {stem}1, {stem}2, ..: {count} announced, {len(found)} there")
         return [XmlElement(child, self.file) for child in found]
 
     def text(self, name: str) -> str:
@@ -123,7 +123,7 @@ class XmlElement:
         """The only float64 number of an attribute."""
         values = self.doubles(name)
         if len(values) != 1:
-            raise self.error(f"{name} has {len(values)} numbers, one is expected")
+            raise self.error(f"{name} has {counted(len(values), 'number')}, one is expected")
         return float(values[0])
 
     def doubles(self, name: str) -> FloatArray:

@@ -17,7 +17,7 @@ import numpy as np
 
 from st_codegen import ir
 from st_codegen.beckhoff_ml.file import ACTIVATIONS, KERNELS, MAX_INPUTS, SHOWN, XmlElement, parse
-from st_codegen.errors import InputError, UnsupportedModelError, errors_name
+from st_codegen.errors import InputError, UnsupportedModelError, counted, errors_name
 from st_codegen.ir.arrays import FloatArray, IntArray
 from st_codegen.ir.preorder import preorder
 from st_codegen.walkers.base import Classified, GraphBuilder, LoadedModel, Predictor
@@ -117,7 +117,10 @@ class _File:
             )
         scaling, offset = found.doubles("scalings"), found.doubles("offsets")
         if len(scaling) != width or len(offset) != width:
-            raise found.error(f"{len(scaling)} scalings and {len(offset)} offsets for {width} columns")
+            raise found.error(
+                f"{counted(len(scaling), 'scaling')} and {counted(len(offset), 'offset')} for "
+                f"{counted(width, 'column')}"
+            )
         return _Transformation(scaling, offset)
 
     def loaded(self, name: str) -> LoadedModel:
@@ -172,7 +175,7 @@ class _Trees(_File):
         parts = {tag: self.parameters.only(tag) for tag in ("SplitValues", "SplitVars", "ChildNodes")}
         trees = self.configuration.count("numTrees", len(parts["SplitValues"].element.attrib) // 2)
         if trees < 1 or any(len(part.element.attrib) != 2 * trees for part in parts.values()):
-            raise self.configuration.error(f"{trees} trees are announced, the parameters have another number")
+            raise self.configuration.error(f"{counted(trees, 'tree')} announced, the parameters have another number")
         base = self.parameters.only("BaseValues")
         if base.count("N", 1 << 31) != 1:
             raise UnsupportedModelError(f"{base.file}: trees with several outputs are not read")
@@ -201,7 +204,8 @@ class _Trees(_File):
         announced = {part.count(f"ND_{number}", 1 << 31) for part in parts.values()}
         if announced != {nodes} or len(variables) != nodes or len(children) != 2 * nodes:
             raise parts["SplitValues"].error(
-                f"tree {number}: {nodes} values, {len(variables)} variables, {len(children)} children; "
+                f"tree {number}: {counted(nodes, 'value')}, {counted(len(variables), 'variable')}, "
+                f"{counted(len(children), 'child', 'children')}; "
                 f"announced are {', '.join(map(str, sorted(announced)))} nodes"
             )
         if np.any(children < 0) or np.any(children >= nodes):
@@ -326,7 +330,7 @@ class _SupportVectors(_File):
         if vectors.shape != (announced, self.n_inputs) or coefficients.shape != (classes - 1, announced):
             raise self.parameters.error(
                 f"vectors of shape {vectors.shape}, coefficients of shape {coefficients.shape}; expected are "
-                f"{announced} vectors of {self.n_inputs} numbers and {classes - 1} coefficients each"
+                f"{counted(announced, 'vector')} of {self.n_inputs} numbers and {classes - 1} coefficients each"
             )
         self.vectors, self.coefficients = vectors, coefficients
         self.rho = self.parameters.only("ProbabilityInfo").doubles("rhoConstants")

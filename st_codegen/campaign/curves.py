@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 
 from st_codegen.campaign.conditions import CONDITION_COLUMNS, OperatingPoint
-from st_codegen.errors import InputError, extra_package
+from st_codegen.errors import InputError, counted, extra_package
 from st_codegen.files.csv_tables import RowError, read_csv
 from st_codegen.files.number_text import parse_number
-from st_codegen.files.text import whole_file
+from st_codegen.files.text import encoding_fault, whole_file
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.te.harmonics import Direction
 
@@ -186,8 +186,10 @@ def _layout(path: Path) -> _Layout:
     try:
         with path.open(encoding="utf-8-sig") as file:
             first, second = file.readline().strip(), file.readline().strip()
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadFileError(path, None, f"not readable as text ({error})") from None
+    except UnicodeDecodeError:
+        raise BadFileError(path, None, encoding_fault(path)) from None
+    except OSError as error:
+        raise BadFileError(path, None, f"cannot be read ({error.strerror or error})") from None
     if not first:
         raise BadFileError(path, 1, "the file is empty")
     separator = ";" if ";" in first else ","
@@ -219,7 +221,9 @@ def _header_columns(path: Path, names: Sequence[str]) -> tuple[int | None, ...]:
 
 def _plain_columns(path: Path, names: Sequence[str]) -> tuple[int | None, ...]:
     if len(names) != len(RIG_HEADER):
-        raise BadFileError(path, 1, f"{len(names)} columns and no header; a curve file has {len(RIG_HEADER)}")
+        raise BadFileError(
+            path, 1, f"{counted(len(names), 'column')} and no header; a curve file has {len(RIG_HEADER)}"
+        )
     return tuple(range(len(RIG_HEADER)))
 
 
@@ -259,12 +263,14 @@ def _first_fault(path: Path, layout: _Layout, width: int, otherwise: str) -> Bad
                 if line <= layout.skip or cells in ([], [""]):
                     continue
                 if len(cells) != width:
-                    return BadFileError(path, line, f"{len(cells)} values, {width} are expected")
+                    return BadFileError(path, line, f"{counted(len(cells), 'value')}, {width} are expected")
                 for cell in cells:
                     if cell and not _is_number(cell):
                         return BadFileError(path, line, f"'{cell[:40]}' is not a number")
-    except (OSError, UnicodeDecodeError) as error:
-        return BadFileError(path, None, f"not readable as text ({error})")
+    except UnicodeDecodeError:
+        return BadFileError(path, None, encoding_fault(path))
+    except OSError as error:
+        return BadFileError(path, None, f"cannot be read ({error.strerror or error})")
     return BadFileError(path, None, f"not readable as a table ({otherwise.splitlines()[0]})")
 
 
@@ -282,7 +288,7 @@ def _curve(path: Path, layout: _Layout, direction: Direction, angle: Any, te: An
             raise BadFileError(path, line, f"{direction}: an empty cell, or a value that is not finite")
     samples = len(arrays[0])
     if samples < _LEAST_SAMPLES:
-        raise BadFileError(path, layout.skip + samples, f"{direction}: only {samples} samples")
+        raise BadFileError(path, layout.skip + samples, f"{direction}: only {counted(samples, 'sample')}")
     span = float(np.ptp(arrays[0]))
     if span < _LEAST_SPAN_DEG:
         hint = "; it looks like rad, and must be deg" if 6.0 < span < 6.6 else ""

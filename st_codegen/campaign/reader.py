@@ -23,7 +23,7 @@ from st_codegen.campaign.harmonic_table import HarmonicTable
 from st_codegen.campaign.orders import BAND, OrderFit, Sums, curve_sums, fit_orders
 from st_codegen.campaign.spikes import repeated
 from st_codegen.campaign.sums_file import SumsFile
-from st_codegen.errors import InputError, Problems, extra_package
+from st_codegen.errors import InputError, Problems, counted, extra_package
 from st_codegen.processes import Progress
 from st_codegen.te.harmonics import Direction
 
@@ -74,7 +74,8 @@ class Campaign:
         most = max(float(np.abs(curve.sums.spikes[2]).max()) for curve in spiky)
         files = sorted({curve.path.relative_to(self.folder).as_posix() for curve in spiky})
         return (
-            f"{sum(counts)} single samples of {len(spiky)} curves, at most {max(counts)} of one, that lie up to "
+            f"{sum(counts)} single samples of {counted(len(spiky), 'curve')}, at most {max(counts)} of one, that lie "
+            "up to "
             f"{most:.2g} deg off those around them: {', '.join(files[:5])}{', ..' if len(files) > 5 else ''}"
         )
 
@@ -156,7 +157,9 @@ def read_campaign(
         for direction, sums in results[file.path].items()
     ]
     if not curves:
-        raise InputError(f"{folder}: no usable curve files; the first of {len(faults)} problems: {faults[0]}")
+        raise InputError(
+            f"{folder}: no usable curve files; the first of {counted(len(faults), 'problem')}: {faults[0]}"
+        )
     return _with_repeated_spikes(Campaign(folder, tuple(curves), tuple(faults)))
 
 

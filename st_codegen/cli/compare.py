@@ -105,7 +105,7 @@ def command(
     if times is not None:
         write_text(times, times_csv(report))
     if not given.quiet:
-        console.print(agreement_table(f"library = controller, {report.address}", report.models))
+        console.print(agreement_table(f"library and controller compared, {report.address}", report.models))
         for line in report.remarks():
             say(line)
     for name, line in report.failures():

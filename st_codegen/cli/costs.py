@@ -13,6 +13,7 @@ from rich.text import Text
 
 from st_codegen.cli.console import Number, console, say, table_of
 from st_codegen.cost.profile_files import DEFAULT, profile_names
+from st_codegen.errors import counted
 
 if TYPE_CHECKING:
     from st_codegen.cost.report import ProjectCost, UnitPart
@@ -93,7 +94,7 @@ def cost_table(title: str, parts: Sequence[UnitPart]) -> Table:
         table.add_row(part.unit, *_cells([part], total))
     if len(large) < len(parts):
         rest = parts[len(large) :]
-        table.add_row(f"{len(rest)} others", *_cells(rest, total))
+        table.add_row(counted(len(rest), "other"), *_cells(rest, total))
     table.add_section()
     table.add_row("sum", *_cells(parts, total))
     return table

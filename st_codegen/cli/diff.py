@@ -12,6 +12,7 @@ from rich.table import Table
 
 from st_codegen.cli.console import FILE, PLACE, Whole, console, progress_bar, quiet_option, table_of, trust_option
 from st_codegen.cli.costs import profile_option
+from st_codegen.errors import counted
 from st_codegen.files.number_text import percent, plain_number
 from st_codegen.files.text import inert, write_text
 
@@ -101,9 +102,11 @@ def _lines(found: Review) -> list[str]:
     lines += [_sentence("", change) for change in found.project]
     for model in found.models:
         lines += [_sentence(f"{model.name}: ", change) for change in model.facts]
+        if model.text_changed and not model.rows:
+            lines.append(f"{model.name}: not as many inputs or outputs as before: its numbers were not compared")
         if model.rows_lost or model.rows_gained:
             lines.append(
-                f"{model.name}: of {model.rows:,} operating points, {model.rows_lost:,} lost their answer, "
+                f"{model.name}: of {counted(model.rows, 'operating point')}, {model.rows_lost:,} lost their answer, "
                 f"{model.rows_gained:,} gained one"
             )
         if model.labels:
@@ -133,7 +136,7 @@ def _text(value: object) -> str:
 
 def _feature(feature: dict[str, Any]) -> str:
     """Name and unit of a feature, and its range where one is known, in all digits, with what it is known from."""
-    text = f"{feature['name']} [{feature['unit']}]"
+    text = f"{feature['name']} [{feature['unit']}]" if feature["unit"] else str(feature["name"])
     if (known := feature.get("range")) is not None:
         text += f" {plain_number(known[0])} .. {plain_number(known[1])}"
     if source := feature.get("range_from"):

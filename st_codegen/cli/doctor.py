@@ -43,7 +43,8 @@ def command() -> None:
     for extra in filter(None, missing):
         click.echo(f"to get {extra}: pip install 'st-codegen[{extra}]'")
     if "" in missing:
-        click.echo("packages that are always needed are missing: pip install --force-reinstall st-codegen")
+        lacking = " ".join(name for name in _by_extra(required)[""] if not _version(name))
+        click.echo(f"packages that are always needed are missing: pip install {lacking}")
     sys.exit(1 if "" in missing else 0)
 
 

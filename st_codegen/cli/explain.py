@@ -20,7 +20,7 @@ Examples:
 def command(code: str | None) -> None:
     """Say what the CODE of a message means: its cause, and what to do."""
     if code is None:
-        for entry in DIAGNOSTICS:
+        for entry in sorted(DIAGNOSTICS, key=lambda entry: entry.code):
             click.echo(f"{entry.code}  {entry.title}")
         return
     found = diagnostic(code)

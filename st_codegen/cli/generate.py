@@ -26,6 +26,7 @@ from st_codegen.cli.console import (
     table_of,
 )
 from st_codegen.cli.costs import Explanation, print_explanation
+from st_codegen.errors import counted
 from st_codegen.files.text import inert
 
 if TYPE_CHECKING:
@@ -58,7 +59,7 @@ Examples:
     "targets",
     multiple=True,
     metavar="NAME",
-    help=f"Dialect to write, may be given several times: {', '.join(TARGETS)}. Default: twincat.",
+    help=f"What to write, may be given several times: {', '.join(TARGETS)}. Default: twincat.",
 )
 @click.option(
     "-o",
@@ -208,10 +209,12 @@ def _show_generated(generated: Generated) -> None:
         "written"
         for name in generated.changed
     ]
+    if generated.removed:
+        listed = ", ".join(generated.removed[:8]) + (", .." if len(generated.removed) > 8 else "")
+        lines.append(f"removed, since no longer generated: {counted(len(generated.removed), 'file')}: {listed}")
     lines += filter(None, (decision.change for decision in generated.compiled.decisions))
     lines += generated.purpose.remarks() if generated.purpose else ()
-    number = len(generated.files)
-    say(f"{generated.folder}: {number} file{'s' * (number > 1)} and {MANIFEST}, the list of what was written")
+    say(f"{generated.folder}: {counted(len(generated.files), 'file')} and {MANIFEST}, the list of what was written")
     console.print(_files_table(generated))
     console.print(_models_table(generated))
     for line in lines:
@@ -246,8 +249,8 @@ def _show(found: Iterable[FileChange], limit: int, *, stat: bool) -> bool:
             if not limit or lines <= limit:
                 click.echo(inert(line.rstrip("\n")))
     if not stat and limit and lines > limit:
-        where = f"{files:,} file{'s' * (files > 1)}"
-        click.echo(f".. {lines - limit:,} more lines in {where}; --limit 0 shows all, --stat a line a file")
+        where = counted(files, "file")
+        click.echo(f".. {counted(lines - limit, 'more line')} in {where}; --limit 0 shows all, --stat a line a file")
     return files > 0
 
 

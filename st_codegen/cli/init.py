@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+import tomllib
 from pathlib import Path
 
 import click
@@ -45,7 +46,10 @@ def command(models: Path, training_data: Path | None, force: bool, trust_pickle:
         raise InputError(f"{path} is there already; --force replaces it")
     table = None if training_data is None else read_table(training_data)
     digest = "" if training_data is None else file_sha256(training_data)
-    write_text(path, initial_configuration(models, table, digest, trust_pickle=trust_pickle))
+    text = initial_configuration(models, table, digest, trust_pickle=trust_pickle)
+    write_text(path, text)
     if not quiet:
+        if left_out := tomllib.loads(text)["project"].get("leave_out"):
+            say(f"left out, with the reason beside each in {path}: {', '.join(left_out)}")
         following = shlex.join(["st-codegen", "generate", str(models)])
         say(f"{path}: complete names, units and ranges, then {following}")

@@ -173,7 +173,7 @@ _EXPECTED: tuple[tuple[type[Exception], Callable[[Any], str]], ...] = (
     (UnicodeError, lambda error: f"a text or a file's name is not UTF-8 ({error})"),
     (csv.Error, lambda error: f"a table is not readable ({error})"),
     (RecursionError, lambda _: "something in the input is nested too deeply"),
-    (MemoryError, lambda error: f"not enough memory {error}".rstrip()),
+    (MemoryError, lambda error: f"not enough memory: {error}".removesuffix(": ")),
 )
 
 

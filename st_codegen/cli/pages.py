@@ -8,9 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 from st_codegen.cli.costs import magnitude_text
 from st_codegen.cli.prove import VERDICT_COLUMNS, sentence, verdict_rows
+from st_codegen.emit.output import MANIFEST
+from st_codegen.errors import counted
 from st_codegen.files.number_text import percent
-from st_codegen.files.text import write_text
+from st_codegen.files.text import file_sha256, write_text
 from st_codegen.proof.review import tried_text
+from st_codegen.proof.runner import changes_by_hand, target_folders
 from st_codegen.report import COLOURS, PageSection, PageTable, figures, markdown, page
 from st_codegen.report.picture import panels
 
@@ -47,7 +50,7 @@ def review_sections(found: Review, lines: list[str], *, draw: bool) -> tuple[str
     """The summary of a review, and its sections: the model, the numbers, the text; `draw`: with pictures."""
     changed = [model for model in found.models if model.changed]
     same = [model.name for model in found.models if not model.changed]
-    counts = f"{len(changed)} of {len(found.models)} models changed in the target {found.target}."
+    counts = f"{len(changed)} of {counted(len(found.models), 'model')} changed in the target {found.target}."
     summary = counts if found.changed else "No difference."
     if found.added or found.removed:
         summary += f" {len(found.added)} added, {len(found.removed)} removed."
@@ -104,18 +107,43 @@ def _curves(title: str, curves: Iterable[Sweep]) -> list[str]:
 # --- verify
 
 
-def verify_sections(report: VerifyReport, proof: ProveReport, bundle: Bundle) -> tuple[str, list[PageSection]]:
+def _but_for(report: VerifyReport) -> str:
+    """How many of the rows were not compared with the library, or leave more labels than one; empty for none."""
+    unjudged = sum(model.unbounded for model in report.models)
+    undecided = sum(model.open_rows for model in report.models)
+    parts = [f"{counted(unjudged, 'row')} without a bound, not judged"] if unjudged else []
+    parts += [f"{counted(undecided, 'row')} whose label rounding leaves open"] if undecided else []
+    return f", but for {' and '.join(parts)}" if parts else ""
+
+
+def _proved_for_every_input(proof: ProveReport) -> str:
+    """What was proved of how many texts: the model's bits, its expression, or that no call of a block fails."""
+    from st_codegen.proof.prove.arithmetic import METHOD
+    from st_codegen.proof.prove.tree_proof import CELLS, SUMS, TAIL
+
+    kinds = {"the model's bits": (CELLS, SUMS), "the model's expression": (METHOD, TAIL), "that no call fails": ()}
+    counts = dict.fromkeys(kinds, 0)
+    for result in (result for result in proof.results if result.is_proved):
+        kind = next((kind for kind, methods in kinds.items() if result.method in methods), "that no call fails")
+        counts[kind] += 1
+    text = f"Proved for every input: {sum(counts.values())} of {counted(len(proof.results), 'text')}"
+    said = ", ".join(f"of {count} {kind}" for kind, count in counts.items() if count)
+    return f"{text}{': ' if said else ''}{said}."
+
+
+def verify_sections(
+    report: VerifyReport, proof: ProveReport, bundle: Bundle, generated: Path
+) -> tuple[str, list[PageSection]]:
     """The summary of a verification, and its sections: agreement, proof, provenance, cost."""
     failed = [model.name for model in report.models if not model.passed]
     tried = sum(model.n for model in report.models)
     summary = (
         f"{'FAILED: ' + ', '.join(failed) if failed else 'All agree'}: library, reference and generated text on a "
-        f"sample of {tried:,} rows."
+        f"sample of {tried:,} rows{_but_for(report)}."
     )
     if report.over_budget:
         summary += f"\n\nThe cycle DOES NOT FIT: {', '.join(report.over_budget)}."
-    proved = sum(result.is_proved for result in proof.results)
-    summary += f"\n\nProved for every input: {proved} of {len(proof.results)} texts."
+    summary += f"\n\n{_proved_for_every_input(proof)}"
     rows = [(m.name, m.n, m.max_abs_err, m.bound, m.max_ulp, m.verdict, ", ".join(m.targets)) for m in report.models]
     columns = ("model", "rows", "largest error", "allowed", "ulp", "result", "targets")
     strong = {(row, 5) for row, model in enumerate(report.models) if not model.passed}
@@ -127,8 +155,14 @@ def verify_sections(report: VerifyReport, proof: ProveReport, bundle: Bundle) ->
         for ir in bundle.irs
     ]
     head = ("model", "file", "library", "class", "digest of what was read")
-    served = "\n\n".join(bundle.purpose.served(bundle.irs)) if bundle.purpose else ""
-    sections.append(PageSection("Provenance", served, PageTable(head, sources)))
+    served = bundle.purpose.served(bundle.irs) if bundle.purpose else ()
+    texts = [
+        f"{folder.name}: the generated files are listed with their SHA-256 in {MANIFEST}, whose own is "
+        f"{file_sha256(folder / MANIFEST)}."
+        for folder in target_folders(generated)
+    ]
+    notes = "\n\n".join([*texts, *changes_by_hand(generated), *served])
+    sections.append(PageSection("Provenance", notes, PageTable(head, sources)))
     return summary, sections + [_cost_section(target, cost, report.cycle_us) for target, cost in report.costs.items()]
 
 

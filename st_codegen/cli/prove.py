@@ -66,6 +66,7 @@ def command(
     """
     from st_codegen.proof.prove.certificate import certificate
     from st_codegen.proof.prove.prove import prove
+    from st_codegen.proof.runner import changes_by_hand
 
     bundle = given.load_generated(generated)
     with progress_bar("proving", quiet=given.quiet) as progress:
@@ -78,6 +79,8 @@ def command(
         for result in report.results:
             for claim in result.claims:
                 say(f"{result.block}, {result.target}: {claim}")
+        for line in changes_by_hand(generated):
+            say(line)
     for result in report.results:
         if not result.is_proved:
             say(sentence(result))

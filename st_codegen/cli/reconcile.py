@@ -62,7 +62,7 @@ Examples:
     help=f"Put what was found into the bundle: OUT/{UPDATED_MODELS}, compiled and verified in OUT/{UPDATED_CODE}, "
     "moved by the rig.",
 )
-@click.option("--target", default="twincat", help="Dialect of the updated models' text.")
+@click.option("--target", default="twincat", help="Target of the updated models' text.")
 @click.option(
     "--profile",
     default="cycloidal",

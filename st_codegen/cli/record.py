@@ -21,7 +21,7 @@ from st_codegen.cli.console import (
     progress_bar,
     quiet_option,
 )
-from st_codegen.errors import InputError
+from st_codegen.errors import InputError, counted
 from st_codegen.files.number_text import parse_number
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def command(
     with connect() as controller, progress_bar("recording", quiet=quiet) as progress:
         made = record(controller, project, runs, out, recording, progress)
     if not quiet:
-        console.print(f"{out}: {made} run(s) measured now, {len(runs)} in all, both directions")
+        console.print(f"{out}: {counted(made, 'run')} measured now, {len(runs)} in all, both directions")
 
 
 def _setting(text: str) -> tuple[str, float]:

@@ -85,7 +85,7 @@ Examples:
 @click.option("--temperature", type=Number(-40, 150), help="Oil at the start, degC (default: the rig's).")
 @click.option("--drift", type=Number(-60, 60), help="Its drift, K a minute (default: the rig's).")
 @click.option("--seed", type=Whole(min=0), default=0, help="Seed of noise and jitter.")
-@click.option("--target", type=click.Choice(DIALECTS), default=DIALECTS[0], help="Dialect that is generated and run.")
+@click.option("--target", type=click.Choice(DIALECTS), default=DIALECTS[0], help="Target that is generated and run.")
 @build_options("outputs_per_cycle")
 @click.option(
     "--recording", is_flag=True, help="Also write recording.csv, the uncompensated motion as reconcile reads it."
@@ -150,7 +150,7 @@ def command(
     if as_json:
         click.echo(json.dumps(rows, indent=1))
     if not quiet:
-        console.print(_table(f"{out}/report.html", result, rows))
+        console.print(_table(f"simulated, in deg: {out}/report.html", result, rows))
         for text in motion_files.remarks(result):
             say(text)
 

@@ -29,8 +29,8 @@ predictions) and {ERRORS} (their errors).
 
 \b
 Examples:
-  st-codegen tables ../shared/data --out build/tables
-  st-codegen tables ../shared/data --folds 3 --families SVM,ERT,LGBM""",
+  st-codegen tables measured/ --out build/tables
+  st-codegen tables measured/ --folds 3 --families SVM,ERT,LGBM""",
 )
 @click.argument("data", type=PLACE)
 @click.option(

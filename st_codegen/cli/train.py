@@ -13,7 +13,7 @@ from rich.table import Table
 from st_codegen.cli.choices import MODEL_FORMS
 from st_codegen.cli.console import FILE, FOLDER, PLACE, Number, Whole, console, progress_bar, quiet_option, table_of
 from st_codegen.cli.training import search_options
-from st_codegen.errors import InputError
+from st_codegen.errors import InputError, counted
 from st_codegen.files.number_text import parse_whole, plain_number
 from st_codegen.files.text import write_text
 
@@ -133,7 +133,7 @@ def _print(lessons: list[Lesson], head: BundleHead, out: Path, faulty_are: str) 
             f"{feature} was {plain_number(value)} in all runs: the blocks compute with {plain_number(value)}, "
             "and bInRange is FALSE at any other value"
         )
-    console.print(f"{out}: {sum(len(lesson.models) for lesson in lessons)} models")
+    console.print(f"{out}: {counted(sum(len(lesson.models) for lesson in lessons), 'model')}")
 
 
 def _orders(text: str) -> tuple[int, ...] | None:
@@ -173,9 +173,9 @@ def _facts(lesson: Lesson) -> dict[str, Any]:
 def _summary(lesson: Lesson, faulty_are: str) -> Table:
     faulty = int(lesson.faulty.rows.sum())
     title = (
-        f"{lesson.direction}: worst case {lesson.cost_us:.0f} us (estimate for models as trained), {faulty} faulty "
-        f"run{'s' * (faulty != 1)} {faulty_are}; errors at the operating points of "
-        f"{len(lesson.study.test)} runs that were kept apart"
+        f"{lesson.direction}: worst case {lesson.cost_us:.0f} us (estimate for models as trained), "
+        f"{counted(faulty, 'faulty run')} {faulty_are}; errors at the operating points of "
+        f"{counted(len(lesson.study.test), 'run')} that were kept apart"
     )
     table = table_of(title, ">order", "models", ">amplitude MAE, deg", ">phase MAE, rad", ">complex MAE, deg")
     for solution in lesson.choice.solutions:

@@ -27,6 +27,7 @@ from st_codegen.cli.console import (
     table_of,
 )
 from st_codegen.cli.costs import cycle_option, entry_option, print_budget, print_verdict, profile_option
+from st_codegen.errors import counted
 from st_codegen.files.text import write_text
 
 if TYPE_CHECKING:
@@ -78,6 +79,7 @@ def command(
     finds an input that differs.
     """
     from st_codegen.cost.profile import load_profile
+    from st_codegen.proof.runner import changes_by_hand
     from st_codegen.proof.verify import Budget, verify
 
     budget = Budget(load_profile(profile), cycle_us, entries)
@@ -92,8 +94,12 @@ def command(
         for target, note in report.notes.items():
             say(f"{target}: {note}")
         _print_remarks(report, bundle, rows)
-        for line in bundle.purpose.served(bundle.irs) if bundle.purpose else ():
+        for line in changes_by_hand(generated):
             say(line)
+        if served := bundle.purpose.served(bundle.irs) if bundle.purpose else ():
+            say("what each file is used for; no comparison of numbers sees two files that are exchanged:")
+        for line in served:
+            say(f"  {line}")
     for model in report.models:
         for remark in () if given.quiet and model.passed else model.remarks:
             say(remark)
@@ -140,7 +146,7 @@ def _write_page(path: Path, given: GivenModels, generated: Path, report: VerifyR
 
     with progress_bar("proving", quiet=given.quiet) as progress:
         proof = prove(bundle, generated, progress=progress)
-    summary, sections = verify_sections(report, proof, bundle)
+    summary, sections = verify_sections(report, proof, bundle, generated)
     write_pages(f"Verification of {given.models}", sections, summary, path, None)
     refuted = [result for result in proof.results if result.verdict is Verdict.REFUTED]
     for result in refuted:
@@ -158,7 +164,7 @@ def _print_remarks(report: VerifyReport, bundle: Bundle, rows: int) -> None:
     models = {ir.name for ir in bundle.irs}
     others = [model for model in report.models if model.n != rows]
     if more := [model.name for model in others if model.n > rows and model.name in models]:
-        say(f"special values and thresholds take more than {rows:,} rows: {', '.join(more)}")
+        say(f"special values and thresholds take more than {counted(rows, 'row')}: {', '.join(more)}")
     if around := [f"{model.name} {model.n:,}" for model in others if model.name not in models]:
         say(f"blocks around models have numbers of rows that --rows does not change: {', '.join(around)}")
 

@@ -23,7 +23,7 @@ from st_codegen.emit.blocks.model import block_name
 from st_codegen.emit.manifest_shape import check_manifest
 from st_codegen.emit.render import RenderedFile
 from st_codegen.emit.traces import without_traces
-from st_codegen.errors import GeneratedCodeError, InputError
+from st_codegen.errors import GeneratedCodeError, InputError, counted
 from st_codegen.files.folders import replace_folder
 from st_codegen.files.temporary import temporary_folder
 from st_codegen.ir import ModelIR, OutputKind
@@ -191,6 +191,12 @@ def generated_names(folder: Path) -> list[str]:
     return [*files, MANIFEST] if files else []
 
 
+def changed_since(folder: Path) -> tuple[str, ...]:
+    """The generated files of a folder that are not as they were written, or are gone."""
+    files = read_manifest(folder).files
+    return tuple(name for name, sha256 in files.items() if not _is_as_written(folder / name, sha256))
+
+
 def check_place(folder: Path) -> None:
     """Raise InputError where the generated folder cannot stand: a link or a file has its name."""
     if folder.is_symlink():
@@ -285,7 +291,7 @@ def _refuse_to_lose_changes(folder: Path, stage: Path) -> None:
         return
     lines = [line for name in lost for line in FileChange.between(name, folder, stage).lines()]
     shown = "\n".join(line.rstrip("\n") for line in lines[:_SHOWN])
-    more = f"\n.. and {len(lines) - _SHOWN} more lines" if len(lines) > _SHOWN else ""
+    more = f"\n.. and {counted(len(lines) - _SHOWN, 'more line')}" if len(lines) > _SHOWN else ""
     raise InputError(
         f"{len(lost)} generated file{' was' if len(lost) == 1 else 's were'} changed by hand and would be overwritten: "
         f"{', '.join(str(folder / name) for name in lost)}. Put the change into the model or the configuration, or "

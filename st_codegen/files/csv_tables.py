@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from st_codegen.errors import InputError, Problems
+from st_codegen.errors import InputError, Problems, counted
 from st_codegen.files.number_text import parse_number
 from st_codegen.files.text import read_text
 
@@ -55,7 +55,7 @@ class CsvTable:
     def text(self, row: CsvRow, name: str) -> str:
         """A cell, without the blanks around it. Raises RowError."""
         if len(row.cells) != len(self.names):
-            raise RowError(row.line, f"{len(row.cells)} values, the header has {len(self.names)}")
+            raise RowError(row.line, f"{counted(len(row.cells), 'value')}, the header has {len(self.names)}")
         return row.cells[self.names.index(name)].strip()
 
     def number(self, row: CsvRow, name: str, *, is_finite: bool = True) -> float:
@@ -92,9 +92,10 @@ def read_csv(path: Path, wanted: Sequence[str] = ()) -> CsvTable:
         raise InputError(f"{path}: the file is empty; the first line must name the columns")
     names = tuple(name.strip() for name in rows[0].cells)
     problems = Problems(str(path))
-    for name in wanted:
-        if name not in names:
-            problems.add(f"the column '{name}' is missing; the table needs {','.join(wanted)}")
+    missing = [f"'{name}'" for name in wanted if name not in names]
+    if missing:
+        which = f"the column {missing[0]} is" if len(missing) == 1 else f"the columns {', '.join(missing)} are"
+        problems.add(f"{which} missing; the table needs {','.join(wanted)}")
     for name in sorted({name for name in names if name and names.count(name) > 1}):
         problems.add(f"the column '{_cut(name)}' is there twice")
     problems.raise_if_any()

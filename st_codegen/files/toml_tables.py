@@ -209,13 +209,14 @@ class TomlTable:
     # -- tables inside
 
     def table(self, key: str, *, required: bool = False) -> TomlTable:
-        """The table of a key; an empty one where it is missing or is no table."""
+        """The table of a key; the first of several, which is an error, and an empty one where there is none."""
         found = self._get(key, None, "") if required else self._asked_for(key)
         if isinstance(found, Mapping):
             return TomlTable(found, self._name_of(key), self.problems)
         if isinstance(found, Sequence) and found and all(isinstance(entry, Mapping) for entry in found):
             self.note(f"[[{key}]]: one table is wanted, not a list of tables; write [{key}]")
-        elif found is not None:
+            return TomlTable(found[0], self._name_of(key), self.problems)  # so that nothing in it is called missing
+        if found is not None:
             self.note(f"{key} = {shown(found)} is not a table; write [{self._inner(key)}]")
         return TomlTable({}, self._name_of(key), self.problems)
 

@@ -17,6 +17,7 @@ from statistics import NormalDist
 
 import numpy as np
 
+from st_codegen.errors import counted
 from st_codegen.fleet.estimates import Estimate
 
 #: Chance that a page names any axis at all where all are alike; of outliers and of growth, each by itself.
@@ -215,7 +216,8 @@ def _not_looked_at(
     types: Mapping[str, Sequence[Campaigns]], fleet: Sequence[Campaigns], spreads: Sequence[Spread]
 ) -> list[str]:
     found = [
-        f"{kind or 'axes without a type'}: {len(axes)} axes, fewer than {LEAST_AXES}: nothing can be said of who "
+        f"{kind or 'axes without a type'}: {counted(len(axes), 'axis', 'axes')}, fewer than {LEAST_AXES}: nothing can "
+        "be said of who "
         "stands out, nor of effects that few have"
         for kind, axes in types.items()
         if len(axes) < LEAST_AXES

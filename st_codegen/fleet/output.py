@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from st_codegen.errors import counted
 from st_codegen.files.csv_tables import csv_text
 from st_codegen.files.folders import write_texts
 from st_codegen.fleet.axes import FleetAxis
@@ -96,9 +97,9 @@ class FleetReport:
         rare = list(dict.fromkeys(axis for one in compared.rare for axis in one.axes))
         grown = list(dict.fromkeys(one.axis for one in compared.growth if one.times is not None))
         new = list(dict.fromkeys(one.axis for one in compared.growth if one.times is None))
-        parts = [
-            f"{len(self.axes)} axes; failed: {_named(failed)}; text that did not pass its check: {_named(unproved)}."
-        ]
+        checked = any(CHECK in result.facts for result in self.results.values())
+        text = f"text that did not pass its check: {_named(unproved)}" if checked else "no text was checked"
+        parts = [f"{counted(len(self.axes), 'axis', 'axes')}; failed: {_named(failed)}; {text}."]
         if any(spread.limit is not None for spread in compared.spreads):
             parts.append(f"Stand out: {_named(odd)}; with an effect that fewer than half have: {_named(rare)}.")
         else:
@@ -233,7 +234,7 @@ class FleetReport:
         ]  # fmt: skip
         taken = sum(own["taken"] for own in decided.values())
         columns = ("axis", "models", "left with those of the type", "left otherwise", "otherwise")
-        title = f"Models of the type: taken by {taken} of {len(decided)} axes"
+        title = f"Models of the type: taken by {taken} of {counted(len(decided), 'axis', 'axes')}"
         return [PageSection(title, f"{SHARING} Root mean squares in deg.", PageTable(columns, rows))]
 
     def _spread(self) -> list[PageSection]:

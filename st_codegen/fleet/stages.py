@@ -81,7 +81,7 @@ class AxisResult:
             stage, text = next(iter(self.errors.items()))
             return f"{stage} failed: {text}"
         before = "" if self.done_now else " (done before)"
-        return f"{self.facts[CHECK]['how']}, {self.facts[RECONCILE]['verdict']}{before}"
+        return f"{self.facts[CHECK]['how']}, {self.facts[RECONCILE]['verdict'].replace('_', ' ')}{before}"
 
 
 def do_axis(job: tuple[FleetAxis, Path]) -> AxisResult:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from st_codegen.errors import InputError
+from st_codegen.errors import InputError, counted
 from st_codegen.ir.base import ColumnFunction, Function, Operation, Operator
 from st_codegen.ir.cells import Rank
 from st_codegen.ir.decisions import ArgMax, Classes, Exceeds, OutputKind
@@ -124,7 +124,9 @@ class ModelIR:
             object.__setattr__(self, "magnitude_limits", (None,) * len(self.features))
         for limits in (self.magnitude_limits, self.accepted or self.features):
             if len(limits) != len(self.features):
-                raise InputError(f"model '{self.name}': {len(limits)} limits, {len(self.features)} features")
+                raise InputError(
+                    f"model '{self.name}': {counted(len(limits), 'limit')}, {counted(len(self.features), 'feature')}"
+                )
         if not self.ops:
             raise InputError(f"model '{self.name}' computes nothing")
         for number, op in enumerate(self.ops):
@@ -132,9 +134,13 @@ class ModelIR:
                 raise InputError(f"model '{self.name}', operation {number}: reads a value that is not yet computed")
             self._check_operands(number, op)
         if self.ops[-1].width != len(self.outputs):
-            raise InputError(f"model '{self.name}': {len(self.outputs)} outputs named, {self.ops[-1].width} computed")
+            raise InputError(
+                f"model '{self.name}': {counted(len(self.outputs), 'output')} named, {self.ops[-1].width} computed"
+            )
         if self.kinds and len(self.kinds) != len(self.outputs):
-            raise InputError(f"model '{self.name}': {len(self.kinds)} kinds of {len(self.outputs)} outputs")
+            raise InputError(
+                f"model '{self.name}': {counted(len(self.kinds), 'kind')} of {counted(len(self.outputs), 'output')}"
+            )
 
     def _check_ports(self) -> None:
         """Raises InputError where what is said of the block's outputs does not fit the model."""
@@ -143,7 +149,7 @@ class ModelIR:
         where, given, there = f"model '{self.name}'", len(self.ports), len(self.outputs)
         if given > there or (given < there and not self.kinds):
             kinds = f" ({', '.join(self.kinds)}); --outputs or gives adds others" if self.kinds else ""
-            raise InputError(f"{where}: {given} outputs described, it has {there}{kinds}")
+            raise InputError(f"{where}: {counted(given, 'output')} described, it has {there}{kinds}")
         if self.classes is not None and any(port.lower is not None for port in self.ports):
             raise InputError(f"{where}: the outputs of a classifier have no min and max")
         for number, variable in enumerate(self.variables):
@@ -162,7 +168,9 @@ class ModelIR:
         where = f"model '{self.name}', operation {number} ({type(op).__name__})"
         widths = [self.value_width(value) for value in op.inputs]
         if op.operand_width is not None and any(width != op.operand_width for width in widths):
-            raise InputError(f"{where}: expects {op.operand_width} columns, gets {' and '.join(map(str, widths))}")
+            raise InputError(
+                f"{where}: expects {counted(op.operand_width, 'column')}, gets {' and '.join(map(str, widths))}"
+            )
         try:
             op.check_operands(sum(widths))
         except InputError as error:

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from st_codegen.errors import MissingExtraError
+from st_codegen.live.controller import SOFT_PLC
 from st_codegen.live.plc import Log, PlcState, SoftPlc
 from st_codegen.live.symbols import WireVariable, type_name
 from st_codegen.st.types import ArrayType, Elementary, EnumType, Kind, Type
@@ -184,7 +185,7 @@ class _Client:
 
     def device_info(self, _: bytes) -> bytes:
         """Version and name of the runtime."""
-        return struct.pack("<BBH16s", 3, 1, 0, b"st-codegen serve")
+        return struct.pack("<BBH16s", 3, 1, 0, SOFT_PLC.encode())
 
     def state(self, _: bytes) -> bytes:
         """What the controller does."""

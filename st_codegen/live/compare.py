@@ -81,8 +81,7 @@ def compared_project(folder: Path, bundle: Bundle, block: str | None) -> Compare
     changed = [ir.name for ir in bundle.irs if models.get(ir.name, {}).get("digest") != ir.source.digest]
     if changed:
         raise GeneratedCodeError(
-            f"{folder}: generated from other models than these ({', '.join(changed)} differ): generate and download "
-            "again"
+            f"{folder}: generated from other models than these ({', '.join(changed)}): generate and download again"
         )
     blocks = facts["blocks"]
     if block is not None:
@@ -235,6 +234,7 @@ def compare(
         live = LiveCode(controller, project, progress)
         report = LiveReport(controller.address, live.check(), f"{project.fingerprint:016x}", str(folder))
         report.at = datetime.now(UTC).isoformat(timespec="seconds")
+        report.device = controller.device
         for name in project.blocks:
             own = [model for model in models if project.models[model.ir.name]["block"] == name]
             if not own:

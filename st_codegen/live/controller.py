@@ -33,6 +33,8 @@ from st_codegen.live.failures import (
 
 #: The state of a controller whose server does not tell it.
 UNKNOWN = "UNKNOWN"
+#: What `serve` calls itself.
+SOFT_PLC = "st-codegen serve"
 #: Seconds in which a controller must answer.
 TIMEOUT_S = 5.0
 _ADS_TCP_PORT = 48898
@@ -55,6 +57,8 @@ class Controller(AbstractContextManager["Controller"], Protocol):
 
     #: For messages and records.
     address: str
+    #: What it calls itself; empty where it does not say.
+    device: str = ""
     #: Longest that an answer may take, s.
     timeout_s: float
 
@@ -96,6 +100,8 @@ class AdsController(Controller):
         with self._explained(""):
             self._connection.open()
             self._connection.set_timeout(round(timeout_s * 1000))
+        with contextlib.suppress(self._pyads.ADSError):
+            self.device = str(self._connection.read_device_info()[0]).strip()
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from st_codegen.live.controller import UNKNOWN
+from st_codegen.errors import counted
+from st_codegen.live.controller import SOFT_PLC, UNKNOWN
 from st_codegen.proof.verify import ModelReport, guesses
 from st_codegen.report import PageSection, PageTable
 
@@ -60,6 +61,8 @@ class LiveReport:
     seconds: float = 0.0
     sent: int = 0
     at: str = ""
+    #: what the controller calls itself, where it says
+    device: str = ""
     #: other bits than those of the text run here are a failure even where functions such as EXP leave them open
     same_bits: bool = False
     #: rows of each failure, by model
@@ -94,11 +97,13 @@ class LiveReport:
         for name, (rows, tried, constants) in self.rows.items():
             if constants:
                 share = f"all {constants:,}" if tried == constants else f"{tried:,} of {constants:,}"
-                lines.append(f"{name}: {rows:,} rows, with rows aimed at {share} leaves and splits")
+                lines.append(f"{name}: {counted(rows, 'row')}, with rows aimed at {share} leaves and splits")
             else:
-                lines.append(f"{name}: {rows:,} rows")
+                lines.append(f"{name}: {counted(rows, 'row')}")
         lines += [remark for model in self.models for remark in model.remarks]
         lines += filter(None, [guesses(self.models)])
+        if self.device == SOFT_PLC:
+            lines.append(f"{SOFT_PLC} is a soft PLC: no controller was compared, and the times are those of a computer")
         if self.state == UNKNOWN:
             lines.append(f"{self.address} does not say whether the PLC is in RUN: it answered")
         if not self.same_bits:
@@ -106,7 +111,7 @@ class LiveReport:
         for name, found in self.times.items():
             most = f"99 % of {found.calls:,} at most {found.high_us:.1f} us"
             lines.append(f"{name}: median {found.median_us:.1f} us a call, {most}")
-        lines.append(f"{self.sent:,} rows in {self.seconds:.1f} s: {self.rows_a_second:,.0f} rows a second")
+        lines.append(f"{counted(self.sent, 'row')} in {self.seconds:.1f} s: {self.rows_a_second:,.0f} rows a second")
         return lines
 
 
@@ -117,6 +122,7 @@ def record_of(report: LiveReport) -> dict[str, Any]:
         "controller": report.address,
         "state": report.state,
         "at": report.at,
+        "device": report.device,
         "generated": report.generated,
         "fingerprint": report.fingerprint,
         "rows_a_second": round(report.rows_a_second, 1),
@@ -142,8 +148,8 @@ def record_sections(report: LiveReport) -> tuple[str, list[PageSection]]:
     wrong = list(dict.fromkeys(name for name, _ in report.failures()))
     verdict = f"FAILED: {', '.join(wrong)}" if wrong else "All agree"
     summary = (
-        f"{verdict}: library and controller on a sample of {report.sent:,} rows, {report.at}, {report.address}, "
-        f"project {report.fingerprint}."
+        f"{verdict}: library and controller on a sample of {report.sent:,} rows, {report.at}, {report.address}"
+        f"{f' ({report.device})' if report.device else ''}, project {report.fingerprint}."
     )
     rows = [(m.name, m.n, m.max_abs_err, m.bound, m.max_ulp, m.verdict) for m in report.models]
     strong = {(row, 5) for row, model in enumerate(report.models) if model.name in wrong}

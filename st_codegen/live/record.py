@@ -20,7 +20,7 @@ import numpy as np
 from st_codegen.campaign.conditions import CONDITION_COLUMNS, OperatingPoint
 from st_codegen.campaign.curves import CONDITIONS_FILE, Curve, Run, run_paths, write_run
 from st_codegen.emit.output import COMPARISON, read_manifest
-from st_codegen.errors import GeneratedCodeError, InputError, Problems
+from st_codegen.errors import GeneratedCodeError, InputError, Problems, counted
 from st_codegen.files.csv_tables import csv_text
 from st_codegen.files.text import make_folder, write_text
 from st_codegen.ir import AnyArray, BoolArray, FloatArray
@@ -173,8 +173,9 @@ def _check_samples(project: RecordedProject, runs: Sequence[PlannedRun], recordi
         most = int(60.0 * project.ratio / speed / _CYCLE_S)
         if most < recording.samples:
             problems.add(
-                f"{speed:g} rpm: a revolution has {most} samples at most, one each cycle of {_CYCLE_S * 1e6:g} us, and "
-                f"{recording.samples} are wanted: ask for fewer (--samples), or measure slower"
+                f"{speed:g} rpm: a revolution has {most:,} samples at most, one each cycle of "
+                f"{_CYCLE_S * 1e6:g} us, and "
+                f"{recording.samples:,} are wanted: ask for fewer (--samples), or measure slower"
             )
     problems.raise_if_any()
 
@@ -345,7 +346,8 @@ class MeasuringClient:
         (now,) = self._numbers("nSamples")
         if now - first > SAMPLES:
             raise MeasurementError(
-                f"{now - first - SAMPLES} samples were overwritten before they were read: ask for fewer a revolution"
+                f"{counted(now - first - SAMPLES, 'sample')} overwritten before they were read: ask for fewer a "
+                "revolution"
             )
         places = np.arange(first, end) % SAMPLES
         return [array[places] for array in arrays]

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.emit.literals import identifier
+from st_codegen.emit.literals import capitalised, identifier
 from st_codegen.entries import Entries
-from st_codegen.errors import InputError, Problems, with_subject
+from st_codegen.errors import InputError, Problems, counted, with_subject
 from st_codegen.files.html_text import html_table
 from st_codegen.ir import FloatArray, ModelIR, OutputKind, digest
 from st_codegen.passes.domain import limit_inputs
@@ -50,7 +50,7 @@ class Bundle:
             (m.name, m.source.model_class, ", ".join(f.name for f in m.features), str(len(m.outputs)), m.source.file)
             for m in self.irs
         ]
-        return html_table(f"{len(rows)} models", ("model", "class", "features", "outputs", "file"), rows)
+        return html_table(counted(len(rows), "model"), ("model", "class", "features", "outputs", "file"), rows)
 
 
 @dataclass(frozen=True)
@@ -228,8 +228,8 @@ def check_names(names: Mapping[str, str], problems: Problems) -> None:
             other = taken.setdefault(text.lower(), file)
             if other != file:
                 raise InputError(
-                    f"two models would be called FB_{text}: {other} and {file}; rename one of the files, or give it a "
-                    f"name in {CONFIGURATION_FILE}"
+                    f"two models would be called FB_{capitalised(text)}: {other} and {file}; rename one of the files, "
+                    f"or give it a name in {CONFIGURATION_FILE}"
                 )
 
 

@@ -57,23 +57,29 @@ def initial_configuration(
         if found:
             models[name] = found["m"].ir
         else:
-            line = str(problems.errors[0]).splitlines()[0]
-            reasons[name] = "".join(c if " " <= c <= "~" else "?" for c in line)  # it becomes a comment of the file
+            reasons[name] = _reason(str(problems.errors[0]), name)
     if not models:
         why = "".join(f"\n  - {name}: {reason}" for name, reason in reasons.items())
         raise InputError(f"{folder}: no model files; supported are {known_formats()}{why}")
     if training_data is not None:
         _check_trained_with(training_data, models)
     project = _plain(folder.resolve().name, "") or "Models"
-    lines = [_HEAD, "[project]", f"name = {toml_value(project)}", "leave_out = ["]
-    lines += [f"    {toml_value(name)},  # {reason}" for name, reason in reasons.items()]
-    lines += ["]", "", "[build]", 'target = ["twincat"]', 'out = "generated"']
+    lines = [_HEAD, "[project]", f"name = {toml_value(project)}"]
+    if reasons:
+        lines += ["leave_out = [", *(f"    {toml_value(name)},  # {reason}" for name, reason in reasons.items()), "]"]
+    lines += ["", "[build]", 'target = ["twincat"]', 'out = "generated"']
     for feature in _features(models):
         lines += ["", *_input(feature, training_data)]
     for file, name in _names(models).items():
         lines += ["", *_model(file, name, models[file])]
         lines += [f"training_sha256 = {toml_value(training_sha256)}"] if training_sha256 else []
     return "\n".join(lines) + "\n"
+
+
+def _reason(message: str, name: str) -> str:
+    """Why a file is left out, as a comment beside its name: without the name and the advice to leave it out."""
+    line = message.splitlines()[0].removeprefix(f"{name}: ").partition("; if it is no model, name it in leave_out")[0]
+    return "".join(c if " " <= c <= "~" else "?" for c in line)
 
 
 def _check_trained_with(table: Mapping[str, FloatArray], models: Mapping[str, ModelIR]) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 from st_codegen.cost.profile import Profile
 from st_codegen.cost.report import project_cost
 from st_codegen.emit.output import Manifest, content_of, read_manifest
-from st_codegen.errors import GeneratedCodeError
+from st_codegen.errors import GeneratedCodeError, counted
 from st_codegen.ir import FloatArray
 from st_codegen.processes import Progress
 from st_codegen.proof.probes import RangeSource
@@ -114,7 +114,7 @@ class ModelChange:
     def points(self) -> str:
         """The points at which outputs were compared, in words."""
         if self.answered == self.rows:
-            return f"{self.rows:,} points"
+            return counted(self.rows, "point")
         return f"the {self.answered:,} of {self.rows:,} points that both texts answer"
 
     @property

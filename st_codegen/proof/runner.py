@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from st_codegen.cost.report import table_bytes
-from st_codegen.emit.output import MANIFEST
+from st_codegen.emit.output import MANIFEST, changed_since
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.ir import BoolArray, FloatArray
@@ -64,6 +64,16 @@ def target_folders(generated: Path) -> list[Path]:
         made = f"st-codegen generate MODELS --out {shlex.quote(str(generated))}"
         raise GeneratedCodeError(f"{generated}: no generated files; run {made}")
     return folders
+
+
+def changes_by_hand(generated: Path) -> list[str]:
+    """For each generated folder with files that are not as they were written, a sentence that names them."""
+    changed = {folder.name: changed_since(folder) for folder in target_folders(generated)}
+    return [
+        f"{target}: not as generated: {', '.join(names)}; what is said here is of the text as it is now"
+        for target, names in changed.items()
+        if names
+    ]
 
 
 @dataclass(frozen=True)

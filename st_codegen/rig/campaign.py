@@ -13,7 +13,7 @@ import numpy as np
 
 from st_codegen.campaign.conditions import CONDITION_COLUMNS, Conditions, OperatingPoint
 from st_codegen.campaign.curves import CONDITIONS_FILE, Curve, Run, conditions_from_name, run_paths, write_run
-from st_codegen.errors import InputError, Problems
+from st_codegen.errors import InputError, Problems, counted
 from st_codegen.files.csv_tables import RowError, read_csv
 from st_codegen.files.folders import check_replaceable, replace_folder
 from st_codegen.files.temporary import temporary_folder
@@ -112,7 +112,7 @@ def simulate_campaign(
         raise InputError(f"{folder} exists and is not empty; name a new folder, or remove this one")
     if measuring.samples is not None and measuring.samples <= max(_LEAST_SAMPLES, 2 * max(rig.orders())):
         least = max(_LEAST_SAMPLES, 2 * max(rig.orders())) + 1
-        raise InputError(f"{measuring.samples} samples a revolution are too few: this rig needs {least}")
+        raise InputError(f"{counted(measuring.samples, 'sample')} a revolution: this rig needs {least} or more")
     paths = run_paths(conditions)
     folder = Path(os.path.realpath(folder))
     make_folder(folder.parent)

@@ -39,8 +39,9 @@ class _Flank:
             first = next(point for point in itertools.product(*map(range, sizes)) if point not in there)
             speed, torque, temperature = (level[index] for level, index in zip(levels, first, strict=True))
             raise InputError(
-                f"{missing} of {math.prod(sizes)} points of the grid of speeds, torques and temperatures are missing, "
-                f"the first of them {speed:g} rpm, {torque:g} N m, {temperature:g} degC; measure them, or leave their "
+                f"the grid of speeds, torques and temperatures lacks {missing} of its {math.prod(sizes)} points, the "
+                "first "
+                f"of them {speed:g} rpm, {torque:g} N m, {temperature:g} degC; measure them, or leave their "
                 "levels out"
             )
         runs = np.zeros(sizes, np.int64)

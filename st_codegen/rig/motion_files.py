@@ -158,7 +158,8 @@ def html(study: MotionStudy) -> str:
         PageSection("Profile", table=_facts(study), figures=[_profile_picture(study)]),
         PageSection("Timing", _TIMING, _timing(study)),
     ]
-    return page(f"Motion {profile.name} with the generated compensator", sections)
+    summary = "A simulation, with the generated text in its loop: no motion was measured on a machine."
+    return page(f"Motion {profile.name} with the generated compensator", sections, summary=summary)
 
 
 _TIMING = (

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from st_codegen.errors import InputError, Problems
+from st_codegen.errors import InputError, Problems, counted
 from st_codegen.files.csv_tables import read_csv
 from st_codegen.ir.arrays import FloatArray
 
@@ -158,7 +158,7 @@ _FASTEST_RPM, _LARGEST_NM = 1000.0, 1e6
 
 def _check(time: FloatArray, angle: FloatArray, torque: FloatArray, problems: Problems) -> None:
     if len(time) < 4:
-        raise InputError(f"{problems.subject}: {len(time)} rows; a profile has at least 4")
+        raise InputError(f"{problems.subject}: {counted(len(time), 'row')}; a profile has at least 4")
     step = np.diff(time)
     if (step <= 0.0).any():
         row = int(np.argmax(step <= 0.0)) + 3

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from st_codegen.errors import InputError, Problems
+from st_codegen.errors import InputError, Problems, counted
 from st_codegen.ir import Feature, FloatArray, ModelIR, Select
 from st_codegen.passes.domain import limit_inputs
 from st_codegen.passes.inexact import without_inexact_steps
@@ -99,7 +99,8 @@ def _feature_order(model: ModelIR, features: tuple[Feature, ...]) -> list[int]:
     names, given = [f.name for f in model.features], [f.name for f in features]
     if len(names) != len(given):
         raise InputError(
-            f"model '{model.name}' takes {len(names)} features ({', '.join(names)}), the bundle has {len(given)} "
+            f"model '{model.name}' takes {counted(len(names), 'feature')} ({', '.join(names)}), the bundle has "
+            f"{len(given)} "
             f"({', '.join(given)})"
         )
     if set(names) == set(given):

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 
-from st_codegen.errors import InputError
+from st_codegen.errors import InputError, counted
 from st_codegen.ir import Feature
 
 
@@ -106,7 +106,7 @@ class TransmissionError:
         if not (math.isfinite(self.reduction_ratio) and self.reduction_ratio > 0):
             raise InputError(f"reduction ratio {self.reduction_ratio}: give a positive number")
         if not 0 <= self.speed_feature < len(self.features):
-            raise InputError(f"speed feature {self.speed_feature}: there are {len(self.features)} features")
+            raise InputError(f"speed feature {self.speed_feature}: there are {counted(len(self.features), 'feature')}")
         if self.play and not (0 in self.orders and len(self.directions) == 2):
             raise InputError("a play needs the mean, order 0, of both directions")
         spread = sorted(name for names in self.cycles for name in names)

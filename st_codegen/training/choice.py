@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from st_codegen.errors import InputError
+from st_codegen.errors import InputError, counted
 from st_codegen.training.study import Solution, Study
 
 
@@ -41,7 +41,7 @@ def choose(study: Study, *, limit_us: float = math.inf) -> Choice:
     cheapest = sum(choices[-1].cost_us for choices in options)
     if cheapest > limit_us:
         raise InputError(
-            f"the cheapest models of the {len(orders)} orders take {cheapest:.1f} us in the worst case, and "
+            f"the cheapest models of the {counted(len(orders), 'order')} take {cheapest:.1f} us in the worst case, and "
             f"{limit_us:.1f} us are allowed: model fewer orders, try cheaper families (DT, ET, MLP), or allow more"
         )
     taken = [0] * len(orders)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from st_codegen.campaign.harmonic_table import HarmonicTable
-from st_codegen.errors import InputError, Problems
+from st_codegen.errors import InputError, Problems, counted
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.processes import Progress
 from st_codegen.te.bundle_file import LARGEST_PLAY
@@ -95,7 +95,8 @@ def check_learnable(table: HarmonicTable) -> None:
     for direction in table.directions():
         if (points := operating_points(table.direction(direction))) < LEAST_POINTS:
             problems.add(
-                f"{points} operating points in one direction, {direction}: at least {LEAST_POINTS} are needed to learn "
+                f"{counted(points, 'operating point')} in one direction, {direction}: at least {LEAST_POINTS} are "
+                "needed to learn "
                 "from"
             )
     columns = {"speed_rpm": table.speed_rpm, "torque_Nm": table.torque_Nm, "temperature_C": table.temperature_C}

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from st_codegen.campaign.harmonic_table import HarmonicTable
-from st_codegen.errors import InputError
+from st_codegen.errors import InputError, counted
 from st_codegen.ir.arrays import ComplexArray
 from st_codegen.processes import Progress
 from st_codegen.training.errors import Errors, errors_of
@@ -141,7 +141,8 @@ def study(
     """
     if (points := operating_points(learn)) < _LEAST_POINTS:
         raise InputError(
-            f"{points} operating points are left to learn from, and at least {_LEAST_POINTS} are needed: keep fewer "
+            f"{counted(points, 'operating point')} left to learn from, and at least {_LEAST_POINTS} are needed: keep "
+            "fewer "
             "for testing, or measure more"
         )
     groups, tasks = tasks_of(learn, test, settings, learn.orders)

@@ -144,7 +144,7 @@ def test_a_curve_needs_350_deg_of_a_turn(step_deg, is_whole, tmp_path):
 
 def test_not_text(tmp_path):
     (tmp_path / "bad.csv").write_bytes(b"\x00\xff\xfe" * 1000)
-    with pytest.raises(BadFileError, match="not readable as text"):
+    with pytest.raises(BadFileError, match="the text is not UTF-8"):
         read_run(tmp_path / "bad.csv", CONDITIONS)
 
 

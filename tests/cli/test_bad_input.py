@@ -193,7 +193,10 @@ CASES = {
     "calibrate into a folder": (lambda p: p.calibrate(out="models"), "is a directory"),
     "conditions in Latin-1": (lambda p: p.campaign(CONDITIONS.encode() + b"\xe4"), "save it as UTF-8"),
     "conditions with a long field": (lambda p: p.campaign(CONDITIONS + LONG), "field larger"),
-    "conditions without a column": (lambda p: p.campaign("speed_rpm\n1\n"), "'torque_Nm' is missing"),
+    "conditions without a column": (
+        lambda p: p.campaign("speed_rpm\n1\n"),
+        "the columns 'torque_Nm', 'temperature_C' are missing",
+    ),
     "conditions at standstill": (lambda p: p.campaign(CONDITIONS + "0,1,2\n"), "speed_rpm: 0 is not positive"),
     "noise that is no number": (lambda p: p.campaign(CONDITIONS, "--noise", "nan"), "'nan' is not finite"),
     "a campaign below a file": (lambda p: [*p.campaign(), "--out", p.file("f", "") / "out"], "is a file; a folder"),

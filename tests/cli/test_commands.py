@@ -151,7 +151,7 @@ def test_a_difference_of_any_target_is_one(lone_folder, tmp_path, capsys):
     page = tmp_path / "page.html"
     assert run("diff", tmp_path / "a", tmp_path / "b", "--html", page) == 1
     assert capsys.readouterr().out == "files: 1 changed\n"
-    assert "0 of 1 models changed in the target iec." in page.read_text(encoding="utf-8")
+    assert "0 of 1 model changed in the target iec." in page.read_text(encoding="utf-8")
     assert "twincat/POUs/FB_Te.TcPOU" in page.read_text(encoding="utf-8")
     assert run("diff", tmp_path / "a" / "iec", tmp_path / "b" / "iec", "-q") == 0
     shutil.rmtree(tmp_path / "b" / "twincat")
@@ -303,3 +303,40 @@ def test_the_files_that_were_written_are_counted_with_the_list_of_them(lone_fold
 def test_the_help_has_every_layout():
     (option,) = [o for o in generate_command.params if o.name == "layout"]
     assert [name for name in LAYOUTS if f" {name}," not in option.help.replace("auto, and", "auto,")] == []
+
+
+def test_what_is_no_longer_generated_is_said_to_be_removed(lone_folder, lightgbm_text, tmp_path, capsys):
+    (lone_folder / "other.txt").write_text(lightgbm_text)
+    assert run(lone_folder, "--out", tmp_path, "--target", "iec") == 0
+    assert "removed" not in capsys.readouterr().err
+    (lone_folder / "other.txt").unlink()
+    assert run(lone_folder, "--out", tmp_path, "--target", "iec") == 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert "removed, since no longer generated: 1 file: FB_Other.st" in said
+
+
+def test_numbers_that_are_not_compared_are_said_to_be_so(lone_folder, tmp_path, capsys):
+    """A model of other inputs has no rows in common with the old one: without a word it looked as if nothing moved."""
+    lightgbm = pytest.importorskip("lightgbm")
+    assert run(lone_folder, "--out", tmp_path / "old", "--target", "iec", "-q") == 0
+    x = np.random.default_rng(0).uniform(size=(100, 2))
+    booster = lightgbm.train({"verbose": -1, "num_threads": 1}, lightgbm.Dataset(x, x.sum(axis=1)), 3)
+    booster.save_model(lone_folder / "te.txt")
+    assert run(lone_folder, "--out", tmp_path / "new", "--target", "iec", "-q") == 0
+    capsys.readouterr()
+    assert run("diff", tmp_path / "old", tmp_path / "new") == 1
+    shown = capsys.readouterr().out
+    assert "te: not as many inputs or outputs as before: its numbers were not compared" in shown
+    assert "[]" not in shown
+
+
+@pytest.mark.parametrize("command", ["verify", "prove"])
+def test_text_that_was_changed_by_hand_is_said_to_be_so(lone_folder, tmp_path, capsys, command):
+    assert run(lone_folder, "--out", tmp_path, "--target", "iec", "-q") == 0
+    assert run(command, lone_folder, "--generated", tmp_path) == 0
+    assert "not as generated" not in capsys.readouterr().err
+    block = tmp_path / "iec" / "FB_Te.st"
+    block.write_text(block.read_text(encoding="utf-8").replace("bValid : BOOL;", "bValid : BOOL; (* mine *)"), "utf-8")
+    assert run(command, lone_folder, "--generated", tmp_path) == 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert "iec: not as generated: FB_Te.st; what is said here is of the text as it is now" in said

@@ -17,7 +17,7 @@ FILES = {
     "garbage in .xml": ({"m.xml": "<a/>"}, "m.xml: "),
     "a model that is cut": ({"m.txt": "$HALF"}, "m.txt: the file ends inside tree"),
     "a pickle": ({"m.pkl": "x"}, "m.pkl: loading a pickle can run any code that its author put into it"),
-    "two files of one stem": ({"te.json": "{}"}, "two models would be called FB_te: te.json and te.txt; rename one"),
+    "two files of one stem": ({"te.json": "{}"}, "two models would be called FB_Te: te.json and te.txt; rename one"),
     "a name with umlauts": ({"kühl.txt": "$MODEL"}, "kühl.txt: model name 'kühl' contains 'ü'"),
     "a reserved word, which FB_Log is not": ({"log.txt": "$MODEL"}, None),
     "features of one name": (
@@ -40,7 +40,10 @@ FILES = {
         {"st-codegen.toml": '[project]\nreal = "REAL"\n'},
         "real stands in [build]",
     ),
-    "30 files that are no models": ({f"n{n}.txt": "hello" for n in range(30)}, "and 29 more that differ in names"),
+    "30 files that are no models": (
+        {f"n{n}.txt": "hello" for n in range(30)},
+        "n14.txt, n15.txt and 22 more: not a LightGBM text model",
+    ),
 }
 #: Arguments behind the folder of a good model, and what the message says of them.
 OPTIONS = {
@@ -61,7 +64,7 @@ OPTIONS = {
 TABLES = {
     "a word": ("speed_rpm;torque_Nm;temperature_C\n300,5;4,x;1\n", "line 2: torque_Nm: '4,x' is not a number"),
     "a column that is missing": ("speed_rpm,torqe,temperature_C\n1,2,3\n", "no column torque_Nm; the header has"),
-    "a short line": ("speed_rpm,torque_Nm,temperature_C\n300\n", "line 2: 1 values, the header has 3"),
+    "a short line": ("speed_rpm,torque_Nm,temperature_C\n300\n", "line 2: 1 value, the header has 3"),
     "nothing": ("", ""),
 }
 

@@ -71,6 +71,7 @@ def test_all_layouts_give_the_same_numbers(tmp_path, text):
         ("", "the file is empty"),
         ("\n \n", "the file is empty"),
         ("a,c\n1,2\n", "the column 'b' is missing; the table needs a,b"),
+        ("c,d\n1,2\n", "the columns 'a', 'b' are missing; the table needs a,b"),
         ("a,b,a\n", "the column 'a' is there twice"),
         ("a,b\n" + "x" * 140_000 + ",1\n", "line 2: not readable as a table (field larger"),
         ('a,b\n"1,2\n3,4\n' + "x" * 140_000, "not readable as a table (field larger"),
@@ -92,7 +93,7 @@ def test_all_bad_cells_are_in_one_message_and_long_ones_are_cut(tmp_path):
     for part in (
         "6 problems",
         "line 2: b: 'x' is not a number",
-        "line 3: 1 values, the header has 2",
+        "line 3: 1 value, the header has 2",
         "line 4: a: 'yyy",
         "line 4: b: 'nan' is not finite",
         "line 5: b: 'inf' is not finite",

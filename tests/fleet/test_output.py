@@ -62,6 +62,11 @@ def test_in_short(report):
     )
 
 
+def test_a_fleet_of_which_nothing_was_checked_does_not_sound_as_if_all_had_passed():
+    axes = [FleetAxis("r9", "small", Path("c"), (), Path("rig.toml"), AxisOptions())]
+    assert FleetReport.of(axes, {"r9": result(9)}).summary().startswith("1 axis; failed: 1 (r9); no text was checked.")
+
+
 def test_the_files(report, tmp_path):
     report.write(tmp_path)
     facts = json.loads((tmp_path / "fleet.json").read_text())

@@ -48,7 +48,7 @@ def test_compare_against_serve_and_serve_stops_cleanly(lone, process, tmp_path, 
     )
     shown = capsys.readouterr().err
     assert code == 0, shown
-    assert "library = controller" in shown
+    assert "library and controller compared" in shown
     measured = read_measurements(tmp_path / "times.csv") if "FB_Te,warm" in (tmp_path / "times.csv").read_text() else ()
     if measured:  # else the clock is too slow for it
         assert load_profile(tmp_path / "mine.toml").name == "mine"
@@ -58,7 +58,9 @@ def test_compare_against_serve_and_serve_stops_cleanly(lone, process, tmp_path, 
         assert "mine.toml is not written: all calls were quicker" in " ".join(shown.split())
     record = json.loads((tmp_path / "record.json").read_text())
     assert (record["passed"], record["models"]["te"]["exact"], record["state"]) == (True, True, "RUN")
-    assert "All agree" in (tmp_path / "record.html").read_text(encoding="utf-8")
+    assert record["device"] == "st-codegen serve"
+    page = (tmp_path / "record.html").read_text(encoding="utf-8")
+    assert "All agree" in page and "is a soft PLC: no controller was compared" in page
     assert (tmp_path / "times.csv").read_text().startswith("block,caches,us\n")
     started.send_signal(signal.SIGTERM)
     assert started.wait(600) == 0

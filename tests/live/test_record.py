@@ -347,7 +347,7 @@ def test_a_stop_by_the_operator_brings_the_axis_to_rest_first(plc, bundle, tmp_p
 
 def test_samples_that_a_revolution_does_not_have_are_refused(tmp_path):
     project = RecordedProject(81.0, 1)
-    with pytest.raises(InputError, match=r"1800 rpm: a revolution has 5400 samples at most, .*10000 are wanted"):
+    with pytest.raises(InputError, match=r"1800 rpm: a revolution has 5,400 samples at most, .*10,000 are wanted"):
         record(None, project, planned([POINT]), tmp_path / "c", RecordSettings(10_000))
     assert not (tmp_path / "c").exists()
 

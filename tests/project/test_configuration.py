@@ -230,7 +230,7 @@ def test_reserved_words_are_refused_only_as_whole_names(lone_folder, tmp_path):
 
 def test_two_files_of_one_name_are_told_with_their_suffixes(lone_folder):
     (lone_folder / "te.json").write_text("{}")
-    with pytest.raises(InputError, match=r"called FB_te: te\.json and te\.txt; rename one"):
+    with pytest.raises(InputError, match=r"called FB_Te: te\.json and te\.txt; rename one"):
         load(lone_folder)
 
 
@@ -578,3 +578,17 @@ def test_wrong_names_of_a_classifiers_outputs_are_refused(classifier, old, new, 
     path.write_text(NAMED.replace(old, new))
     with pytest.raises(InputError, match=message):
         load(classifier)
+
+
+def test_what_init_leaves_out_has_its_reason_once_and_is_said(lone_folder, capsys):
+    (lone_folder / "notes.txt").write_text("hello")
+    assert run("init", lone_folder) == 0
+    text = (lone_folder / "st-codegen.toml").read_text()
+    assert "    \"notes.txt\",  # not a LightGBM text model: the first line is not 'tree'\n" in text
+    said = " ".join(capsys.readouterr().err.split())
+    assert said.startswith("left out, with the reason beside each in ") and "st-codegen.toml: notes.txt " in said
+
+
+def test_init_writes_no_empty_list(lone_folder):
+    assert run("init", lone_folder) == 0
+    assert "leave_out" not in (lone_folder / "st-codegen.toml").read_text()

@@ -135,7 +135,7 @@ def test_a_label_of_no_machine_is_refused(tmp_path, rig, column, value, said):
     cells[column] = value
     lines[3] = ",".join(cells)
     path.write_text("\n".join(lines))
-    refused(tmp_path, path, "1 curves have", said)
+    refused(tmp_path, path, "1 curve with", said)
 
 
 def test_a_channel_that_is_dead_is_no_column_of_another_scale(tmp_path, rig):

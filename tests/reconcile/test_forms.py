@@ -393,7 +393,7 @@ def test_bad_files_are_left_out_when_asked_and_coarse_ones_hold_nobody_back(camp
     assert done.exit_code == 0, done.output
     said = json.loads((campaign / "out" / "report.json").read_text())
     looked = " ".join(said["not_looked_at"])
-    assert "was left out" in looked and "1 files with few samples" in looked
+    assert "was left out" in looked and "1 file with few samples" in looked
     # a quarter of 333 samples is 83: the rest of the campaign is still looked at up to 400
     assert "orders above 83 of 1 files" in looked and "orders above 400" in looked
     assert said["verdict"] == "nothing_missing", said["unexplained"]

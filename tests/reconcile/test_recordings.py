@@ -85,7 +85,7 @@ def test_all_problems_of_all_files_at_once(tmp_path):
         read_recordings([tmp_path / name for name in ("a.csv", "b.csv", "c.csv")])
     for text in (
         "torque_Nm, temperature_C are missing",
-        "50 samples are too few",
+        "50 samples only, at least",
         "does not rise from row 50",
         "c.csv",
     ):

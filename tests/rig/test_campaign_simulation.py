@@ -83,7 +83,7 @@ def test_repeated_runs_are_numbered(tmp_path):
 
 def test_refusals_leave_nothing_behind(tmp_path, capsys):
     rig = read_rig(RIG)
-    with pytest.raises(InputError, match="too few: this rig needs 487"):
+    with pytest.raises(InputError, match="486 samples a revolution: this rig needs 487 or more"):
         simulate_campaign(rig, [OperatingPoint(1000, 900, 30)], tmp_path / "out", Measuring(486))
     assert not (tmp_path / "out").exists()
     (tmp_path / "full").mkdir()

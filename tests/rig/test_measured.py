@@ -141,7 +141,7 @@ def test_a_simulated_campaign_measures_the_table(tmp_path):
         (
             "".join(f"{way},{point},25,0,1,0\n" for way in ("forward", "backward") for point in ("100,0", "200,10"))
             + "forward,100,10,25,0,1,0\n",
-            "forward, 1 of 4 points of the grid of speeds, torques and temperatures are missing, the first of them "
+            "forward, the grid of speeds, torques and temperatures lacks 1 of its 4 points, the first of them "
             "200 rpm, 0 N m, 25 degC; measure them, or leave their levels out",
         ),
         ("forward,100,0,25,0,x,0\n", "A1"),
@@ -172,5 +172,5 @@ def test_conditions_that_are_no_levels_make_no_grid_in_memory(tmp_path):
     count = 2000
     points = np.arange(count, dtype=np.float64)
     table = HarmonicTable(np.arange(count) % 2 == 1, points, points, points, (0,), np.zeros((count, 1)))
-    with pytest.raises(InputError, match=r"forward, 999999000 of 1000000000 points .* them 0 rpm, 0 N m, 2 degC"):
+    with pytest.raises(InputError, match=r"lacks 999999000 of its 1000000000 points, .* them 0 rpm, 0 N m, 2 degC"):
         rig_with(tmp_path, table)

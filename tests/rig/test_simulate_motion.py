@@ -181,7 +181,9 @@ def test_the_page_lists_the_tasks_that_moved_and_no_others(files, linear_folder,
     with pytest.raises(SystemExit) as caught:
         main([*arguments(files, linear_folder, **{"--out": tmp_path / "o"}), "--law", "full", "--tasks", "one", "-q"])
     assert caught.value.code == 0
-    timing = (tmp_path / "o" / "report.html").read_text(encoding="utf-8").split("<h2>Timing")[1]
+    page = (tmp_path / "o" / "report.html").read_text(encoding="utf-8")
+    assert "A simulation, with the generated text in its loop" in page
+    timing = page.split("<h2>Timing")[1]
     rows = re.findall(r"<tr><td>(\w+)</td>", timing)
     assert rows == ["one"]
 

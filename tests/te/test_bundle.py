@@ -308,7 +308,7 @@ def test_feature_names_that_only_partly_agree_are_refused(bundle_folder):
 
 def test_duplicate_names_are_named(lone_folder, lightgbm_text):
     (lone_folder / "TE.txt").write_text(lightgbm_text)
-    with pytest.raises(InputError, match=r"two models would be called FB_te: TE\.txt and te\.txt"):
+    with pytest.raises(InputError, match=r"two models would be called FB_Te: TE\.txt and te\.txt"):
         load(lone_folder)
 
 
@@ -384,3 +384,12 @@ def test_verification_says_which_file_and_output_serves_which_order(bundle_folde
     shown = capsys.readouterr().err
     assert "forward: order 0 amplitude a.txt; order 1 amplitude a.txt, phase b.txt\n" in shown
     assert "backward: order 0 amplitude b.txt; order 1 cosine a.txt, sine b.txt\n" in shown
+
+
+def test_a_list_of_one_table_is_one_problem(bundle_folder):
+    """What stands in it is read all the same: 25 further messages said that it is missing."""
+    path = bundle_folder / "bundle.toml"
+    path.write_text(path.read_text().replace("[bundle]", "[[bundle]]"))
+    with pytest.raises(InputError) as caught:
+        load(bundle_folder)
+    assert str(caught.value) == f"{path}: [[bundle]]: one table is wanted, not a list of tables; write [bundle]"

@@ -373,7 +373,7 @@ def test_more_folds_than_points_leave_each_point_out_once(table):
         searched = study(few, few, SearchSettings(FEW[1:2], folds=100), store, Backend(1))
     (outcome,) = searched.outcomes[0, Coordinates.POLAR][0]
     assert np.isfinite(outcome.folds).all()
-    with FitStore(None) as store, pytest.raises(InputError, match="9 operating points are left to learn from"):
+    with FitStore(None) as store, pytest.raises(InputError, match="9 operating points left to learn from"):
         study(table.rows(np.arange(9)), few, SETTINGS, store, Backend(1))
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from st_codegen import ir
 from st_codegen.emit.blocks.listing import ArrayElement, Group, Listing, suffixes
 from st_codegen.emit.literals import real
+from st_codegen.errors import counted
 from st_codegen.ir.base import COS_REACH
 
 _AnyOperation = TypeVar("_AnyOperation", bound=ir.Operation)
@@ -291,7 +292,7 @@ def lay_out_layer(op: ir.Linear, activation: ir.Activation, step: Step, listing:
 def _sums_of(weights: ir.FloatArray) -> str:
     """How many weighted sums of how many numbers."""
     sums, numbers = weights.shape
-    return f"{sums} weighted sum{'s' * (sums > 1)} of {numbers} number{'s' * (numbers > 1)}"
+    return f"{counted(sums, 'weighted sum')} of {counted(numbers, 'number')}"
 
 
 def layers_of(ops: Sequence[ir.Operation]) -> dict[int, tuple[ir.Linear, ir.Activation]]:
@@ -378,7 +379,7 @@ def _(op: ir.SlidingLinear, step: Step, listing: Listing) -> None:
     groups = [Group(f"row {row}", row * read, (row + 1) * read) for row in range(outputs)]
     in_order = np.array_equal(op.offsets, np.arange(read))
     listing.section(
-        f"{_sums_of(op.weights)} at {len(op.starts)} place{'s' * (len(op.starts) > 1)}",
+        f"{_sums_of(op.weights)} at {counted(len(op.starts), 'place')}",
         "sliding_linear",
         step=step,
         last_place=len(op.starts) - 1,

@@ -19,7 +19,7 @@ import numpy as np
 from st_codegen.emit.blocks.depth_classes import DepthClasses, Prices, depth_classes
 from st_codegen.emit.blocks.listing import Group, Listing, suffixes
 from st_codegen.emit.blocks.operations import Step
-from st_codegen.errors import TargetError
+from st_codegen.errors import TargetError, counted
 from st_codegen.ir import Aggregate, CutTrees, FloatArray, Int32Array, IntArray, Precision, TreeEnsemble, depth_of
 from st_codegen.ir.preorder import larger_first
 from st_codegen.ir.subtrees import distinct_families, distinct_rows, subtrees
@@ -85,7 +85,8 @@ def lay_out_ranked(op: TreeEnsemble, step: Step, listing: Listing) -> None:
     equal = op.equal if isinstance(op, CutTrees) else subtrees(op).number
     parts = _parts(cut, equal, cut.n_trees // op.n_trees, step, listing, keys)
     listing.section(
-        f"{op.n_trees:,} trees, {op.n_nodes:,} nodes, at most {comparisons} comparisons a tree",
+        f"{counted(op.n_trees, 'tree')}, {counted(op.n_nodes, 'node')}, at most {counted(comparisons, 'comparison')} "
+        "a tree",
         "ranked_trees",
         cells=cells,
         step=step,

@@ -19,6 +19,7 @@ import numpy as np
 
 from st_codegen.emit.blocks.listing import ArrayElement, BlockVariable, Listing, Table
 from st_codegen.emit.literals import real
+from st_codegen.errors import counted
 from st_codegen.ir import AnyArray, FloatArray
 
 #: Constants that a call looks at: some two thousand instructions.
@@ -92,7 +93,8 @@ def add_self_check(listing: Listing, results: Sequence[ArrayElement], row: Check
     calls = -(-(values["last"] + 1) // SLICE)
     first = "the first call computes a row whose answer is known, too" if row is not None else "no row is computed"
     return (
-        f"Self-check: CRC-32 of all {values['last'] + 1} constants in {calls} calls, {SLICE} in each; {first}. "
+        f"Self-check: CRC-32 of all {values['last'] + 1} constants in {counted(calls, 'call')}, {SLICE} in each; "
+        f"{first}. "
         "Once it finds damage, bValid stays FALSE."
     )
 

@@ -18,7 +18,7 @@ import numpy as np
 from st_codegen.emit.blocks.listing import Group, Listing, suffixes
 from st_codegen.emit.blocks.operations import Step, lay_out
 from st_codegen.emit.blocks.ranked_trees import lay_out_ranked, sum_values
-from st_codegen.errors import InputError
+from st_codegen.errors import InputError, counted
 from st_codegen.ir import (
     FLOAT32_OVERFLOW,
     BoolArray,
@@ -71,7 +71,9 @@ def _(op: TreeEnsemble, step: Step, listing: Listing) -> None:
     values["parts"] = _node_tables(op, step, listing, slots, runs, answers)
     values["comparison"] = op.comparison.value
     values |= sum_values(op, step, listing)
-    title = f"{op.n_trees:,} trees, {op.n_nodes:,} nodes, at most {values['depth']} comparisons a tree"
+    title = (
+        f"{counted(op.n_trees, 'tree')}, {counted(op.n_nodes, 'node')}, at most {values['depth']} comparisons a tree"
+    )
     listing.section(title, "trees", **values)
 
 

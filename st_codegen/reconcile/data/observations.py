@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.campaign.harmonic_table import HarmonicTable
+from st_codegen.errors import counted
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.hum import Hum
 from st_codegen.reconcile.settings import SETTINGS
@@ -127,13 +128,13 @@ class Observations:
         elsewhere = first[alike[2][alike[1].ravel()] > 1]
         if 0 < len(elsewhere) <= SETTINGS.most_suspects * len(self):
             named = ", ".join(self.labels[row] for row in elsewhere[:4]) + (", .." if len(elsewhere) > 4 else "")
-            text = f"{len(elsewhere)} curves that have the digits of one at another operating point: {named}"
+            text = f"{counted(len(elsewhere), 'curve')} that have the digits of one at another operating point: {named}"
             kept = np.setdiff1d(np.arange(len(self)), elsewhere)
             return replace(self.rows(kept), not_looked_at=(*self.not_looked_at, text)).without_copies()
         if len(first) == len(self):
             return self
         copies = np.setdiff1d(np.arange(len(self)), first)
-        more = f" and {len(copies) - 1} more curves" if len(copies) > 1 else ""
+        more = f" and {counted(len(copies) - 1, 'more curve')}" if len(copies) > 1 else ""
         text = f"{self.labels[copies[0]]}{more}: the digits of an earlier curve, which counts once"
         return replace(self.rows(first), not_looked_at=(*self.not_looked_at, text))
 

@@ -14,7 +14,7 @@ from st_codegen.campaign.curves import CONDITIONS_FILE
 from st_codegen.campaign.harmonic_table import read_table
 from st_codegen.campaign.orders import BAND, OrderFit, Sums, fit_orders, listed
 from st_codegen.campaign.reader import Campaign, MeasuredCurve, read_campaign
-from st_codegen.errors import InputError, Problems
+from st_codegen.errors import InputError, Problems, counted
 from st_codegen.files.csv_tables import read_csv
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.processes import Progress
@@ -203,7 +203,8 @@ def _mistaken_text(campaign: Campaign, mistaken: BoolArray, bands: IntArray, fil
     named = sorted({files[row] for row in rows})
     most = max(campaign.curves[row].sums.in_turn for row in rows)
     return [
-        f"orders {orders} of {len(named)} files: {most} or fewer samples a turn may show higher orders as these: "
+        f"orders {orders} of {counted(len(named), 'file')}: {most} or fewer samples a turn may show higher orders as "
+        "these: "
         f"{_some(named)}"
     ]
 
@@ -250,7 +251,8 @@ def _without_clipped(campaign: Campaign) -> tuple[Campaign, list[str]]:
             )
             most = int(held[own, side].max())
             texts.append(
-                f"{int(own.sum())} curves that are cut off at {limit:g}, with up to {most} samples in a row there, as "
+                f"{counted(int(own.sum()), 'curve')} that are cut off at {limit:g}, with up to "
+                f"{counted(most, 'sample')} in a row there, as "
                 f"by a channel that saturates, or is too coarse for what lies there: {_some(files)}"
             )
     if cut.all():
@@ -273,12 +275,16 @@ def _not_looked_at(
     folder: Path, campaign: Campaign, rig: RigModel, bands: IntArray, files: list[str], unseen: float
 ) -> tuple[str, ...]:
     """Files that were left out, orders above what curves can tell, and how much (`unseen`, deg) these hold."""
-    found = [f"{error.path.relative_to(folder).as_posix()} was left out: {error}" for error in campaign.bad]
+    found = [
+        f"{error.path.relative_to(folder).as_posix()} was left out: "
+        f"{'' if error.line is None else f'line {error.line}: '}{error.reason}"
+        for error in campaign.bad
+    ]
     found += [campaign.spikes] if campaign.spikes else []
     least = int(bands.min())
     if least < bands.max():
         coarse = sorted({file for file, band in zip(files, bands, strict=True) if band < bands.max()})
-        found.append(f"orders above {least} of {len(coarse)} files with few samples: {_some(coarse)}")
+        found.append(f"orders above {least} of {counted(len(coarse), 'file')} with few samples: {_some(coarse)}")
     above = [order for order in rig.orders() if order > bands.max()]
     if above:
         found.append(f"orders {listed(above)} of the rig: a quarter of the samples of a turn is {int(bands.max())}")
@@ -477,12 +483,15 @@ def check(data: Observations, rig: RigModel, path: Path, *, units: bool = True) 
     problems = Problems(str(path))
     if not np.isfinite(data.values).all():
         rows = np.flatnonzero(~np.isfinite(data.values).all(axis=1))
-        problems.add(f"{len(rows)} curves have values that are not finite, the first is {data.labels[rows[0]]}")
+        problems.add(
+            f"{counted(len(rows), 'curve')} with values that are not finite, the first is {data.labels[rows[0]]}"
+        )
     _check_speeds(data.at, data.labels, problems)
     wrong = np.flatnonzero(temperatures_of_no_oil(data.at.temperature_C))
     if len(wrong):
         problems.add(
-            f"{len(wrong)} curves have a temperature that no oil has, the first is {data.labels[wrong[0]]} with "
+            f"{counted(len(wrong), 'curve')} with a temperature that no oil has, the first is {data.labels[wrong[0]]} "
+            "with "
             f"{data.at.temperature_C[wrong[0]]:g} degC: an error code? Correct it or leave these curves out"
         )
     overlap = bool(set(data.orders.tolist()) & set(rig.orders())) and bool(np.abs(data.values).any())
@@ -494,7 +503,8 @@ def check(data: Observations, rig: RigModel, path: Path, *, units: bool = True) 
     points = len(np.unique(data.at.points, axis=0))
     if len(data) < SETTINGS.least_curves or points < SETTINGS.least_points:
         problems.add(
-            f"too few conditions for a claim: {points} operating points in {len(data)} curves; at least "
+            f"too few conditions for a claim: {counted(points, 'operating point')} in {counted(len(data), 'curve')}; "
+            "at least "
             f"{SETTINGS.least_points} different conditions and {SETTINGS.least_curves} curves are needed"
         )
     if overlap and units:
@@ -508,7 +518,7 @@ def _check_speeds(at: Conditions, names: Sequence[str], problems: Problems) -> N
     rows = np.flatnonzero(at.speed_rpm <= 0.0)
     if len(rows):
         problems.add(
-            f"{len(rows)} curves have a speed of 0 rpm or less, the first is {names[rows[0]]} with "
+            f"{counted(len(rows), 'curve')} with a speed of 0 rpm or less, the first is {names[rows[0]]} with "
             f"{at.speed_rpm[rows[0]]:g} rpm: speeds are above 0, and the direction has a column of its own"
         )
 

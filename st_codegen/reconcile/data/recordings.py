@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from st_codegen.errors import InputError, Problems
+from st_codegen.errors import InputError, Problems, counted
 from st_codegen.files.csv_tables import header_of, read_csv
 from st_codegen.ir.arrays import FloatArray, IntArray
 from st_codegen.reconcile.data.observations import Observations
@@ -77,7 +77,7 @@ def _read(path: Path) -> Recording:
         problems.add(f"values of {', '.join(bad)} are not finite")
     time = columns.get("t", np.arange(float(SETTINGS.least_samples)))
     if len(time) < SETTINGS.least_samples:
-        problems.add(f"{len(time)} samples are too few: {SETTINGS.least_samples} at least")
+        problems.add(f"{counted(len(time), 'sample')} only, at least {SETTINGS.least_samples} are needed")
     if not bad and (np.diff(time) <= 0).any():
         problems.add(f"the time does not rise from row {int(np.argmax(np.diff(time) <= 0)) + 2} to the next")
     problems.raise_if_any()

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from st_codegen.errors import InputError, Problems
+from st_codegen.errors import InputError, Problems, counted
 from st_codegen.files.csv_tables import CsvTable, header_of, read_csv
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.settings import SETTINGS
@@ -84,7 +84,7 @@ def _read(path: Path) -> JointRecording:
     values = dict(zip(names, table.numbers(names, problems, is_finite=False).T, strict=True))
     _check_values(table, values, problems)
     if len(table.rows) < SETTINGS.joint_samples:
-        problems.add(f"{len(table.rows)} samples are too few: {SETTINGS.joint_samples} at least")
+        problems.add(f"{counted(len(table.rows), 'sample')} only, at least {SETTINGS.joint_samples} are needed")
     problems.raise_if_any()
     step, notes = _step(values[time], path)
     si = {key: values[name] * factor for key, (name, factor) in columns.items()}

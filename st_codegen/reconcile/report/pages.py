@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from st_codegen.errors import counted
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.judge.conclusions import Claim
 from st_codegen.reconcile.judge.spectrum import SpectrumResult, sizes, spectrum_report, spectrum_summary
@@ -134,7 +135,7 @@ def _gap(result: Reconciliation) -> PageSection:
         rows.append([name, gap.before, gap.after, gap.noise_floor, times])
     table = PageTable(["RMS in deg", "before", "after", "noise floor", "after / floor"], rows)
     how = (
-        f"Held out: {result.unseen_curves} curves that neither the search nor the fit has seen."
+        f"Held out: {counted(result.unseen_curves, 'curve')} that neither the search nor the fit has seen."
         if result.unseen_curves
         else "Held out: every speed, torque and temperature was predicted once by parameters fitted without it; which "
         "effects there are was decided with all of them."
@@ -343,7 +344,7 @@ def _models(update: Update) -> PageSection:
         exact = sum(model.exact for model in update.verified.models)
         text += (
             f"The new bundle was compiled for {update.target}; models, reference and text agree in all "
-            f"{len(update.verified.models)} blocks ({exact} bit for bit, the others within a derived bound)."
+            f"{counted(len(update.verified.models), 'block')} ({exact} bit for bit, the others within a derived bound)."
         )
     return PageSection("The models for the controller", text, PageTable(columns, rows))
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.campaign.orders import listed
+from st_codegen.errors import counted
 from st_codegen.ir.arrays import ComplexArray, FloatArray
 from st_codegen.reconcile.data.observations import rms_deg
 from st_codegen.reconcile.fit.parameters import Piece
@@ -148,7 +149,10 @@ def between_text(result: Reconciliation) -> str:
             "The gap on held-out runs is a least value: at other speeds the wave of one frequency makes other orders."
         )
     elif result.held_out_scatters and not result.few_carry:
-        texts.append(f"The gap on held-out runs comes from {result.unseen_curves} curves: of others it may be another.")
+        texts.append(
+            f"The gap on held-out runs comes from {counted(result.unseen_curves, 'curve')}: of others it may be "
+            "another."
+        )
     elif result.held_out_scatters:
         texts.append(
             f"The gap on held-out runs is a least value: few runs carry most of it (it scatters as if there were "

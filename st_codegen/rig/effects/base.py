@@ -20,7 +20,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from st_codegen.campaign.conditions import Conditions
-from st_codegen.errors import Problems
+from st_codegen.errors import Problems, counted
 from st_codegen.files.toml_tables import TomlTable
 from st_codegen.ir.arrays import ComplexArray, IntArray
 
@@ -339,7 +339,7 @@ class Effect(ABC):
         table.list_of(key, lambda name, entry: table.number_of(name, entry, low, high, unit))
         value = table.values[key]
         if isinstance(value, list | tuple) and len(value) != count:
-            table.note(f"'{key}' has {len(value)} entries, orders has {count}")
+            table.note(f"'{key}' has {counted(len(value), 'entry', 'entries')}, orders has {count}")
 
 
 class Wave(Effect):

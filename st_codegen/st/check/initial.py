@@ -7,6 +7,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from st_codegen.errors import counted
 from st_codegen.st import tree as t
 from st_codegen.st import types
 from st_codegen.st.check.expressions import Expressions
@@ -55,7 +56,7 @@ class InitialValues:
         for item in node.items:
             count, initial = (item.count, item.value) if isinstance(item, d.Repeated) else (1, item)
             if len(flat) + count > type_.size:
-                raise failure(item, f"{type_} has {type_.size} elements; this initialiser goes beyond them")
+                raise failure(item, f"{type_} has {counted(type_.size, 'element')}; this initialiser goes beyond them")
             value = types.default_value(type_.element) if initial is None else self.value(type_.element, initial)
             flat += [value] * count
         self._check_count(type_, len(flat), node)
@@ -68,12 +69,14 @@ class InitialValues:
 
     def _check_count(self, type_: types.ArrayType, count: int, node: t.Node) -> None:
         if not self._rules.has_partial_initialisers and count < type_.size:
-            raise failure(node, f"{type_} has {type_.size} elements, and only {count} initial values")
+            raise failure(
+                node, f"{type_} has {counted(type_.size, 'element')}, and only {counted(count, 'initial value')}"
+            )
 
     def _table(self, type_: types.ArrayType, node: d.NumberTable) -> types.Value:
         count = node.values.size
         if count > type_.size:
-            raise failure(node, f"{type_} has {type_.size} elements; this initialiser has {count}")
+            raise failure(node, f"{type_} has {counted(type_.size, 'element')}; this initialiser has {count}")
         self._check_count(type_, count, node)
         if not isinstance(type_.element, types.Elementary):
             if isinstance(type_.element, types.ArrayType):

@@ -173,7 +173,7 @@ BAD = {
     "deg": (changed(dq=lambda c: np.rad2deg(c["dq"])), "57.3 times the rate of q: dq in deg/s"),
     "degrees": ({key: 57.3 ** (key == "q") * plain()[key] for key in ("t", "q", "tau")}, "is it in degrees"),
     "other speed": (changed(dq=lambda c: c["dq"][::-1].copy()), "not the speed of q"),
-    "short": ({key: value[:100] for key, value in plain().items()}, "100 samples are too few"),
+    "short": ({key: value[:100] for key, value in plain().items()}, "100 samples only, at least"),
     "still": (changed(q=lambda c: 0 * c["q"], dq=lambda c: 0 * c["q"]), "no joint moves"),
     "no torque": (changed(tau=lambda c: 0 * c["q"]), "never changes"),
     "sign": (plain() | {"tau": -plain()["tau"]}, "--accept sign turns it"),
