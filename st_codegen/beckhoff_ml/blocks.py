@@ -30,7 +30,7 @@ FILES_LIST = "GVL_ModelFiles"
 DEFAULT_FOLDER = "C:\\ML"
 
 _EXACT = "Thresholds are chosen so that the engine decides as the library does."
-_WITHIN = "Equals the library within the bound that verify states, in the arithmetic of the file format."
+_WITHIN = "Written to equal the library within the bound of verify, in the arithmetic of the file format."
 _SINGLE = "The engine computes in REAL (float32): about 7 digits."
 _NAN = "The format knows no missing values: for NaN in an input bValid is FALSE."
 

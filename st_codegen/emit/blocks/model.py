@@ -121,7 +121,7 @@ def real_lines(model: ModelIR, lost: Sequence[float]) -> tuple[str, ...]:
     lines = ["Inputs, outputs and all numbers between are REAL (--real), with about 7 digits."]
     if not largest and model.classes is None:
         equal = "bit for bit" if model.signs_zeros else "but perhaps for -0"
-        lines.append(f"For inputs that are REAL numbers it equals the library {equal}.")
+        lines.append(f"For inputs that are REAL numbers it is written to equal the library {equal}.")
     elif only_trees:
         lines.append(
             "For inputs that are REAL numbers every split decides as in the library, and the outputs lie within "
@@ -137,6 +137,16 @@ def real_lines(model: ModelIR, lost: Sequence[float]) -> tuple[str, ...]:
     if model.classes is not None:
         lines.append("Where rounding may turn the class, verify counts the row as open.")
     return tuple(lines)
+
+
+def _equality(model: ModelIR) -> str:
+    """How far the text is to equal the library: what writes it does not know whether it does."""
+    if not model.exact:
+        open_ = "" if model.classes is None else ", but for classes that it leaves open"
+        return f"Written to equal the library within the bound that verify states{open_}."
+    how = "bit for bit" if model.signs_zeros else "but perhaps for -0"
+    comma = "" if model.signs_zeros else ","
+    return f"Written to equal the library{comma} {how}: verify and prove check it."
 
 
 def model_outputs(model: ModelIR) -> tuple[BlockVariable, ...]:
@@ -294,10 +304,7 @@ def model_header(model: ModelIR, *closing: str, remarks: Iterable[str] = ()) -> 
     )
     if model.classes is not None:
         lines.extend(class_lines(model.classes))
-    exact = "Equals the library bit for bit." if model.signs_zeros else "Equals the library, but perhaps for -0."
-    open_ = "" if model.classes is None else ", but for classes that it leaves open"
-    exact = exact if model.exact else f"Equals the library within the bound that verify states{open_}."
-    lines.extend(closing or (exact,))
+    lines.extend(closing or (_equality(model),))
     if where := refused_where(model):
         lines.append(f"Where {where}, bValid is FALSE, even if the library goes on.")
     return header_lines(lines)
