@@ -442,7 +442,6 @@ def _result(
     target = replace(target, good=noise.good)
     final = replace(conclusions.final, target=target)
     before, after, good = target.residual(rig), final.residual, noise.good
-    weight = np.where(data.orders == 0, 1.0, 0.5)
     hums = _OfHums.of(data)
     floor_rms, left = _left_over(final, before, noise, judged, hums.with_all(rms_deg(before[good], data.orders)) ** 2)
     # what noise is left where the noise holds what is unexplained as well nobody knows
@@ -489,7 +488,9 @@ def _result(
         ),
         unseen_curves=unseen.curves,
         untested=untested_axes(conclusions.final) if data.angle_rad is None else (),
-        carriers=math.inf if data.angle_rad is not None else _alike((weight * np.abs(unseen.left) ** 2).sum(axis=1)),
+        carriers=math.inf
+        if data.angle_rad is not None
+        else _alike((np.abs(unseen.left) ** 2 / data.parts).sum(axis=1)),
     )
 
 
@@ -542,7 +543,7 @@ def _held_out(final: Fit, before: ComplexArray, apart: BoolArray) -> _Unseen:
     if not kept.any():
         return levels
     left = target.residual(fit(target.subset(~apart), final.state).state.model(), kept)
-    by_order = np.sqrt(np.where(orders == 0, 1.0, 0.5) * (np.abs(left) ** 2).mean(axis=0))
+    by_order = np.sqrt((np.abs(left) ** 2).mean(axis=0) / target.data.parts)
     # runs between those seen say nothing of levels between them: a gap that is clearly larger there counts
     if np.linalg.norm(levels.by_order) < SETTINGS.clearly_larger * np.linalg.norm(by_order):
         return _Unseen(by_order, rms_deg(before[kept], orders), left, int(kept.sum()))

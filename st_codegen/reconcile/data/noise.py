@@ -175,8 +175,8 @@ def _take_of_laws(
     # only here: it takes a tenth of a second, and few campaigns are so small
     from scipy.special import chdtri, fdtrc
 
-    at, parts = data.at, np.where(data.orders == 0, 1, 2)
-    y = np.where(data.orders == 0, residual.real, residual)
+    at, parts = data.at, data.parts
+    y = data.with_real_mean(residual)
     least = np.full(len(data.orders), np.inf)
     for columns in ((), (at.torque_Nm,), at.axes):
         varied = [(x - x.mean()) / np.ptp(x) for x in columns if np.ptp(x) > 0.0]

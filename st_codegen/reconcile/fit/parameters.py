@@ -7,8 +7,8 @@ inverse; only what is left (frequencies, widths, decays) is non-linear.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -60,12 +60,16 @@ class Piece:
 
     def with_vector(self, vector: FloatArray) -> Piece:
         """This piece with other values of its coordinates, (p,)."""
-        return Piece(
-            self.effect.with_values(_written(self.effect, self.coordinates(), vector)),
-            self.free,
-            self.added,
-            self.origin,
-        )
+        return self.with_values(_written(self.effect, self.coordinates(), vector))
+
+    def with_values(self, values: Mapping[str, Any], free: frozenset[str] = frozenset()) -> Piece:
+        """This piece with these values in place of all of its own, and more of its keys free."""
+        return replace(self, effect=self.effect.with_values(values), free=self.free | free)
+
+    def without(self, keys: Collection[str]) -> Piece:
+        """This piece without some of its keys."""
+        values = {key: x for key, x in self.effect.values.items() if key not in keys}
+        return replace(self, effect=self.effect.with_values(values), free=self.free.difference(keys))
 
     def held(self) -> Piece:
         """The rig's own values, none of them free."""

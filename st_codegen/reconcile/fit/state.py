@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,6 +10,9 @@ import numpy as np
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.fit.parameters import Coordinate, Piece
 from st_codegen.rig.model import RigModel
+
+#: what stands for the rig's offset among the numbers of pieces
+OFFSET = -1
 
 
 @dataclass(frozen=True)
@@ -53,9 +57,16 @@ class State:
         """This state with one more piece at its end."""
         return replace(self, pieces=(*self.pieces, piece))
 
-    def without(self, number: int) -> State:
-        """This state without piece `number`."""
-        return replace(self, pieces=self.pieces[:number] + self.pieces[number + 1 :])
+    def without(self, *numbers: int) -> State:
+        """This state without the pieces of some numbers."""
+        return replace(self, pieces=tuple(piece for i, piece in enumerate(self.pieces) if i not in numbers))
+
+    def held(self, numbers: Collection[int]) -> State:
+        """This state with some pieces, or its offset (OFFSET), at the rig's own values and not free."""
+        pieces = tuple(piece.held() if i in numbers else piece for i, piece in enumerate(self.pieces))
+        if OFFSET in numbers:
+            return replace(self, pieces=pieces, offset=self.rig.zero_offset_deg, offset_free=False)
+        return replace(self, pieces=pieces)
 
     def replaced(self, number: int, piece: Piece) -> State:
         """This state with another piece in place of piece `number`."""

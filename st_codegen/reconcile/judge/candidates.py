@@ -186,8 +186,7 @@ class Search:
                     for key in group:
                         if key.startswith(BACKWARD) and key[len(BACKWARD) :] in have:
                             values[key] = piece.effect.values[key[len(BACKWARD) :]]
-                    grown = Piece(piece.effect.with_values(values), piece.free | group, piece.added, piece.origin)
-                    yield Candidate(grown, number, group)
+                    yield Candidate(piece.with_values(values, group), number, group)
 
     def _order_choices(self, effect: type[Effect]) -> list[tuple[int, ...]]:
         if effect.orders_key is None:
@@ -285,15 +284,12 @@ class Search:
                 continue
             for s in shapes:
                 if s.key not in piece.effect.values and s.shapes in ("", *piece.effect.values):
-                    still = piece.effect.with_values(dict(piece.effect.values) | {s.key: 0.0})
-                    yield Candidate(
-                        Piece(still, piece.free | {s.key}, piece.added, piece.origin), number, frozenset({s.key})
-                    )
+                    own = frozenset({s.key})
+                    yield Candidate(piece.with_values({**piece.effect.values, s.key: 0.0}, own), number, own)
             keys = self._sizes(effect, of_load=True)
             if keys and not keys & set(piece.effect.values):
                 none = {key: (0.0,) * len(piece.effect.orders) for key in keys}
-                level = piece.effect.with_values(dict(piece.effect.values) | none)
-                yield Candidate(Piece(level, piece.free | keys, piece.added, piece.origin), number, keys)
+                yield Candidate(piece.with_values({**piece.effect.values, **none}, keys), number, keys)
 
 
 def _untied(effect: type[Effect], have: set[str]) -> set[frozenset[str]]:

@@ -71,8 +71,9 @@ def other_conditions(data: Observations, rig: RigModel) -> list[Mistake]:
 
 def _with_conditions(changed: Callable[[Conditions], Conditions], rows: BoolArray, given: Observations) -> Observations:
     meant = changed(given.at)
-    columns = {key: np.where(rows, getattr(meant, key), getattr(given.at, key)) for key in CONDITION_COLUMNS}
-    return replace(given, at=replace(given.at, **columns))
+    return given.under(
+        **{key: np.where(rows, getattr(meant, key), getattr(given.at, key)) for key in CONDITION_COLUMNS}
+    )
 
 
 def _nearer(data: Observations, noise: FloatArray, plain: ComplexArray, seen: ComplexArray) -> BoolArray:
@@ -295,11 +296,8 @@ def _shifted_back(step: int, given: Observations) -> Observations:
     place = np.clip(np.searchsorted(given.orders, given.orders + step), 0, len(given.orders) - 1)
     held = (given.orders == 0) | ((given.orders[place] == given.orders + step) & (given.orders[place] > 0))
     place[given.orders == 0] = np.flatnonzero(given.orders == 0)
-    spectral = None if given.spectral_deg is None else given.spectral_deg[:, place]
-    seen = None if given.seen is None else given.seen[:, place]
-    moved = replace(given, values=given.values[:, place], spectral_deg=spectral, seen=seen)
     lost = ", ".join(map(str, given.orders[~held]))
-    return moved.of_orders(held, f"orders {lost}: the columns beside them are not in the table")
+    return given.with_columns(place).of_orders(held, f"orders {lost}: the columns beside them are not in the table")
 
 
 def copied_columns(data: Observations, _rig: RigModel) -> list[Mistake]:

@@ -11,7 +11,7 @@ import numpy as np
 from st_codegen.reconcile.data.observations import rms_deg
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.parameters import Coordinate, Piece
-from st_codegen.reconcile.fit.state import State
+from st_codegen.reconcile.fit.state import OFFSET, State
 from st_codegen.reconcile.judge import discrepancy
 from st_codegen.reconcile.judge.candidates import STAGES, Candidate, Search
 from st_codegen.reconcile.judge.evidence import Evidence
@@ -31,7 +31,7 @@ from st_codegen.reconcile.judge.lookalikes import (
     may_be_time,
     told_sides,
 )
-from st_codegen.reconcile.judge.misread import OFFSET, Misread, covariance_of_corrections, in_place_of_a_move, misread
+from st_codegen.reconcile.judge.misread import Misread, covariance_of_corrections, in_place_of_a_move, misread
 from st_codegen.reconcile.judge.peaks import bracket, chance_of_bracket, frequencies_in, has_a_frequency, spread
 from st_codegen.reconcile.judge.plausible import (
     bounds_met,
@@ -221,10 +221,7 @@ def _simpler(piece: Piece) -> Piece | None:
     scalars = piece.effect.scalars
     top = {scalar.key for scalar in scalars if scalar.beside in piece.free and scalar.key in piece.free}
     top |= {scalar.key for scalar in scalars if scalar.shapes in top}
-    if not top:
-        return None
-    values = {key: value for key, value in piece.effect.values.items() if key not in top}
-    return replace(piece, effect=piece.effect.with_values(values), free=piece.free - top)
+    return piece.without(top) if top else None
 
 
 def _top_is_unsure(joint: Fit, number: int) -> bool:
@@ -426,9 +423,7 @@ def _told_apart(joint: Fit) -> tuple[Fit, dict[int, float], bool]:
     beside = [i for i in changed if orders & set(joint.state.pieces[i].effect.touched_orders())]
     if not beside and not _constants_beside(joint):
         return joint, changed, offset_changed
-    state = joint.state
-    for i in beside:
-        state = state.replaced(i, state.pieces[i].held())
+    state = joint.state.held(beside)
     held = min((fit(joint.target, _excited(state, found, share)) for share in (1.0, 0.0)), key=lambda one: one.loss)
     good, at = joint.target.good, np.isin(joint.target.data.orders, sorted(orders))
     power = sum(float((np.abs(explained(held, held.state.pieces[i])[good][:, at]) ** 2).sum()) for i in found)
@@ -449,7 +444,7 @@ def _excited(state: State, numbers: Sequence[int], static_share: float) -> State
         piece = state.pieces[i]
         values = {key: x for key, x in piece.effect.values.items() if key != "static_share"}
         values |= {"static_share": static_share} if static_share else {}
-        state = state.replaced(i, replace(piece, effect=piece.effect.with_values(values)))
+        state = state.replaced(i, piece.with_values(values))
     return state
 
 
@@ -504,18 +499,14 @@ def _origin(piece: Piece) -> Effect:
 
 def unchanged(joint: Fit) -> Fit:
     """The fit of the rig as it is: nothing added, nothing changed."""
-    kept = tuple(piece for piece in joint.state.pieces if not piece.added)
-    return fit(joint.target, _held(replace(joint, state=replace(joint.state, pieces=kept)), {}, offset_changed=False))
+    kept = joint.state.without(*(i for i, piece in enumerate(joint.state.pieces) if piece.added))
+    return fit(joint.target, kept.held({*range(len(kept.pieces)), OFFSET}))
 
 
 def _held(joint: Fit, changed: dict[int, float], offset_changed: bool) -> State:
     """The state with what did not change at the rig's own values, and not free."""
-    pieces = [
-        piece if piece.added or i in changed or piece.origin is None else piece.held()
-        for i, piece in enumerate(joint.state.pieces)
-    ]
-    offset = joint.state.offset if offset_changed else joint.state.rig.zero_offset_deg
-    return State(joint.state.rig, offset, tuple(pieces), offset_changed)
+    own = {i for i, piece in enumerate(joint.state.pieces) if not piece.added}
+    return joint.state.held(own - changed.keys() | (set() if offset_changed else {OFFSET}))
 
 
 def standard_errors(
@@ -568,11 +559,10 @@ def _share(rig: RigModel, final: Fit, piece: Piece) -> float:
 
     Shares of pieces that cancel each other do not add up to more than there is.
     """
-    good, orders = final.target.good, final.target.data.orders
+    good, parts = final.target.good, final.target.data.parts
     gap, own = final.target.residual(rig)[good], explained(final, piece)[good]
-    weight = np.where(orders == 0, 1.0, 0.5)
-    along = float((weight * (gap * own.conj()).real).sum())
-    return float(np.clip(along / max(float((weight * np.abs(gap) ** 2).sum()), 1e-300), 0.0, 1.0))
+    along = float(((gap * own.conj()).real / parts).sum())
+    return float(np.clip(along / max(float((np.abs(gap) ** 2 / parts).sum()), 1e-300), 0.0, 1.0))
 
 
 def _own_gap(rig: RigModel, final: Fit, piece: Piece) -> tuple[float, float]:

@@ -44,11 +44,11 @@ def covariance(fit: Fit) -> FloatArray:
 def left_power(fit: Fit) -> FloatArray:
     """The power of one component (deg^2) that orders with structure keep beyond their noise, (K,); 0 for others."""
     target, residual = fit.target, fit.residual
-    parts = np.where(target.data.orders == 0, 1, 2)
+    parts = target.data.parts
     lacking = is_lacking(target, residual)
     if not lacking.any() or not target.good.any():
         return np.zeros(len(parts))
-    r = np.where(target.data.orders == 0, residual.real, residual)[target.good]
+    r = target.data.with_real_mean(residual)[target.good]
     noise = floors(target, residual, estimate(target.data, residual).floor_rms)
     return np.where(lacking, np.maximum((np.abs(r) ** 2).mean(axis=0) / parts - noise**2, 0.0), 0.0)
 

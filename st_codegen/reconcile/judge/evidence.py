@@ -82,7 +82,7 @@ def _p_of_chance(without: Fit, with_it: Fit, places: list[int]) -> float:
     target = with_it.target
     saved = float((target.losses(without.residual) - target.losses(with_it.residual)).sum())
     touched = np.unique(np.concatenate([with_it.columns[i][0] for i in places]))
-    numbers = (target.counts * np.where(target.data.orders == 0, 1, 2))[:, touched].sum()
+    numbers = (target.counts * target.data.parts)[:, touched].sum()
     rest = max(int(numbers) - len(places), 1)
     return f_tail(saved / len(places), len(places), rest)
 
@@ -106,7 +106,7 @@ def size_in_noise(fit: Fit, places: list[int], number: int) -> float:
         changes[1] = np.zeros_like(changes[0])
     part = propagation.measured(changes[0] - changes[1], piece.effect.stage)[fit.target.good]
     squares = ((np.abs(part) / fit.target.sigma[fit.target.good]) ** 2).mean(axis=0)
-    parts = np.where(fit.target.data.orders == 0, 1, 2)
+    parts = fit.target.data.parts
     touched = squares / parts > 0.1 * (squares / parts).max(initial=0.0)
     count = 2 if piece.effect.least_foreign else parts[touched].sum()
     return float(np.sqrt(squares[touched].sum() / max(count, 1)))

@@ -53,7 +53,7 @@ def _added(final: Fit, with_it: Fit, number: int) -> ComplexArray:
 def _signature(final: Fit, with_it: Fit, number: int, evidence: Evidence, gap_power: float) -> Signature:
     piece, orders = with_it.state.pieces[number], final.target.data.orders
     added = _added(final, with_it, number)[final.target.good]
-    powers = (np.abs(added) ** 2).mean(axis=0) / np.where(orders == 0, 1, 2)
+    powers = (np.abs(added) ** 2).mean(axis=0) / final.target.data.parts
     told = np.flatnonzero(powers > SETTINGS.part_of_change * powers.max(initial=0.0))
     order = int(orders[told[0]]) if len(told) == 1 else -1
     size, effect = float(np.sqrt(powers.sum())), piece.effect

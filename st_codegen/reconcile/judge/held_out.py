@@ -44,7 +44,7 @@ def compared(without: Fit, with_it: Fit, axis: str) -> Iterator[tuple[int, float
 
 def held_out_rms(fit: Fit) -> FloatArray:
     """RMS (deg) of each order on left-out levels that the others identify, float64 (K,), of the axis with the most."""
-    weight = np.where(fit.target.data.orders == 0, 1.0, 0.5)
+    weight = 1.0 / fit.target.data.parts
     powers = []
     for axis in AXES:
         parts = [predicted(fit, fold)[fit.target.good[fold.rows]] for fold in fit.folds(axis) if fold.identified]
@@ -99,5 +99,5 @@ def between_states(fit: Fit) -> FloatArray:
         sides = [replace(at, temperature_C=np.full(len(at), level)) for level in (low, high)]
         apart = sum(effect.contribution(sides[0], orders) - effect.contribution(sides[1], orders) for effect in own)
         share = (high - low) / float(np.ptp(at.temperature_C))
-        found += 0.5 * share * np.where(orders == 0, 1.0, 0.5) * (np.abs(apart) ** 2).mean(axis=0)
+        found += 0.5 * share * (1.0 / fit.target.data.parts) * (np.abs(apart) ** 2).mean(axis=0)
     return found

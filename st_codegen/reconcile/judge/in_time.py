@@ -569,7 +569,7 @@ def lasting_mean(target: FitData, residual: ComplexArray) -> FloatArray:
     if not series:
         return np.zeros(residual.shape[1])
     rho, count = _alike(series), sum(len(one) for one in series)
-    power = sum((np.abs(one) ** 2).sum(axis=0) for one in series) / count / np.where(target.data.orders == 0, 1, 2)
+    power = sum((np.abs(one) ** 2).sum(axis=0) for one in series) / count / target.data.parts
     errors = NormalDist().inv_cdf(1.0 - SETTINGS.p_changed / 2)
     sure = rho > SETTINGS.told / np.sqrt(count)
     return np.asarray(np.where(sure, errors * np.sqrt(power * _length(rho) * len(series) / count), 0.0))

@@ -179,7 +179,7 @@ def may_be_of_a_law(final: Fit, number: int) -> bool:
     if data.angle_rad is not None or has_a_frequency(effect) or effect.least_foreign:
         return False
     change = (np.abs(shown_change(final, final.state.pieces[number])[good]) ** 2).mean(axis=0)
-    noise = np.where(data.orders == 0, 1, 2) * (final.target.sigma[good] ** 2).mean(axis=0)
+    noise = data.parts * (final.target.sigma[good] ** 2).mean(axis=0)
     return bool((change < SETTINGS.constant_of_a_law * SETTINGS.least_excess * noise).all())
 
 

@@ -462,7 +462,7 @@ def _without_drift(drift: FloatArray, start: float) -> Callable[[Observations], 
 
 
 def _swapped(data: Observations) -> Observations:
-    return replace(data, at=replace(data.at, sign=-data.at.sign))
+    return data.under(sign=-data.at.sign)
 
 
 def _turned(angle: float) -> Callable[[Observations], Observations]:

@@ -15,7 +15,7 @@ from st_codegen.ir.arrays import ComplexArray, FloatArray
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.normal import gather, inverse
-from st_codegen.reconcile.fit.state import State
+from st_codegen.reconcile.fit.state import OFFSET, State
 from st_codegen.reconcile.fit.target import Column, FitData
 from st_codegen.reconcile.judge.evidence import chi_square_tail
 from st_codegen.reconcile.judge.in_time import changes_with_time
@@ -88,30 +88,22 @@ class Misread:
         return self.reading.meant(data, self.sizes)
 
 
-#: in the place of the number of a piece
-OFFSET = -1
-
-
-def _with(data: Observations, key: str, values: FloatArray) -> Observations:
-    return replace(data, at=replace(data.at, **{key: values}))
-
-
 def _scaled(key: str) -> Reread:
-    return lambda data, size: _with(data, key, getattr(data.at, key) / (1.0 + size[0] / 100.0))
+    return lambda data, size: data.under(**{key: getattr(data.at, key) / (1.0 + size[0] / 100.0)})
 
 
 def _shifted(key: str) -> Reread:
-    return lambda data, size: _with(data, key, getattr(data.at, key) - size[0])
+    return lambda data, size: data.under(**{key: getattr(data.at, key) - size[0]})
 
 
 def _torque_both(data: Observations, size: FloatArray) -> Observations:
-    return _with(data, "torque_Nm", (data.at.torque_Nm - size[1]) / (1.0 + size[0] / 100.0))
+    return data.under(torque_Nm=(data.at.torque_Nm - size[1]) / (1.0 + size[0] / 100.0))
 
 
 def _faster(sign: float) -> Reread:
     """Speeds of one direction by a factor."""
-    return lambda data, size: _with(
-        data, "speed_rpm", data.at.speed_rpm / np.where(data.at.sign == sign, 1.0 + size[0] / 100.0, 1.0)
+    return lambda data, size: data.under(
+        speed_rpm=data.at.speed_rpm / np.where(data.at.sign == sign, 1.0 + size[0] / 100.0, 1.0)
     )
 
 
@@ -119,19 +111,19 @@ def _slipped(data: Observations, size: FloatArray) -> Observations:
     """Speeds that fall in proportion to the load, by a share of 1/100 at the largest."""
     load = np.abs(data.at.torque_Nm)
     share = size[0] / 100.0 * load / max(float(load.max()), 1e-300)
-    return _with(data, "speed_rpm", data.at.speed_rpm * (1.0 - share))
+    return data.under(speed_rpm=data.at.speed_rpm * (1.0 - share))
 
 
 def _heat_both(data: Observations, size: FloatArray) -> Observations:
-    return _with(data, "temperature_C", (data.at.temperature_C - size[1]) / (1.0 + size[0] / 100.0))
+    return data.under(temperature_C=(data.at.temperature_C - size[1]) / (1.0 + size[0] / 100.0))
 
 
 def _of_fahrenheit(data: Observations, _size: FloatArray) -> Observations:
-    return _with(data, "temperature_C", (data.at.temperature_C - 32.0) / 1.8)
+    return data.under(temperature_C=(data.at.temperature_C - 32.0) / 1.8)
 
 
 def _exchanged(data: Observations, _size: FloatArray) -> Observations:
-    return _with(data, "sign", -data.at.sign)
+    return data.under(sign=-data.at.sign)
 
 
 def _turned(*signs: float) -> Reread:
@@ -150,7 +142,7 @@ def _wound(data: Observations, size: FloatArray) -> Observations:
 
 def _against(data: Observations, size: FloatArray) -> Observations:
     """Torques that are read with what rubs between their sensor and the machine, which turns with the direction."""
-    return _with(data, "torque_Nm", data.at.torque_Nm - size[0] * data.at.sign)
+    return data.under(torque_Nm=data.at.torque_Nm - size[0] * data.at.sign)
 
 
 def _larger(*signs: float) -> Gain:
@@ -191,12 +183,9 @@ def _of_gain(
     texts: tuple[str, ...], gain: Gain, refines: str = "", *, steps: tuple[float, ...] = (0.1,),
     most: tuple[float, ...] = (30.0,),
 ) -> WrongReading:  # fmt: skip
-    def meant(data: Observations, size: FloatArray) -> Observations:
-        factor = gain(data, size)
-        spectral = None if data.spectral_deg is None else data.spectral_deg / np.abs(factor)
-        return replace(data, values=data.values / factor, spectral_deg=spectral)
-
-    return WrongReading("misread_te", texts, meant, steps, most, refines, gain)
+    return WrongReading(
+        "misread_te", texts, lambda data, size: data.divided(gain(data, size)), steps, most, refines, gain
+    )
 
 
 def _ramp_taken_out(data: Observations, size: FloatArray) -> Observations:
@@ -263,15 +252,11 @@ def misread(final: Fit, changed: Collection[int], offset_changed: bool) -> tuple
     everything = frozenset(changed) | ({OFFSET} if offset_changed else frozenset())
     if not everything or final.target.data.angle_rad is not None:
         return ()
-    state = final.state
-    for i in changed:
-        state = state.replaced(i, state.pieces[i].held())
-    state = replace(state, offset=state.rig.zero_offset_deg, offset_free=False)
-    plain = fit(final.target, state, steps=SETTINGS.quick_steps)
+    plain = fit(final.target, final.state.held({*changed, OFFSET}), steps=SETTINGS.quick_steps)
     standing = list[Misread]()
     for reading in READINGS:
         chance = _chance_beside(final, reading, everything)
-        found = _instead(final, plain, reading, chance) or _beside_the_rest(final, plain, reading, chance)
+        found = _instead(final, plain, reading, chance) or _beside_the_rest(final, reading, chance)
         standing += [] if found is None else [found]
     return tuple(sorted(standing, key=lambda one: (-len(one.instead_of), len(one.sizes), one.best.loss)))
 
@@ -283,9 +268,7 @@ def in_place_of_a_move(final: Fit, number: int) -> frozenset[str]:
     piece, data = final.state.pieces[number], final.target.data
     if not piece.effect.values.get("frequency_per_kNm") or data.angle_rad is not None:
         return frozenset()
-    moves = {"frequency_per_kNm", "levels_off_per_kNm"}
-    values = {key: x for key, x in piece.effect.values.items() if key not in moves}
-    still = replace(piece, effect=piece.effect.with_values(values), free=piece.free - moves)
+    still = piece.without({"frequency_per_kNm", "levels_off_per_kNm"})
     at_rest = replace(data.at, temperature_C=np.full(len(data), piece.effect.constants.reference_temperature_C))
     still_Hz = piece.effect.scalar("frequency_Hz")
     moved_Hz = max(frequencies_in(piece.effect, at_rest), key=lambda hertz: abs(hertz - still_Hz))
@@ -302,7 +285,7 @@ def in_place_of_the_rest(final: Fit, orders: Collection[int]) -> tuple[Misread, 
     good = target.good
     if data.angle_rad is not None:
         return ()
-    noise = (np.where(data.orders == 0, 1, 2) * target.sigma[good] ** 2).mean(axis=0)
+    noise = (data.parts * target.sigma[good] ** 2).mean(axis=0)
     told = SETTINGS.told / np.sqrt(good.sum()) * noise
 
     def left(one: Fit) -> FloatArray:
@@ -333,14 +316,11 @@ def in_place_of_the_rest(final: Fit, orders: Collection[int]) -> tuple[Misread, 
 def _with_what_changed(one: Misread, target: FitData) -> Misread:
     """The reading in place of all changes of the rig as well, where the data need none of them beside it."""
     state = one.best.state
-    changed = [i for i, piece in enumerate(state.pieces) if piece.free and not piece.added]
-    for i in changed:
-        state = state.replaced(i, state.pieces[i].held())
-    state = replace(state, offset=state.rig.zero_offset_deg, offset_free=False)
-    everything = frozenset(changed) | ({OFFSET} if one.best.state.offset_free else frozenset())
+    everything = frozenset(i for i, piece in enumerate(state.pieces) if piece.free and not piece.added)
+    everything |= {OFFSET} if state.offset_free else frozenset()
     if not everything:
         return one
-    sizes, best = _read(target, state, one.reading, one.sizes)
+    sizes, best = _read(target, state.held({*everything, OFFSET}), one.reading, one.sizes)
     if _is_needed(best, one.best, 0):
         return one
     return replace(one, sizes=sizes, best=best, instead_of=everything)
@@ -407,7 +387,7 @@ def _instead(
         sizes, best = _read(plain.target, trials[number][1].state, reading, trials[number][0])
     for number in sorted(kept):
         # near the right sizes it may be none that is needed: a narrow peak tells them from nearby only
-        again = _read(plain.target, _held(best.state, plain, number), reading, sizes)
+        again = _read(plain.target, best.state.held({number}), reading, sizes)
         if not _is_needed(again[1], final, len(sizes)):
             kept.remove(number)
             sizes, best = again
@@ -415,9 +395,7 @@ def _instead(
     return Misread(reading, sizes, instead, best) if len(instead) >= max(len(sizes), 1) else None
 
 
-def _beside_the_rest(
-    final: Fit, plain: Fit, reading: WrongReading, chance: Mapping[int, tuple[float, float]]
-) -> Misread | None:
+def _beside_the_rest(final: Fit, reading: WrongReading, chance: Mapping[int, tuple[float, float]]) -> Misread | None:
     """A reading that does what one of many changes does, or a few, and leaves the others; None where it does nothing.
 
     Another unit of a type has many numbers of its own, and a sensor's zero beside them.
@@ -428,7 +406,7 @@ def _beside_the_rest(
     for i in sorted(chance, key=lambda i: chance[i], reverse=True):
         if chance[i][0] < SETTINGS.p_changed:
             break
-        again = _read(final.target, _held(best.state, plain, i), reading, sizes)
+        again = _read(final.target, best.state.held({i}), reading, sizes)
         if not _is_needed(again[1], final, len(sizes)):
             instead.add(i)
             sizes, best = again
@@ -457,12 +435,6 @@ def _freed(state: State, final: Fit, number: int) -> State:
     if number == OFFSET:
         return replace(state, offset_free=True)
     return state.replaced(number, final.state.pieces[number])
-
-
-def _held(state: State, plain: Fit, number: int) -> State:
-    if number == OFFSET:
-        return replace(state, offset=state.rig.zero_offset_deg, offset_free=False)
-    return state.replaced(number, plain.state.pieces[number])
 
 
 def _as_meant(target: FitData, reading: WrongReading, sizes: FloatArray) -> FitData:

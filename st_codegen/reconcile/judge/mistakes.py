@@ -165,7 +165,7 @@ def _with_exchanged(data: Observations, rows: IntArray | list[int]) -> Observati
     """The data with rows under the other direction than theirs."""
     sign = data.at.sign.copy()
     sign[rows] *= -1.0
-    return replace(data, at=replace(data.at, sign=sign)) if len(rows) else data
+    return data.under(sign=sign) if len(rows) else data
 
 
 def _block_of_no_effect(data: Observations, model: ComplexArray, seen: BoolArray) -> list[Mistake]:
@@ -173,7 +173,7 @@ def _block_of_no_effect(data: Observations, model: ComplexArray, seen: BoolArray
 
     The rig must be right in some of the others.
     """
-    parts = np.where(data.orders == 0, 1, 2)
+    parts = data.parts
     sigma = np.sqrt(noise_power(data) / parts)
     if data.spectral_deg is None:
         # what they are measured to be says nothing of the noise of those in another unit

@@ -101,7 +101,7 @@ def with_its_orders(current: Fit, number: int) -> Fit:
         key: tuple(value[place] for place in kept) if isinstance(value, tuple) else value
         for key, value in piece.effect.values.items()
     }
-    return fit(target, current.state.replaced(number, replace(piece, effect=piece.effect.with_values(values))))
+    return fit(target, current.state.replaced(number, piece.with_values(values)))
 
 
 def explained(current: Fit, piece: Piece) -> ComplexArray:
@@ -173,7 +173,7 @@ def _left_of(current: Fit, own: ComplexArray, least: float) -> float:
     # one scale an order: a direction that fits badly must not weigh less for it
     scale = (target.spread**2).mean(axis=0)
     left, before = (np.abs(part) ** 2 * acts / scale for part in (current.residual, current.residual + own))
-    noise = SETTINGS.tails * np.where(target.data.orders == 0, 1, 2) * target.sigma**2 * acts / scale
+    noise = SETTINGS.tails * target.data.parts * target.sigma**2 * acts / scale
     saved = (before - left).sum(axis=0)
     beyond = np.maximum((left - noise).sum(axis=0), 0.0)
     mine = saved > 0.05 * saved.sum()

@@ -12,6 +12,7 @@ from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.normal import inverse
 from st_codegen.reconcile.fit.parameters import Coordinate, Piece
+from st_codegen.reconcile.fit.state import OFFSET
 from st_codegen.reconcile.judge import discrepancy
 from st_codegen.reconcile.judge.evidence import chi_square_tail, p_of_clusters
 from st_codegen.reconcile.judge.in_time import lasting_mean, without_lasting
@@ -88,8 +89,7 @@ def not_there(joint: Fit) -> dict[int, float]:
         if piece.effect.stage is Stage.MEASURING or left >= SETTINGS.nothing_left:
             continue
         gone = [*found, i]
-        state = replace(joint.state, pieces=tuple(one for n, one in enumerate(joint.state.pieces) if n not in gone))
-        without = fit(joint.target, state, steps=SETTINGS.quick_steps)
+        without = fit(joint.target, joint.state.without(*gone), steps=SETTINGS.quick_steps)
         numbers = sum(len(joint.state.pieces[n].coordinates()) for n in gone)
         held = with_piece_held(joint, i)
         p = chi_square_tail(held.loss - without.loss, len(piece.coordinates()))
@@ -154,18 +154,13 @@ def without_misfits(final: Fit, changed: Collection[int], offset_changed: bool) 
         worst = max(over, key=lambda i: over[i])
         if over[worst] <= misfit_of_changes(final.target):
             break
-        if worst == _OFFSET:
+        if worst == OFFSET:
             offset_changed = False
-            state = replace(final.state, offset=final.state.rig.zero_offset_deg, offset_free=False)
-            final = fit(final.target, state)
+            final = fit(final.target, final.state.held({OFFSET}))
         else:
             kept.remove(worst)
             final = with_piece_held(final, worst)
     return final, kept, offset_changed
-
-
-#: in the place of the number of a piece
-_OFFSET = -1
 
 
 def _together(final: Fit, changed: Collection[int]) -> list[int]:
@@ -197,22 +192,18 @@ def _is_refused(final: Fit, number: int) -> bool:
 def _misfits(final: Fit, changed: Collection[int], offset_changed: bool) -> dict[int, float]:
     """For each change the power beyond noise that its orders keep, over that which all changes take off them."""
     target, data = final.target, final.target.data
-    state, own = final.state, {}
-    for i in changed:
-        own[i] = (np.abs(shown_change(final, state.pieces[i])) ** 2).mean(axis=0)
-        state = state.replaced(i, state.pieces[i].held())
+    own = {i: (np.abs(shown_change(final, final.state.pieces[i])) ** 2).mean(axis=0) for i in changed}
     if offset_changed:
-        own[_OFFSET] = np.where(data.orders == 0, 1.0, 0.0)
-        state = replace(state, offset=state.rig.zero_offset_deg)
+        own[OFFSET] = np.where(data.orders == 0, 1.0, 0.0)
     of_runs = estimate(data, final.residual).floor_rms
     floor = np.maximum(floors(target, final.residual, of_runs), SETTINGS.least_noise_deg) ** 2
     before, left = (
-        (np.abs(np.where(data.orders == 0, part.real, part)) ** 2 * target.counts).sum(axis=0) / floor
-        for part in (target.residual(state.model()), final.residual)
+        (np.abs(data.with_real_mean(part)) ** 2 * target.counts).sum(axis=0) / floor
+        for part in (target.residual(final.state.held(own).model()), final.residual)
     )
     # noise within curves is that of many samples, and has no heavy tails
     tails = SETTINGS.tails if data.spectral_deg is None else 1.0
-    numbers = np.where(data.orders == 0, 1, 2) * target.counts.sum(axis=0)
+    numbers = data.parts * target.counts.sum(axis=0)
     # the mean power of so many numbers of noise scatters: a gap below that is not told
     noise = tails * (numbers + SETTINGS.told * np.sqrt(2.0 * numbers))
     beyond, found = np.maximum(left - noise, 0.0), {}
@@ -292,7 +283,7 @@ def _lasting_noise(joint: Fit, piece: Piece) -> bool:
     """Whether a change is so small and so much the same in all runs that noise which lasts would look like it."""
     target = joint.target
     part = shown_change(joint, piece) / target.sigma
-    parts = np.where(target.data.orders == 0, 1, 2)
+    parts = target.data.parts
     size, varies = 0.0, 0.0
     for sign in (1.0, -1.0):
         rows = part[target.good & (target.data.at.sign == sign)]
@@ -315,8 +306,7 @@ def _p_of(joint: Fit, places: list[int], difference: FloatArray) -> float:
 
 def with_piece_held(joint: Fit, number: int) -> Fit:
     """The fit with one piece held at the rig's own values and all others fitted again."""
-    held = joint.state.replaced(number, joint.state.pieces[number].held())
-    return fit(joint.target, held, steps=SETTINGS.quick_steps)
+    return fit(joint.target, joint.state.held({number}), steps=SETTINGS.quick_steps)
 
 
 def _p_alone(joint: Fit, places: list[int], difference: FloatArray) -> float:

@@ -80,8 +80,7 @@ def _moved(current: Fit, known: Catalogue, judged: list[tuple[Candidate, Evidenc
     added = [i for i, piece in enumerate(current.state.pieces) if piece.added and has_a_frequency(piece.effect)]
     found = _next(current, current, known, dict[object, float](), judged, moved=True)
     for gone in ([[i] for i in added] + [added] * (len(added) > 1)) if found is None else ():
-        kept = tuple(piece for i, piece in enumerate(current.state.pieces) if i not in gone)
-        without = fit(current.target, replace(current.state, pieces=kept), steps=SETTINGS.quick_steps)
+        without = fit(current.target, current.state.without(*gone), steps=SETTINGS.quick_steps)
         one = _next(without, without, known, dict[object, float](), judged, moved=True)
         if one is not None and one.loss < current.loss - SETTINGS.order_gain:
             return one
@@ -96,8 +95,7 @@ def _one_in_place_of_two(current: Fit, known: Catalogue, judged: list[tuple[Cand
     penalty = Search(known, current).penalty
     follow = [i for i, piece in enumerate(current.state.pieces) if piece.added and _load_part(piece.effect)]
     for two in itertools.combinations(follow, 2):
-        kept = tuple(piece for i, piece in enumerate(current.state.pieces) if i not in two)
-        without = fit(current.target, replace(current.state, pieces=kept), steps=SETTINGS.quick_steps)
+        without = fit(current.target, current.state.without(*two), steps=SETTINGS.quick_steps)
         one = _next(without, without, known, dict[object, float](), judged, moved=True)
         if one is not None and one.loss - current.loss < penalty * (len(current.prior) - len(one.prior)):
             return one
@@ -189,9 +187,7 @@ def _of_one_height(fitted: Fit, number: int, penalty: float) -> Fit:
     idle = _load_part(piece.effect)
     if not piece.added or not idle:
         return fitted
-    values = {key: x for key, x in piece.effect.values.items() if key not in idle}
-    plain = replace(piece, effect=piece.effect.with_values(values), free=piece.free - idle)
-    found = fit(fitted.target, fitted.state.replaced(number, plain), steps=SETTINGS.long_steps)
+    found = fit(fitted.target, fitted.state.replaced(number, piece.without(idle)), steps=SETTINGS.long_steps)
     target, fewer = fitted.target, len(fitted.prior) - len(found.prior)
     counted = target.counts & np.isin(target.data.orders, piece.effect.orders)
     noise = 2.0 * SETTINGS.tails * float((target.sigma**2)[counted].sum())

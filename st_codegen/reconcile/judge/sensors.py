@@ -217,8 +217,7 @@ def low_pass(data: Observations, rig: RigModel) -> list[Mistake]:
         return []
 
     def corrected(given: Observations) -> Observations:
-        spectral = None if given.spectral_deg is None else given.spectral_deg / np.abs(passed(seconds))
-        return replace(given, values=given.values / passed(seconds), spectral_deg=spectral)
+        return given.divided(passed(seconds))
 
     text = _LOW_PASS.format(1.0 / (2.0 * np.pi * seconds))
     return [Mistake("low_pass", text, corrected, remedy="undo it")]
@@ -286,8 +285,7 @@ def _filter_over(
     def corrected(given: Observations) -> Observations:
         response = _between_knots(place(given), given.at.sign, knots, passes)
         told = np.abs(response) > SETTINGS.acts
-        spectral = None if given.spectral_deg is None else given.spectral_deg / np.where(told, np.abs(response), 1.0)
-        whole = replace(given, values=given.values / np.where(told, response, 1.0), spectral_deg=spectral)
+        whole = given.divided(np.where(told, response, 1.0))
         return whole if told.all() else replace(whole, seen=told if given.seen is None else told & given.seen)
 
     # between the orders that tell it the response is anybody's guess
@@ -380,8 +378,7 @@ def _mean_in(data: Observations, rig: RigModel, signs: tuple[float, ...]) -> lis
     def corrected(given: Observations) -> Observations:
         kept = np.sinc(given.orders / highest * np.sqrt(square))
         factor = np.where(np.isin(given.at.sign, signs)[:, None], np.where(kept, kept, 1.0), 1.0)
-        spectral = None if given.spectral_deg is None else given.spectral_deg / np.maximum(np.abs(factor), 1e-300)
-        whole = replace(given, values=given.values / factor, spectral_deg=spectral)
+        whole = given.divided(factor)
         told = kept > SETTINGS.acts
         lost = f"orders from {given.orders[~told].min(initial=highest)} on: a mean over the angle leaves little of them"
         return whole if told.all() else whole.of_orders(told, lost)

@@ -47,8 +47,7 @@ def _in_other_forms(current: Fit) -> Fit:
         state = current.state
         for number, piece in enumerate(state.pieces):
             if _may_take(piece, key):
-                other = piece.effect.with_values(dict(piece.effect.values) | {key: start})
-                state = state.replaced(number, replace(piece, effect=other))
+                state = state.replaced(number, piece.with_values({**piece.effect.values, key: start}))
         if state is not current.state:
             found = fit(current.target, state, steps=SETTINGS.long_steps)
             current = found if _is_better(found, current) else current
@@ -68,8 +67,8 @@ def in_forms_as_good(final: Fit, number: int) -> Iterator[Fit]:
         forms = (rest, *(rest | {scalar.key: float(start)} for start in scalar.starts))
         for values in forms:
             if values != piece.effect.values:
-                other = replace(piece, effect=piece.effect.with_values(values))
-                fitted = fit(final.target, final.state.replaced(number, other), steps=SETTINGS.quick_steps)
+                state = final.state.replaced(number, piece.with_values(values))
+                fitted = fit(final.target, state, steps=SETTINGS.quick_steps)
                 if not _is_better(final, fitted):
                     yield fitted
 
@@ -116,10 +115,8 @@ def _split(current: Fit, number: int) -> Fit | None:
     Where one whose frequency moves with the oil does as well, as of two temperatures any does, that is the simpler one.
     """
     piece = current.state.pieces[number]
-    if "frequency_per_10K" in piece.effect.values:
-        # a state takes the place of what moves with temperature
-        values = {key: x for key, x in piece.effect.values.items() if key != "frequency_per_10K"}
-        piece = replace(piece, effect=piece.effect.with_values(values), free=piece.free - {"frequency_per_10K"})
+    # a state takes the place of what moves with temperature
+    piece = piece.without({"frequency_per_10K"})
     scorer = Scorer(current)
     starts = [scorer.scored(Candidate(one)) for one in _starts(current, piece)]
     if not starts:
@@ -127,8 +124,8 @@ def _split(current: Fit, number: int) -> Fit | None:
     best = max(starts, key=lambda candidate: candidate.gain)
     side = next(key for key in _SIDES if key in best.piece.effect.values)
     edge = best.piece.effect.scalar(side)
-    rest = piece.effect.with_values(dict(piece.effect.values) | {_SIDES[side == _SIDES[0]]: edge})
-    state = current.state.replaced(number, replace(piece, effect=rest)).with_piece(best.piece)
+    rest = piece.with_values({**piece.effect.values, _SIDES[side == _SIDES[0]]: edge})
+    state = current.state.replaced(number, rest).with_piece(best.piece)
     new = len(state.pieces) - 1
     found = _at_its_edge(fit(current.target, state, steps=SETTINGS.long_steps), (number, new))
     moved = _moving(current, number, found, (number, new))
@@ -155,7 +152,7 @@ def in_one_piece(joint: Fit) -> Fit | None:
         values = _of_both_states(one.effect, other.effect) or _of_both_orders(one.effect, other.effect)
         if values is None:
             continue
-        state = joint.state.replaced(i, replace(one, effect=one.effect.with_values(values))).without(j)
+        state = joint.state.replaced(i, one.with_values(values)).without(j)
         found = fit(joint.target, state, steps=SETTINGS.long_steps)
         fewer = len(joint.prior) - len(found.prior)
         if chi_square_tail(max(found.loss - joint.loss, 0.0), fewer) > SETTINGS.p_changed:
@@ -206,9 +203,9 @@ def _at_its_edge(split: Fit, two: tuple[int, int]) -> Fit:
     for edge in _edges(target.data.at.temperature_C[target.good]):
         state = split.state
         for i in two:
-            effect = state.pieces[i].effect
-            values = dict(effect.values) | {key: edge for key in _SIDES if key in effect.values}
-            state = state.replaced(i, replace(state.pieces[i], effect=effect.with_values(values)))
+            piece = state.pieces[i]
+            values = {**piece.effect.values, **{key: edge for key in _SIDES if key in piece.effect.values}}
+            state = state.replaced(i, piece.with_values(values))
         residual = target.residual(state.model())
         trials.append(replace(split, state=state, residual=residual, loss=float(target.losses(residual).sum())))
     best = min(trials, key=lambda trial: trial.loss)
@@ -223,8 +220,8 @@ def _moving(current: Fit, number: int, split: Fit, two: tuple[int, int]) -> Fit:
     warmer = float(oil[oil > edge].mean() - oil[oil < edge].mean()) / 10.0
     slope = (high.scalar("frequency_Hz") / low.scalar("frequency_Hz") - 1.0) / warmer
     middle = (high.scalar("frequency_Hz") + low.scalar("frequency_Hz")) / 2
-    values = dict(piece.effect.values) | {"frequency_per_10K": slope, "frequency_Hz": middle}
-    moved = replace(piece, effect=piece.effect.with_values(values), free=piece.free | {"frequency_per_10K"})
+    values = {**piece.effect.values, "frequency_per_10K": slope, "frequency_Hz": middle}
+    moved = piece.with_values(values, frozenset({"frequency_per_10K"}))
     return fit(current.target, current.state.replaced(number, moved), steps=SETTINGS.long_steps)
 
 

@@ -71,8 +71,8 @@ _KEPT: list[tuple[FitData, ComplexArray, ResidualStructure]] = []
 
 def _structure(target: FitData, residual: ComplexArray) -> ResidualStructure:
     data, good = target.data, target.good
-    parts = np.where(data.orders == 0, 1, 2)
-    r: ComplexArray = np.where(data.orders == 0, residual.real, residual).astype(np.complex128)
+    parts = data.parts
+    r = data.with_real_mean(residual)
     whole: ComplexArray = without_lasting(target, r) / target.sigma * good[:, None]
     z: ComplexArray = whole * np.minimum(1.0, SETTINGS.cut / np.maximum(np.abs(whole), 1e-300))
     p_levels, excess, scale = _between_levels(target, z[good], parts)
@@ -165,13 +165,13 @@ def orthogonal_basis(design: FloatArray) -> FloatArray:
 
 def rms_of_component(target: FitData, residual: ComplexArray) -> FloatArray:
     """RMS of one component of a residual by order, (K,)."""
-    power = (np.abs(residual[target.good]) ** 2).mean(axis=0) / np.where(target.data.orders == 0, 1, 2)
+    power = (np.abs(residual[target.good]) ** 2).mean(axis=0) / target.data.parts
     return np.asarray(np.sqrt(power))
 
 
 def sure_times(target: FitData) -> FloatArray:
     """From how many times the noise on what so many runs leave is more than noise, (K,)."""
-    count = np.where(target.data.orders == 0, 1, 2) * int(target.good.sum())
+    count = target.data.parts * int(target.good.sum())
     return np.asarray(np.maximum(SETTINGS.clearly_larger, 1.0 + SETTINGS.told / np.sqrt(2.0 * count)))
 
 
@@ -190,7 +190,7 @@ def floors(target: FitData, residual: ComplexArray, of_contrasts: FloatArray) ->
 
 def _most_noise(target: FitData, residual: ComplexArray) -> FloatArray:
     """The RMS of one component of a residual, and by how much that of so many numbers scatters beside, (K,)."""
-    count = np.where(target.data.orders == 0, 1, 2) * int(target.good.sum())
+    count = target.data.parts * int(target.good.sum())
     return np.asarray(rms_of_component(target, residual) * (1.0 + SETTINGS.told / np.sqrt(2.0 * count)))
 
 
@@ -264,8 +264,8 @@ def by_directions(target: FitData, residual: ComplexArray) -> tuple[BoolArray, F
     data, pairs = target.data, _pairs(target)
     if data.angle_rad is not None or len(pairs) < SETTINGS.least_contrasts:
         return np.zeros(len(data.orders), bool), np.full(len(data.orders), np.inf)
-    parts = np.where(data.orders == 0, 1, 2)
-    r = np.where(data.orders == 0, residual.real, residual)
+    parts = data.parts
+    r = data.with_real_mean(residual)
     differ = np.sqrt((np.abs(r[pairs[:, 0]] - r[pairs[:, 1]]) ** 2).mean(axis=0) / (2 * parts))
     # the mean differs from run to run as the rig says
     known = np.where(data.orders == 0, target.run_offset_deg, 0.0) / target.sigma
@@ -309,7 +309,7 @@ def in_both_directions(target: FitData, residual: ComplexArray) -> FloatArray:
     if target.data.angle_rad is not None or len(pairs) < SETTINGS.least_contrasts:
         return np.zeros(residual.shape[1])
     alike = (residual[pairs[:, 0]] * residual[pairs[:, 1]].conj()).real.mean(axis=0)
-    return np.asarray(np.sqrt(np.maximum(alike, 0.0) / np.where(target.data.orders == 0, 1, 2)))
+    return np.asarray(np.sqrt(np.maximum(alike, 0.0) / target.data.parts))
 
 
 def _times_spectral(target: FitData, residual: ComplexArray) -> FloatArray:

@@ -33,7 +33,7 @@ def stands_out(current: Fit, own: ComplexArray, lacking: BoolArray | None = None
     orders, rows = target.data.orders, target.good
     if target.data.angle_rad is not None:
         return _lines_stand_out(current, own)
-    left = np.abs(current.residual[rows]) ** 2 - np.where(orders == 0, 1, 2) * target.sigma[rows] ** 2
+    left = np.abs(current.residual[rows]) ** 2 - target.data.parts * target.sigma[rows] ** 2
     left = left if lacking is None else left * lacking
     # an effect of one angle reaches all orders: what is left of them is its form's
     waves = [piece.effect for piece in current.state.pieces if not piece.effect.least_foreign]

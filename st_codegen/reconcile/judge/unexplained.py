@@ -177,7 +177,7 @@ def signatures(
 def loudest(target: FitData, residual: ComplexArray, gap_power: float, floor: FloatArray) -> Signature:
     """The signature of the order that keeps most beyond its floor, where all together keep more than noise."""
     power = rms_of_component(target, residual) ** 2 - floor**2
-    k = int(np.argmax(power * np.where(target.data.orders == 0, 1, 2)))
+    k = int(np.argmax(power * target.data.parts))
     return _scattered(target, residual, k, gap_power, floor[k])
 
 

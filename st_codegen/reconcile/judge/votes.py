@@ -7,7 +7,7 @@ moves only its own orders.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
@@ -88,13 +88,10 @@ def _kept(
 
 
 def _noise_power(data: Observations) -> FloatArray:
-    parts = np.where(data.orders == 0, 1, 2)
     if data.spectral_deg is not None:
-        found: FloatArray = parts * data.spectral_deg**2
-    else:
-        sigma = estimate(data, data.values).sigma
-        found = parts * np.minimum(sigma**2, SETTINGS.most_noise * np.abs(data.values) ** 2)
-    return found
+        return np.asarray(data.parts * data.spectral_deg**2)
+    sigma = estimate(data, data.values).sigma
+    return np.asarray(data.parts * np.minimum(sigma**2, SETTINGS.most_noise * np.abs(data.values) ** 2))
 
 
 @dataclass(frozen=True)
@@ -160,7 +157,7 @@ def power_sums(
     noise: its power, (n, K), where it is known from elsewhere.
     """
     at, noise = data.at, noise_power(data) if noise is None else noise
-    model = expected_of(replace(data, at=replace(at, sign=-at.sign)) if swapped else data, rig)
+    model = expected_of(data.under(sign=-at.sign) if swapped else data, rig)
     tables = []
     for sign in SIGNS:
         m, s, n = (part[at.sign == sign][:, loud] for part in (data.values, model, noise))
