@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -323,7 +322,9 @@ def reconcile_recordings(
     effects = [changed.get(effect, effect) for effect in result.new_rig.effects]
     new_rig = replace(result.new_rig, effects=(*effects, *(claim.piece.effect for claim in claims)))
     rest = tuple(
-        Signature(0, link.after, 1.0, {"constant": 1.0}, "both", link.unexplained) for link in links if link.unexplained
+        Signature(0, link.after, link.after**2, {"constant": 1.0}, "both", link.unexplained, share=1.0)
+        for link in links
+        if link.unexplained
     )
 
     def whole(gap: Gap) -> Gap:
@@ -443,7 +444,8 @@ def _result(
     final = replace(conclusions.final, target=target)
     before, after, good = target.residual(rig), final.residual, noise.good
     hums = _OfHums.of(data)
-    floor_rms, left = _left_over(final, before, noise, judged, hums.with_all(rms_deg(before[good], data.orders)) ** 2)
+    floor_rms, left = _left_over(final, before, noise, judged)
+    gap_power = hums.with_all(rms_deg(before[good], data.orders)) ** 2
     # what noise is left where the noise holds what is unexplained as well nobody knows
     told = [one.order for one in left if not (one.at_least or "scatter" in one.dependence)]
     conclusions = conclusions.with_misread(in_place_of_the_rest(final, told))
@@ -472,7 +474,7 @@ def _result(
             in_samples=data.angle_rad is not None,
         ),
         judged=judged,
-        unexplained=tuple(left),
+        unexplained=tuple(one.of_gap(gap_power) for one in left),
         fitted=whole(rms_deg(before[good], data.orders), rms_deg(after[good], data.orders)),
         held_out=whole(unseen.before, float(np.linalg.norm(unseen.by_order))),
         orders=tuple(map(of_order, range(len(data.orders)))),
@@ -555,40 +557,37 @@ def _left_over(
     before: ComplexArray,
     noise: Noise,
     judged: Sequence[tuple[Candidate, Evidence]],
-    gap_power: float,
 ) -> tuple[FloatArray, list[Signature]]:
     """The noise floor (K,), and what is left of a gap with a pattern, faintly, or without any.
 
     before: what the rig leaves, (n, K).
     """
     target, data = final.target, final.target.data
-    floor_rms, left = _unexplained(target, final, before, noise, gap_power)
-    left = left or faint(final, judged, gap_power)
+    floor_rms, left = _unexplained(target, final, before, noise)
+    left = left or faint(final, judged)
     # the noise within the curves says nothing of the mean, and little of the lowest orders, in which noise wanders:
     # what runs differ by holds what these keep as well, and is the most that it can be
     kept = [one.order for one in left if one.order <= SETTINGS.wander_orders]
     floor_rms = np.where(np.isin(data.orders, kept), np.maximum(floor_rms, noise.floor_rms), floor_rms)
     after = rms_deg(final.residual[target.good], data.orders)
     if not left and data.angle_rad is None and after > SETTINGS.clearly_larger * float(np.linalg.norm(floor_rms)):
-        left = [loudest(target, final.residual, gap_power, floor_rms)]
+        left = [loudest(target, final.residual, floor_rms)]
     return floor_rms, left
 
 
-def _unexplained(
-    target: FitData, final: Fit, before: ComplexArray, noise: Noise, gap_power: float
-) -> tuple[FloatArray, list[Signature]]:
+def _unexplained(target: FitData, final: Fit, before: ComplexArray, noise: Noise) -> tuple[FloatArray, list[Signature]]:
     """The noise floor (K,) and what is left of a gap; before: what the rig leaves, (n, K)."""
     data, after = target.data, final.residual
     if data.angle_rad is not None:
-        lines = lines_in_samples(target, after, gap_power)
+        lines = lines_in_samples(target, after)
         # the samples that were looked at are so far apart that waves change from one to the next
         rest = float((after.real**2).mean()) - sum(one.rms_deg**2 for one in lines)
         return np.minimum(noise.floor_rms, np.sqrt(max(rest, data.neighbours_deg**2, data.rounded_deg**2))), lines
     floor_rms = floors(target, after, noise.floor_rms)
     kept = excused(data, after, noise, is_lacking(target, after))
     kept |= loud_and_foreign(target, after, final.state.rig.orders())
-    left = signatures(target, after, gap_power, floor_rms, (before != after).any(axis=0), kept)
-    return floor_rms, [*map(partial(of_a_hum, gap_power=gap_power), data.hums), *left]
+    left = signatures(target, after, floor_rms, (before != after).any(axis=0), kept)
+    return floor_rms, [*map(of_a_hum, data.hums), *left]
 
 
 def _alike(powers: FloatArray) -> float:

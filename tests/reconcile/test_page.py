@@ -96,12 +96,12 @@ def test_a_gap_between_temperatures_that_does_not_move_the_whole_is_not_worth_a_
 @pytest.mark.thorough
 def test_a_hum_stands_with_its_frequency(result):
     hum = Hum(50.0, 2e-3, (40, 60), np.full(200, 1e-5))
-    found = replace(result, unexplained=(of_a_hum(hum, 1e-6), *result.unexplained))
+    found = replace(result, unexplained=(of_a_hum(hum), *result.unexplained))
     page = report_page(found, None, next_runs(found))
     assert "<td>50 Hz</td>" in page and html.escape(hum.text) in page
     entry = report(found)["unexplained"][0]
     assert entry["order"] is None and entry["frequency_Hz"] == 50.0 and hum.text in summary(found)
-    found = replace(result, unexplained=(of_a_hum(replace(hum, frequency_Hz=0.0, order=17.31962), 1e-6),))
+    found = replace(result, unexplained=(of_a_hum(replace(hum, frequency_Hz=0.0, order=17.31962)),))
     assert "<td>17.32 a turn</td>" in report_page(found, None, next_runs(found))
 
 
@@ -110,7 +110,7 @@ def test_what_a_hum_made_of_an_order_is_unexplained_there_too(result):
     target, orders = result.target, result.data.orders
     with_it = replace(target, data=replace(target.data, hums=(Hum(50.0, 2e-3, (40, 60), np.full(200, 4e-4)),)))
     alone, beside = (
-        next(s for s in signatures(one, result.conclusions.final.residual, 1.0, np.full(len(orders), 1e-6)))
+        next(s for s in signatures(one, result.conclusions.final.residual, np.full(len(orders), 1e-6)))
         for one in (target, with_it)
     )
     assert beside.order == alone.order and beside.rms_deg == pytest.approx(np.hypot(alone.rms_deg, 4e-4))

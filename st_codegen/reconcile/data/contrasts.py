@@ -167,7 +167,7 @@ def of_whole_levels(at: Conditions, bad: BoolArray) -> BoolArray:
     What all runs of a level have, whatever it is in each of them, is no fault of these runs: something happens there.
     """
     found = np.zeros(len(at), bool)
-    for level in (speed_levels(at.speed_rpm), levels_of(at.torque_Nm), levels_of(at.temperature_C)):
+    for level in levels_by_condition(at).values():
         code = 2 * level + (at.sign > 0)
         count, wrong = (np.bincount(code, weights=weight) for weight in (np.ones(len(at)), bad.astype(float)))
         found |= ((wrong >= SETTINGS.least_block) & (2 * wrong > count))[code]
@@ -176,7 +176,8 @@ def of_whole_levels(at: Conditions, bad: BoolArray) -> BoolArray:
 
 # --- which conditions go together
 
-#: names of the conditions, in the order of `Conditions`
+#: names of the conditions, in the order of `Conditions`: as keys, and in words
+AXES = ("speed", "torque", "temperature")
 CONDITIONS = ("speed", "torque", "oil temperature")
 
 
@@ -210,6 +211,12 @@ def speed_levels(speed_rpm: FloatArray) -> IntArray:
         return index.astype(np.int64)
     cuts = np.quantile(speed_rpm, np.linspace(0, 1, 13)[1:-1])
     return np.searchsorted(cuts, speed_rpm).astype(np.int64)
+
+
+def levels_by_condition(at: Conditions) -> dict[str, IntArray]:
+    """The level of each row by condition, (n,)."""
+    levels = speed_levels(at.speed_rpm), levels_of(at.torque_Nm), levels_of(at.temperature_C)
+    return dict(zip(AXES, levels, strict=True))
 
 
 def levels_of(values: FloatArray) -> IntArray:

@@ -15,6 +15,7 @@ import numpy as np
 
 from st_codegen.campaign.harmonic_table import HarmonicTable
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from st_codegen.reconcile.data.contrasts import AXES
 from st_codegen.reconcile.data.hum import Hum
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
@@ -223,7 +224,7 @@ def sorted_by(at: Conditions) -> str:
             listed = np.stack([columns[i] for i in first], axis=1)
             if (np.lexsort(listed.T[::-1]) == np.arange(len(listed))).all():
                 moves = [i for i in first if len(np.unique(columns[i])) > 1] or [0]
-                return ("speed", "torque", "temperature")[moves[0]]
+                return AXES[moves[0]]
     return ""
 
 

@@ -13,15 +13,14 @@ from functools import cached_property
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
+from st_codegen.reconcile.data.contrasts import AXES
 from st_codegen.reconcile.fit.normal import Normal, by_group, gather, inverse
 from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.fit.propagation import Propagation
 from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import Column, FitData
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Form
-
-AXES = ("speed", "torque", "temperature")
+from st_codegen.rig.effects import Effect, Form
 
 
 @dataclass(frozen=True)
@@ -80,6 +79,16 @@ class Fit:
     def propagation(self) -> Propagation:
         """How effects reach the measured coefficients in this fit."""
         return Propagation(self.state.model(), self.target.data)
+
+    def explained(self, effect: Effect) -> ComplexArray:
+        """What an effect contributes to the measured coefficients, (n, K)."""
+        return self.propagation.measured(self.propagation.change(effect), effect.stage)
+
+    def shown_change(self, piece: Piece) -> ComplexArray:
+        """What the change of a piece of the rig makes of the measured coefficients, (n, K)."""
+        assert piece.origin is not None
+        change = self.propagation.change(piece.effect) - self.propagation.change(piece.origin)
+        return self.propagation.measured(change, piece.effect.stage)
 
     @cached_property
     def covariance(self) -> FloatArray:

@@ -61,6 +61,12 @@ def by_group(values: FloatArray, groups: IntArray) -> FloatArray:
     return found
 
 
+def made_of(columns: FloatArray, values: FloatArray) -> FloatArray:
+    """The combination of columns (n, p) that is nearest to values (n,), by least squares."""
+    found: FloatArray = columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
+    return found
+
+
 def inverse(matrix: FloatArray) -> FloatArray:
     """Inverse of a positive matrix whose rows have very different sizes."""
     size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))

@@ -35,7 +35,6 @@ from st_codegen.reconcile.judge.misread import Misread, covariance_of_correction
 from st_codegen.reconcile.judge.peaks import bracket, chance_of_bracket, frequencies_in, has_a_frequency, spread
 from st_codegen.reconcile.judge.plausible import (
     bounds_met,
-    explained,
     followers,
     inside_bounds,
     is_a_peak,
@@ -426,7 +425,7 @@ def _told_apart(joint: Fit) -> tuple[Fit, dict[int, float], bool]:
     state = joint.state.held(beside)
     held = min((fit(joint.target, _excited(state, found, share)) for share in (1.0, 0.0)), key=lambda one: one.loss)
     good, at = joint.target.good, np.isin(joint.target.data.orders, sorted(orders))
-    power = sum(float((np.abs(explained(held, held.state.pieces[i])[good][:, at]) ** 2).sum()) for i in found)
+    power = sum(float((np.abs(held.explained(held.state.pieces[i].effect)[good][:, at]) ** 2).sum()) for i in found)
     lost = float((np.abs(held.residual[good][:, at]) ** 2 - np.abs(joint.residual[good][:, at]) ** 2).sum())
     return (held, *changes(held)) if lost < SETTINGS.form**2 * power else (joint, changed, offset_changed)
 
@@ -452,7 +451,7 @@ def _peaks(final: Fit, piece: Piece) -> tuple[float, float] | None:
     """Where the peaks put a resonance whose orders keep as much structure as it explains; None for all others."""
     if not has_a_frequency(piece.effect) or misfit(final, piece) < SETTINGS.misfit_of_peaks:
         return None
-    return bracket(final.target, final.residual + explained(final, piece), piece.effect)
+    return bracket(final.target, final.residual + final.explained(piece.effect), piece.effect)
 
 
 def _of_its_shape(piece: Piece, peaks: tuple[float, float] | None) -> tuple[str, ...]:
@@ -560,7 +559,7 @@ def _share(rig: RigModel, final: Fit, piece: Piece) -> float:
     Shares of pieces that cancel each other do not add up to more than there is.
     """
     good, parts = final.target.good, final.target.data.parts
-    gap, own = final.target.residual(rig)[good], explained(final, piece)[good]
+    gap, own = final.target.residual(rig)[good], final.explained(piece.effect)[good]
     along = float(((gap * own.conj()).real / parts).sum())
     return float(np.clip(along / max(float((np.abs(gap) ** 2 / parts).sum()), 1e-300), 0.0, 1.0))
 

@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, FloatArray
-from st_codegen.reconcile.fit.fitting import AXES, Fit
+from st_codegen.reconcile.data.contrasts import AXES
+from st_codegen.reconcile.fit.fitting import Fit
 from st_codegen.reconcile.fit.normal import by_group, inverse
 from st_codegen.reconcile.judge.held_out import compared
 from st_codegen.reconcile.settings import SETTINGS
@@ -160,6 +161,11 @@ def chi_square_tail(x: float, count: int) -> float:
     from scipy.special import chdtrc
 
     return float(chdtrc(count, x)) if x > 0 else 1.0
+
+
+def p_of_more(fewer: Fit, more: Fit) -> float:
+    """Chance that noise saves what one fit has less loss than another one with fewer numbers."""
+    return chi_square_tail(fewer.loss - more.loss, len(more.prior) - len(fewer.prior))
 
 
 def normal_tail(x: FloatArray) -> FloatArray:

@@ -6,22 +6,21 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from st_codegen.ir.arrays import ComplexArray
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.judge.candidates import Candidate
 from st_codegen.reconcile.judge.evidence import Evidence, judge
-from st_codegen.reconcile.judge.plausible import beats_waves, explained
-from st_codegen.reconcile.judge.selection import is_sound
+from st_codegen.reconcile.judge.plausible import beats_waves
+from st_codegen.reconcile.judge.selection import added, is_sound
 from st_codegen.reconcile.judge.unexplained import Signature
 from st_codegen.reconcile.settings import SETTINGS
 
 
-def faint(final: Fit, judged: Sequence[tuple[Candidate, Evidence]], gap_power: float) -> list[Signature]:
+def faint(final: Fit, judged: Sequence[tuple[Candidate, Evidence]]) -> list[Signature]:
     """The clearest of the refused candidates that only their size spoke against, and still does; one at most.
 
     Where nothing else is unexplained, what is left would be called noise, and has a pattern that noise has by chance no
     more often than a name may be wrong. It must do clearly better than constant waves of its orders: noise that lasts
-    over runs has a mean of its own. Samples over time have no runs to tell that by. gap_power: deg^2, of the whole gap.
+    over runs has a mean of its own. Samples over time have no runs to tell that by.
     """
     if final.target.data.angle_rad is not None:
         return []
@@ -37,23 +36,17 @@ def faint(final: Fit, judged: Sequence[tuple[Candidate, Evidence]], gap_power: f
         start = with_it.state.slices()[number].start
         places = [start + i for i, _ in candidate.coordinates()]
         evidence = judge(final, with_it, places, number)
-        touched = np.abs(_added(final, with_it, number)).max(axis=0) > 0.0
+        touched = np.abs(added(final, with_it, number)).max(axis=0) > 0.0
         varies = beats_waves(final, with_it, touched, np.ones((len(final.target.data), 1)))
         if evidence.passed_but_for_size and varies and is_sound(final, with_it, number):
-            return [_signature(final, with_it, number, evidence, gap_power)]
+            return [_signature(final, with_it, number, evidence)]
     return []
 
 
-def _added(final: Fit, with_it: Fit, number: int) -> ComplexArray:
-    """What piece `number` contributes, or a piece that is there already contributes more, (n, K)."""
-    before = explained(with_it, final.state.pieces[number]) if number < len(final.state.pieces) else 0.0
-    return explained(with_it, with_it.state.pieces[number]) - before
-
-
-def _signature(final: Fit, with_it: Fit, number: int, evidence: Evidence, gap_power: float) -> Signature:
+def _signature(final: Fit, with_it: Fit, number: int, evidence: Evidence) -> Signature:
     piece, orders = with_it.state.pieces[number], final.target.data.orders
-    added = _added(final, with_it, number)[final.target.good]
-    powers = (np.abs(added) ** 2).mean(axis=0) / final.target.data.parts
+    more = added(final, with_it, number)[final.target.good]
+    powers = (np.abs(more) ** 2).mean(axis=0) / final.target.data.parts
     told = np.flatnonzero(powers > SETTINGS.part_of_change * powers.max(initial=0.0))
     order = int(orders[told[0]]) if len(told) == 1 else -1
     size, effect = float(np.sqrt(powers.sum())), piece.effect
@@ -62,9 +55,8 @@ def _signature(final: Fit, with_it: Fit, number: int, evidence: Evidence, gap_po
         f"{what}: {size:.2g} deg RMS that {effect.title} would explain, "
         f"{evidence.size_in_noise:.2g} times the noise of a run; noise that lasts over runs may look like it"
     )
-    share = min(1.0, size**2 / max(gap_power, 1e-300))
     # RMS over the angle: of a wave half the square of its amplitude
     largest = size * (np.sqrt(2) if order > 0 else 1.0)
     return Signature(
-        order, size, share, {"combination": 1.0}, "both", text, largest, at_least=True, would_be=effect.name
+        order, size, size**2, {"combination": 1.0}, "both", text, largest, at_least=True, would_be=effect.name
     )

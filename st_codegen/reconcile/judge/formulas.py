@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
-from st_codegen.reconcile.data.contrasts import CONDITIONS, axes_together, levels_of, speed_levels
+from st_codegen.reconcile.data.contrasts import CONDITIONS, axes_together, levels_by_condition
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
@@ -147,10 +147,8 @@ class _Problem:
     @cached_property
     def folds(self) -> dict[str, list[_Fold]]:
         """By axis the levels that are left out in turn; of two levels the one says nothing of the other."""
-        at, found = self.at, {}
-        axes = {"speed": speed_levels(at.speed_rpm), "torque": levels_of(at.torque_Nm),
-                "temperature": levels_of(at.temperature_C)}  # fmt: skip
-        for name, level in axes.items():
+        found = {}
+        for name, level in levels_by_condition(self.at).items():
             count = len(np.unique(level))
             block = level * SETTINGS.formula_blocks // count if count > SETTINGS.formula_blocks else level
             blocks = [block == n for n in np.unique(block)] if count > 2 else []

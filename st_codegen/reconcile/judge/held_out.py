@@ -12,7 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from st_codegen.ir.arrays import ComplexArray, FloatArray
-from st_codegen.reconcile.fit.fitting import AXES, Fit, Fold
+from st_codegen.reconcile.data.contrasts import AXES
+from st_codegen.reconcile.fit.fitting import Fit, Fold
 from st_codegen.reconcile.fit.target import Groups
 from st_codegen.reconcile.judge.peaks import has_a_frequency
 from st_codegen.reconcile.settings import SETTINGS

@@ -11,6 +11,7 @@ import numpy as np
 from st_codegen.campaign.moments import moments
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.observations import Observations
+from st_codegen.reconcile.fit.normal import made_of
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.judge.structure import orthogonal_basis
 from st_codegen.reconcile.judge.unexplained import Signature
@@ -53,7 +54,7 @@ def stand_out(power: FloatArray, around: FloatArray, is_open: BoolArray) -> Bool
     return found
 
 
-def lines_in_samples(target: FitData, residual: ComplexArray, gap_power: float, highest: int = 300) -> list[Signature]:
+def lines_in_samples(target: FitData, residual: ComplexArray, highest: int = 300) -> list[Signature]:
     """Signatures of samples over time: waves of the output's angle that stand above the noise.
 
     All that was found is fitted together with a mean that wanders slowly: where turns are not whole, each of them leaks
@@ -64,7 +65,7 @@ def lines_in_samples(target: FitData, residual: ComplexArray, gap_power: float, 
     # each of both leaks into the other where turns are not whole: what is sure of one is taken from the other
     for _ in range(_ROUNDS):
         whole, rest, waves = _whole_orders(target, residual[:, 0].real - made, files, highest)
-        between, now = _between_orders(target, rest + made, files, gap_power, highest)
+        between, now = _between_orders(target, rest + made, files, highest)
         rest, made = rest + made - now, now
         if not between:
             break
@@ -84,8 +85,7 @@ def lines_in_samples(target: FitData, residual: ComplexArray, gap_power: float, 
             alike = f" (or {', '.join(map(str, found.alike))}, with about as little left)" if found.alike else ""
             name, changes = f"order {order}{alike}", f", of a size or phase that changes: {found.where}"
         text = f"{name}: {size:.2g} deg RMS over the recordings{changes}"
-        share = min(1.0, size**2 / max(gap_power, 1e-300))
-        out.append(Signature(order, size, share, {kind: 1.0}, "both", text))
+        out.append(Signature(order, size, size**2, {kind: 1.0}, "both", text))
     return [*sorted(out, key=lambda one: -one.rms_deg), *between]
 
 
@@ -201,7 +201,7 @@ def _beside_constant_ones(
     for k, wave in ((k, wave) for k, wave in waves.items() if k != order):
         both = (np.cos(k * angle), np.sin(k * angle))
         columns = np.stack([one - _while_it_changes(target, one, files, order, length)[1] for one in both], axis=1)
-        told = columns @ np.linalg.lstsq(columns, left, rcond=None)[0]
+        told = made_of(columns, left)
         is_own = float(told @ told) > SETTINGS.own_beside_changing * float(left @ left)
         if is_own or abs(k - order) > SETTINGS.beside_changing:
             alone = alone - wave
@@ -251,7 +251,7 @@ def _while_it_changes(
 
 
 def _between_orders(
-    target: FitData, left: FloatArray, files: IntArray, gap_power: float, highest: int
+    target: FitData, left: FloatArray, files: IntArray, highest: int
 ) -> tuple[list[Signature], FloatArray]:
     """Signatures of waves between whole orders in samples (n,) that have nothing else left, largest first; the waves.
 
@@ -279,7 +279,7 @@ def _between_orders(
         for n in numbers:
             own = files == n
             columns = np.stack([np.cos(best * angle[own]), np.sin(best * angle[own])], axis=1)
-            made[own] = columns @ np.linalg.lstsq(columns, rest[own], rcond=None)[0]
+            made[own] = made_of(columns, rest[own])
         rms = float(np.sqrt((made**2).mean()))
         if not stands.any() or rms < SETTINGS.part_of_rest * size:
             return out, left - rest
@@ -288,8 +288,7 @@ def _between_orders(
             f"a wave of about {best:.1f} periods a turn, {rms:.2g} deg RMS over the recordings: it does not come back "
             "after a turn, as of a bearing, a belt, another shaft, or of a frequency of its own at one speed"
         )
-        share = min(1.0, rms**2 / max(gap_power, 1e-300))
-        out.append(Signature(-1, rms, share, {"constant": 1.0}, "both", text, rms * np.sqrt(2), periods=best))
+        out.append(Signature(-1, rms, rms**2, {"constant": 1.0}, "both", text, rms * np.sqrt(2), periods=best))
     return out, left - rest
 
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.fit.fitting import Fit
+from st_codegen.reconcile.fit.normal import made_of
 from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.judge.peaks import has_a_frequency
-from st_codegen.reconcile.judge.plausible import explained, followers
-from st_codegen.reconcile.judge.retuned import shown_change
+from st_codegen.reconcile.judge.plausible import followers
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect, Stage
 
@@ -36,9 +36,9 @@ def left_of_a_delay(final: Fit, number: int) -> frozenset[str]:
         one for i, one in enumerate(pieces)
         if one.effect.stage is Stage.MEASURING and i != number and one.origin not in (None, one.effect)
     ]  # fmt: skip
-    own = (np.abs(shown_change(final, pieces[number])) ** 2).sum(axis=0)
+    own = (np.abs(final.shown_change(pieces[number])) ** 2).sum(axis=0)
     waves = (own > 0.0) & (final.target.data.orders > 0)
-    delayed = sum(float((np.abs(shown_change(final, one)[:, waves]) ** 2).sum()) for one in delays)
+    delayed = sum(float((np.abs(final.shown_change(one)[:, waves]) ** 2).sum()) for one in delays)
     return frozenset(["filter"]) if waves.any() and own[waves].sum() < SETTINGS.form**2 * delayed else frozenset()
 
 
@@ -56,7 +56,7 @@ def left_of_a_smoothing(final: Fit, number: int) -> frozenset[str]:
     kept = np.abs((new * old.conj()).mean(axis=0)) / np.maximum(power, 1e-300)
     # from here on all are smaller
     above = loud & (data.orders > max(data.orders[loud & (kept > 1.0 / SETTINGS.column_factor)], default=0))
-    own = (np.abs(shown_change(final, final.state.pieces[number])[good]) ** 2).sum(axis=0)
+    own = (np.abs(final.shown_change(final.state.pieces[number])[good]) ** 2).sum(axis=0)
     return frozenset(["smoothing"]) if own[~above].sum() < SETTINGS.form**2 * own[above].sum() else frozenset()
 
 
@@ -73,14 +73,14 @@ def is_a_knee(final: Fit, effect: Effect) -> bool:
     if data.angle_rad is not None or data.orders[0] != 0:
         return False
     twists = [piece for piece in final.state.pieces if piece.effect.name in ("backlash", "torsional_compliance")]
-    twist = sum((explained(final, piece)[good, 0].real for piece in twists), final.residual[good, 0].real)
+    twist = sum((final.explained(piece.effect)[good, 0].real for piece in twists), final.residual[good, 0].real)
     torque, sign, sigma = data.at.torque_Nm[good], data.at.sign[good], final.target.sigma[good, 0]
 
     def left(*laws: FloatArray) -> float:
         """The loss with a twist that is a sum of laws of the load beside a zero and dry friction."""
         columns = np.stack([*(sign * law for law in (torque, *laws)), sign, np.ones(len(sign))], axis=1)
         design, wanted = columns / np.abs(columns).max(axis=0, initial=1e-300) / sigma[:, None], twist / sigma
-        return float(((wanted - design @ np.linalg.lstsq(design, wanted, rcond=None)[0]) ** 2).sum())
+        return float(((wanted - made_of(design, wanted)) ** 2).sum())
 
     knees = np.quantile(torques[torques > 0.0], np.linspace(0.0, 1.0, SETTINGS.knees_tried + 1)[:-1])
     slopes = [np.clip(torque, -knee, knee) for knee in np.unique(knees)]
@@ -150,7 +150,7 @@ def may_be_another_power(final: Fit, number: int) -> bool:
     constant = any(order & set(one.effect.orders) for one in others if is_a_constant_wave(one.effect))
     column = np.isin(data.orders, piece.effect.orders)
     sigma = final.target.sigma[good][:, column]
-    wanted = (final.residual + explained(final, piece))[good][:, column] / sigma
+    wanted = (final.residual + final.explained(piece.effect))[good][:, column] / sigma
     load, sign = np.abs(data.at.torque_Nm[good]), data.at.sign[good]
 
     def left(power: float) -> float:
@@ -178,7 +178,7 @@ def may_be_of_a_law(final: Fit, number: int) -> bool:
     data, good, effect = final.target.data, final.target.good, final.state.pieces[number].effect
     if data.angle_rad is not None or has_a_frequency(effect) or effect.least_foreign:
         return False
-    change = (np.abs(shown_change(final, final.state.pieces[number])[good]) ** 2).mean(axis=0)
+    change = (np.abs(final.shown_change(final.state.pieces[number])[good]) ** 2).mean(axis=0)
     noise = data.parts * (final.target.sigma[good] ** 2).mean(axis=0)
     return bool((change < SETTINGS.constant_of_a_law * SETTINGS.least_excess * noise).all())
 

@@ -91,7 +91,7 @@ def with_its_orders(current: Fit, number: int) -> Fit:
     piece, target = current.state.pieces[number], current.target
     if piece.effect.orders_key != "orders":
         return current
-    without = target.losses(current.residual + explained(current, piece)) - target.losses(current.residual)
+    without = target.losses(current.residual + current.explained(piece.effect)) - target.losses(current.residual)
     gains = dict(zip(target.data.orders.tolist(), without.sum(axis=0), strict=True))
     idle = [k for k in piece.effect.orders if gains.get(k, 0.0) < SETTINGS.order_gain]
     if not idle or len(idle) == len(piece.effect.orders):
@@ -102,12 +102,6 @@ def with_its_orders(current: Fit, number: int) -> Fit:
         for key, value in piece.effect.values.items()
     }
     return fit(target, current.state.replaced(number, piece.with_values(values)))
-
-
-def explained(current: Fit, piece: Piece) -> ComplexArray:
-    """What a piece contributes to the measured coefficients, (n, K)."""
-    propagation = current.propagation
-    return propagation.measured(propagation.change(piece.effect), piece.effect.stage)
 
 
 def misfit(current: Fit, piece: Piece) -> float:
@@ -125,7 +119,7 @@ def misfit(current: Fit, piece: Piece) -> float:
         sigma = np.minimum(np.where(structured, target.data.spectral_deg, np.inf), target.sigma)
         current = replace(current, target=replace(target, sigma=sigma, wide=target.spread))
     # a peak says nothing of what lies far from it; all else must hold where it is small too
-    return _left_of(current, explained(current, piece), SETTINGS.acts if peaks else 0.0)
+    return _left_of(current, current.explained(piece.effect), SETTINGS.acts if peaks else 0.0)
 
 
 def misfit_of_changes(target: FitData) -> float:
@@ -139,10 +133,7 @@ def is_its_own(current: Fit, piece: Piece, held: Fit) -> bool:
     Where the change leaves much of what it takes off, something else is missing and only bends the parameter; where it
     shows on no order but those of added effects, and is small beside them, it may be what their forms lack.
     """
-    assert piece.origin is not None
-    propagation = current.propagation
-    change = propagation.change(piece.effect) - propagation.change(piece.origin)
-    seen = propagation.measured(change, piece.effect.stage)
+    seen = current.shown_change(piece)
     shows = np.abs(seen).max(axis=0) > 0.0
     target = current.target
     limit = misfit_of_changes(target)
@@ -199,7 +190,7 @@ def law_holds(without: Fit, fitted: Fit, number: int) -> bool:
         return is_one and is_where_it_moves(fitted, piece) and not _is_of_one_speed(fitted, piece)
     if piece.effect.stage is not Stage.MODULATION:
         return True
-    size = np.sqrt((np.abs(explained(fitted, piece)[target.good] / target.sigma[target.good]) ** 2).mean(axis=0))
+    size = np.sqrt((np.abs(fitted.explained(piece.effect)[target.good] / target.sigma[target.good]) ** 2).mean(axis=0))
     own = size > SETTINGS.least_size
     if own.sum() != 1:
         return bool(own.any())
@@ -214,7 +205,7 @@ def _is_of_one_speed(fitted: Fit, piece: Piece) -> bool:
     peaks = [one for one in fitted.state.pieces if one.added and has_a_frequency(one.effect)]
     others = set(fitted.target.data.orders[is_lacking(fitted.target, fitted.residual)].tolist())
     others |= {order for one in peaks for order in one.effect.orders}
-    seen = fitted.residual + sum((explained(fitted, one) for one in peaks), np.zeros_like(fitted.residual))
+    seen = fitted.residual + sum((fitted.explained(one.effect) for one in peaks), np.zeros_like(fitted.residual))
     return is_of_one_speed(fitted.target, seen, piece.effect, sorted(others - {0, *piece.effect.orders}))
 
 
@@ -223,7 +214,7 @@ def is_where_it_moves(fitted: Fit, piece: Piece) -> bool:
 
     Where the size follows another law than its own, a peak that a level has not goes between its speeds.
     """
-    target, at, own = fitted.target, fitted.target.data.at, explained(fitted, piece)
+    target, at, own = fitted.target, fitted.target.data.at, fitted.explained(piece.effect)
     gain = (target.losses(fitted.residual + own) - target.losses(fitted.residual)).sum(axis=1)
     followed = (("frequency_per_kNm", np.abs(at.torque_Nm)), ("frequency_per_10K", at.temperature_C))
     levels = [levels_of(values) for key, values in followed if piece.effect.values.get(key)]
@@ -264,7 +255,9 @@ def is_no_form_error(without: Fit, with_it: Fit, number: int | None = None, show
 
 def _slack(current: Fit, pieces: Sequence[Piece]) -> FloatArray:
     """By how much the forms of pieces may be off in each run, (n, K): a share of what they contribute there."""
-    return SETTINGS.form * np.abs(sum((explained(current, one) for one in pieces), np.zeros_like(current.residual)))
+    return SETTINGS.form * np.abs(
+        sum((current.explained(one.effect) for one in pieces), np.zeros_like(current.residual))
+    )
 
 
 def lack_of_forms(current: Fit) -> FloatArray:

@@ -7,18 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
+from st_codegen.ir.arrays import BoolArray, FloatArray
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.normal import inverse
 from st_codegen.reconcile.fit.parameters import Coordinate, Piece
 from st_codegen.reconcile.fit.state import OFFSET
 from st_codegen.reconcile.judge import discrepancy
-from st_codegen.reconcile.judge.evidence import chi_square_tail, p_of_clusters
+from st_codegen.reconcile.judge.evidence import chi_square_tail, p_of_clusters, p_of_more
 from st_codegen.reconcile.judge.in_time import lasting_mean, without_lasting
 from st_codegen.reconcile.judge.plausible import (
     bounds_met,
-    explained,
     inside_bounds,
     is_its_own,
     misfit_of_changes,
@@ -107,7 +106,9 @@ def _left_of(joint: Fit, piece: Piece) -> float:
     if any(_value(piece, c) < (c.lower + c.upper) / 2 for c in least):
         return 0.0
     good = joint.target.good
-    now, own = (np.abs(explained(joint, one)[good] / joint.target.sigma[good]) ** 2 for one in (piece, piece.held()))
+    now, own = (
+        np.abs(joint.explained(one.effect)[good] / joint.target.sigma[good]) ** 2 for one in (piece, piece.held())
+    )
     return float(np.sqrt(now.sum() / max(float(own.sum()), 1e-300)))
 
 
@@ -132,8 +133,7 @@ def changed_as_well(joint: Fit, final: Fit, changed: dict[int, float]) -> tuple[
             return final, found
         best = min(tried, key=lambda i: _price(tried[i]))
         as_good = {i: one for i, one in tried.items() if i != best and one.loss - tried[best].loss < SETTINGS.as_good}
-        saved, more = final.loss - tried[best].loss, len(tried[best].prior) - len(final.prior)
-        final, found[best] = tried[best], Needed(chi_square_tail(saved, more), as_good)
+        final, found[best] = tried[best], Needed(p_of_more(final, tried[best]), as_good)
 
 
 def without_misfits(final: Fit, changed: Collection[int], offset_changed: bool) -> tuple[Fit, set[int], bool]:
@@ -170,7 +170,7 @@ def _together(final: Fit, changed: Collection[int]) -> list[int]:
     """
     if not final.target.data.few_points:
         return []
-    shows = {i: np.abs(shown_change(final, final.state.pieces[i])).max(axis=0) > 0.0 for i in changed}
+    shows = {i: np.abs(final.shown_change(final.state.pieces[i])).max(axis=0) > 0.0 for i in changed}
     return [i for i in changed if any((shows[i] & shows[other]).any() for other in changed if other != i)]
 
 
@@ -192,7 +192,7 @@ def _is_refused(final: Fit, number: int) -> bool:
 def _misfits(final: Fit, changed: Collection[int], offset_changed: bool) -> dict[int, float]:
     """For each change the power beyond noise that its orders keep, over that which all changes take off them."""
     target, data = final.target, final.target.data
-    own = {i: (np.abs(shown_change(final, final.state.pieces[i])) ** 2).mean(axis=0) for i in changed}
+    own = {i: (np.abs(final.shown_change(final.state.pieces[i])) ** 2).mean(axis=0) for i in changed}
     if offset_changed:
         own[OFFSET] = np.where(data.orders == 0, 1.0, 0.0)
     of_runs = estimate(data, final.residual).floor_rms
@@ -229,11 +229,10 @@ def _freed(joint: Fit, final: Fit, number: int, lacking: BoolArray, kept: BoolAr
     saved = (one.target.losses(final.residual) - one.target.losses(one.residual)).sum(axis=0)
     if saved[lacking].sum() <= SETTINGS.order_gain:
         return None
-    p = chi_square_tail(final.loss - one.loss, len(one.prior) - len(final.prior))
-    sure = max(p, _p_alone(one, *_difference(one, number))) < SETTINGS.p_changed
+    sure = max(p_of_more(final, one), _p_alone(one, *_difference(one, number))) < SETTINGS.p_changed
     changed = one.state.pieces[number]
     sure = sure and not _insists_on_a_bound(changed) and is_its_own(one, changed, final)
-    return one if sure and stands_out(one, shown_change(one, changed), kept) else None
+    return one if sure and stands_out(one, one.shown_change(changed), kept) else None
 
 
 def offset_is_large(joint: Fit) -> bool:
@@ -249,15 +248,7 @@ def offset_is_large(joint: Fit) -> bool:
 
 def _stands(joint: Fit, piece: Piece, held: Fit) -> bool:
     """Whether a change is that of the effect, and not what lies around its orders as well."""
-    return is_its_own(joint, piece, held) and stands_out(joint, shown_change(joint, piece))
-
-
-def shown_change(joint: Fit, piece: Piece) -> ComplexArray:
-    """What the change of a piece of the rig makes of the measured coefficients, (n, K)."""
-    assert piece.origin is not None
-    propagation = joint.propagation
-    change = propagation.change(piece.effect) - propagation.change(piece.origin)
-    return propagation.measured(change, piece.effect.stage)
+    return is_its_own(joint, piece, held) and stands_out(joint, joint.shown_change(piece))
 
 
 def _own_pieces(joint: Fit) -> list[int]:
@@ -282,7 +273,7 @@ def _difference(joint: Fit, number: int) -> tuple[list[int], FloatArray]:
 def _lasting_noise(joint: Fit, piece: Piece) -> bool:
     """Whether a change is so small and so much the same in all runs that noise which lasts would look like it."""
     target = joint.target
-    part = shown_change(joint, piece) / target.sigma
+    part = joint.shown_change(piece) / target.sigma
     parts = target.data.parts
     size, varies = 0.0, 0.0
     for sign in (1.0, -1.0):

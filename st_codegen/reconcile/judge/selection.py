@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from st_codegen.ir.arrays import ComplexArray
 from st_codegen.processes import Progress
 from st_codegen.reconcile.data.noise import Noise, estimate
 from st_codegen.reconcile.fit.fitting import Fit, fit
@@ -18,7 +19,6 @@ from st_codegen.reconcile.judge.peaks import follows_load, has_a_frequency
 from st_codegen.reconcile.judge.plausible import (
     at_nobodys_expense,
     at_two_frequencies,
-    explained,
     inside_bounds,
     is_no_form_error,
     law_holds,
@@ -208,11 +208,18 @@ def is_sound(without: Fit, with_it: Fit, number: int) -> bool:
     grown = len(without.state.pieces) == len(with_it.state.pieces)
     sound = at_two_frequencies(without, with_it, number) and at_nobodys_expense(without, with_it)
     sound = sound and (grown or is_no_form_error(without, with_it, number))
-    piece = with_it.state.pieces[number]
-    own = explained(with_it, piece) - (explained(with_it, without.state.pieces[number]) if grown else 0.0)
-    at_one_angle = bool(piece.effect.least_foreign)
-    sound = sound and (is_of_its_place(with_it, number) if at_one_angle else stands_out(with_it, own))
+    if sound and with_it.state.pieces[number].effect.least_foreign:
+        sound = is_of_its_place(with_it, number)
+    elif sound:
+        sound = stands_out(with_it, added(without, with_it, number))
     return sound and law_holds(without, with_it, number)
+
+
+def added(without: Fit, with_it: Fit, number: int) -> ComplexArray:
+    """What piece `number` of a fit contributes, (n, K); by how much it contributes more where it only grew."""
+    own = with_it.explained(with_it.state.pieces[number].effect)
+    is_new = len(with_it.state.pieces) > len(without.state.pieces)
+    return own if is_new else own - with_it.explained(without.state.pieces[number].effect)
 
 
 def with_noise_of(current: Fit) -> tuple[FitData, Noise]:

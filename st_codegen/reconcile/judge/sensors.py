@@ -12,6 +12,7 @@ import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.observations import Observations
+from st_codegen.reconcile.fit.normal import made_of
 from st_codegen.reconcile.judge.each_run import Distorted, distortion, own_steps
 from st_codegen.reconcile.judge.mistakes import Mistake
 from st_codegen.reconcile.judge.votes import SIGNS, agreed_gain, expected_of, noise_power, told_power
@@ -152,7 +153,7 @@ def _follows(off: FloatArray, torque: FloatArray) -> bool:
     """Whether what torques are off by is one smooth function of the torque that is read."""
     load, sign = np.abs(torque) / max(float(np.abs(torque).max()), 1e-300), np.sign(torque)
     design = np.stack([np.ones(len(torque)), *(sign * load**power for power in (0.5, 1.0, 2.0))], axis=1)
-    rest = off - design @ np.linalg.lstsq(design, off, rcond=None)[0]
+    rest = off - made_of(design, off)
     return bool((rest**2).mean() < SETTINGS.left_of_unit * ((off - off.mean()) ** 2).mean())
 
 

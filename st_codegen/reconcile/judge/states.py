@@ -16,7 +16,7 @@ import numpy as np
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.judge.candidates import Candidate, Scorer
-from st_codegen.reconcile.judge.evidence import chi_square_tail, judge
+from st_codegen.reconcile.judge.evidence import judge, p_of_more
 from st_codegen.reconcile.judge.peaks import follows_load, has_a_frequency
 from st_codegen.reconcile.judge.plausible import at_nobodys_expense, bounds_met, is_a_peak
 from st_codegen.reconcile.judge.structure import is_lacking
@@ -129,8 +129,7 @@ def _split(current: Fit, number: int) -> Fit | None:
     new = len(state.pieces) - 1
     found = _at_its_edge(fit(current.target, state, steps=SETTINGS.long_steps), (number, new))
     moved = _moving(current, number, found, (number, new))
-    fewer = len(found.prior) - len(moved.prior)
-    if chi_square_tail(max(moved.loss - found.loss, 0.0), fewer) > SETTINGS.p_changed:
+    if p_of_more(moved, found) > SETTINGS.p_changed:
         one = moved.state.pieces[number]
         better = moved.loss < current.loss - SETTINGS.order_gain and at_nobodys_expense(current, moved)
         return moved if better and is_a_peak(one) and not bounds_met(one) else None
@@ -154,8 +153,7 @@ def in_one_piece(joint: Fit) -> Fit | None:
             continue
         state = joint.state.replaced(i, one.with_values(values)).without(j)
         found = fit(joint.target, state, steps=SETTINGS.long_steps)
-        fewer = len(joint.prior) - len(found.prior)
-        if chi_square_tail(max(found.loss - joint.loss, 0.0), fewer) > SETTINGS.p_changed:
+        if p_of_more(found, joint) > SETTINGS.p_changed:
             return found
     return None
 

@@ -14,14 +14,13 @@ import numpy as np
 
 from st_codegen.campaign.orders import BAND, listed
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from st_codegen.reconcile.data.contrasts import levels_of, neighbours, speed_levels
+from st_codegen.reconcile.data.contrasts import levels_by_condition, neighbours
 from st_codegen.reconcile.data.noise import MEDIAN_1
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.judge.evidence import chi_square_tail, false_discoveries, normal_tail
 from st_codegen.reconcile.judge.in_time import Course, course_of, without_lasting
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Conditions
 
 
 @dataclass(frozen=True)
@@ -139,15 +138,6 @@ def level_designs(target: FitData) -> dict[str, FloatArray]:
     at, good = target.data.at, target.good
     levels = {"constant": np.zeros(len(at), np.int64), **levels_by_condition(at)}
     return {name: _dummies(level, at.sign)[good] for name, level in levels.items()}
-
-
-def levels_by_condition(at: Conditions) -> dict[str, IntArray]:
-    """The level of each row by condition, (n,)."""
-    return {
-        "speed": speed_levels(at.speed_rpm),
-        "torque": levels_of(at.torque_Nm),
-        "temperature": levels_of(at.temperature_C),
-    }
 
 
 def _dummies(level: IntArray, sign: FloatArray) -> FloatArray:

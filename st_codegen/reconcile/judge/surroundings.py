@@ -11,7 +11,6 @@ from st_codegen.reconcile.fit.fitting import Fit
 from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.judge.lines import stand_out, waves_of_angle
-from st_codegen.reconcile.judge.plausible import explained
 from st_codegen.reconcile.judge.structure import wander_within_turns
 from st_codegen.reconcile.judge.votes import SIGNS
 from st_codegen.reconcile.settings import SETTINGS
@@ -127,7 +126,7 @@ def left_of_place(current: Fit, piece: Piece) -> float:
     left, power = 0.0, 0.0
     for sign in (1.0, -1.0):
         rows = target.good & (target.data.at.sign == sign)
-        own = explained(current, piece)[np.ix_(rows, foreign)]
+        own = current.explained(piece.effect)[np.ix_(rows, foreign)]
         form = (own @ turn).real
         there = ((own + current.residual[np.ix_(rows, foreign)]) @ turn).real
         if len(form):
@@ -174,7 +173,7 @@ def told_order(current: Fit, piece: Piece) -> float:
     turn, curves = np.exp(1j * np.outer(orders, angles)), []
     for sign in SIGNS:
         rows = target.good & (target.data.at.sign == sign)
-        there = ((explained(current, piece) + current.residual)[np.ix_(rows, foreign)] @ turn).real
+        there = ((current.explained(piece.effect) + current.residual)[np.ix_(rows, foreign)] @ turn).real
         if len(there):
             size, form = np.linalg.svd(there, full_matrices=False)[1:]
             curves.append(size[0] * form[0])

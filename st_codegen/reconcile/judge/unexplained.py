@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from st_codegen.reconcile.data.contrasts import levels_of, speed_levels
+from st_codegen.reconcile.data.contrasts import AXES, levels_by_condition
 from st_codegen.reconcile.data.hum import Hum
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.judge.evidence import f_tail
@@ -22,7 +22,6 @@ from st_codegen.reconcile.judge.structure import (
     ResidualStructure,
     by_directions,
     level_designs,
-    levels_by_condition,
     noise_within,
     of_an_encoder,
     orthogonal_basis,
@@ -43,7 +42,7 @@ def dependence(target: FitData, r: ComplexArray, noise_power: float, course: Cou
     good = r[target.good]
     constant = orthogonal_basis(designs["constant"])
     found = {"constant": float((np.abs(constant.T @ good) ** 2).sum())}
-    for name in ("speed", "torque", "temperature"):
+    for name in AXES:
         basis = orthogonal_basis(designs[name])
         own = float((np.abs(basis.T @ good) ** 2).sum()) - found["constant"]
         found[name] = max(0.0, own - noise_power * (basis.shape[1] - constant.shape[1]))
@@ -94,7 +93,7 @@ class Signature:
 
     order: int
     rms_deg: float
-    share: float
+    power: float
     dependence: dict[str, float]
     direction: str
     text: str
@@ -104,15 +103,20 @@ class Signature:
     hertz: float = 0.0
     would_be: str = ""
     periods: float = 0.0
+    share: float = 0.0
+
+    def of_gap(self, gap_power: float) -> Signature:
+        """This one with its share of a whole gap, deg^2."""
+        return replace(self, share=min(1.0, self.power / max(gap_power, 1e-300)))
 
 
-def of_a_hum(hum: Hum, gap_power: float) -> Signature:
-    """The signature of a wave of no order, as a share of the whole gap."""
+def of_a_hum(hum: Hum) -> Signature:
+    """The signature of a wave of no order."""
     seen, of = hum.curves
     return Signature(
         -1,
         hum.amplitude_deg * float(np.sqrt(seen / of / 2)),
-        min(1.0, hum.power / max(gap_power, 1e-300)),
+        hum.power,
         {"time" if hum.frequency_Hz else "combination" if hum.varies else "constant": 1.0},
         "both",
         hum.text,
@@ -146,14 +150,13 @@ def _with_hums(one: Signature, hums: Sequence[Hum]) -> Signature:
 def signatures(
     target: FitData,
     residual: ComplexArray,
-    gap_power: float,
     floor: FloatArray,
     claimed: BoolArray | None = None,
     kept: BoolArray | None = None,
 ) -> list[Signature]:
     """Signatures of all orders with significant structure, largest first.
 
-    gap_power: deg^2, of the whole gap; floor: RMS of one component of the noise by order, (K,); claimed: bool (K,), the
+    floor: RMS of one component of the noise by order, (K,); claimed: bool (K,), the
     orders on which something is named or changed. What is left of these must be noise, each by its own: the noise of
     the other orders may be many times as large and hide a form that is not quite right. kept: bool (K,), orders of
     which it is known that they keep more than noise.
@@ -161,27 +164,27 @@ def signatures(
     found = structure(target, residual)
     asked = np.zeros(len(found.orders), bool) if claimed is None else claimed
     significant = found.significant_among(asked)
-    out = [_signature(target, residual, found, int(k), gap_power, floor[k]) for k in np.flatnonzero(significant)]
+    out = [_signature(target, residual, found, int(k), floor[k]) for k in np.flatnonzero(significant)]
     loud = (rms_of_component(target, residual) > sure_times(target) * floor) & asked
     loud[scatter(target, residual)] = True
     loud |= False if kept is None else kept
     # what the mean of runs differs by is its floor, where that comes from the runs
     loud &= (target.data.orders > 0) | (rms_of_component(target, residual) > sure_times(target) * floor)
     out += [
-        _scattered(target, residual, int(k), gap_power, floor[k])
+        _scattered(target, residual, int(k), floor[k])
         for k in np.flatnonzero(loud & ~significant & (of_an_encoder(target, residual) == 0))
     ]
     return sorted((_with_hums(one, target.data.hums) for one in out), key=lambda signature: -signature.rms_deg)
 
 
-def loudest(target: FitData, residual: ComplexArray, gap_power: float, floor: FloatArray) -> Signature:
+def loudest(target: FitData, residual: ComplexArray, floor: FloatArray) -> Signature:
     """The signature of the order that keeps most beyond its floor, where all together keep more than noise."""
     power = rms_of_component(target, residual) ** 2 - floor**2
     k = int(np.argmax(power * target.data.parts))
-    return _scattered(target, residual, k, gap_power, floor[k])
+    return _scattered(target, residual, k, floor[k])
 
 
-def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float, floor: float) -> Signature:
+def _scattered(target: FitData, residual: ComplexArray, k: int, floor: float) -> Signature:
     """An order that keeps more than its noise, with no pattern that was found; floor: RMS of one component of that."""
     order = int(target.data.orders[k])
     # RMS over the angle: of a wave half the square of its amplitude, of the mean its square
@@ -218,11 +221,10 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float
     )
     text += _side(target, residual[:, k], own * (2 if order else 1))
     text += "" if target.data.repeated or is_common else "; repeat some runs"
-    share = min(1.0, size**2 / max(gap_power, 1e-300))
     return Signature(
         order,
         size,
-        share,
+        size**2,
         {"constant" if is_common else "scatter": 1.0},
         direction,
         text,
@@ -285,11 +287,7 @@ def _where_loud(target: FitData, r: ComplexArray) -> str:
     runs = np.array([power[rows].mean() for rows in _rows_of_runs(target)])
     first = np.array([rows[0] for rows in _rows_of_runs(target)])
     told: list[tuple[float, str]] = []
-    for name, values, levels in (
-        ("speed", at.speed_rpm, speed_levels(at.speed_rpm)),
-        ("torque", at.torque_Nm, levels_of(at.torque_Nm)),
-        ("temperature", at.temperature_C, levels_of(at.temperature_C)),
-    ):
+    for (name, levels), values in zip(levels_by_condition(at).items(), at.axes, strict=True):
         level = levels[good]
         sizes = {int(n): float(np.sqrt(power[level == n].mean())) for n in np.unique(level)}
         low, top = (chosen(sizes, key=lambda n: sizes[n]) for chosen in (min, max))
@@ -334,9 +332,7 @@ def _at_level(name: str, values: FloatArray) -> str:
     return f"{'at' if np.ptp(values) == 0.0 else 'near'} {np.median(values):g} {_UNIT[name]}"
 
 
-def _signature(
-    target: FitData, residual: ComplexArray, found: ResidualStructure, k: int, gap_power: float, floor: float
-) -> Signature:
+def _signature(target: FitData, residual: ComplexArray, found: ResidualStructure, k: int, floor: float) -> Signature:
     order, course = int(found.orders[k]), found.courses[k]
     r = residual[:, k] if order else residual[:, k].real.astype(np.complex128)
     parts = 2 if order else 1
@@ -362,8 +358,7 @@ def _signature(
     size = f"{'at least ' if at_least else ''}{np.sqrt(power):.2g} deg RMS"
     is_law = formula is not None and said.startswith(formula.text)
     text = f"{what} {said}; {size} over the runs{side}" if is_law else f"{what}: {size}, {said}{side}"
-    share = float(min(1.0, power / max(gap_power, 1e-300)))
-    return Signature(order, float(np.sqrt(power)), share, shares, direction, text, amplitude, formula, at_least)
+    return Signature(order, float(np.sqrt(power)), float(power), shares, direction, text, amplitude, formula, at_least)
 
 
 def _direction(target: FitData, r: ComplexArray) -> str:
@@ -451,8 +446,7 @@ def _sentence(
         text = _HIDDEN
     if main not in _UNIT:
         return text, float(np.sqrt((np.abs(r[good]) ** 2).mean()))
-    values = {"speed": at.speed_rpm, "torque": at.torque_Nm, "temperature": at.temperature_C}[main]
-    level = levels_of(values) if main != "speed" else speed_levels(values)
+    values, level = at.axes[AXES.index(main)], levels_by_condition(at)[main]
     sizes = {n: float(np.sqrt((np.abs(r[good & (level == n)]) ** 2).mean())) for n in np.unique(level[good])}
     top = max(sizes, key=lambda n: sizes[n])
     there = values[good & (level == top)]

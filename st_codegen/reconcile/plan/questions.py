@@ -15,7 +15,8 @@ import numpy as np
 
 from st_codegen.campaign.conditions import CONDITION_COLUMNS
 from st_codegen.ir.arrays import FloatArray
-from st_codegen.reconcile.fit.fitting import AXES, Fit
+from st_codegen.reconcile.data.contrasts import AXES
+from st_codegen.reconcile.fit.fitting import Fit
 from st_codegen.reconcile.fit.parameters import Coordinate
 from st_codegen.reconcile.fit.propagation import Propagation
 from st_codegen.reconcile.fit.target import by_place
@@ -144,7 +145,7 @@ def told_apart(final: Fit, rows: Rows, rivals: Sequence[Rival]) -> list[Question
     found: list[Question] = []
     for rival in rivals:
         difference = rival.rig.coefficients(rows.data.at, orders) - own
-        difference = np.where(rows.data.orders == 0, difference.real, difference)
+        difference = rows.data.with_real_mean(difference)
         found.append(Apart(rival, 0.5 * summed((np.abs(difference) / rows.sigma) ** 2).sum(axis=1)))
     return found
 

@@ -16,7 +16,6 @@ from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.judge.conclusions import Claim
 from st_codegen.reconcile.judge.misread import Misread
 from st_codegen.reconcile.judge.peaks import where_there
-from st_codegen.reconcile.judge.plausible import explained
 from st_codegen.reconcile.judge.structure import in_both_directions
 from st_codegen.reconcile.judge.surroundings import angle_of_rest
 from st_codegen.reconcile.judge.unexplained import beside_the_rigs
@@ -323,8 +322,8 @@ def form_error(claim: Claim, result: Reconciliation) -> tuple[list[int], float, 
         return rms_deg(values[good][:, columns], result.data.orders[columns])
 
     found = [*(c.piece for c in result.conclusions.claims), *(p for p in final.state.pieces if _is_changed(p, result))]
-    size = rms(explained(final, own))
-    if size < max(rms(explained(final, piece)) for piece in found):
+    size = rms(final.explained(own.effect))
+    if size < max(rms(final.explained(piece.effect)) for piece in found):
         return None
     unexplained = math.sqrt(sum(s.rms_deg**2 for s in result.unexplained if s.order in left))
     return sorted(left), unexplained, size
