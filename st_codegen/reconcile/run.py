@@ -28,14 +28,8 @@ from st_codegen.reconcile.fit.parameters import Piece, piece_of
 from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.candidates import Candidate
-from st_codegen.reconcile.judge.conclusions import (
-    Conclusions,
-    Retuned,
-    conclude,
-    doubted,
-    gone,
-    unchanged,
-)
+from st_codegen.reconcile.judge.claims import Conclusions, Retuned
+from st_codegen.reconcile.judge.conclusions import conclude, gone, unchanged
 from st_codegen.reconcile.judge.evidence import Evidence
 from st_codegen.reconcile.judge.faint import faint
 from st_codegen.reconcile.judge.held_out import between_states, held_out_rms, untested_axes
@@ -47,7 +41,7 @@ from st_codegen.reconcile.judge.links import (
     servo_link,
     with_unmeasured_links,
 )
-from st_codegen.reconcile.judge.lookalikes import unlike_friction
+from st_codegen.reconcile.judge.lookalikes import doubted, unlike_friction
 from st_codegen.reconcile.judge.measurement import Examined, examine
 from st_codegen.reconcile.judge.misread import Misread, in_place_of_the_rest, refined
 from st_codegen.reconcile.judge.mistakes import AS_IS, Mistake, mistaken_runs

@@ -299,7 +299,7 @@ def test_what_a_reading_takes_off_elsewhere_does_not_pay_for_a_change():
     pieces = tuple(piece if i == pins else piece.held() for i, piece in enumerate(pieces))
     target = FitData(data, np.full(data.values.shape, 2e-5), np.ones(len(AT), bool), groups_of(AT))
     final = fit(target, State(RIG, RIG.zero_offset_deg, pieces, offset_free=False))
-    assert misread(final, [pins], False) == ()
+    assert misread(final, [pins]) == ()
 
 
 def test_a_larger_gain_makes_the_noise_larger_and_explains_nothing_by_itself():

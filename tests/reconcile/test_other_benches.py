@@ -12,8 +12,9 @@ from st_codegen.reconcile.fit.fitting import fit
 from st_codegen.reconcile.fit.parameters import piece_of
 from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import FitData, groups_of
-from st_codegen.reconcile.judge.conclusions import Retuned, doubted
+from st_codegen.reconcile.judge.claims import Retuned
 from st_codegen.reconcile.judge.in_time import wander_over_runs
+from st_codegen.reconcile.judge.lookalikes import doubted
 from st_codegen.reconcile.judge.measurement import examine
 from st_codegen.reconcile.judge.states import in_one_piece
 from st_codegen.reconcile.judge.surroundings import is_of_its_place, may_be_a_start, told_order

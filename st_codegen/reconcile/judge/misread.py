@@ -244,12 +244,12 @@ READINGS = (
 )  # fmt: skip
 
 
-def misread(final: Fit, changed: Collection[int], offset_changed: bool) -> tuple[Misread, ...]:
+def misread(final: Fit, changed: Collection[int]) -> tuple[Misread, ...]:
     """Readings that do what changes of the rig do as well as these, the one that stands for most of them first.
 
-    final: the fit with the changes; changed: the numbers of their pieces.
+    final: the fit with the changes; changed: the numbers of their pieces (OFFSET: that of the zero).
     """
-    everything = frozenset(changed) | ({OFFSET} if offset_changed else frozenset())
+    everything = frozenset(changed)
     if not everything or final.target.data.angle_rad is not None:
         return ()
     plain = fit(final.target, final.state.held({*changed, OFFSET}), steps=SETTINGS.quick_steps)

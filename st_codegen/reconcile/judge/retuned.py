@@ -38,8 +38,8 @@ def with_shapes_inside(joint: Fit) -> Fit:
     return joint
 
 
-def changes(joint: Fit) -> tuple[dict[int, float], bool]:
-    """Pieces of the rig whose own values the data refuse, with the chance of that; whether the offset is refused."""
+def changes(joint: Fit) -> dict[int, float]:
+    """Pieces of the rig, and its offset (OFFSET), whose own values the data refuse, with the chance of that."""
     found = {}
     for i in _own_pieces(joint):
         piece = joint.state.pieces[i]
@@ -56,7 +56,9 @@ def changes(joint: Fit) -> tuple[dict[int, float], bool]:
         if sure and (grown or not _lasting_noise(joint, piece)) and not _insists_on_a_bound(piece):
             found[i] = p
     shift = joint.state.vector()[:1] - joint.state.rig.zero_offset_deg
-    return found, offset_is_large(joint) and _p_of(joint, [0], shift) < SETTINGS.p_changed
+    if offset_is_large(joint) and (p := _p_of(joint, [0], shift)) < SETTINGS.p_changed:
+        found[OFFSET] = p
+    return found
 
 
 def _insists_on_a_bound(piece: Piece) -> bool:
@@ -136,16 +138,17 @@ def changed_as_well(joint: Fit, final: Fit, changed: dict[int, float]) -> tuple[
         final, found[best] = tried[best], Needed(p_of_more(final, tried[best]), as_good)
 
 
-def without_misfits(final: Fit, changed: Collection[int], offset_changed: bool) -> tuple[Fit, set[int], bool]:
+def without_misfits(final: Fit, changed: dict[int, float]) -> tuple[Fit, set[int]]:
     """The final fit without the changes whose orders keep much of what they take off, and which changes stand.
 
     Then something else is there, which bends what the rig has: a step in time moves a mean, a torque that is read wrong
     all that depends on it. Changes of the same orders are judged together, since two that make up for each other each
     take off what the other one adds; and by the noise of these orders, not by how far their runs scatter.
     """
-    kept = set(changed)
-    while (kept or offset_changed) and final.target.data.angle_rad is None:
-        over = _misfits(final, kept, offset_changed)
+    kept = set({i: p for i, p in changed.items() if i != OFFSET})
+    offset = {OFFSET} & changed.keys()
+    while (kept or offset) and final.target.data.angle_rad is None:
+        over = _misfits(final, [*kept, *offset])
         # what made up for a change that is held now is none
         over |= {i: np.inf for i in kept if _insists_on_a_bound(final.state.pieces[i]) or not _is_refused(final, i)}
         together = _together(final, kept)
@@ -155,12 +158,12 @@ def without_misfits(final: Fit, changed: Collection[int], offset_changed: bool) 
         if over[worst] <= misfit_of_changes(final.target):
             break
         if worst == OFFSET:
-            offset_changed = False
+            offset = set()
             final = fit(final.target, final.state.held({OFFSET}))
         else:
             kept.remove(worst)
             final = with_piece_held(final, worst)
-    return final, kept, offset_changed
+    return final, kept | offset
 
 
 def _together(final: Fit, changed: Collection[int]) -> list[int]:
@@ -189,12 +192,14 @@ def _is_refused(final: Fit, number: int) -> bool:
     return chi_square_tail(min(saved, left - right), len(final.prior) - len(held.prior)) < SETTINGS.p_changed
 
 
-def _misfits(final: Fit, changed: Collection[int], offset_changed: bool) -> dict[int, float]:
+def _misfits(final: Fit, changed: Collection[int]) -> dict[int, float]:
     """For each change the power beyond noise that its orders keep, over that which all changes take off them."""
     target, data = final.target, final.target.data
-    own = {i: (np.abs(final.shown_change(final.state.pieces[i])) ** 2).mean(axis=0) for i in changed}
-    if offset_changed:
-        own[OFFSET] = np.where(data.orders == 0, 1.0, 0.0)
+    of_offset = np.where(data.orders == 0, 1.0, 0.0)
+    own = {
+        i: of_offset if i == OFFSET else (np.abs(final.shown_change(final.state.pieces[i])) ** 2).mean(axis=0)
+        for i in changed
+    }
     of_runs = estimate(data, final.residual).floor_rms
     floor = np.maximum(floors(target, final.residual, of_runs), SETTINGS.least_noise_deg) ** 2
     before, left = (

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from st_codegen.reconcile.data.observations import rms_deg
-from st_codegen.reconcile.judge.conclusions import SOMETHING_ELSE, Claim, Retuned
+from st_codegen.reconcile.judge.claims import SOMETHING_ELSE, Claim, Retuned
 from st_codegen.reconcile.report.output import parameters_of
 from st_codegen.reconcile.report.sentences import CLEARLY, form_text, plain, words
 from st_codegen.reconcile.run import Reconciliation

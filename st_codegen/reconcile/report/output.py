@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from st_codegen.reconcile.judge.conclusions import Claim, Retuned
+from st_codegen.reconcile.judge.claims import Claim, Retuned
 from st_codegen.reconcile.judge.evidence import Evidence, digits
 from st_codegen.reconcile.report.sentences import form_error, left_text, together_text
 from st_codegen.reconcile.run import Gap, Reconciliation

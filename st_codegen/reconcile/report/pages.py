@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from st_codegen.ir.arrays import FloatArray
-from st_codegen.reconcile.judge.conclusions import Claim
+from st_codegen.reconcile.judge.claims import Claim
 from st_codegen.reconcile.judge.spectrum import SpectrumResult, sizes, spectrum_report, spectrum_summary
 from st_codegen.reconcile.judge.unexplained import Signature
 from st_codegen.reconcile.report.evidence import evidence_panels, unexplained_panels

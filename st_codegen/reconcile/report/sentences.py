@@ -13,7 +13,7 @@ from st_codegen.campaign.orders import listed
 from st_codegen.ir.arrays import ComplexArray, FloatArray
 from st_codegen.reconcile.data.observations import rms_deg
 from st_codegen.reconcile.fit.parameters import Piece
-from st_codegen.reconcile.judge.conclusions import Claim
+from st_codegen.reconcile.judge.claims import Claim
 from st_codegen.reconcile.judge.misread import Misread
 from st_codegen.reconcile.judge.peaks import where_there
 from st_codegen.reconcile.judge.structure import in_both_directions
