@@ -450,12 +450,13 @@ def test_runs_that_follow_each_other_are_as_alike_whatever_their_size():
     assert _alike([series]) == _alike([series, 1e3 * series]) == pytest.approx(0.25)
 
 
-def test_a_share_counts_the_power_of_a_mean_and_half_the_square_of_a_wave(monkeypatch):
+def test_a_share_counts_the_power_of_a_mean_and_half_the_square_of_a_wave():
     gap, own = np.array([[1.0, 2.0j]]), {"mean": [[1.0, 0.0]], "wave": [[0.0, 2.0j]], "too much": [[3.0, 6.0j]]}
-    monkeypatch.setattr(conclusions, "explained", lambda _, piece: np.array(own[piece]))
-    data = SimpleNamespace(orders=np.array([0, 39]))
-    final = SimpleNamespace(target=SimpleNamespace(data=data, good=np.ones(1, bool), residual=lambda _: gap))
-    shares = [conclusions._share(RIG, final, piece) for piece in own]
+    target = SimpleNamespace(
+        data=SimpleNamespace(parts=np.array([1, 2])), good=np.ones(1, bool), residual=lambda _: gap
+    )
+    final = SimpleNamespace(target=target, explained=lambda name: np.array(own[name]))
+    shares = [conclusions._share(RIG, final, SimpleNamespace(effect=name)) for name in own]
     assert shares == pytest.approx([1 / 3, 2 / 3, 1.0])
 
 

@@ -20,6 +20,12 @@ from st_codegen.reconcile.settings import SETTINGS
 MEDIAN_1, MEDIAN_2 = 0.67449, 1.17741
 
 
+def middle_of(values: FloatArray) -> tuple[float, float]:
+    """The median of values (n,), and its standard error where they scatter about it as normal numbers do."""
+    middle = float(np.median(values))
+    return middle, float(np.median(np.abs(values - middle))) / MEDIAN_1 * float(np.sqrt(np.pi / 2 / len(values)))
+
+
 def sigma_of(values: ComplexArray, orders: IntArray) -> FloatArray:
     """Robust standard deviation of one component (real or imaginary) per order, float64 (K,)."""
     size = np.abs(np.where(orders == 0, values.real, values))

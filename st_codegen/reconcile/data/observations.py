@@ -140,7 +140,7 @@ class Observations:
         alike = np.unique(values[first], axis=0, return_inverse=True, return_counts=True)
         elsewhere = first[alike[2][alike[1].ravel()] > 1]
         if 0 < len(elsewhere) <= SETTINGS.most_suspects * len(self):
-            named = ", ".join(self.labels[row] for row in elsewhere[:4]) + (", .." if len(elsewhere) > 4 else "")
+            named = first_of([self.labels[row] for row in elsewhere], 4)
             text = f"{len(elsewhere)} curves that have the digits of one at another operating point: {named}"
             kept = np.setdiff1d(np.arange(len(self)), elsewhere)
             return replace(self.rows(kept), not_looked_at=(*self.not_looked_at, text)).without_copies()
@@ -236,6 +236,11 @@ def labels(at: Conditions, files: Sequence[str] | None = None) -> tuple[str, ...
         direction = "forward" if at.sign[row] > 0 else "backward"
         names.append(f"{point}, {direction}" if files is None else f"{files[row]} ({point}, {direction})")
     return tuple(names)
+
+
+def first_of(texts: Sequence[str], most: int, between: str = ", ") -> str:
+    """The first texts, as many as are shown, and two dots where there are more."""
+    return between.join(texts[:most]) + (f"{between}.." if len(texts) > most else "")
 
 
 def rms_deg(values: ComplexArray, orders: IntArray) -> float:

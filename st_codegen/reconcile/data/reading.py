@@ -19,7 +19,7 @@ from st_codegen.files.csv_tables import read_csv
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.processes import Progress
 from st_codegen.reconcile.data.hum import without_hums, without_waves_between
-from st_codegen.reconcile.data.observations import Observations, from_table, labels, sorted_by
+from st_codegen.reconcile.data.observations import Observations, first_of, from_table, labels, sorted_by
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects.wear import bump
 from st_codegen.rig.model import RigModel
@@ -204,7 +204,7 @@ def _mistaken_text(campaign: Campaign, mistaken: BoolArray, bands: IntArray, fil
     most = max(campaign.curves[row].sums.in_turn for row in rows)
     return [
         f"orders {orders} of {len(named)} files: {most} or fewer samples a turn may show higher orders as these: "
-        f"{_some(named)}"
+        f"{first_of(named, 5)}"
     ]
 
 
@@ -251,7 +251,7 @@ def _without_clipped(campaign: Campaign) -> tuple[Campaign, list[str]]:
             most = int(held[own, side].max())
             texts.append(
                 f"{int(own.sum())} curves that are cut off at {limit:g}, with up to {most} samples in a row there, as "
-                f"by a channel that saturates, or is too coarse for what lies there: {_some(files)}"
+                f"by a channel that saturates, or is too coarse for what lies there: {first_of(files, 5)}"
             )
     if cut.all():
         raise InputError(
@@ -265,10 +265,6 @@ def _file(campaign: Campaign, curve: MeasuredCurve) -> str:
     return curve.path.relative_to(campaign.folder).as_posix()
 
 
-def _some(files: list[str]) -> str:
-    return ", ".join(files[:5]) + (", .." if len(files) > 5 else "")
-
-
 def _not_looked_at(
     folder: Path, campaign: Campaign, rig: RigModel, bands: IntArray, files: list[str], unseen: float
 ) -> tuple[str, ...]:
@@ -278,7 +274,7 @@ def _not_looked_at(
     least = int(bands.min())
     if least < bands.max():
         coarse = sorted({file for file, band in zip(files, bands, strict=True) if band < bands.max()})
-        found.append(f"orders above {least} of {len(coarse)} files with few samples: {_some(coarse)}")
+        found.append(f"orders above {least} of {len(coarse)} files with few samples: {first_of(coarse, 5)}")
     above = [order for order in rig.orders() if order > bands.max()]
     if above:
         found.append(f"orders {listed(above)} of the rig: a quarter of the samples of a turn is {int(bands.max())}")

@@ -13,7 +13,7 @@ import numpy as np
 
 from st_codegen.campaign.conditions import CONDITION_COLUMNS
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
-from st_codegen.reconcile.data.noise import MEDIAN_1
+from st_codegen.reconcile.data.noise import middle_of
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.judge.mistakes import Mistake
 from st_codegen.reconcile.judge.votes import (
@@ -225,8 +225,7 @@ def other_waves(data: Observations, rig: RigModel) -> list[Mistake]:
 def _has_factor(data: Observations, rig: RigModel, waves: PowerSums, factor: float) -> bool:
     """Whether the sizes of waves have a factor, each order with one vote, and the mean has it not."""
     apart = np.log(np.maximum(np.abs(waves.product) / waves.model, 1e-12) / factor).ravel()
-    middle = float(np.median(apart))
-    error = float(np.median(np.abs(apart - middle))) / MEDIAN_1 * np.sqrt(np.pi / 2 / apart.size)
+    middle, error = middle_of(apart)
     if abs(middle) > SETTINGS.told * error:
         return False
     mean = (data.orders == 0) & loud_orders(data, rig)

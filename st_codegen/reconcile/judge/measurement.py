@@ -17,7 +17,7 @@ import numpy as np
 
 from st_codegen.errors import Problems
 from st_codegen.ir.arrays import BoolArray, FloatArray
-from st_codegen.reconcile.data.noise import MEDIAN_1
+from st_codegen.reconcile.data.noise import middle_of
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.data.reading import (
     begin_text,
@@ -312,7 +312,7 @@ def _between_steps(sums: PowerSums, sign: float, angle: float) -> float:
         waves = sums.orders > 0
         turned = (sign * sums.product * np.exp(1j * angle * sums.orders))[:, waves]
         off = -np.angle(turned) / sums.orders[waves]
-        error = np.sqrt(sums.scatter / np.maximum(2 * sums.rows * sums.model, 1e-300))[:, waves] / sums.orders[waves]
+        error = sums.error[:, waves] / sums.orders[waves]
         angle += float(np.quantile(off, 0.5, method="inverted_cdf", weights=1.0 / np.maximum(error, 1e-12)))
     return angle
 
@@ -372,11 +372,9 @@ def _directions_differ(sums: PowerSums) -> bool:
 
     Each has one vote, and a missing effect moves its own orders only; gaps say little where single runs are wrong.
     """
-    ratio = np.log(np.maximum(np.abs(sums.product) / np.maximum(sums.model, 1e-300), 1e-12))
-    apart = ratio[0] - ratio[1]
-    middle = float(np.median(apart))
-    error = float(np.median(np.abs(apart - middle))) / MEDIAN_1 * np.sqrt(np.pi / 2 / len(apart))
-    return bool(abs(middle) > SETTINGS.ramp * error)
+    forward, backward = np.log(sums.size)
+    middle, error = middle_of(forward - backward)
+    return abs(middle) > SETTINGS.ramp * error
 
 
 def _most_have(sums: PowerSums, factor: float) -> bool:
@@ -384,8 +382,7 @@ def _most_have(sums: PowerSums, factor: float) -> bool:
 
     Of those that could tell it from no factor most must lie nearer to it.
     """
-    size = np.maximum(np.abs(sums.product) / np.maximum(sums.model, 1e-300), 1e-12)
-    error = np.sqrt((sums.scatter / np.maximum(2 * sums.rows * sums.model, 1e-300) / size**2).sum(axis=0))
+    size, error = sums.size, np.linalg.norm(sums.error / sums.size, axis=0)
     own, whole = np.log(size[0] / size[1]), np.log(factor)
     apart, tells = np.abs(own - whole), SETTINGS.told * error < abs(whole)
     near = bool((apart < np.hypot(np.log(SETTINGS.column_factor), SETTINGS.told * error)).mean() > 0.5)
@@ -413,8 +410,7 @@ def _most_have_this(sums: PowerSums, factor: float) -> bool:
 
     And in nearly all runs: of runs that differ in sign a factor of all leaves most of an order.
     """
-    size = np.maximum(np.abs(sums.product) / np.maximum(sums.model, 1e-300), 1e-12)
-    error = np.sqrt(sums.scatter / np.maximum(2 * sums.rows * sums.model, 1e-300)) / size
+    size, error = sums.size, sums.error / sums.size
     apart, tells = np.abs(np.log(size / factor)), SETTINGS.told * error < abs(np.log(factor))
     near = apart < np.hypot(np.log(SETTINGS.column_factor), SETTINGS.told * error)
     near &= sums.scatter < SETTINGS.left_of_factor * sums.measured

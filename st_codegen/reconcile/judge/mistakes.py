@@ -13,7 +13,7 @@ import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.noise import estimate
-from st_codegen.reconcile.data.observations import Observations
+from st_codegen.reconcile.data.observations import Observations, first_of
 from st_codegen.reconcile.judge.votes import expected_of, noise_power
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.model import RigModel
@@ -101,8 +101,8 @@ def _turned_over(data: Observations, rig: RigModel, seen: BoolArray) -> list[Mis
     if len(touched) >= SETTINGS.least_block and all(other[of].all() for of in touched):
         # a block of whole runs is said to be one
         return []
-    shown = "; ".join(data.labels[row] for row in rows[:6]) + ("; .." if len(rows) > 6 else "")
     said = f"{len(rows)} curves have" if len(rows) > 1 else "a curve has"
+    shown = first_of([data.labels[row] for row in rows], 6, "; ")
     return [
         Mistake("block", f"{said} the opposite sign of the rig's in most orders: {shown}", rows=tuple(map(int, rows)))
     ]
@@ -139,9 +139,7 @@ def _exchanged(data: Observations, rig: RigModel, seen: BoolArray) -> list[Mista
             texts.append(re.sub(r", \w+(?=\)?$)", "", data.labels[rows[0]]))
     if not wrong or 2 * len(wrong) > len(data.runs):
         return []
-    shown = "; ".join(texts[:6]) + ("; .." if len(texts) > 6 else "")
-    said = f"{len(texts)} runs seem" if len(texts) > 1 else "a run seems"
-    text = f"{said} to have forward and backward exchanged: {shown}"
+    text = _seem(texts, "to have forward and backward exchanged")
     rows = np.concatenate(wrong)
     if _loads_turn_with(data, rows):
         text += "; theirs are the loads of the other sign: the other flanks may bear there, which the rig does not know"
@@ -268,9 +266,12 @@ def _labels(
         )
     if not wrong or len(texts) > SETTINGS.most_labels * len(runs):
         return []
-    shown = "; ".join(texts[:6]) + ("; .." if len(texts) > 6 else "")
-    said = f"{len(texts)} runs seem" if len(texts) > 1 else "a run seems"
-    return [Mistake("labels", f"{said} to carry the label of another run: {shown}", rows=tuple(wrong))]
+    return [Mistake("labels", _seem(texts, "to carry the label of another run"), rows=tuple(wrong))]
+
+
+def _seem(texts: list[str], what: str) -> str:
+    """What single runs seem to be, of which these are named."""
+    return f"{f'{len(texts)} runs seem' if len(texts) > 1 else 'a run seems'} {what}: {first_of(texts, 6, '; ')}"
 
 
 def _most_agree(

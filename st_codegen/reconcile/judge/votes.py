@@ -120,6 +120,16 @@ class PowerSums:
         return found
 
     @property
+    def size(self) -> FloatArray:
+        """How many times the model's size each order has, (2, K)."""
+        return np.asarray(np.maximum(np.abs(self.product) / np.maximum(self.model, 1e-300), 1e-12))
+
+    @property
+    def error(self) -> FloatArray:
+        """The error of a factor on the model, and of a turn of an order in rad, as each order tells it, (2, K)."""
+        return np.asarray(np.sqrt(self.scatter / np.maximum(2 * self.rows * self.model, 1e-300)))
+
+    @property
     def worth(self) -> FloatArray:
         """What each order tells of a factor, (2, K): by its error, as long as that is larger than what is sought."""
         error = self.noise / np.maximum(2 * self.rows * self.model, 1e-300)

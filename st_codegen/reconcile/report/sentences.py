@@ -11,7 +11,7 @@ import numpy as np
 
 from st_codegen.campaign.orders import listed
 from st_codegen.ir.arrays import ComplexArray, FloatArray
-from st_codegen.reconcile.data.observations import rms_deg
+from st_codegen.reconcile.data.observations import first_of, rms_deg
 from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.judge.claims import Claim
 from st_codegen.reconcile.judge.misread import Misread
@@ -114,7 +114,7 @@ def floor_text(result: Reconciliation) -> str:
     parts = []
     for kind in kinds:
         orders = [str(k) for k, own in zip(result.data.orders, result.noise.kinds, strict=True) if own == kind]
-        which = "" if len(kinds) == 1 else f" (orders {', '.join(orders[:8])}{', ..' if len(orders) > 8 else ''})"
+        which = "" if len(kinds) == 1 else f" (orders {first_of(orders, 8)})"
         parts.append(_FLOOR[kind] + which)
     text = f"The floor is {'; '.join(parts)}"
     if not result.data.repeated:
