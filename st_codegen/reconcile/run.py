@@ -13,9 +13,10 @@ from st_codegen.campaign.orders import listed
 from st_codegen.errors import InputError, Problems
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.processes import Progress
+from st_codegen.reconcile.data.checks import check, check_channels
 from st_codegen.reconcile.data.noise import Noise, estimate
 from st_codegen.reconcile.data.observations import Observations, rms_deg
-from st_codegen.reconcile.data.reading import check, check_channels, read_measured
+from st_codegen.reconcile.data.reading import read_measured
 from st_codegen.reconcile.data.recordings import (
     ANGLES,
     Recording,

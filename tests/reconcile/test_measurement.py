@@ -14,7 +14,7 @@ from st_codegen.campaign.orders import curve_sums
 from st_codegen.errors import InputError
 from st_codegen.reconcile.data.hum import without_hums, without_waves_between
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
-from st_codegen.reconcile.data.reading import ramp_deg
+from st_codegen.reconcile.data.ramps import ramp_deg
 from st_codegen.reconcile.judge import sensors
 from st_codegen.reconcile.judge.each_run import _most_gain, ramps
 from st_codegen.reconcile.judge.measurement import examine

@@ -11,18 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from st_codegen.reconcile.data.ramps import ramp, ramp_waves
 from st_codegen.reconcile.settings import SETTINGS
-
-
-def ramp(gap: ComplexArray, noise: FloatArray, orders: IntArray) -> FloatArray:
-    """The ramp over a turn (deg) that most orders of each row of a gap (n, K) agree on, (n,).
-
-    They are weighed by the power of their noise, (n, K): of a ramp s an order k above 0 has i s / (pi k), so that only
-    the lowest show it above the noise.
-    """
-    sure = 1.0 / (orders * np.sqrt(np.maximum(noise, 1e-300)))
-    size = np.pi * orders * gap.imag
-    return np.asarray(np.quantile(size, 0.5, axis=1, method="inverted_cdf", weights=sure))
 
 
 def ramps(gap: ComplexArray, noise: FloatArray, orders: IntArray, start: float) -> FloatArray:
@@ -34,7 +24,7 @@ def ramps(gap: ComplexArray, noise: FloatArray, orders: IntArray, start: float) 
     waves = orders > 0
     k, own, power = orders[waves], gap[:, waves] * np.exp(1j * start * orders[waves]), noise[:, waves]
     found = ramp(own, power, k)
-    left = own - 1j * found[:, None] / (np.pi * k)
+    left = own - ramp_waves(found[:, None], k)
     # of a random walk within the turn a ramp is half the power of each order
     return found if _most_gain(own, left, power, 2 * SETTINGS.vote) else np.zeros(len(gap))
 
@@ -85,63 +75,89 @@ def zeros(
     noise is known by more than how far runs differ, so that orders that it hides have their say.
     """
     told = (orders > 0) & ((np.abs(model) ** 2).mean(axis=0) > SETTINGS.told * noise.mean(axis=0))
-    found, sure, likely = np.zeros(len(values)), np.zeros(len(values), np.bool_), np.zeros(len(values), np.bool_)
     hidden = told.sum() < SETTINGS.least_orders_of_zero
     if hidden:
         told = (orders > 0) & is_sure
     k, v, m, power = orders[told], values[:, told], model[:, told], np.maximum(noise[:, told], 1e-300)
     if len(k) < SETTINGS.least_votes or not m.any():
-        return Zeros(found)
-    grid = np.arange(0.0, 2 * np.pi, 2 * np.pi / (8 * int(k.max())))
-    turns = np.exp(1j * np.outer(k, grid))
-    others = np.arange(len(k)) != (np.abs(m) ** 2 / power).mean(axis=0).argmax()
-    gains, errors = np.zeros(len(k)), []
-    for number in np.unique(run):
-        rows = run == number
-        # what each order leaves at each angle, (rows, K, angles): one vote an order, however large it is
-        whole = np.abs(v[rows]) ** 2 + np.abs(m[rows]) ** 2 + power[rows]
-        left = whole[..., None] - 2 * ((v[rows] * m[rows].conj())[..., None] * turns).real
-        if hidden:
-            # by how much noise hides an order is what its vote counts; what the others say of each is asked as well
-            loss = (left / power[rows][..., None]).sum(axis=0)
-            of_all = loss.sum(axis=0)
-            angle = float(grid[of_all.argmin()])
-            gains += loss[:, 0] - loss[np.arange(len(k)), (of_all - loss).argmin(axis=1)]
-            # of so many angles the best gains twice the logarithm by chance
-            beyond = of_all[0] - of_all.min() - 2.0 * np.log(len(grid))
-            sure[rows], likely[rows] = beyond > SETTINGS.order_gain, beyond > 0.0
-        else:
-            angle = float(grid[np.argmin(np.log(np.maximum(left, power[rows][..., None])).sum(axis=(0, 1)))])
-        for _ in range(3):  # between the angles of the grid
-            turned = m[rows] * np.exp(-1j * k * angle)
-            # an order that does not agree is off by more than its noise, and says the less
-            spread = np.maximum(np.abs(v[rows] - turned) ** 2, power[rows])
-            pull = (k * (turned.conj() * v[rows]).imag / spread).sum()
-            angle -= float(pull / (k**2 * np.abs(turned) ** 2 / spread).sum())
-        before, after = v[rows] - m[rows], v[rows] - m[rows] * np.exp(-1j * k * angle)
-        found[rows] = np.angle(np.exp(1j * angle))
-        if not hidden:
-            sure[rows] = _most_gain(before, after, power[rows], SETTINGS.vote)
-        likely[rows] |= (np.abs(after) ** 2 / power[rows]).sum() < 0.5 * (np.abs(before) ** 2 / power[rows]).sum()
-        errors.append(1.0 / np.sqrt(2.0 * (k**2 * np.abs(m[rows]) ** 2 / power[rows]).sum()))
+        return Zeros(np.zeros(len(values)))
+    numbers, place = np.unique(run, return_inverse=True)
+    its = [_zero_of_run(v[rows], m[rows], power[rows], k, hidden) for rows in (run == number for number in numbers)]
+    angle, sure, likely = (np.array([getattr(one, key) for one in its]) for key in ("angle", "is_sure", "is_likely"))
+    error = float(np.median([one.error for one in its]))
     if hidden:
-        # the loudest order alone could have any cause: what it says of the others must be right, but for one of them
-        agreed = np.sort(gains[others])
-        clear = agreed[np.abs(agreed) > SETTINGS.order_gain]
-        most = (clear > 0.0).mean() >= SETTINGS.most_orders if len(clear) else False
         # where most runs have one, those have one too that tell it less
-        sure |= sure.mean() > SETTINGS.most_orders
-        sure &= bool(most and agreed[:-1].sum() > SETTINGS.order_gain and agreed[-1] > SETTINGS.order_gain)
-    least = np.radians(SETTINGS.least_home_deg)
-    kinds = [float((found * sure)[run == number][0]) for number in np.unique(run)]
-    off = sum(abs(angle) > least for angle in kinds)
-    apart = sum(abs(angle - float(np.median(kinds))) > least for angle in kinds)
+        sure |= sure[place].mean() > SETTINGS.most_orders
+        others = np.arange(len(k)) != (np.abs(m) ** 2 / power).mean(axis=0).argmax()
+        sure &= _others_agree(np.sum([one.gains for one in its], axis=0)[others])
+    least, kinds = np.radians(SETTINGS.least_home_deg), angle * sure
+    off = (np.abs(kinds) > least).sum()
+    apart = (np.abs(kinds - np.median(kinds)) > least).sum()
+    if min(off, apart) < SETTINGS.least_block:
+        return Zeros(np.zeros(len(values)), error)
     # where several runs have it for sure, it is the likely cause in others too
-    turned_rows = (sure | likely) & (np.abs(found) > least)
-    alike = min(off, apart) < SETTINGS.least_block
-    if alike:
-        return Zeros(np.zeros(len(values)), float(np.median(errors)))
-    return Zeros(_as_one(found, turned_rows), float(np.median(errors)))
+    turned = (sure | likely) & (np.abs(angle) > least)
+    return Zeros(_as_one(angle[place], turned[place]), error)
+
+
+@dataclass(frozen=True)
+class _ZeroOfRun:
+    """The zero of one run: by how much (rad) it is off, its error, and whether that is sure, or likely.
+
+    gains: what each order saves by the angle that the others tell, (K,); 0 where noise hides none.
+    """
+
+    angle: float
+    error: float
+    is_sure: bool
+    is_likely: bool
+    gains: FloatArray
+
+
+def _zero_of_run(v: ComplexArray, m: ComplexArray, power: FloatArray, k: IntArray, hidden: bool) -> _ZeroOfRun:
+    """The zero of the rows of one run, of coefficients v, those of the rig m, and the power of the noise, (rows, K).
+
+    hidden: noise hides most orders (k).
+    """
+    grid = np.arange(0.0, 2 * np.pi, 2 * np.pi / (8 * int(k.max())))
+    turns, gains, is_sure, is_likely = np.exp(1j * np.outer(k, grid)), np.zeros(len(k)), False, False
+    # what each order leaves at each angle, (rows, K, angles): one vote an order, however large it is
+    whole = np.abs(v) ** 2 + np.abs(m) ** 2 + power
+    left = whole[..., None] - 2 * ((v * m.conj())[..., None] * turns).real
+    if hidden:
+        # by how much noise hides an order is what its vote counts; what the others say of each is asked as well
+        loss = (left / power[..., None]).sum(axis=0)
+        of_all = loss.sum(axis=0)
+        angle = float(grid[of_all.argmin()])
+        gains = loss[:, 0] - loss[np.arange(len(k)), (of_all - loss).argmin(axis=1)]
+        # of so many angles the best gains twice the logarithm by chance
+        beyond = of_all[0] - of_all.min() - 2.0 * np.log(len(grid))
+        is_sure, is_likely = bool(beyond > SETTINGS.order_gain), bool(beyond > 0.0)
+    else:
+        angle = float(grid[np.argmin(np.log(np.maximum(left, power[..., None])).sum(axis=(0, 1)))])
+    for _ in range(3):  # between the angles of the grid
+        turned = m * np.exp(-1j * k * angle)
+        # an order that does not agree is off by more than its noise, and says the less
+        spread = np.maximum(np.abs(v - turned) ** 2, power)
+        pull = (k * (turned.conj() * v).imag / spread).sum()
+        angle -= float(pull / (k**2 * np.abs(turned) ** 2 / spread).sum())
+    before, after = v - m, v - m * np.exp(-1j * k * angle)
+    if not hidden:
+        is_sure = _most_gain(before, after, power, SETTINGS.vote)
+    is_likely |= bool((np.abs(after) ** 2 / power).sum() < 0.5 * (np.abs(before) ** 2 / power).sum())
+    error = float(1.0 / np.sqrt(2.0 * (k**2 * np.abs(m) ** 2 / power).sum()))
+    return _ZeroOfRun(float(np.angle(np.exp(1j * angle))), error, is_sure, is_likely, gains)
+
+
+def _others_agree(gains: FloatArray) -> bool:
+    """Whether what the other orders say of each, in all runs, is right for all orders but one.
+
+    gains: of all orders but the loudest, which alone could have any cause.
+    """
+    agreed = np.sort(gains)
+    clear = agreed[np.abs(agreed) > SETTINGS.order_gain]
+    most = (clear > 0.0).mean() >= SETTINGS.most_orders if len(clear) else False
+    return bool(most and agreed[:-1].sum() > SETTINGS.order_gain and agreed[-1] > SETTINGS.order_gain)
 
 
 def _as_one(angle: FloatArray, turned: BoolArray) -> FloatArray:

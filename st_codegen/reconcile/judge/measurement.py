@@ -17,15 +17,17 @@ import numpy as np
 
 from st_codegen.errors import Problems
 from st_codegen.ir.arrays import BoolArray, FloatArray
+from st_codegen.reconcile.data.checks import check_units, unit_choices
 from st_codegen.reconcile.data.noise import middle_of
 from st_codegen.reconcile.data.observations import Observations
-from st_codegen.reconcile.data.reading import (
+from st_codegen.reconcile.data.ramps import (
     begin_text,
-    check_units,
     is_one_slope,
+    ramp,
     ramp_deg,
+    ramp_waves,
     start_of_ramp,
-    unit_choices,
+    without_ramp,
 )
 from st_codegen.reconcile.judge.columns import (
     copied_columns,
@@ -34,7 +36,7 @@ from st_codegen.reconcile.judge.columns import (
     shifted_columns,
     taken_off,
 )
-from st_codegen.reconcile.judge.each_run import ramp, ramps, zeros
+from st_codegen.reconcile.judge.each_run import ramps, zeros
 from st_codegen.reconcile.judge.gear import other_gear
 from st_codegen.reconcile.judge.mistakes import AS_IS, Mistake, mistaken_runs
 from st_codegen.reconcile.judge.sensors import (
@@ -192,19 +194,13 @@ def _ratio(data: Observations, rig: RigModel) -> list[Mistake]:
         return []
     ratio = rig.constants.reduction_ratio
     used = ratio / (1 - size / 360.0)
-
-    def corrected(given: Observations) -> Observations:
-        order = given.orders
-        waves = 1j * size / (np.pi * np.maximum(order, 1)) * np.exp(-1j * start * order)
-        return replace(given, values=given.values - np.where(order == 0, size / 2, waves))
-
     # as many digits as it takes to tell the one from the other
     digits = max(5, 2 - int(np.floor(np.log10(abs(size) / 360.0))))
     text = (
         f"TE rises by {size:.3g} deg over a turn{begin_text(start)} at every run, as if it had been computed with a "
         f"reduction ratio of {used:.{digits}g} instead of {ratio:g}"
     )
-    return [Mistake("ratio", text, corrected, remedy="take the ramp out")]
+    return [Mistake("ratio", text, lambda given: without_ramp(given, size, start), remedy="take the ramp out")]
 
 
 def _is_the_same_in_all_runs(data: Observations, rig: RigModel, size: float, start: float) -> bool:
@@ -242,7 +238,7 @@ def _ramp_of_gap(data: Observations, rig: RigModel) -> tuple[float, float]:
     turn = np.exp(1j * start * orders)
     gaps, gap = gaps * turn, gap * turn
     size = float(ramp(gap[None], least[None], orders)[0])
-    left, right = (np.abs(part) ** 2 + least for part in (gap, gap - 1j * size / (np.pi * orders)))
+    left, right = (np.abs(part) ** 2 + least for part in (gap, gap - ramp_waves(size, orders)))
     sure = 1.0 / (orders**2 * np.maximum(least, 1e-300))
     each = np.pi * (gaps.imag * orders) @ sure / sure.sum()
     if abs(size) < SETTINGS.ramp * float(each.std()) / np.sqrt(rows):
@@ -451,8 +447,7 @@ def _without_drift(drift: FloatArray, start: float) -> Callable[[Observations], 
 
     def corrected(data: Observations) -> Observations:
         waves = data.of_orders(data.orders > 0, "the mean: the drift within the turn moves it by an unknown part")
-        drifted = 1j * drift[:, None] / (np.pi * waves.orders) * np.exp(-1j * start * waves.orders)
-        return replace(waves, values=waves.values - drifted)
+        return replace(waves, values=waves.values - ramp_waves(drift[:, None], waves.orders, start))
 
     return corrected
 
@@ -506,7 +501,7 @@ def _drift(data: Observations, rig: RigModel) -> list[Mistake]:
     gap = data.values - expected_of(data, rig)
     start = start_of_ramp(gap, noise, data.orders)
     found = ramps(gap, noise, data.orders, start)
-    common = 1j * np.median(found) / (np.pi * np.maximum(data.orders, 1)) * np.exp(-1j * start * data.orders)
+    common = ramp_waves(np.median(found), data.orders, start)
     if not found.any() or not ramps(gap - common, noise, data.orders, start).any():
         return []
     began = f" ({np.degrees(start):.1f} deg)" if start else ""

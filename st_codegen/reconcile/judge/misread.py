@@ -13,6 +13,7 @@ import numpy as np
 
 from st_codegen.ir.arrays import ComplexArray, FloatArray
 from st_codegen.reconcile.data.observations import Observations
+from st_codegen.reconcile.data.ramps import without_ramp
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.normal import gather, inverse
 from st_codegen.reconcile.fit.state import OFFSET, State
@@ -188,12 +189,6 @@ def _of_gain(
     )
 
 
-def _ramp_taken_out(data: Observations, size: FloatArray) -> Observations:
-    """TE without a rise of so many deg from the zero of the angle to where the turn ends."""
-    waves = 1j * size[0] / (np.pi * np.maximum(data.orders, 1))
-    return replace(data, values=data.values - np.where(data.orders == 0, size[0] / 2, waves))
-
-
 _DELAYED = "waves backward turned {:.3g} deg too {} at the highest frequency, in proportion at others, as by a delay"
 #: of a filter, of which the rig may have the delay
 _FADED = "waves {:.3g} % too {} at the highest frequency, by its square elsewhere, as behind a filter"
@@ -228,7 +223,8 @@ READINGS = (
         _wound, (1e-3,), (5.0,),
     ),
     WrongReading(
-        "misread_ratio", ("TE {:.3g} deg too {} at the end of each turn",), _ramp_taken_out, (1e-4,), (1.0,), "ratio"
+        "misread_ratio", ("TE {:.3g} deg too {} at the end of each turn",),
+        lambda data, size: without_ramp(data, size[0]), (1e-4,), (1.0,), "ratio",
     ),
     _of_gain(("all TE {:.3g} % too {}",), _larger(1.0, -1.0)),
     _of_gain(("all TE backward {:.3g} % too {}",), _larger(-1.0), "column_scale"),

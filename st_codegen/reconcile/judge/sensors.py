@@ -67,69 +67,80 @@ _AXIS = (
 
 
 def wrong_torques(data: Observations, rig: RigModel) -> list[Mistake]:
-    """Torques that are read wrong by one factor, by one offset, or each by its own: what depends on the load says so.
-
-    A torque of its own in each run, or in each direction of it, counts where every order is predicted by what the
-    others say of the run, and clearly better than by a factor or an offset.
-    """
-    torque, reach = data.at.torque_Nm, float(np.ptp(data.at.torque_Nm))
-    if not reach or not data.both_directions():
+    """Torques that are read wrong by one factor, one offset, or each by its own: what depends on the load says so."""
+    if not np.ptp(data.at.torque_Nm) or not data.both_directions():
         return []
-    noise, orders, every = noise_power(data), data.orders.tolist(), np.ones(len(data.orders), np.bool_)
-    found: list[tuple[float, str, Conditions]] = []
+    noise = noise_power(data)
+    gain, said, right = _wrong_by_one(data, rig, noise)
+    plain = rig.coefficients(right if gain else data.at, data.orders.tolist())
+    own = _wrong_by_their_own(data, rig, noise, plain)
+    said, right, remedy = own or (said, right, "correct them")
+    return [Mistake("torque", said, lambda given: replace(given, at=right), remedy=remedy)] if gain or own else []
+
+
+def _wrong_by_one(data: Observations, rig: RigModel, noise: FloatArray) -> tuple[float, str, Conditions]:
+    """What the votes gain by one factor, or one offset, on all torques, what is said of it, and the conditions then."""
+    torque, reach, orders = data.at.torque_Nm, float(np.ptp(data.at.torque_Nm)), data.orders.tolist()
     # what scales all of TE, whether it depends on the load or not, is no torque
-    expected = expected_of(data, rig)
+    expected, every = expected_of(data, rig), np.ones(len(data.orders), np.bool_)
     scaled = expected * (1.0 + _common_step(data.values - expected, expected, noise))
+    found: list[tuple[float, str, Conditions]] = []
     for shape, text in ((torque, _GAIN), (np.full(len(data), reach), _ZERO_TORQUE)):
+
+        def at(size: float, shape: FloatArray = shape) -> Conditions:
+            return replace(data.at, torque_Nm=torque + size * shape)
+
         size = 0.0
         # steps after the first are those of a model that is not linear in the torque
         for _ in range(3):
-            at = (replace(data.at, torque_Nm=torque + (size + more) * shape) for more in (0.0, SETTINGS.torque_step))
-            model, higher = (rig.coefficients(one, orders) for one in at)
+            model, higher = (rig.coefficients(at(size + more), orders) for more in (0.0, SETTINGS.torque_step))
             step = _common_step(data.values - model, (higher - model) / SETTINGS.torque_step, noise)
             # the torque keeps its sign
             size = max(size + step, -0.95)
-        right = replace(data.at, torque_Nm=torque + size * shape)
-        said = text.format(1.0 / (1.0 + size) if text is _GAIN else -size * reach)
+        right = at(size)
         seen = rig.coefficients(right, orders)
         beyond = rig.coefficients(replace(right, torque_Nm=right.torque_Nm + SETTINGS.torque_step * shape), orders)
         gain = min(agreed_gain(data, rig, seen, every, plain) for plain in (None, scaled))
         alike = _orders_agree(data.values - seen, (beyond - seen) / SETTINGS.torque_step, noise, size)
+        said = text.format(1.0 / (1.0 + size) if text is _GAIN else -size * reach)
         found.append((gain if alike else 0.0, said, right))
-    gain, said, right = max(found, key=lambda one: one[0])
-    remedy = "correct them"
-    plain = rig.coefficients(right if gain else data.at, orders)
-    of_runs = torque
+    return max(found, key=lambda one: one[0])
+
+
+def _wrong_by_their_own(
+    data: Observations, rig: RigModel, noise: FloatArray, plain: ComplexArray
+) -> tuple[str, Conditions, str] | None:
+    """What is said of torques of their own of the runs, or of each direction of these, the conditions, and a remedy.
+
+    None where they have none: every order must be predicted by what the others say of the run, and clearly better than
+    by a factor or an offset. plain: what the rig says with one of these, (n, K).
+    """
+    torque, orders, expected = data.at.torque_Nm, data.orders.tolist(), expected_of(data, rig)
+    found, of_runs = None, torque
     for number, text in ((data.number_of_run, _OWN_TORQUES), (np.arange(len(data)), _OWN_BY_DIRECTION)):
         # the directions of a run have torques of their own where these differ from the one of both
         its, seen, told = _torque_of_each(data, rig, noise, number, of_runs)
-        of_runs = its.torque_Nm
+        of_runs, off = its.torque_Nm, its.torque_Nm - torque
         # as many runs as may carry a wrong label say nothing
-        away = np.abs(its.torque_Nm - torque)
-        most = away <= np.quantile(away, 1.0 - SETTINGS.most_labels)
+        most = np.abs(off) <= np.quantile(np.abs(off), 1.0 - SETTINGS.most_labels)
         again = _told_by_others(data, plain, seen, most) if told > SETTINGS.most_labels else 0.0
         steps = own_steps(data.values - expected, expected, noise, number, SETTINGS.torque_step)
         scaled = expected * (1.0 + steps.others)
         # nor is what one factor and one offset of all torques would tell as well: orders that the load moves by another
         # amount than the rig's need not agree on these
-        off = its.torque_Nm - torque
-        linear = _linear(torque, off, most)
-        by_both = rig.coefficients(replace(data.at, torque_Nm=torque + linear), orders)
-        own = again and _told_by_others(data, by_both, seen, most)
-        if own and not _told_by_others(data, seen, scaled, most):
-            said, gain = text.format(np.abs(off).max(), np.sqrt((off**2).mean())), again
-            said += _BY_A_LAW if _follows(off, torque) else ""
-            right, plain, remedy = its, seen, _TAKE_OWN
-            # of each direction one factor and one offset may be all that there is
-            turned = _linear(torque, off, most, data.at.sign)
-            in_each = replace(data.at, torque_Nm=torque + turned)
-            if not _told_by_others(data, rig.coefficients(in_each, orders), seen, most):
-                said, right, remedy = (
-                    _BY_DIRECTION.format(*_laws(torque, turned, data.at.sign)),
-                    in_each,
-                    "correct them",
-                )
-    return [Mistake("torque", said, lambda given: replace(given, at=right), remedy=remedy)] if gain else []
+        linear = replace(data.at, torque_Nm=torque + _linear(torque, off, most))
+        own = again and _told_by_others(data, rig.coefficients(linear, orders), seen, most)
+        if not own or _told_by_others(data, seen, scaled, most):
+            continue
+        said = text.format(np.abs(off).max(), np.sqrt((off**2).mean())) + (_BY_A_LAW if _follows(off, torque) else "")
+        plain, found = seen, (said, its, _TAKE_OWN)
+        # of each direction one factor and one offset may be all that there is
+        turned = _linear(torque, off, most, data.at.sign)
+        in_each = replace(data.at, torque_Nm=torque + turned)
+        if not _told_by_others(data, rig.coefficients(in_each, orders), seen, most):
+            said = _BY_DIRECTION.format(*_laws(torque, turned, data.at.sign))
+            found = said, in_each, "correct them"
+    return found
 
 
 def _linear(torque: FloatArray, off: FloatArray, most: BoolArray, sign: FloatArray | None = None) -> FloatArray:

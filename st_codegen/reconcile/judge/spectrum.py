@@ -20,8 +20,8 @@ from scipy.special import fdtri, gammainccinv, gammaincinv
 from st_codegen.errors import InputError, Problems
 from st_codegen.files.csv_tables import RowError, header_of, read_csv
 from st_codegen.ir.arrays import FloatArray
+from st_codegen.reconcile.data.checks import check_units
 from st_codegen.reconcile.data.observations import Observations, labels
-from st_codegen.reconcile.data.reading import check_units
 from st_codegen.reconcile.outcome import Outcome
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions, Constants

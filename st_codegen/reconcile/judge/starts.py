@@ -15,7 +15,7 @@ from scipy.optimize import fmin
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.observations import Observations
-from st_codegen.reconcile.judge.each_run import ramp
+from st_codegen.reconcile.data.ramps import ramp, ramp_waves
 from st_codegen.reconcile.judge.mistakes import Mistake
 from st_codegen.reconcile.judge.votes import expected_of, noise_power, told_power
 from st_codegen.reconcile.settings import SETTINGS
@@ -176,7 +176,7 @@ def _most_orders_agree(curves: _Curves, noise: FloatArray, wave: _Wave) -> bool:
     even, waves = curves.orders % 2 == 0, curves.orders > 0
     seen = np.where(even, curves.dying(wave, ~even)[1], curves.dying(wave, even)[1])
     k, least, own = curves.orders[waves], np.maximum(noise[:, waves], 1e-300), curves.values[:, waves]
-    slope = 1j * ramp(own, least, k)[:, None] / (np.pi * k)
+    slope = ramp_waves(ramp(own, least, k)[:, None], k)
     after, asked = own - seen[:, waves], curves.weight[waves] > 0.0
     for before in (own, own - slope):
         gain = ((np.abs(before) ** 2 - np.abs(after) ** 2) / least).sum(axis=0)[asked]

@@ -189,21 +189,10 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, floor: float) ->
     order = int(target.data.orders[k])
     # RMS over the angle: of a wave half the square of its amplitude, of the mean its square
     power = float((np.abs(residual[target.good, k]) ** 2).mean()) / (2 if order else 1)
-    own, differ = float(noise_within(target)[k] ** 2), float(by_directions(target, residual)[1][k] ** 2)
-    what = within = _noise_beside(target)
-    if differ < own:
-        own, what = differ, "what both directions of a run differ by"
-    # what one direction alone has is what both differ by
-    direction, quiet = _direction(target, residual[:, k]), _quietest_direction(target, residual[:, k])
-    if direction != "both" and quiet / (2 if order else 1) < own:
-        own, what = max(quiet / (2 if order else 1), SETTINGS.least_noise_deg**2), "what the other direction has"
-    if not order and own < floor**2:
-        # the floor of the mean is that within the curves as well, where no more is known
-        of_curves = floor <= noise_within(target)[k]
-        own, what = floor**2, within if of_curves else "what the means of runs near each other differ by"
-    of_runs = bool(floor**2 < own and not np.isclose(floor**2, own))
-    if of_runs:
-        own, what = floor**2, "what runs differ by from others like them"
+    direction = _direction(target, residual[:, k])
+    own, what = _noise_of_order(target, residual, k, floor, direction)
+    # what runs differ by may be more of what is unexplained
+    of_runs = what == _LIKE_THEM
     where = _where_loud(target, residual[:, k]) or "with no pattern over the conditions that was found"
     why = "runs differ, or the structure is sharp"
     is_common = _is_common(target, residual[:, k], order, max(power - own, 0.0))
@@ -229,9 +218,34 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, floor: float) ->
         direction,
         text,
         size * (np.sqrt(2) if order else 1.0),
-        # what runs differ by may be more of it
         at_least=of_runs,
     )
+
+
+_LIKE_THEM = "what runs differ by from others like them"
+
+
+def _noise_of_order(target: FitData, residual: ComplexArray, k: int, floor: float, direction: str) -> tuple[float, str]:
+    """The least power that an order's noise is known to have, deg^2, and what it is of.
+
+    floor: RMS of one component of its noise; direction: in which one its residual is.
+    """
+    parts = int(target.data.parts[k])
+    own, differ = float(noise_within(target)[k] ** 2), float(by_directions(target, residual)[1][k] ** 2)
+    what = within = _noise_beside(target)
+    if differ < own:
+        own, what = differ, "what both directions of a run differ by"
+    # what one direction alone has is what both differ by
+    quiet = _quietest_direction(target, residual[:, k]) / parts
+    if direction != "both" and quiet < own:
+        own, what = max(quiet, SETTINGS.least_noise_deg**2), "what the other direction has"
+    if parts == 1 and own < floor**2:
+        # the floor of the mean is that within the curves as well, where no more is known
+        of_curves = floor <= noise_within(target)[k]
+        own, what = floor**2, within if of_curves else "what the means of runs near each other differ by"
+    if floor**2 < own and not np.isclose(floor**2, own):
+        own, what = floor**2, _LIKE_THEM
+    return own, what
 
 
 def _noise_beside(target: FitData) -> str:
