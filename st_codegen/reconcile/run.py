@@ -28,14 +28,9 @@ from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.parameters import Piece, piece_of
 from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import FitData, groups_of
-from st_codegen.reconcile.judge.candidates import Candidate
 from st_codegen.reconcile.judge.claims import Conclusions, Retuned
 from st_codegen.reconcile.judge.conclusions import conclude, gone, unchanged
-from st_codegen.reconcile.judge.evidence import Evidence
 from st_codegen.reconcile.judge.faint import faint
-from st_codegen.reconcile.judge.held_out import between_states, held_out_rms, untested_axes
-from st_codegen.reconcile.judge.in_time import wander_over_runs
-from st_codegen.reconcile.judge.lines import lines_in_samples
 from st_codegen.reconcile.judge.links import (
     changed_with_unmeasured_links,
     coupling_link,
@@ -43,23 +38,28 @@ from st_codegen.reconcile.judge.links import (
     with_unmeasured_links,
 )
 from st_codegen.reconcile.judge.lookalikes import doubted, unlike_friction
-from st_codegen.reconcile.judge.measurement import Examined, examine
 from st_codegen.reconcile.judge.misread import Misread, in_place_of_the_rest, refined
-from st_codegen.reconcile.judge.mistakes import AS_IS, Mistake, mistaken_runs
-from st_codegen.reconcile.judge.plausible import lack_of_forms
-from st_codegen.reconcile.judge.recorded import check_accepted, check_recordings
-from st_codegen.reconcile.judge.selection import search, with_noise_of
-from st_codegen.reconcile.judge.structure import (
+from st_codegen.reconcile.mistakes.examine import Examined, examine
+from st_codegen.reconcile.mistakes.recorded import check_accepted, check_recordings
+from st_codegen.reconcile.mistakes.single_runs import AS_IS, Mistake, mistaken_runs
+from st_codegen.reconcile.outcome import Outcome
+from st_codegen.reconcile.rest.in_time import wander_over_runs
+from st_codegen.reconcile.rest.lines import lines_in_samples
+from st_codegen.reconcile.rest.structure import (
     floors,
     is_lacking,
     loud_and_foreign,
     scatter_of_encoder,
     scatter_within_turns,
 )
-from st_codegen.reconcile.judge.suspects import bad_runs, excused, without_structure
-from st_codegen.reconcile.judge.unexplained import Signature, beside_the_rigs, loudest, of_a_hum, signatures
-from st_codegen.reconcile.judge.unseen import below_noise, cannot_show
-from st_codegen.reconcile.outcome import Outcome
+from st_codegen.reconcile.rest.suspects import bad_runs, excused, without_structure
+from st_codegen.reconcile.rest.unexplained import Signature, beside_the_rigs, loudest, of_a_hum, signatures
+from st_codegen.reconcile.rest.unseen import below_noise, cannot_show
+from st_codegen.reconcile.search.candidates import Candidate
+from st_codegen.reconcile.search.evidence import Evidence
+from st_codegen.reconcile.search.held_out import between_states, held_out_rms, untested_axes
+from st_codegen.reconcile.search.plausible import lack_of_forms
+from st_codegen.reconcile.search.selection import search, with_noise_of
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Effect, Stage
 from st_codegen.rig.effects.base import BACKWARD

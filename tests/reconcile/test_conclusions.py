@@ -12,11 +12,8 @@ from st_codegen.reconcile.fit.parameters import piece_of
 from st_codegen.reconcile.fit.state import OFFSET, State
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge import conclusions
-from st_codegen.reconcile.judge.candidates import Search, variants
 from st_codegen.reconcile.judge.claims import Conclusions, Retuned
 from st_codegen.reconcile.judge.conclusions import conclude, settled
-from st_codegen.reconcile.judge.frequencies import Frequencies
-from st_codegen.reconcile.judge.in_time import _alike
 from st_codegen.reconcile.judge.lookalikes import (
     by_order_alone,
     doubted,
@@ -25,13 +22,16 @@ from st_codegen.reconcile.judge.lookalikes import (
     may_be_another_power,
     may_be_of_a_law,
 )
-from st_codegen.reconcile.judge.peaks import bracket, chance_of_bracket, is_of_one_speed, spread
-from st_codegen.reconcile.judge.plausible import bounds_met, is_its_own, is_no_form_error, lack_of_forms, law_holds
 from st_codegen.reconcile.judge.retuned import changes, with_piece_held
-from st_codegen.reconcile.judge.states import in_their_forms
-from st_codegen.reconcile.judge.structure import is_lacking, loud_and_foreign
-from st_codegen.reconcile.judge.suspects import bad_runs, excused
 from st_codegen.reconcile.report.findings import Finding, share_text
+from st_codegen.reconcile.rest.in_time import _alike
+from st_codegen.reconcile.rest.structure import is_lacking, loud_and_foreign
+from st_codegen.reconcile.rest.suspects import bad_runs, excused
+from st_codegen.reconcile.search.candidates import Search, variants
+from st_codegen.reconcile.search.frequencies import Frequencies
+from st_codegen.reconcile.search.peaks import bracket, chance_of_bracket, is_of_one_speed, spread
+from st_codegen.reconcile.search.plausible import bounds_met, is_its_own, is_no_form_error, lack_of_forms, law_holds
+from st_codegen.reconcile.search.states import in_their_forms
 from st_codegen.reconcile.settings import CHOSEN_ON, SETTINGS
 from st_codegen.rig.effects import Conditions
 from st_codegen.rig.model import RigModel

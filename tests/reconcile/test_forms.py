@@ -23,13 +23,13 @@ from st_codegen.reconcile.fit.parameters import piece_of
 from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.discrepancy import covariance, left_power
-from st_codegen.reconcile.judge.plausible import with_its_orders
-from st_codegen.reconcile.judge.unexplained import beside_the_rigs
-from st_codegen.reconcile.judge.unseen import cannot_show
 from st_codegen.reconcile.report.findings import findings
 from st_codegen.reconcile.report.output import report
 from st_codegen.reconcile.report.sentences import _heights
+from st_codegen.reconcile.rest.unexplained import beside_the_rigs
+from st_codegen.reconcile.rest.unseen import cannot_show
 from st_codegen.reconcile.run import reconcile_observations, with_empirical
+from st_codegen.reconcile.search.plausible import with_its_orders
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.campaign import Measuring, read_conditions, simulate_campaign
 from st_codegen.rig.effects import Conditions, catalogue

@@ -14,9 +14,9 @@ from st_codegen.reconcile.fit.fitting import fit
 from st_codegen.reconcile.fit.parameters import piece_of
 from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import FitData, groups_of
-from st_codegen.reconcile.judge.measurement import Examined, examine
 from st_codegen.reconcile.judge.misread import READINGS, _as_meant, misread
-from st_codegen.reconcile.judge.mistakes import Mistake
+from st_codegen.reconcile.mistakes.examine import Examined, examine
+from st_codegen.reconcile.mistakes.single_runs import Mistake
 from st_codegen.reconcile.report.output import report
 from st_codegen.reconcile.report.summary import summary
 from st_codegen.reconcile.run import _reread, reconcile_observations

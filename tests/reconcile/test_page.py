@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from st_codegen.reconcile.data.hum import Hum
-from st_codegen.reconcile.judge.unexplained import of_a_hum, signatures
 from st_codegen.reconcile.plan.next_runs import next_runs
 from st_codegen.reconcile.report.findings import findings, share_text
 from st_codegen.reconcile.report.output import report
@@ -16,6 +15,7 @@ from st_codegen.reconcile.report.pages import report_page
 from st_codegen.reconcile.report.ranking import outcome, ranking_section
 from st_codegen.reconcile.report.sentences import between_text, left_text
 from st_codegen.reconcile.report.summary import summary
+from st_codegen.reconcile.rest.unexplained import of_a_hum, signatures
 from st_codegen.reconcile.run import OrderGap, reconcile_observations
 from tests import browser
 

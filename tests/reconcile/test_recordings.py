@@ -15,11 +15,11 @@ from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.data.recordings import ANGLES, Recording, is_recording, observations, read_recordings, step_of
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.claims import Retuned
-from st_codegen.reconcile.judge.lines import _slow, _while_it_changes, lines_in_samples, stand_out, waves_of_angle
 from st_codegen.reconcile.judge.links import _judged, _noise, changed_with_unmeasured_links
-from st_codegen.reconcile.judge.recorded import _jumps, _least_at, _other_angle, check_recordings
+from st_codegen.reconcile.mistakes.recorded import _jumps, _least_at, _other_angle, check_recordings
 from st_codegen.reconcile.outcome import Outcome
 from st_codegen.reconcile.report.sentences import _few_samples, floor_text, left_text, verdict_text
+from st_codegen.reconcile.rest.lines import _slow, _while_it_changes, lines_in_samples, stand_out, waves_of_angle
 from st_codegen.reconcile.run import reconcile_files, reconcile_recordings
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions, catalogue

@@ -10,7 +10,7 @@ import pytest
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
 from st_codegen.reconcile.fit.target import FitData, groups_of
-from st_codegen.reconcile.judge.structure import (
+from st_codegen.reconcile.rest.structure import (
     ResidualStructure,
     floors,
     lifted_by_a_walk,
@@ -20,7 +20,7 @@ from st_codegen.reconcile.judge.structure import (
     structure,
     wander_within_turns,
 )
-from st_codegen.reconcile.judge.unexplained import _scattered, main_cause, signatures
+from st_codegen.reconcile.rest.unexplained import _scattered, main_cause, signatures
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 

@@ -20,6 +20,8 @@ from st_codegen.reconcile.data.hum import Hum
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 
+#: of forward and backward, in the order of every axis of two directions
+SIGNS = (1.0, -1.0)
 #: fields that hold something of each row, and of each order as the second axis
 _BY_ROW = ("values", "angle_rad", "run", "spectral_deg", "left_out", "seen", "begins_rad", "rounded_by")
 _BY_ORDER = ("values", "spectral_deg", "seen")

@@ -11,8 +11,8 @@ from st_codegen.errors import InputError, Problems
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.joint.mode import JointMode, find_mode, is_rigid, response
 from st_codegen.reconcile.joint.parts import (
-    KINDS,
     OTHERS,
+    RICH,
     RIGID,
     Chosen,
     TorquePart,
@@ -20,6 +20,7 @@ from st_codegen.reconcile.joint.parts import (
     base_of,
     choose,
     crossed,
+    first_of_kinds,
     floor_of,
     stacked,
     surely,
@@ -143,10 +144,8 @@ def _speaks_of(note: str, joint: str) -> bool:
 
 def _rich(rows: JointRows, seen: Sequence[tuple[str, float]] = ()) -> list[TorquePart]:
     """All that friction may be, and waves that were seen: what a shift of the torque and a mode are judged beside."""
-    names = ("dry_friction", "viscous_friction", "curved_friction")
-    parts = [KINDS[name].variants(name, rows, np.zeros((len(rows.time), 2)))[0] for name in names]
     waves = [TorquePart(f"{over}:{number:.6g}", number, columns(rows, over, number)) for over, number in seen]
-    return [*base_of(rows), *parts, *waves]
+    return [*base_of(rows), *first_of_kinds(rows, *RICH), *waves]
 
 
 def _seen(rows: JointRows) -> list[tuple[str, float]]:

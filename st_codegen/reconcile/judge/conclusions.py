@@ -12,9 +12,7 @@ from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.parameters import Coordinate, Piece
 from st_codegen.reconcile.fit.state import OFFSET, State
 from st_codegen.reconcile.judge import discrepancy
-from st_codegen.reconcile.judge.candidates import STAGES, Candidate, Search
 from st_codegen.reconcile.judge.claims import SOMETHING_ELSE, Claim, Conclusions, Other, Retuned
-from st_codegen.reconcile.judge.evidence import Evidence
 from st_codegen.reconcile.judge.lookalikes import (
     FEW,
     KNEE,
@@ -32,14 +30,6 @@ from st_codegen.reconcile.judge.lookalikes import (
     told_sides,
 )
 from st_codegen.reconcile.judge.misread import Misread, covariance_of_corrections, in_place_of_a_move, misread
-from st_codegen.reconcile.judge.peaks import bracket, chance_of_bracket, has_a_frequency, spread
-from st_codegen.reconcile.judge.plausible import (
-    bounds_met,
-    inside_bounds,
-    is_a_peak,
-    misfit,
-    with_its_orders,
-)
 from st_codegen.reconcile.judge.retuned import (
     Needed,
     changed_as_well,
@@ -50,10 +40,20 @@ from st_codegen.reconcile.judge.retuned import (
     with_shapes_inside,
     without_misfits,
 )
-from st_codegen.reconcile.judge.selection import founded
-from st_codegen.reconcile.judge.states import in_forms_as_good, in_one_piece
-from st_codegen.reconcile.judge.structure import is_lacking
-from st_codegen.reconcile.judge.surroundings import left_of_place, may_be_a_start, told_order
+from st_codegen.reconcile.rest.structure import is_lacking
+from st_codegen.reconcile.search.candidates import STAGES, Candidate, Search
+from st_codegen.reconcile.search.evidence import Evidence
+from st_codegen.reconcile.search.peaks import bracket, chance_of_bracket, has_a_frequency, spread
+from st_codegen.reconcile.search.plausible import (
+    bounds_met,
+    inside_bounds,
+    is_a_peak,
+    misfit,
+    with_its_orders,
+)
+from st_codegen.reconcile.search.selection import founded
+from st_codegen.reconcile.search.states import in_forms_as_good, in_one_piece
+from st_codegen.reconcile.search.surroundings import left_of_place, may_be_a_start, told_order
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Effect, Stage
 from st_codegen.rig.model import RigModel

@@ -11,7 +11,7 @@ from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.fit.fitting import Fit
 from st_codegen.reconcile.fit.target import by_place
-from st_codegen.reconcile.judge.structure import floors, is_lacking
+from st_codegen.reconcile.rest.structure import floors, is_lacking
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 

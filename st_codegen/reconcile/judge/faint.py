@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from st_codegen.reconcile.fit.fitting import Fit, fit
-from st_codegen.reconcile.judge.candidates import Candidate
-from st_codegen.reconcile.judge.evidence import Evidence, judge
-from st_codegen.reconcile.judge.plausible import beats_waves
-from st_codegen.reconcile.judge.selection import added, is_sound
-from st_codegen.reconcile.judge.unexplained import Signature
+from st_codegen.reconcile.rest.unexplained import Signature
+from st_codegen.reconcile.search.candidates import Candidate
+from st_codegen.reconcile.search.evidence import Evidence, judge
+from st_codegen.reconcile.search.plausible import beats_waves
+from st_codegen.reconcile.search.selection import added, is_sound
 from st_codegen.reconcile.settings import SETTINGS
 
 

@@ -12,15 +12,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from st_codegen.ir.arrays import ComplexArray, FloatArray
+from st_codegen.reconcile.data.chances import chi_square_tail
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.data.ramps import without_ramp
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.normal import gather, inverse
 from st_codegen.reconcile.fit.state import OFFSET, State
 from st_codegen.reconcile.fit.target import Column, FitData
-from st_codegen.reconcile.judge.evidence import chi_square_tail
-from st_codegen.reconcile.judge.in_time import changes_with_time
-from st_codegen.reconcile.judge.peaks import frequencies_in
+from st_codegen.reconcile.rest.in_time import changes_with_time
+from st_codegen.reconcile.search.peaks import frequencies_in
 from st_codegen.reconcile.settings import SETTINGS
 
 #: the data that were meant where some were read wrong by sizes

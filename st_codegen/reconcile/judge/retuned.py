@@ -8,22 +8,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, FloatArray
+from st_codegen.reconcile.data.chances import chi_square_tail
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.normal import inverse
 from st_codegen.reconcile.fit.parameters import Coordinate, Piece
 from st_codegen.reconcile.fit.state import OFFSET
 from st_codegen.reconcile.judge import discrepancy
-from st_codegen.reconcile.judge.evidence import chi_square_tail, p_of_clusters, p_of_more
-from st_codegen.reconcile.judge.in_time import lasting_mean, without_lasting
-from st_codegen.reconcile.judge.plausible import (
+from st_codegen.reconcile.rest.in_time import lasting_mean, without_lasting
+from st_codegen.reconcile.rest.structure import floors, is_lacking
+from st_codegen.reconcile.search.evidence import p_of_clusters, p_of_more
+from st_codegen.reconcile.search.plausible import (
     bounds_met,
     inside_bounds,
     is_its_own,
     misfit_of_changes,
 )
-from st_codegen.reconcile.judge.structure import floors, is_lacking
-from st_codegen.reconcile.judge.surroundings import stands_out
+from st_codegen.reconcile.search.surroundings import stands_out
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Form, Stage
 

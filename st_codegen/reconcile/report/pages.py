@@ -9,8 +9,6 @@ import numpy as np
 
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.judge.claims import Claim
-from st_codegen.reconcile.judge.spectrum import SpectrumResult, sizes, spectrum_report, spectrum_summary
-from st_codegen.reconcile.judge.unexplained import Signature
 from st_codegen.reconcile.report.evidence import evidence_panels, unexplained_panels
 from st_codegen.reconcile.report.findings import Finding, findings, share_text
 from st_codegen.reconcile.report.output import parameters_of, report_text, rig_diff
@@ -25,8 +23,10 @@ from st_codegen.reconcile.report.sentences import (
     together_text,
     verdict_text,
 )
+from st_codegen.reconcile.rest.unexplained import Signature
 from st_codegen.reconcile.run import OrderGap, Reconciliation
 from st_codegen.reconcile.settings import SETTINGS
+from st_codegen.reconcile.spectrum import SpectrumResult, sizes, spectrum_report, spectrum_summary
 from st_codegen.report.html import PageSection, PageTable, page
 from st_codegen.report.picture import Draw, figure, panels
 

@@ -15,12 +15,12 @@ from st_codegen.reconcile.data.observations import first_of, rms_deg
 from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.judge.claims import Claim
 from st_codegen.reconcile.judge.misread import Misread
-from st_codegen.reconcile.judge.peaks import where_there
-from st_codegen.reconcile.judge.structure import in_both_directions
-from st_codegen.reconcile.judge.surroundings import angle_of_rest
-from st_codegen.reconcile.judge.unexplained import beside_the_rigs
 from st_codegen.reconcile.outcome import Outcome
+from st_codegen.reconcile.rest.structure import in_both_directions
+from st_codegen.reconcile.rest.unexplained import beside_the_rigs
 from st_codegen.reconcile.run import Reconciliation, TakenBack
+from st_codegen.reconcile.search.peaks import where_there
+from st_codegen.reconcile.search.surroundings import angle_of_rest
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions, Effect
 from st_codegen.rig.effects.base import ARCMIN, BACKWARD

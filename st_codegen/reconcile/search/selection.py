@@ -13,19 +13,19 @@ from st_codegen.reconcile.data.noise import Noise, estimate
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import FitData
-from st_codegen.reconcile.judge.candidates import Candidate, Search
-from st_codegen.reconcile.judge.evidence import Evidence, judge
-from st_codegen.reconcile.judge.peaks import follows_load, has_a_frequency
-from st_codegen.reconcile.judge.plausible import (
+from st_codegen.reconcile.rest.structure import is_lacking
+from st_codegen.reconcile.search.candidates import Candidate, Search
+from st_codegen.reconcile.search.evidence import Evidence, judge
+from st_codegen.reconcile.search.peaks import follows_load, has_a_frequency
+from st_codegen.reconcile.search.plausible import (
     at_nobodys_expense,
     at_two_frequencies,
     inside_bounds,
     is_no_form_error,
     law_holds,
 )
-from st_codegen.reconcile.judge.states import in_their_forms
-from st_codegen.reconcile.judge.structure import is_lacking
-from st_codegen.reconcile.judge.surroundings import is_of_its_place, stands_out
+from st_codegen.reconcile.search.states import in_their_forms
+from st_codegen.reconcile.search.surroundings import is_of_its_place, stands_out
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Effect
 

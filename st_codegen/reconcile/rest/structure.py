@@ -14,12 +14,12 @@ import numpy as np
 
 from st_codegen.campaign.orders import BAND, listed
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from st_codegen.reconcile.data.chances import chi_square_tail, false_discoveries, normal_tail
 from st_codegen.reconcile.data.contrasts import levels_by_condition, neighbours
 from st_codegen.reconcile.data.noise import MEDIAN_1
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.fit.target import FitData
-from st_codegen.reconcile.judge.evidence import chi_square_tail, false_discoveries, normal_tail
-from st_codegen.reconcile.judge.in_time import Course, course_of, without_lasting
+from st_codegen.reconcile.rest.in_time import Course, course_of, without_lasting
 from st_codegen.reconcile.settings import SETTINGS
 
 

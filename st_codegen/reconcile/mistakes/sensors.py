@@ -11,11 +11,11 @@ from dataclasses import replace
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from st_codegen.reconcile.data.observations import Observations
+from st_codegen.reconcile.data.observations import SIGNS, Observations
 from st_codegen.reconcile.fit.normal import made_of
-from st_codegen.reconcile.judge.each_run import Distorted, distortion, own_steps
-from st_codegen.reconcile.judge.mistakes import Mistake
-from st_codegen.reconcile.judge.votes import SIGNS, agreed_gain, expected_of, noise_power, told_power
+from st_codegen.reconcile.mistakes.each_run import Distorted, distortion, own_steps
+from st_codegen.reconcile.mistakes.single_runs import Mistake
+from st_codegen.reconcile.mistakes.votes import agreed_gain, expected_of, noise_power, told_power
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 from st_codegen.rig.model import RigModel

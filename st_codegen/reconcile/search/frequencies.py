@@ -17,7 +17,7 @@ from st_codegen.campaign.conditions import Conditions
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.contrasts import levels_of
 from st_codegen.reconcile.fit.fitting import Fit
-from st_codegen.reconcile.judge.peaks import frequencies_in
+from st_codegen.reconcile.search.peaks import frequencies_in
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect, Form
 from st_codegen.rig.effects.resonance import StructuralResonance

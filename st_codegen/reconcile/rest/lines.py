@@ -13,8 +13,8 @@ from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.fit.normal import made_of
 from st_codegen.reconcile.fit.target import FitData
-from st_codegen.reconcile.judge.structure import orthogonal_basis
-from st_codegen.reconcile.judge.unexplained import Signature
+from st_codegen.reconcile.rest.structure import orthogonal_basis
+from st_codegen.reconcile.rest.unexplained import Signature
 from st_codegen.reconcile.settings import SETTINGS
 
 #: the least distance of orders that are tried between whole ones

@@ -14,7 +14,7 @@ import numpy as np
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations, first_of
-from st_codegen.reconcile.judge.votes import expected_of, noise_power
+from st_codegen.reconcile.mistakes.votes import expected_of, noise_power
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.model import RigModel
 

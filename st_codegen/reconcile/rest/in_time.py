@@ -10,8 +10,8 @@ from statistics import NormalDist
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from st_codegen.reconcile.data.chances import chi_square_tail
 from st_codegen.reconcile.fit.target import FitData
-from st_codegen.reconcile.judge.evidence import chi_square_tail
 from st_codegen.reconcile.settings import SETTINGS
 
 #: what is said of a course that noise may be

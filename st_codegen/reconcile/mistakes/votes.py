@@ -14,14 +14,11 @@ import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.noise import estimate
-from st_codegen.reconcile.data.observations import Observations
+from st_codegen.reconcile.data.observations import SIGNS, Observations
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.model import RigModel
 
 _Array = TypeVar("_Array", FloatArray, ComplexArray)
-
-#: of forward and backward, in the order of every axis of two directions
-SIGNS = (1.0, -1.0)
 
 
 def told_power(noise: FloatArray) -> FloatArray:

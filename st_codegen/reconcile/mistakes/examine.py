@@ -19,7 +19,7 @@ from st_codegen.errors import Problems
 from st_codegen.ir.arrays import BoolArray, FloatArray
 from st_codegen.reconcile.data.checks import check_units, unit_choices
 from st_codegen.reconcile.data.noise import middle_of
-from st_codegen.reconcile.data.observations import Observations
+from st_codegen.reconcile.data.observations import SIGNS, Observations
 from st_codegen.reconcile.data.ramps import (
     begin_text,
     is_one_slope,
@@ -29,17 +29,16 @@ from st_codegen.reconcile.data.ramps import (
     start_of_ramp,
     without_ramp,
 )
-from st_codegen.reconcile.judge.columns import (
+from st_codegen.reconcile.mistakes.columns import (
     copied_columns,
     other_conditions,
+    other_gear,
     other_waves,
     shifted_columns,
     taken_off,
 )
-from st_codegen.reconcile.judge.each_run import ramps, zeros
-from st_codegen.reconcile.judge.gear import other_gear
-from st_codegen.reconcile.judge.mistakes import AS_IS, Mistake, mistaken_runs
-from st_codegen.reconcile.judge.sensors import (
+from st_codegen.reconcile.mistakes.each_run import ramps, zeros
+from st_codegen.reconcile.mistakes.sensors import (
     any_filter,
     hidden_wrong_angle,
     low_pass,
@@ -47,9 +46,9 @@ from st_codegen.reconcile.judge.sensors import (
     wrong_angle,
     wrong_torques,
 )
-from st_codegen.reconcile.judge.starts import settling
-from st_codegen.reconcile.judge.votes import (
-    SIGNS,
+from st_codegen.reconcile.mistakes.single_runs import AS_IS, Mistake, mistaken_runs
+from st_codegen.reconcile.mistakes.starts import settling
+from st_codegen.reconcile.mistakes.votes import (
     PowerSums,
     enough_orders,
     expected_of,

@@ -15,11 +15,11 @@ import numpy as np
 
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.parameters import Piece
-from st_codegen.reconcile.judge.candidates import Candidate, Scorer
-from st_codegen.reconcile.judge.evidence import judge, p_of_more
-from st_codegen.reconcile.judge.peaks import follows_load, has_a_frequency
-from st_codegen.reconcile.judge.plausible import at_nobodys_expense, bounds_met, is_a_peak
-from st_codegen.reconcile.judge.structure import is_lacking
+from st_codegen.reconcile.rest.structure import is_lacking
+from st_codegen.reconcile.search.candidates import Candidate, Scorer
+from st_codegen.reconcile.search.evidence import judge, p_of_more
+from st_codegen.reconcile.search.peaks import follows_load, has_a_frequency
+from st_codegen.reconcile.search.plausible import at_nobodys_expense, bounds_met, is_a_peak
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect, Form
 from st_codegen.rig.effects.base import Value

@@ -23,8 +23,8 @@ from st_codegen.reconcile.data.recordings import (
     turned,
     with_motor,
 )
-from st_codegen.reconcile.judge.columns import readings
-from st_codegen.reconcile.judge.mistakes import AS_IS
+from st_codegen.reconcile.mistakes.columns import readings
+from st_codegen.reconcile.mistakes.single_runs import AS_IS
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.model import RigModel
 

@@ -16,8 +16,8 @@ from scipy.optimize import fmin
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.data.ramps import ramp, ramp_waves
-from st_codegen.reconcile.judge.mistakes import Mistake
-from st_codegen.reconcile.judge.votes import expected_of, noise_power, told_power
+from st_codegen.reconcile.mistakes.single_runs import Mistake
+from st_codegen.reconcile.mistakes.votes import expected_of, noise_power, told_power
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.model import RigModel
 

@@ -15,7 +15,7 @@ from st_codegen.ir.arrays import ComplexArray, FloatArray
 from st_codegen.reconcile.data.contrasts import AXES
 from st_codegen.reconcile.fit.fitting import Fit, Fold
 from st_codegen.reconcile.fit.target import Groups
-from st_codegen.reconcile.judge.peaks import has_a_frequency
+from st_codegen.reconcile.search.peaks import has_a_frequency
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions, Effect
 

@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from st_codegen.reconcile.data.chances import f_tail
 from st_codegen.reconcile.data.contrasts import AXES, levels_by_condition
 from st_codegen.reconcile.data.hum import Hum
 from st_codegen.reconcile.fit.target import FitData
-from st_codegen.reconcile.judge.evidence import f_tail
-from st_codegen.reconcile.judge.formulas import Formula, formula_of
-from st_codegen.reconcile.judge.in_time import Course, changes_with_time, lasting_mean
-from st_codegen.reconcile.judge.structure import (
+from st_codegen.reconcile.rest.formulas import Formula, formula_of
+from st_codegen.reconcile.rest.in_time import Course, changes_with_time, lasting_mean
+from st_codegen.reconcile.rest.structure import (
     ResidualStructure,
     by_directions,
     level_designs,

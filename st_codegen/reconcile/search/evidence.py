@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from st_codegen.ir.arrays import BoolArray, FloatArray
+from st_codegen.ir.arrays import FloatArray
+from st_codegen.reconcile.data.chances import chi_square_tail, f_tail
 from st_codegen.reconcile.data.contrasts import AXES
 from st_codegen.reconcile.fit.fitting import Fit
 from st_codegen.reconcile.fit.normal import by_group, inverse
-from st_codegen.reconcile.judge.held_out import compared
+from st_codegen.reconcile.search.held_out import compared
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Form
 
@@ -156,41 +156,6 @@ def stability(fit: Fit, places: list[int], seed: int) -> float:
     return kept / SETTINGS.resamplings
 
 
-def chi_square_tail(x: float, count: int) -> float:
-    """Chance that a chi-square of `count` degrees of freedom exceeds x."""
-    from scipy.special import chdtrc
-
-    return float(chdtrc(count, x)) if x > 0 else 1.0
-
-
 def p_of_more(fewer: Fit, more: Fit) -> float:
     """Chance that noise saves what one fit has less loss than another one with fewer numbers."""
     return chi_square_tail(fewer.loss - more.loss, len(more.prior) - len(fewer.prior))
-
-
-def normal_tail(x: FloatArray) -> FloatArray:
-    """Chance that a normal number exceeds x, element by element."""
-    from scipy.special import ndtr
-
-    found: FloatArray = ndtr(-x)
-    return found
-
-
-def f_tail(x: float, count: int, rest: int) -> float:
-    """Chance that an F with these degrees of freedom exceeds x."""
-    from scipy.special import fdtrc
-
-    return float(fdtrc(count, rest, x)) if x > 0 else 1.0
-
-
-def false_discoveries(p: FloatArray, rate: float) -> BoolArray:
-    """Which of several tests stand at a false discovery rate (Benjamini and Hochberg)."""
-    from scipy.stats import false_discovery_control
-
-    found: BoolArray = false_discovery_control(p) <= rate if len(p) else np.zeros(0, bool)
-    return found
-
-
-def digits(p: float) -> float:
-    """-log10 of a chance, at most 300: for reports."""
-    return min(300.0, -math.log10(max(p, 1e-300)))
