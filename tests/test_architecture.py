@@ -294,7 +294,8 @@ def test_no_arithmetic_in_templates(path):
 
 #: Rooms of reconcile, from the floor up: each uses only what stands before it, `settings`, `outcome`, and itself.
 RECONCILE = (
-    "data", "fit", "mistakes", "rest", "search", "judge", "run", "spectrum", "plan", "models", "report",
+    "data", "fit", "mistakes", "rest", "search", "judge", "result", "core", "run", "spectrum",
+    "plan", "models", "report",
 )  # fmt: skip
 
 

@@ -19,7 +19,7 @@ from st_codegen.files.text import make_folder
 if TYPE_CHECKING:
     from st_codegen.reconcile.models.update import Update, Wish
     from st_codegen.reconcile.plan.next_runs import NextRuns
-    from st_codegen.reconcile.run import Reconciliation
+    from st_codegen.reconcile.result import Reconciliation
     from st_codegen.rig.effects import Effect
     from st_codegen.rig.model import RigModel
 

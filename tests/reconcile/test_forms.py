@@ -13,6 +13,7 @@ from click.testing import CliRunner
 
 from st_codegen.cli.main import cli
 from st_codegen.errors import InputError
+from st_codegen.reconcile.core import reconcile_observations
 from st_codegen.reconcile.data.contrasts import CONDITIONS
 from st_codegen.reconcile.data.hum import Hum
 from st_codegen.reconcile.data.noise import estimate
@@ -28,7 +29,7 @@ from st_codegen.reconcile.report.output import report
 from st_codegen.reconcile.report.sentences import _heights
 from st_codegen.reconcile.rest.unexplained import beside_the_rigs
 from st_codegen.reconcile.rest.unseen import cannot_show
-from st_codegen.reconcile.run import reconcile_observations, with_empirical
+from st_codegen.reconcile.run import with_empirical
 from st_codegen.reconcile.search.plausible import with_its_orders
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.campaign import Measuring, read_conditions, simulate_campaign

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from st_codegen.errors import InputError
+from st_codegen.reconcile.core import reconcile_observations
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
 from st_codegen.reconcile.fit.fitting import fit
 from st_codegen.reconcile.fit.parameters import piece_of
@@ -19,7 +20,7 @@ from st_codegen.reconcile.mistakes.examine import Examined, examine
 from st_codegen.reconcile.mistakes.single_runs import Mistake
 from st_codegen.reconcile.report.output import report
 from st_codegen.reconcile.report.summary import summary
-from st_codegen.reconcile.run import _reread, reconcile_observations
+from st_codegen.reconcile.run import _reread
 from st_codegen.rig.effects import Conditions, catalogue
 from st_codegen.rig.model import read_rig
 

@@ -10,11 +10,11 @@ from click.testing import CliRunner
 
 from st_codegen.campaign.harmonic_table import HarmonicTable, write_table
 from st_codegen.cli.main import cli
+from st_codegen.reconcile.core import reconcile_observations
 from st_codegen.reconcile.plan import rivals
 from st_codegen.reconcile.plan.next_runs import NextRuns, is_known, next_runs
 from st_codegen.reconcile.plan.points import _peak_speeds
 from st_codegen.reconcile.plan.questions import unexplained
-from st_codegen.reconcile.run import reconcile_observations
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.campaign import read_conditions
 from st_codegen.rig.effects import Conditions

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from st_codegen.errors import InputError
+from st_codegen.reconcile.core import reconcile_observations
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
 from st_codegen.reconcile.fit.fitting import fit
@@ -19,7 +20,6 @@ from st_codegen.reconcile.report.summary import summary
 from st_codegen.reconcile.rest.in_time import wander_over_runs
 from st_codegen.reconcile.rest.suspects import excused
 from st_codegen.reconcile.rest.unexplained import main_cause
-from st_codegen.reconcile.run import reconcile_observations
 from st_codegen.reconcile.search.states import in_one_piece
 from st_codegen.reconcile.search.surroundings import is_of_its_place, may_be_a_start, told_order
 from st_codegen.rig.model import RigModel

@@ -9,6 +9,7 @@ import pytest
 
 from st_codegen.campaign.curves import Curve
 from st_codegen.campaign.orders import curve_sums
+from st_codegen.reconcile.core import reconcile_observations
 from st_codegen.reconcile.data.hum import Hum, without_waves_between
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs, sorted_by
 from st_codegen.reconcile.data.reading import _colour
@@ -18,7 +19,6 @@ from st_codegen.reconcile.report.sentences import floor_text, left_text, verdict
 from st_codegen.reconcile.report.summary import summary
 from st_codegen.reconcile.rest.structure import floors, noise_within
 from st_codegen.reconcile.rest.unexplained import of_a_hum, signatures
-from st_codegen.reconcile.run import reconcile_observations
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 from st_codegen.rig.model import RigModel

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from st_codegen.reconcile.core import reconcile_observations
 from st_codegen.reconcile.data.hum import Hum
 from st_codegen.reconcile.plan.next_runs import next_runs
 from st_codegen.reconcile.report.findings import findings, share_text
@@ -16,7 +17,7 @@ from st_codegen.reconcile.report.ranking import outcome, ranking_section
 from st_codegen.reconcile.report.sentences import between_text, left_text
 from st_codegen.reconcile.report.summary import summary
 from st_codegen.reconcile.rest.unexplained import of_a_hum, signatures
-from st_codegen.reconcile.run import OrderGap, reconcile_observations
+from st_codegen.reconcile.result import OrderGap
 from tests import browser
 
 from .test_core import KNOWN, RIG, effect, grid, observed

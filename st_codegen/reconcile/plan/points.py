@@ -12,7 +12,7 @@ from st_codegen.campaign.conditions import CONDITION_COLUMNS, OperatingPoint
 from st_codegen.ir.arrays import FloatArray, IntArray
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.fit.fitting import Fit
-from st_codegen.reconcile.run import Reconciliation
+from st_codegen.reconcile.result import Reconciliation
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 from st_codegen.rig.model import RigModel

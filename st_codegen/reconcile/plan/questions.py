@@ -23,7 +23,7 @@ from st_codegen.reconcile.fit.target import by_place
 from st_codegen.reconcile.outcome import Outcome
 from st_codegen.reconcile.plan.points import Rows, summed
 from st_codegen.reconcile.plan.rivals import Rival
-from st_codegen.reconcile.run import Reconciliation
+from st_codegen.reconcile.result import Reconciliation
 from st_codegen.reconcile.search.peaks import has_a_frequency
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect

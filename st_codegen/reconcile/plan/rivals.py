@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from st_codegen.reconcile.fit.fitting import fit
-from st_codegen.reconcile.run import Reconciliation
+from st_codegen.reconcile.result import Reconciliation
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.model import RigModel
 

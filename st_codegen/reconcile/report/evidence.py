@@ -10,7 +10,7 @@ import numpy as np
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.reconcile.data.contrasts import AXES, speed_levels
 from st_codegen.reconcile.report.findings import Finding
-from st_codegen.reconcile.run import Reconciliation
+from st_codegen.reconcile.result import Reconciliation
 from st_codegen.report.picture import Draw
 from st_codegen.rig.effects import Effect, Stage
 from st_codegen.rig.effects.resonance import StructuralResonance

@@ -24,7 +24,7 @@ from st_codegen.reconcile.report.sentences import (
     verdict_text,
 )
 from st_codegen.reconcile.rest.unexplained import Signature
-from st_codegen.reconcile.run import OrderGap, Reconciliation
+from st_codegen.reconcile.result import OrderGap, Reconciliation
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.reconcile.spectrum import SpectrumResult, sizes, spectrum_report, spectrum_summary
 from st_codegen.report.html import PageSection, PageTable, page

@@ -18,7 +18,7 @@ from st_codegen.reconcile.judge.misread import Misread
 from st_codegen.reconcile.outcome import Outcome
 from st_codegen.reconcile.rest.structure import in_both_directions
 from st_codegen.reconcile.rest.unexplained import beside_the_rigs
-from st_codegen.reconcile.run import Reconciliation, TakenBack
+from st_codegen.reconcile.result import Reconciliation, TakenBack
 from st_codegen.reconcile.search.peaks import where_there
 from st_codegen.reconcile.search.surroundings import angle_of_rest
 from st_codegen.reconcile.settings import SETTINGS

@@ -17,7 +17,7 @@ from st_codegen.reconcile.report.sentences import (
     together_text,
     verdict_text,
 )
-from st_codegen.reconcile.run import Reconciliation
+from st_codegen.reconcile.result import Reconciliation
 
 if TYPE_CHECKING:
     from st_codegen.reconcile.models.update import Update
