@@ -97,8 +97,8 @@ def _shifted(key: str) -> Reread:
     return lambda data, size: data.under(**{key: getattr(data.at, key) - size[0]})
 
 
-def _torque_both(data: Observations, size: FloatArray) -> Observations:
-    return data.under(torque_Nm=(data.at.torque_Nm - size[1]) / (1.0 + size[0] / 100.0))
+def _scaled_and_shifted(key: str) -> Reread:
+    return lambda data, size: data.under(**{key: (getattr(data.at, key) - size[1]) / (1.0 + size[0] / 100.0)})
 
 
 def _faster(sign: float) -> Reread:
@@ -113,10 +113,6 @@ def _slipped(data: Observations, size: FloatArray) -> Observations:
     load = np.abs(data.at.torque_Nm)
     share = size[0] / 100.0 * load / max(float(load.max()), 1e-300)
     return data.under(speed_rpm=data.at.speed_rpm * (1.0 - share))
-
-
-def _heat_both(data: Observations, size: FloatArray) -> Observations:
-    return data.under(temperature_C=(data.at.temperature_C - size[1]) / (1.0 + size[0] / 100.0))
 
 
 def _of_fahrenheit(data: Observations, _size: FloatArray) -> Observations:
@@ -200,7 +196,7 @@ READINGS = (
     WrongReading(_TORQUE, ("all torques {:.3g} % too {}",), _scaled("torque_Nm"), (0.1,), (100.0,), "torque"),
     WrongReading(_TORQUE, ("all torques {:.3g} N m too {}",), _shifted("torque_Nm"), (1.0,), (500.0,), "torque"),
     WrongReading(
-        _TORQUE, ("all torques {:.3g} % too {}", "beside that {:.3g} N m too {}"), _torque_both,
+        _TORQUE, ("all torques {:.3g} % too {}", "beside that {:.3g} N m too {}"), _scaled_and_shifted("torque_Nm"),
         (0.1, 1.0), (100.0, 500.0), "torque",
     ),
     WrongReading(
@@ -209,7 +205,8 @@ READINGS = (
     WrongReading(_HEAT, ("all temperatures {:.3g} K too {}",), _shifted("temperature_C"), (0.1,), (30.0,)),
     WrongReading(_HEAT, ("all temperatures {:.3g} % too {}",), _scaled("temperature_C"), (0.1,), (90.0,)),
     WrongReading(
-        _HEAT, ("all temperatures {:.3g} % too {}", "beside that {:.3g} K too {}"), _heat_both, (0.1, 0.1), (90.0, 30.0)
+        _HEAT, ("all temperatures {:.3g} % too {}", "beside that {:.3g} K too {}"),
+        _scaled_and_shifted("temperature_C"), (0.1, 0.1), (90.0, 30.0),
     ),
     WrongReading(_HEAT, ("all temperatures in degF",), _of_fahrenheit),
     WrongReading(_SPEED, ("all speeds {:.3g} % too {}",), _scaled("speed_rpm"), (0.1,), (30.0,)),

@@ -105,43 +105,8 @@ def examine(
     if data.angle_rad is not None or not np.isfinite(data.values).all():
         return Examined(data)
     problems = Problems(str(path))
-    found: list[Mistake] = []
-    # conditions are told by sizes, of which those in another unit say nothing
-    of_sizes = (other_conditions, wrong_torques, low_pass, mean_of_angles, any_filter)
-    of_forms = (
-        copied_columns,
-        shifted_columns,
-        taken_off,
-        other_waves,
-        other_gear,
-        settling,
-        _drift,
-        _ratio,
-        partial(_common, scale=scale),
-        _zeros,
-        wrong_angle,
-    )
+    data, found = _looked_through(data, rig, scale, accept, corrected, problems)
     whole = _with_expected(data, rig)
-    for look in (*of_forms, *of_sizes):
-        is_unit = any(mistake.name == "unit" for mistake in found)
-        # waves that stand in the wrong place, or are not what they are taken for, say nothing of the gear
-        is_futile = (is_unit and look in of_sizes) or (look is other_gear and bool(found))
-        for mistake in () if is_futile else look(whole, rig):
-            if mistake.name in corrected:
-                continue
-            if AS_IS in accept and mistake.name != "unit" and mistake.name not in accept:
-                found.append(replace(mistake, text=f"{mistake.text} (taken as it is)"))
-                continue
-            if mistake.corrected is not None:
-                data = mistake.corrected(data)
-                whole = _with_expected(data, rig)
-            found.append(replace(mistake, text=f"{mistake.text} (corrected)", is_taken_out=True))
-            # a unit, and what no correction of the data mends
-            if mistake.corrected is None or (mistake.name not in accept and "all" not in accept):
-                problems.add(mistake.question)
-        if look is other_gear and not is_futile:
-            # nothing else can be told against the rig of another gear
-            problems.raise_if_any()
     is_told = enough_orders(whole, loud_orders(whole, rig))
     if scale is None and not is_told:
         with problems.collect():
@@ -158,6 +123,44 @@ def examine(
     if all(mistake.name != "axis" for mistake in found):
         untold += hidden_wrong_angle(whole, rig)
     return Examined(data, (*found, *runs), left_out, untold)
+
+
+def _looked_through(
+    data: Observations,
+    rig: RigModel,
+    scale: float | None,
+    accept: Collection[str],
+    corrected: Collection[str],
+    problems: Problems,
+) -> tuple[Observations, list[Mistake]]:
+    """Data corrected for all mistakes that are found one after the other, and these; what is asked goes to `problems`.
+
+    So each is looked for in data without those before it.
+    """
+    found, whole = list[Mistake](), _with_expected(data, rig)
+    for look in (*_OF_FORMS, partial(_common, scale=scale), *_OF_ANGLES, *_OF_SIZES):
+        # conditions are told by sizes, of which those in another unit say nothing; and waves that stand in the wrong
+        # place, or are not what they are taken for, say nothing of the gear
+        is_unit = any(mistake.name == "unit" for mistake in found)
+        if (is_unit and look in _OF_SIZES) or (look is other_gear and found):
+            continue
+        for mistake in look(whole, rig):
+            if mistake.name in corrected:
+                continue
+            if AS_IS in accept and mistake.name != "unit" and mistake.name not in accept:
+                found.append(replace(mistake, text=f"{mistake.text} (taken as it is)"))
+                continue
+            if mistake.corrected is not None:
+                data = mistake.corrected(data)
+                whole = _with_expected(data, rig)
+            found.append(replace(mistake, text=f"{mistake.text} (corrected)", is_taken_out=True))
+            # a unit, and what no correction of the data mends
+            if mistake.corrected is None or (mistake.name not in accept and "all" not in accept):
+                problems.add(mistake.question)
+        if look is other_gear:
+            # nothing else can be told against the rig of another gear
+            problems.raise_if_any()
+    return data, found
 
 
 def _with_expected(data: Observations, rig: RigModel) -> Observations:
@@ -506,3 +509,10 @@ def _drift(data: Observations, rig: RigModel) -> list[Mistake]:
     began = f" ({np.degrees(start):.1f} deg)" if start else ""
     text = _DRIFT.format(began, np.abs(found).max())
     return [Mistake("drift", text, _without_drift(found, start), remedy="take it out")]
+
+
+#: What is looked for, in this order: the form of columns and curves, what all orders have in common (`_common`), the
+#: angle, and what the sizes of orders tell.
+_OF_FORMS = (copied_columns, shifted_columns, taken_off, other_waves, other_gear, settling, _drift, _ratio)
+_OF_ANGLES = (_zeros, wrong_angle)
+_OF_SIZES = (other_conditions, wrong_torques, low_pass, mean_of_angles, any_filter)

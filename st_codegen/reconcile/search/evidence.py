@@ -9,10 +9,9 @@ import numpy as np
 
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.data.chances import chi_square_tail, f_tail
-from st_codegen.reconcile.data.contrasts import AXES
 from st_codegen.reconcile.fit.fitting import Fit
 from st_codegen.reconcile.fit.normal import by_group, inverse
-from st_codegen.reconcile.search.held_out import compared
+from st_codegen.reconcile.search.held_out import held_out
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Form
 
@@ -59,7 +58,7 @@ class Evidence:
         return likely and held and self.stability >= SETTINGS.stable
 
 
-def judge(without: Fit, with_it: Fit, places: list[int], number: int, seed: int = 0) -> Evidence:
+def judge(without: Fit, with_it: Fit, places: list[int], number: int) -> Evidence:
     """Compare two fits of the same data; `places`: coordinates of the effect in the larger one, `number`: its piece."""
     saved = without.loss - with_it.loss
     count = len(places)
@@ -73,7 +72,7 @@ def judge(without: Fit, with_it: Fit, places: list[int], number: int, seed: int 
         p_clusters=p_of_clusters(own, places, with_it.state.vector()[places]),
         held_out=held,
         votes=votes,
-        stability=stability(own, places, seed),
+        stability=stability(own, places),
         size_in_noise=size_in_noise(with_it, places, number),
     )
 
@@ -129,22 +128,11 @@ def p_of_clusters(fit: Fit, places: list[int], difference: FloatArray, covarianc
     return f_tail(square * (clusters - count) / (count * (clusters - 1)), count, clusters - count)
 
 
-def held_out(without: Fit, with_it: Fit) -> tuple[dict[str, float], tuple[int, int]]:
-    """Loss saved per run on left-out levels of speed, torque and temperature, and the votes of the folds: for, of."""
-    found, votes = {}, []
-    for axis in AXES:
-        folds = list(compared(without, with_it, axis))
-        if folds:
-            found[axis] = sum(saved for _, saved in folds) / sum(rows for rows, _ in folds)
-            votes += [saved > 0 for _, saved in folds]
-    return found, (sum(votes), len(votes))
-
-
-def stability(fit: Fit, places: list[int], seed: int) -> float:
+def stability(fit: Fit, places: list[int]) -> float:
     """Share of bootstrap samples of the clusters in which the effect keeps at least half its size and its sign."""
     clusters = fit.target.groups.clusters
     matrix, gradient = by_group(fit.normal.matrix, clusters), by_group(fit.normal.gradient, clusters)
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(0)
     vector = fit.state.vector()[places]
     metric = inverse(fit.inverse[np.ix_(places, places)])
     norm = float(vector @ metric @ vector)
