@@ -189,7 +189,7 @@ def _result(
         untested=untested_axes(conclusions.final) if data.angle_rad is None else (),
         carriers=math.inf
         if data.angle_rad is not None
-        else _alike((np.abs(unseen.left) ** 2 / data.parts).sum(axis=1)),
+        else _carriers((np.abs(unseen.left) ** 2 / data.parts).sum(axis=1)),
     )
 
 
@@ -287,7 +287,7 @@ def _unexplained(target: FitData, final: Fit, before: ComplexArray, noise: Noise
     return floor_rms, [*map(of_a_hum, data.hums), *left]
 
 
-def _alike(powers: FloatArray) -> float:
+def _carriers(powers: FloatArray) -> float:
     """As many equal numbers as these have a mean that is as sure as that of these."""
     share = powers / max(float(powers.max(initial=0.0)), 1e-300)
     return float(share.sum() ** 2 / (share**2).sum()) if share.any() else math.inf

@@ -21,7 +21,7 @@ from st_codegen.reconcile.fit.parameters import piece_of
 from st_codegen.reconcile.fit.propagation import Propagation
 from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import FitData, groups_of
-from st_codegen.reconcile.judge.conclusions import standard_errors
+from st_codegen.reconcile.judge.errors import standard_errors
 from st_codegen.reconcile.judge.retuned import with_piece_held
 from st_codegen.reconcile.search.candidates import variants
 from st_codegen.reconcile.search.evidence import _p_of_chance

@@ -23,7 +23,7 @@ from st_codegen.reconcile.fit.fitting import fit
 from st_codegen.reconcile.fit.parameters import piece_of
 from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import FitData, groups_of
-from st_codegen.reconcile.judge.discrepancy import covariance, left_power
+from st_codegen.reconcile.judge.errors import covariance_with_discrepancy, left_power
 from st_codegen.reconcile.report.findings import findings
 from st_codegen.reconcile.report.output import report
 from st_codegen.reconcile.report.sentences import _heights
@@ -528,7 +528,7 @@ def test_a_discrepancy_makes_errors_as_large_as_what_is_left():
     state = State(RIG.with_effects([]), 0.0, (piece_of(wave, added=True),))
     found = fit(FitData(data, noise.sigma, noise.good, groups_of(at)), state)
     left = np.sqrt(left_power(found)[1])
-    errors = np.sqrt(np.diag(covariance(found))[1:])
+    errors = np.sqrt(np.diag(covariance_with_discrepancy(found))[1:])
     assert left > 3 * SIGMA and errors.max() > 0.3 * left
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -194,23 +195,27 @@ def axes_together(at: Conditions) -> list[tuple[str, str]]:
 # --- which runs count as run at the same speed, torque or temperature
 
 
+def step_between(values: FloatArray) -> float:
+    """The median step between levels, a twentieth of their range at least; 1 where the values never varied."""
+    levels = np.unique(values)
+    return max(float(np.median(np.diff(levels))), float(np.ptp(levels)) / 20) if len(levels) > 1 else 1.0
+
+
 def in_steps(values: FloatArray) -> FloatArray:
     """Values in steps of their grid (or a twentieth of their range)."""
-    levels = np.unique(values)
-    if len(levels) < 2:
-        return np.zeros(len(values))
-    step = max(float(np.median(np.diff(levels))), float(np.ptp(levels)) / 20)
-    found: FloatArray = values / step
-    return found
+    return values / step_between(values) if len(np.unique(values)) > 1 else np.zeros(len(values))
+
+
+def equal_parts(values: FloatArray, count: int, side: Literal["left", "right"] = "left") -> IntArray:
+    """The number of the group of each value, of so many groups of equal size; side: of a cut on which a value lies."""
+    cuts = np.quantile(values, np.linspace(0, 1, count + 1)[1:-1])
+    return np.searchsorted(cuts, values, side=side).astype(np.int64)
 
 
 def speed_levels(speed_rpm: FloatArray) -> IntArray:
     """The speed level of each run: the grid's, or 12 groups of equal size where speeds do not repeat."""
     levels, index = np.unique(speed_rpm, return_inverse=True)
-    if len(levels) <= 40:
-        return index.astype(np.int64)
-    cuts = np.quantile(speed_rpm, np.linspace(0, 1, 13)[1:-1])
-    return np.searchsorted(cuts, speed_rpm).astype(np.int64)
+    return index.astype(np.int64) if len(levels) <= 40 else equal_parts(speed_rpm, 12)
 
 
 def levels_by_condition(at: Conditions) -> dict[str, IntArray]:
@@ -222,7 +227,4 @@ def levels_by_condition(at: Conditions) -> dict[str, IntArray]:
 def levels_of(values: FloatArray) -> IntArray:
     """The level of each value: those that there are, or eight groups of equal size where there are more."""
     levels, index = np.unique(values, return_inverse=True)
-    if len(levels) <= 8:
-        return index.astype(np.int64)
-    cuts = np.quantile(values, np.linspace(0, 1, 9)[1:-1])
-    return np.searchsorted(cuts, values, side="right").astype(np.int64)
+    return index.astype(np.int64) if len(levels) <= 8 else equal_parts(values, 8, "right")

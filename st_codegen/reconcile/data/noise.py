@@ -229,7 +229,7 @@ def _sigma_by_direction(data: Observations, e: ComplexArray, rows: BoolArray) ->
 
 def _of_samples(data: Observations, residual: ComplexArray) -> Noise:
     """Noise of samples over time, of each recording: from third differences of neighbours, and the residual itself."""
-    files = np.unique([label.rpartition(", t = ")[0] for label in data.labels], return_inverse=True)[1]
+    files = data.number_of_recording
     sigma, floor = np.empty(residual.shape), np.empty(residual.shape)
     for n in np.unique(files):
         own = files == n

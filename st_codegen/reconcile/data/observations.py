@@ -179,6 +179,12 @@ class Observations:
         return np.unique(np.stack(kinds), axis=1, return_inverse=True)[1].ravel()
 
     @cached_property
+    def number_of_recording(self) -> IntArray:
+        """The number of the recording of each sample over time, (n,)."""
+        names = [label.rpartition(", t = ")[0] for label in self.labels]
+        return np.unique(names, return_inverse=True)[1].astype(np.int64)
+
+    @cached_property
     def runs(self) -> tuple[IntArray, ...]:
         """The rows of each run."""
         number = self.number_of_run

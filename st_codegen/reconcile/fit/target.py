@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from st_codegen.reconcile.data.contrasts import speed_levels
+from st_codegen.reconcile.data.contrasts import equal_parts, speed_levels
 from st_codegen.reconcile.data.noise import sigma_of
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.settings import SETTINGS
@@ -57,8 +57,7 @@ def _folds(values: FloatArray, count: int) -> IntArray:
     """Folds of whole levels, dealt in turn; values that hardly repeat are cut into blocks."""
     levels, index = np.unique(values, return_inverse=True)
     if len(levels) > max(25, len(values) // 4):
-        cuts = np.quantile(values, np.linspace(0, 1, count + 1)[1:-1])
-        return np.searchsorted(cuts, values).astype(np.int64)
+        return equal_parts(values, count)
     return (index % count).astype(np.int64)
 
 

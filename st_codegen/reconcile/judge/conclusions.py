@@ -9,10 +9,10 @@ import numpy as np
 
 from st_codegen.reconcile.data.observations import rms_deg
 from st_codegen.reconcile.fit.fitting import Fit, fit
-from st_codegen.reconcile.fit.parameters import Coordinate, Piece
+from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.fit.state import OFFSET, State
-from st_codegen.reconcile.judge import discrepancy
 from st_codegen.reconcile.judge.claims import SOMETHING_ELSE, Claim, Conclusions, Other, Retuned
+from st_codegen.reconcile.judge.errors import standard_errors
 from st_codegen.reconcile.judge.lookalikes import (
     FEW,
     KNEE,
@@ -29,7 +29,7 @@ from st_codegen.reconcile.judge.lookalikes import (
     of_its_shape,
     told_sides,
 )
-from st_codegen.reconcile.judge.misread import Misread, covariance_of_corrections, in_place_of_a_move, misread
+from st_codegen.reconcile.judge.misread import Misread, in_place_of_a_move, misread
 from st_codegen.reconcile.judge.retuned import (
     Needed,
     changed_as_well,
@@ -40,7 +40,6 @@ from st_codegen.reconcile.judge.retuned import (
     with_shapes_inside,
     without_misfits,
 )
-from st_codegen.reconcile.rest.structure import is_lacking
 from st_codegen.reconcile.search.candidates import STAGES, Candidate, Search
 from st_codegen.reconcile.search.evidence import Evidence
 from st_codegen.reconcile.search.peaks import bracket, chance_of_bracket, has_a_frequency, spread
@@ -52,7 +51,7 @@ from st_codegen.reconcile.search.plausible import (
     with_its_orders,
 )
 from st_codegen.reconcile.search.selection import founded
-from st_codegen.reconcile.search.states import in_forms_as_good, in_one_piece
+from st_codegen.reconcile.search.states import in_one_piece
 from st_codegen.reconcile.search.surroundings import left_of_place, may_be_a_start, told_order
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Effect, Stage
@@ -362,51 +361,6 @@ def _held(joint: Fit, changed: Collection[int]) -> State:
     """The state with what did not change at the rig's own values, and not free."""
     own = {i for i, piece in enumerate(joint.state.pieces) if not piece.added}
     return joint.state.held((own | {OFFSET}).difference(changed))
-
-
-def standard_errors(
-    joint: Fit, number: int, final: Fit | None = None, wrong: Sequence[Misread] = ()
-) -> dict[str, float]:
-    """Standard errors of the free keys of a piece, from the covariance of the joint fit; lists: `key[order]`.
-
-    final: the fit with what did not change held, by which corrections of the data are told, and other forms of the
-    piece that do as well. wrong: what may be read wrong, of which nobody knows whether it is: the coordinates would be
-    others then.
-    """
-    piece, place = joint.state.pieces[number], joint.state.slices()[number]
-    covariance = discrepancy.covariance(joint)[place, place]
-    if final is not None and final.state.pieces[number].coordinates() == piece.coordinates():
-        own = final.state.slices()[number]
-        covariance = covariance + covariance_of_corrections(final)[own, own]
-        # what the data want changed and is held, since it leaves structure, may be what moved all the same
-        kept = is_lacking(final.target, final.residual)
-        own_orders = np.isin(final.target.data.orders, piece.effect.touched_orders())
-        held = [joint] if (kept & own_orders).any() else []
-        for fitted in (*held, *(one.best for one in wrong), *in_forms_as_good(final, number)):
-            other = fitted.state.pieces[number]
-            if other.coordinates() == piece.coordinates():
-                moved = other.vector() - final.state.pieces[number].vector()
-                covariance = covariance + np.outer(moved, moved)
-    coordinates, vector = piece.coordinates(), piece.vector()
-    found: dict[str, float] = {}
-    listed = piece.effect.orders_key == "orders"
-    for i, c in enumerate(coordinates):
-        suffix = f"[{piece.effect.orders[c.place]}]" if listed and c.part else ""
-        spread = float(np.sqrt(max(float(covariance[i, i]), 0.0)))
-        if c.part == 0:
-            found[c.key] = spread / vector[i] ** 2 if _is_inverse(c) else spread
-        elif c.part == 1:
-            re, im = float(vector[i]), float(vector[i + 1])
-            size = max(float(np.hypot(re, im)), 1e-300)
-            along, across = np.array([re, im]) / size, np.array([-im, re]) / size
-            block = covariance[i : i + 2, i : i + 2]
-            found[c.key + suffix] = float(np.sqrt(max(float(along @ block @ along), 0.0)))
-            found[c.phase_key + suffix] = float(np.sqrt(max(float(across @ block @ across), 0.0)) / size)
-    return found
-
-
-def _is_inverse(c: Coordinate) -> bool:
-    return c.form.value == "inverse"
 
 
 def _share(rig: RigModel, final: Fit, piece: Piece) -> float:

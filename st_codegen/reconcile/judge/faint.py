@@ -33,9 +33,7 @@ def faint(final: Fit, judged: Sequence[tuple[Candidate, Evidence]]) -> list[Sign
     for _, candidate in sorted(likely.values(), key=lambda entry: -entry[0])[: SETTINGS.tries]:
         with_it = fit(final.target, candidate.put_into(final.state), steps=SETTINGS.quick_steps)
         number = candidate.place(with_it.state)
-        start = with_it.state.slices()[number].start
-        places = [start + i for i, _ in candidate.coordinates()]
-        evidence = judge(final, with_it, places, number)
+        evidence = judge(final, with_it, candidate.places(with_it.state), number)
         touched = np.abs(added(final, with_it, number)).max(axis=0) > 0.0
         varies = beats_waves(final, with_it, touched, np.ones((len(final.target.data), 1)))
         if evidence.passed_but_for_size and varies and is_sound(final, with_it, number):

@@ -14,7 +14,7 @@ from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.normal import inverse
 from st_codegen.reconcile.fit.parameters import Coordinate, Piece
 from st_codegen.reconcile.fit.state import OFFSET
-from st_codegen.reconcile.judge import discrepancy
+from st_codegen.reconcile.judge.errors import covariance_with_discrepancy
 from st_codegen.reconcile.rest.in_time import lasting_mean, without_lasting
 from st_codegen.reconcile.rest.structure import floors, is_lacking
 from st_codegen.reconcile.search.evidence import p_of_clusters, p_of_more
@@ -296,7 +296,7 @@ def _p_of(joint: Fit, places: list[int], difference: FloatArray) -> float:
     """The larger chance of both tests; the one by clusters is brought to the scale of the other."""
     plain, clusters = (
         _p_alone(joint, places, difference),
-        p_of_clusters(joint, places, difference, discrepancy.covariance(joint)),
+        p_of_clusters(joint, places, difference, covariance_with_discrepancy(joint)),
     )
     return plain if clusters < SETTINGS.p_clusters else max(plain, clusters)
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from st_codegen.campaign.conditions import CONDITION_COLUMNS
 from st_codegen.ir.arrays import FloatArray
-from st_codegen.reconcile.data.contrasts import AXES
+from st_codegen.reconcile.data.contrasts import AXES, step_between
 from st_codegen.reconcile.fit.fitting import Fit
 from st_codegen.reconcile.fit.parameters import Coordinate
 from st_codegen.reconcile.fit.propagation import Propagation
@@ -160,8 +160,8 @@ class Unknown:
         self.weight, self.known, self.points, self.why = weight, measured, points, why
 
     def gains(self) -> FloatArray:
-        near = _alike(self.points, self.known)
-        own = _alike(self.known, self.known) + _NUGGET * np.eye(len(self.known))
+        near = _kernel(self.points, self.known)
+        own = _kernel(self.known, self.known) + _NUGGET * np.eye(len(self.known))
         told = np.einsum("nm,mn->n", near, np.linalg.solve(own, near.T))
         found: FloatArray = 2 * np.log1p(self.weight * np.clip(1.0 - told, 0.0, 1.0))
         return found
@@ -171,7 +171,7 @@ class Unknown:
         return self.why[number]
 
 
-def _alike(a: FloatArray, b: FloatArray) -> FloatArray:
+def _kernel(a: FloatArray, b: FloatArray) -> FloatArray:
     found: FloatArray = np.exp(-0.5 * ((a[:, None] - b[None]) ** 2).sum(axis=2))
     return found
 
@@ -180,7 +180,7 @@ def unexplained(result: Reconciliation, rows: Rows) -> list[Question]:
     """The unexplained orders that a run can tell something of, the largest; gaps where nothing is, or few runs are."""
     final = result.conclusions.final
     target = final.target
-    steps = [_step(getattr(target.data.at, column)) for column in CONDITION_COLUMNS]
+    steps = [step_between(getattr(target.data.at, column)) for column in CONDITION_COLUMNS]
     found: list[Question] = []
     if result.verdict is Outcome.NOTHING_MISSING or target.data.few_points:
         # what hides between levels is sharp in speed (a resonance) or in torque (flanks that seat)
@@ -199,7 +199,7 @@ def unexplained(result: Reconciliation, rows: Rows) -> list[Question]:
         power = np.maximum(np.abs(final.residual[:, k]) ** 2 - parts * target.sigma[:, k] ** 2, 0.0)[target.good]
         measured = target.data.at.rows(target.good).points / length
         points = rows.data.at.points[: len(rows.data) // 2] / length
-        near = _alike(points / 2, measured / 2)
+        near = _kernel(points / 2, measured / 2)
         local = near @ power / np.maximum(near.sum(axis=1), 1e-12)
         # the noise, not the scatter about the model, which is what is asked about
         noise = parts * float(np.median(target.sigma[target.good, k] ** 2))
@@ -268,7 +268,7 @@ def peaks_between(result: Reconciliation, rows: Rows) -> list[Question]:
         f"lies where a straight line from {a:g} to {b:g} rpm misses {d:.2g} deg RMS of what was found"
         for a, b, d in zip(low, high, deg, strict=False)
     ]
-    steps = np.array([_step(getattr(final.target.data.at, column)) for column in CONDITION_COLUMNS])
+    steps = np.array([step_between(getattr(final.target.data.at, column)) for column in CONDITION_COLUMNS])
     length = steps * np.array([_INSIDE, _FAR, _FAR])
     measured = np.unique(final.target.data.at.rows(final.target.good).points / length, axis=0)
     weight = summed((np.abs(missed) / rows.sigma) ** 2).sum(axis=1)
@@ -279,9 +279,3 @@ def _lengths(dependence: Mapping[str, float]) -> list[float]:
     """How far a residual reaches along speed, torque and temperature, in steps, by how it depends on them."""
     shares = [dependence.get(axis, 0.0) for axis in AXES]
     return [_FAR if share <= SETTINGS.cause else _NEAR if share == max(shares) else 1.0 for share in shares]
-
-
-def _step(values: FloatArray) -> float:
-    """The median step between levels, a twentieth of the range at least; 1 where the values never varied."""
-    levels = np.unique(values)
-    return max(float(np.median(np.diff(levels))), float(np.ptp(levels)) / 20) if len(levels) > 1 else 1.0

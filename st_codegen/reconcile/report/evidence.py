@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
-from st_codegen.reconcile.data.contrasts import AXES, speed_levels
+from st_codegen.reconcile.data.contrasts import AXES, equal_parts
 from st_codegen.reconcile.report.findings import Finding
 from st_codegen.reconcile.result import Reconciliation
 from st_codegen.report.picture import Draw
@@ -240,9 +240,7 @@ def _levels(
     x = getattr(result.data.at, field)[rows]
     levels, index = np.unique(x, return_inverse=True)
     if len(levels) > _MOST_LEVELS:
-        cuts = np.quantile(x, np.linspace(0, 1, 13)[1:-1])
-        index = speed_levels(x) if field == "speed_rpm" and len(levels) > 40 else np.searchsorted(cuts, x)
-        index = np.unique(index, return_inverse=True)[1]
+        index = np.unique(equal_parts(x, 12), return_inverse=True)[1]
     groups = [index == level for level in range(int(index.max()) + 1)]
     middle = np.array([float(np.median(x[group])) for group in groups])
     own = values[rows]

@@ -60,7 +60,7 @@ def lines_in_samples(target: FitData, residual: ComplexArray, highest: int = 300
     All that was found is fitted together with a mean that wanders slowly: where turns are not whole, each of them leaks
     into other orders. A size that changes, as of a resonance that is passed, is that of the wave while it changes.
     """
-    files = np.unique([label.rpartition(", t = ")[0] for label in target.data.labels], return_inverse=True)[1]
+    files = target.data.number_of_recording
     between, made = list[Signature](), np.zeros(len(files))
     # each of both leaks into the other where turns are not whole: what is sure of one is taken from the other
     for _ in range(_ROUNDS):

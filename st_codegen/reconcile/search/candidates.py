@@ -63,6 +63,11 @@ class Candidate:
         """The state with this candidate."""
         return state.with_piece(self.piece) if self.number is None else state.replaced(self.number, self.piece)
 
+    def places(self, state: State) -> list[int]:
+        """Where the new coordinates stand in the state with it."""
+        start = state.slices()[self.place(state)].start
+        return [start + i for i, _ in self.coordinates()]
+
     def place(self, state: State) -> int:
         """Where the piece stands in the state with it."""
         return len(state.pieces) - 1 if self.number is None else self.number

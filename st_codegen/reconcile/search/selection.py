@@ -165,8 +165,7 @@ def _first_that_passes(
         if inside is None:
             continue
         candidate = replace(raw, piece=inside.state.pieces[number])
-        start = inside.state.slices()[number].start
-        places = [start + i for i, _ in candidate.coordinates()]
+        places = candidate.places(inside.state)
         if not places:
             continue
         evidence, stands = founded(current, inside, number, places)
