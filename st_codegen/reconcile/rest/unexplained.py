@@ -82,13 +82,12 @@ class Signature:
     """One unexplained part.
 
     order: -1 where it has a frequency (`hertz`) or a number of periods a turn that is not whole (`periods`) instead, or
-    where several tell it together; rms_deg: of what is no
-    noise, over all runs and angles; share of the gap (power); dependence: shares by factor; direction: `both`,
-    `forward`, `backward`; text: a sentence; amplitude_deg: the largest of the formula, or of the levels of the
-    factor on which it depends most; formula: the simplest expression that the data hold, or None; at_least: the
-    noise beside it is known no better than by how far runs lie from their neighbours, which holds what is
-    unexplained as well, so that the size may be larger and the noise smaller; would_be: the effect that it would
-    be, were it not fainter than the noise of a run.
+    where several tell it together; rms_deg, power (deg^2): of what is no noise, over all runs and angles; dependence:
+    shares by factor; direction: `both`, `forward`, `backward`; text: a sentence; amplitude_deg: the largest of the
+    formula, or of the levels of the factor on which it depends most; formula: the simplest expression that the data
+    hold, or None; at_least: runs alone tell the noise beside it, which holds what is unexplained as well, so that the
+    size may be larger; would_be: the effect that it would be, were it not fainter than the noise of a run; share: of
+    the power of the whole gap.
     """
 
     order: int
