@@ -122,8 +122,7 @@ def _apart(data: Observations) -> BoolArray:
     if data.angle_rad is not None or count < SETTINGS.least_points_apart:
         return np.zeros(len(data), bool)
     chosen = np.random.default_rng(0).permutation(count)[: count // SETTINGS.one_apart_in]
-    found: BoolArray = np.isin(number.ravel(), chosen)
-    return found
+    return np.isin(number.ravel(), chosen)
 
 
 def _result(

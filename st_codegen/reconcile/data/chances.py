@@ -23,8 +23,7 @@ def normal_tail(x: FloatArray) -> FloatArray:
     """Chance that a normal number exceeds x, element by element."""
     from scipy.special import ndtr
 
-    found: FloatArray = ndtr(-x)
-    return found
+    return ndtr(-x)
 
 
 def f_tail(x: float, count: int, rest: int) -> float:
@@ -38,8 +37,7 @@ def false_discoveries(p: FloatArray, rate: float) -> BoolArray:
     """Which of several tests stand at a false discovery rate (Benjamini and Hochberg)."""
     from scipy.stats import false_discovery_control
 
-    found: BoolArray = false_discovery_control(p) <= rate if len(p) else np.zeros(0, bool)
-    return found
+    return false_discovery_control(p) <= rate if len(p) else np.zeros(0, bool)
 
 
 def digits(p: float) -> float:

@@ -32,8 +32,7 @@ class Contrasts:
     def apply(self, values: ComplexArray) -> ComplexArray:
         """Contrasts of values (n, K)."""
         predicted = np.einsum("nm,nmk->nk", self.weight, values[self.index])
-        found: ComplexArray = (values - predicted) / self.norm[:, None]
-        return found
+        return np.asarray((values - predicted) / self.norm[:, None])
 
     @property
     def usable(self) -> BoolArray:

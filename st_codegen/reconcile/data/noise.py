@@ -30,8 +30,7 @@ def sigma_of(values: ComplexArray, orders: IntArray) -> FloatArray:
     """Robust standard deviation of one component (real or imaginary) per order, float64 (K,)."""
     size = np.abs(np.where(orders == 0, values.real, values))
     median = np.median(size, axis=0) if len(values) else np.zeros(len(orders))
-    found: FloatArray = median / np.where(orders == 0, MEDIAN_1, MEDIAN_2)
-    return found
+    return median / np.where(orders == 0, MEDIAN_1, MEDIAN_2)
 
 
 @dataclass(frozen=True)
@@ -136,8 +135,7 @@ def _between_orders(data: Observations) -> FloatArray:
 def _rms_of(data: Observations, e: ComplexArray) -> FloatArray:
     """RMS of one component of contrasts (m, K), float64 (K,)."""
     power = np.where(data.orders == 0, e.real**2, np.abs(e) ** 2 / 2)
-    found: FloatArray = np.sqrt(power.mean(axis=0))
-    return found
+    return np.asarray(np.sqrt(power.mean(axis=0)))
 
 
 def _smallest(

@@ -103,8 +103,7 @@ class Observations:
     @cached_property
     def _waves(self) -> ComplexArray:
         angle = np.zeros(len(self)) if self.angle_rad is None else self.angle_rad
-        waves: ComplexArray = np.exp(1j * np.outer(angle, self.inside))
-        return waves
+        return np.asarray(np.exp(1j * np.outer(angle, self.inside)))
 
     def __len__(self) -> int:
         return len(self.labels)

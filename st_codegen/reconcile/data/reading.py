@@ -362,8 +362,7 @@ def _loud(power: FloatArray) -> BoolArray:
     # the power of noise is exponential with mean 1: the mean of n has the standard deviation 1/sqrt(n)
     mean = np.minimum(power, SETTINGS.loud_line).mean(axis=0) > 1 + SETTINGS.quiet_order / np.sqrt(runs)
     few = (power > SETTINGS.loud_line).mean(axis=0) > np.maximum(0.01, 2.5 / runs)
-    loud: BoolArray = mean | few
-    return loud
+    return np.asarray(mean | few)
 
 
 def _shared(waves: ComplexArray, sign: FloatArray, known: set[int]) -> list[int]:

@@ -105,16 +105,14 @@ def speed_of(angles: Mapping[str, FloatArray], time_s: FloatArray) -> FloatArray
 
 def _smoothed(values: FloatArray, count: int) -> FloatArray:
     kernel = np.ones(count) / count
-    found: FloatArray = np.convolve(np.pad(values, count // 2, mode="edge"), kernel, mode="valid")[: len(values)]
-    return found
+    return np.convolve(np.pad(values, count // 2, mode="edge"), kernel, mode="valid")[: len(values)]
 
 
 def _directions(speed: FloatArray) -> FloatArray:
     """+1 or -1; at standstill the last direction, forward before the first motion."""
     moving = np.abs(speed) > 1e-3 * np.abs(speed).max()
     last = np.maximum.accumulate(np.where(moving, np.arange(len(speed)), 0))
-    found: FloatArray = np.where(moving[last], np.sign(speed[last]), 1.0)
-    return found
+    return np.where(moving[last], np.sign(speed[last]), 1.0)
 
 
 @dataclass(frozen=True)
@@ -233,19 +231,17 @@ def expected_error(r: Recording, out: FloatArray, rig: RigModel) -> FloatArray:
     """The transmission error that the rig has, deg (n,): what sensors of the conditions scatter by is in it."""
     parts = np.array_split(np.arange(len(out)), max(1, len(out) // _AT_ONCE))
     at = [r.at.rows(part) for part in parts]
-    found: FloatArray = np.concatenate(
+    return np.concatenate(
         [
             rig.te_deg(out[part], a.sign, a.speed_rpm, a.torque_Nm, a.temperature_C)
             for part, a in zip(parts, at, strict=True)
         ]
     )
-    return found
 
 
 def error_of(r: Recording, rig: RigModel) -> FloatArray:
     """The transmission error of a recording with theta_out, deg (n,)."""
-    found: FloatArray = r.angles["theta_out"] - _input_angle(r, rig) / rig.constants.reduction_ratio
-    return found
+    return r.angles["theta_out"] - _input_angle(r, rig) / rig.constants.reduction_ratio
 
 
 def _input_angle(r: Recording, rig: RigModel) -> FloatArray:

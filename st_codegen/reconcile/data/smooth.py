@@ -45,8 +45,7 @@ def noise_beside(at: Conditions, values: ComplexArray, orders: IntArray) -> Floa
         variance.append(scale * _RATIOS)
     logs, values_of = np.concatenate(evidence, axis=1), np.concatenate(variance, axis=1)
     weight = np.exp(logs - logs.max(axis=1, keepdims=True))
-    found: FloatArray = np.sqrt((weight * values_of).sum(axis=1) / weight.sum(axis=1))
-    return found
+    return np.asarray(np.sqrt((weight * values_of).sum(axis=1) / weight.sum(axis=1)))
 
 
 #: of the last conditions: their own bytes, and the spectra of all kernels

@@ -122,8 +122,7 @@ class Fit:
             ratio = moved / np.maximum(by_noise, 1e-300)
             times = np.where(ratio > SETTINGS.moved, np.maximum(times, ratio), times)
         root = np.sqrt(times)
-        found: FloatArray = self.covariance * root[:, None] * root[None, :]
-        return found
+        return self.covariance * root[:, None] * root[None, :]
 
     def folds(self, axis: str) -> list[Fold]:
         """The folds of an axis (one of AXES), each with the parameters that the other runs give.
@@ -278,5 +277,4 @@ def bounded_step(
             break
         step[out] = np.clip(aim[out], bounds[0][out], bounds[1][out]) - vector[out]
         free &= ~out
-    found: FloatArray = np.clip(vector + step, *bounds) - vector
-    return found
+    return np.clip(vector + step, *bounds) - vector

@@ -101,8 +101,7 @@ class Propagation:
         up, down = vector.copy(), vector.copy()
         up[number], down[number] = min(up[number] + step, c.upper), max(down[number] - step, c.lower)
         changes = [self.change(piece.with_vector(v).effect) for v in (up, down)]
-        found: ComplexArray = (changes[0] - changes[1]) / (up[number] - down[number])
-        return found
+        return np.asarray((changes[0] - changes[1]) / (up[number] - down[number]))
 
     @staticmethod
     def _column(values: ComplexArray) -> Column:

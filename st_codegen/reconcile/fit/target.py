@@ -129,13 +129,9 @@ class FitData:
         chosen = slice(None) if rows is None else rows
         z = np.abs(self.data.with_real_mean(residual)) / self.spread[chosen]
         z = z * self.counts[chosen]
-        found: FloatArray = np.where(z <= SETTINGS.huber, z**2, 2 * SETTINGS.huber * z - SETTINGS.huber**2)
-        return found
+        return np.where(z <= SETTINGS.huber, z**2, 2 * SETTINGS.huber * z - SETTINGS.huber**2)
 
     def weights(self, residual: ComplexArray) -> FloatArray:
         """Weights of least squares that equal Huber's loss at these residuals, by row and order, in 1/deg^2."""
         z = np.abs(self.data.with_real_mean(residual)) / self.spread
-        found: FloatArray = (
-            self.counts * np.minimum(1.0, SETTINGS.huber / np.maximum(z, SETTINGS.huber)) / self.spread**2
-        )
-        return found
+        return self.counts * np.minimum(1.0, SETTINGS.huber / np.maximum(z, SETTINGS.huber)) / self.spread**2

@@ -222,8 +222,7 @@ def _times(rows: JointRows) -> FloatArray:
 
 
 def _clock(rows: JointRows) -> FloatArray:
-    found: FloatArray = (rows.time - rows.time.mean()) / np.ptp(rows.time)
-    return found
+    return np.asarray((rows.time - rows.time.mean()) / np.ptp(rows.time))
 
 
 KINDS: Mapping[str, PartKind] = {
@@ -479,8 +478,7 @@ def _of_time(rows: JointRows, parts: list[TorquePart]) -> FloatArray:
     columns = stacked(parts)
     fit = crossed(np.hstack([columns, rows.torque_rate[:, None]]), rows)
     late = min(rows.step_s / 2, abs(float(fit.values[-1])) + 2 * float(fit.errors[-1]))
-    found: FloatArray = np.abs(np.linalg.lstsq(columns, rows.torque_rate * late, rcond=None)[0])
-    return found
+    return np.asarray(np.abs(np.linalg.lstsq(columns, rows.torque_rate * late, rcond=None)[0]))
 
 
 def _of_another(

@@ -73,8 +73,7 @@ class JointResult:
     @property
     def left(self) -> FloatArray:
         """The measured torque less all parts that were chosen, N m (rows,)."""
-        found: FloatArray = self.rows.torque - self.chosen.of(set(self.chosen.names()))
-        return found
+        return self.rows.torque - self.chosen.of(set(self.chosen.names()))
 
 
 def reconcile_joints(

@@ -60,8 +60,7 @@ def columns(rows: JointRows, over: str, number: float) -> FloatArray:
     """A wave: cosine and sine, as the kernel leaves them of a wave that passes at this speed."""
     phase, rate = _phase(rows, over)
     kept = np.exp(-((number * rate * rows.kernel_s) ** 2) / 2)
-    found: FloatArray = np.stack([kept * np.cos(number * phase), kept * np.sin(number * phase)], axis=1)
-    return found
+    return np.stack([kept * np.cos(number * phase), kept * np.sin(number * phase)], axis=1)
 
 
 def _phase(rows: JointRows, over: str) -> tuple[FloatArray, FloatArray]:

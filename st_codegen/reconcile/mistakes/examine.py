@@ -321,8 +321,7 @@ def _factors(sums: PowerSums, product: FloatArray) -> FloatArray:
     middle = partial(np.quantile, q=0.5, method="inverted_cdf")
     factors = np.array([[middle(side, weights=worth)] for side, worth in zip(ratio, sums.worth, strict=True)])
     # a factor so near to one may be the rig's own
-    found: FloatArray = np.where(np.abs(np.log(factors)) < np.log(SETTINGS.column_factor), 1.0, factors)
-    return found
+    return np.where(np.abs(np.log(factors)) < np.log(SETTINGS.column_factor), 1.0, factors)
 
 
 def _common(data: Observations, rig: RigModel, scale: float | None) -> list[Mistake]:

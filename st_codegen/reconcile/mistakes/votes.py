@@ -23,8 +23,7 @@ _Array = TypeVar("_Array", FloatArray, ComplexArray)
 
 def told_power(noise: FloatArray) -> FloatArray:
     """The power of a gap that the mean of rows with this noise (n, K) tells, (K,)."""
-    found: FloatArray = SETTINGS.told / np.sqrt(len(noise)) * noise.mean(axis=0)
-    return found
+    return np.asarray(SETTINGS.told / np.sqrt(len(noise)) * noise.mean(axis=0))
 
 
 def loud_orders(data: Observations, rig: RigModel) -> BoolArray:
@@ -113,8 +112,7 @@ class PowerSums:
         Where TE wanders within a turn the lowest orders have more of it than the noise within curves says.
         """
         left = self.measured - np.abs(self.product) ** 2 / np.maximum(self.model, 1e-300)
-        found: FloatArray = np.maximum(left, self.noise)
-        return found
+        return np.maximum(left, self.noise)
 
     @property
     def size(self) -> FloatArray:
@@ -130,8 +128,7 @@ class PowerSums:
     def worth(self) -> FloatArray:
         """What each order tells of a factor, (2, K): by its error, as long as that is larger than what is sought."""
         error = self.noise / np.maximum(2 * self.rows * self.model, 1e-300)
-        found: FloatArray = 1 / (error + np.log(SETTINGS.column_factor) ** 2)
-        return found
+        return np.asarray(1 / (error + np.log(SETTINGS.column_factor) ** 2))
 
     def gap(self, scale: FloatArray, turn: ComplexArray) -> FloatArray:
         """The power that is left with a factor a direction and a turn an order, noise and all, (2, K)."""
@@ -139,8 +136,7 @@ class PowerSums:
 
     def beyond_noise(self, left: FloatArray) -> FloatArray:
         """What of a power is more than noise; never less than the mean of many runs can tell."""
-        found: FloatArray = np.maximum(left - self.noise, 0.0) + self.least
-        return found
+        return np.maximum(left - self.noise, 0.0) + self.least
 
     def gap_falls(self, before: FloatArray, after: FloatArray, effects: int = 2) -> bool:
         """Whether gaps (2, K) with all noise in them are better after than before.

@@ -77,8 +77,7 @@ class Parameters:
 
     def gains(self) -> FloatArray:
         sizes: FloatArray = np.linalg.slogdet(self.precision + self.added)[1]
-        found: FloatArray = 0.5 * (sizes - np.linalg.slogdet(self.precision)[1])
-        return found
+        return np.asarray(0.5 * (sizes - np.linalg.slogdet(self.precision)[1]))
 
     def take(self, number: int) -> str:
         before = np.diag(np.linalg.inv(self.precision))
@@ -129,8 +128,7 @@ class Apart:
         self.rival, self.odds, self.left = rival, odds, rival.wanted
 
     def gains(self) -> FloatArray:
-        found: FloatArray = np.minimum(self.odds, self.left)
-        return found
+        return np.minimum(self.odds, self.left)
 
     def take(self, number: int) -> str:
         self.left = max(self.left - float(self.odds[number]), 0.0)
@@ -163,8 +161,7 @@ class Unknown:
         near = _kernel(self.points, self.known)
         own = _kernel(self.known, self.known) + _NUGGET * np.eye(len(self.known))
         told = np.einsum("nm,mn->n", near, np.linalg.solve(own, near.T))
-        found: FloatArray = 2 * np.log1p(self.weight * np.clip(1.0 - told, 0.0, 1.0))
-        return found
+        return np.asarray(2 * np.log1p(self.weight * np.clip(1.0 - told, 0.0, 1.0)))
 
     def take(self, number: int) -> str:
         self.known = np.concatenate([self.known, self.points[[number]]])
@@ -172,8 +169,7 @@ class Unknown:
 
 
 def _kernel(a: FloatArray, b: FloatArray) -> FloatArray:
-    found: FloatArray = np.exp(-0.5 * ((a[:, None] - b[None]) ** 2).sum(axis=2))
-    return found
+    return np.asarray(np.exp(-0.5 * ((a[:, None] - b[None]) ** 2).sum(axis=2)))
 
 
 def unexplained(result: Reconciliation, rows: Rows) -> list[Question]:
@@ -216,8 +212,7 @@ class Met:
         self.order, self.hertz, self.odds, self.open = order, hertz, odds, True
 
     def gains(self) -> FloatArray:
-        found: FloatArray = self.open * np.log(2.0) * np.minimum(self.odds / SETTINGS.told_apart, 1.0)
-        return found
+        return np.asarray(self.open * np.log(2.0) * np.minimum(self.odds / SETTINGS.told_apart, 1.0))
 
     def take(self, number: int) -> str:
         self.open = self.open and bool(self.odds[number] < SETTINGS.told_apart)

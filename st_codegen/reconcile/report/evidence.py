@@ -214,8 +214,7 @@ def _rest(result: Reconciliation, field: str, label: str, values: FloatArray, no
 
 def _size(values: ComplexArray, order: int) -> FloatArray:
     """The mean with its sign, of an order its amplitude."""
-    found: FloatArray = values.real if order == 0 else np.abs(values)
-    return found
+    return values.real if order == 0 else np.abs(values)
 
 
 def _condition(result: Reconciliation, own: ComplexArray) -> tuple[str, str]:

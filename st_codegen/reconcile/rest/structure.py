@@ -142,15 +142,13 @@ def level_designs(target: FitData) -> dict[str, FloatArray]:
 
 def _dummies(level: IntArray, sign: FloatArray) -> FloatArray:
     code = level * 2 + (sign > 0)
-    found: FloatArray = (code[:, None] == np.unique(code)[None, :]).astype(np.float64)
-    return found
+    return np.asarray((code[:, None] == np.unique(code)[None, :]).astype(np.float64))
 
 
 def orthogonal_basis(design: FloatArray) -> FloatArray:
     """Orthonormal columns that span those of a design (n, m), float64 (n, rank)."""
     u, s, _ = np.linalg.svd(design, full_matrices=False)
-    found: FloatArray = u[:, s > 1e-8 * s[0]]
-    return found
+    return u[:, s > 1e-8 * s[0]]
 
 
 def rms_of_component(target: FitData, residual: ComplexArray) -> FloatArray:
@@ -242,8 +240,7 @@ def scatter(target: FitData, residual: ComplexArray) -> IntArray:
     mean, near = target.data.orders == 0, residual.copy()
     near[:, mean] *= np.minimum(1.0, SETTINGS.cut * target.sigma[:, mean] / np.maximum(np.abs(near[:, mean]), 1e-300))
     loud = _times_spectral(target, near) > _beyond(target, near)
-    found: IntArray = np.flatnonzero(loud | by_directions(target, residual)[0])
-    return found
+    return np.flatnonzero(loud | by_directions(target, residual)[0])
 
 
 def by_directions(target: FitData, residual: ComplexArray) -> tuple[BoolArray, FloatArray]:
@@ -304,8 +301,7 @@ def in_both_directions(target: FitData, residual: ComplexArray) -> FloatArray:
 
 def _times_spectral(target: FitData, residual: ComplexArray) -> FloatArray:
     """How many times the noise that is no structure a residual is, by order (K,)."""
-    found: FloatArray = rms_of_component(target, residual) / np.maximum(noise_within(target), 1e-150)
-    return found
+    return rms_of_component(target, residual) / np.maximum(noise_within(target), 1e-150)
 
 
 def _beyond(target: FitData, residual: ComplexArray) -> FloatArray:

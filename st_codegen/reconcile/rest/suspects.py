@@ -138,8 +138,7 @@ def _scaled(data: Observations, residual: ComplexArray, sigma: FloatArray) -> Fl
     if data.spectral_deg is not None:
         # runs that are louder than others are no farther off for it
         sigma = np.maximum(sigma, data.spectral_deg)
-    found: FloatArray = np.where(data.orders == 0, np.abs(residual.real), np.abs(residual) / np.sqrt(2)) / sigma
-    return found
+    return np.where(data.orders == 0, np.abs(residual.real), np.abs(residual) / np.sqrt(2)) / sigma
 
 
 def _like_neighbours(data: Observations, residual: ComplexArray) -> BoolArray:

@@ -110,8 +110,7 @@ class Frequencies:
         high = min(max(self.orders) * turn.max(), self.frequency.upper)
         if low >= high or not self.loud:
             return np.zeros(0)
-        grid: FloatArray = np.exp(np.arange(np.log(low), np.log(high), step))
-        return grid
+        return np.exp(np.arange(np.log(low), np.log(high), step))
 
     def _gains(self, fixed: dict[str, float], grid: FloatArray, some: BoolArray) -> FloatArray:
         """What each order gains by each frequency in some rows, (frequencies, orders)."""
@@ -146,8 +145,7 @@ class Frequencies:
     def _worth(self, gains: FloatArray) -> FloatArray:
         if not self.data.few_points:
             return gains
-        found: FloatArray = worth(gains, *self.powers(np.searchsorted(self.data.orders, self.orders)))
-        return found
+        return np.asarray(worth(gains, *self.powers(np.searchsorted(self.data.orders, self.orders))))
 
     def _moved(self, fixed: dict[str, float], grid: FloatArray, along: _Along) -> list[Start]:
         """The best start of each way in which a frequency may move along a condition; none where there is one level.

@@ -62,8 +62,7 @@ def held_out_rms(fit: Fit) -> FloatArray:
             powers.append(weight * (np.abs(np.concatenate(parts)) ** 2).mean(axis=0))
     if not powers:
         powers = [weight * (np.abs(fit.residual[fit.target.good]) ** 2).mean(axis=0)]
-    found: FloatArray = np.sqrt(max(powers, key=lambda power: float(power.sum())))
-    return found
+    return np.asarray(np.sqrt(max(powers, key=lambda power: float(power.sum()))))
 
 
 def untested_axes(fit: Fit) -> tuple[str, ...]:

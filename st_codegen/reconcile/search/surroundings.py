@@ -200,5 +200,4 @@ def _place(effect: Effect) -> tuple[float, float]:
 
 def _turned(angle: FloatArray | float) -> FloatArray:
     """An angle in -pi .. pi."""
-    found: FloatArray = np.angle(np.exp(1j * np.asarray(angle)))
-    return found
+    return np.angle(np.exp(1j * np.asarray(angle)))
