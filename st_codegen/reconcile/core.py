@@ -13,12 +13,10 @@ from st_codegen.processes import Progress
 from st_codegen.reconcile.data.noise import Noise, estimate
 from st_codegen.reconcile.data.observations import Observations, rms_deg
 from st_codegen.reconcile.fit.fitting import Fit, fit
-from st_codegen.reconcile.fit.parameters import Piece, piece_of
-from st_codegen.reconcile.fit.state import State
+from st_codegen.reconcile.fit.state import Piece, State, piece_of
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.claims import Conclusions, Retuned
 from st_codegen.reconcile.judge.conclusions import conclude, gone, unchanged
-from st_codegen.reconcile.judge.faint import faint
 from st_codegen.reconcile.judge.lookalikes import doubted, unlike_friction
 from st_codegen.reconcile.judge.misread import in_place_of_the_rest
 from st_codegen.reconcile.mistakes.examine import Examined
@@ -36,10 +34,9 @@ from st_codegen.reconcile.rest.unexplained import Signature, beside_the_rigs, lo
 from st_codegen.reconcile.rest.unseen import below_noise, cannot_show
 from st_codegen.reconcile.result import Gap, OrderGap, Reconciliation, TakenBack
 from st_codegen.reconcile.search.candidates import Candidate
-from st_codegen.reconcile.search.evidence import Evidence
-from st_codegen.reconcile.search.held_out import between_states, held_out_rms, untested_axes
+from st_codegen.reconcile.search.evidence import Evidence, between_states, held_out_rms, untested_axes
 from st_codegen.reconcile.search.plausible import lack_of_forms
-from st_codegen.reconcile.search.selection import search, with_noise_of
+from st_codegen.reconcile.search.selection import faint, search, with_noise_of
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Effect, Stage
 from st_codegen.rig.model import RigModel

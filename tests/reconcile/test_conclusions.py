@@ -8,8 +8,7 @@ import pytest
 
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.fit.fitting import fit
-from st_codegen.reconcile.fit.parameters import piece_of
-from st_codegen.reconcile.fit.state import OFFSET, State
+from st_codegen.reconcile.fit.state import OFFSET, State, piece_of
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge import conclusions
 from st_codegen.reconcile.judge.claims import Conclusions, Retuned
@@ -28,8 +27,7 @@ from st_codegen.reconcile.rest.in_time import _alike
 from st_codegen.reconcile.rest.structure import is_lacking, loud_and_foreign
 from st_codegen.reconcile.rest.suspects import bad_runs, excused
 from st_codegen.reconcile.search.candidates import Search, variants
-from st_codegen.reconcile.search.frequencies import Frequencies
-from st_codegen.reconcile.search.peaks import bracket, chance_of_bracket, is_of_one_speed, spread
+from st_codegen.reconcile.search.peaks import Frequencies, bracket, chance_of_bracket, is_of_one_speed, spread
 from st_codegen.reconcile.search.plausible import bounds_met, is_its_own, is_no_form_error, lack_of_forms, law_holds
 from st_codegen.reconcile.search.states import in_their_forms
 from st_codegen.reconcile.settings import CHOSEN_ON, SETTINGS

@@ -17,9 +17,8 @@ from st_codegen.reconcile.data.checks import check
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations, labels
 from st_codegen.reconcile.fit.fitting import fit
-from st_codegen.reconcile.fit.parameters import piece_of
 from st_codegen.reconcile.fit.propagation import Propagation
-from st_codegen.reconcile.fit.state import State
+from st_codegen.reconcile.fit.state import State, piece_of
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.errors import standard_errors
 from st_codegen.reconcile.judge.retuned import with_piece_held

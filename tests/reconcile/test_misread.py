@@ -12,8 +12,7 @@ from st_codegen.errors import InputError
 from st_codegen.reconcile.core import reconcile_observations
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
 from st_codegen.reconcile.fit.fitting import fit
-from st_codegen.reconcile.fit.parameters import piece_of
-from st_codegen.reconcile.fit.state import State
+from st_codegen.reconcile.fit.state import State, piece_of
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.misread import READINGS, _as_meant, misread
 from st_codegen.reconcile.mistakes.examine import Examined, examine

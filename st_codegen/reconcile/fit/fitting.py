@@ -15,9 +15,8 @@ import numpy as np
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.reconcile.data.contrasts import AXES
 from st_codegen.reconcile.fit.normal import Normal, by_group, gather, inverse
-from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.fit.propagation import Propagation
-from st_codegen.reconcile.fit.state import State
+from st_codegen.reconcile.fit.state import Piece, State
 from st_codegen.reconcile.fit.target import Column, FitData
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect, Form

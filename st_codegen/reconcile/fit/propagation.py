@@ -8,7 +8,7 @@ import numpy as np
 
 from st_codegen.ir.arrays import ComplexArray, FloatArray
 from st_codegen.reconcile.data.observations import Observations
-from st_codegen.reconcile.fit.parameters import Coordinate, Piece
+from st_codegen.reconcile.fit.state import Coordinate, Piece
 from st_codegen.reconcile.fit.target import Column
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect, Stage

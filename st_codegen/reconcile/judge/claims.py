@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from st_codegen.reconcile.fit.fitting import Fit
-from st_codegen.reconcile.fit.parameters import Piece
-from st_codegen.reconcile.fit.state import OFFSET
+from st_codegen.reconcile.fit.state import OFFSET, Piece
 from st_codegen.reconcile.judge.misread import Misread
 from st_codegen.reconcile.search.evidence import Evidence
 from st_codegen.reconcile.settings import SETTINGS

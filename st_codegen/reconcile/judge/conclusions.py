@@ -9,8 +9,7 @@ import numpy as np
 
 from st_codegen.reconcile.data.observations import rms_deg
 from st_codegen.reconcile.fit.fitting import Fit, fit
-from st_codegen.reconcile.fit.parameters import Piece
-from st_codegen.reconcile.fit.state import OFFSET, State
+from st_codegen.reconcile.fit.state import OFFSET, Piece, State
 from st_codegen.reconcile.judge.claims import SOMETHING_ELSE, Claim, Conclusions, Other, Retuned
 from st_codegen.reconcile.judge.errors import standard_errors
 from st_codegen.reconcile.judge.lookalikes import (

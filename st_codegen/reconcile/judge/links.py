@@ -15,7 +15,7 @@ from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.data.chances import chi_square_tail
 from st_codegen.reconcile.data.noise import MEDIAN_1
 from st_codegen.reconcile.data.recordings import Recording
-from st_codegen.reconcile.fit.parameters import Piece
+from st_codegen.reconcile.fit.state import Piece
 from st_codegen.reconcile.judge.claims import Claim, Retuned
 from st_codegen.reconcile.search.evidence import Evidence
 from st_codegen.reconcile.settings import SETTINGS

@@ -14,9 +14,9 @@ import numpy as np
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.fit.fitting import Fit
 from st_codegen.reconcile.fit.normal import made_of
-from st_codegen.reconcile.fit.parameters import Piece
+from st_codegen.reconcile.fit.state import Piece
 from st_codegen.reconcile.judge.claims import ONE_SIDED, SOMETHING_ELSE, Conclusions
-from st_codegen.reconcile.search.held_out import unmeasured_states
+from st_codegen.reconcile.search.evidence import unmeasured_states
 from st_codegen.reconcile.search.peaks import frequencies_in, has_a_frequency
 from st_codegen.reconcile.search.plausible import followers
 from st_codegen.reconcile.search.surroundings import may_be_a_start

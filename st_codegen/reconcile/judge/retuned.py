@@ -12,8 +12,7 @@ from st_codegen.reconcile.data.chances import chi_square_tail
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.normal import inverse
-from st_codegen.reconcile.fit.parameters import Coordinate, Piece
-from st_codegen.reconcile.fit.state import OFFSET
+from st_codegen.reconcile.fit.state import OFFSET, Coordinate, Piece
 from st_codegen.reconcile.judge.errors import covariance_with_discrepancy
 from st_codegen.reconcile.rest.in_time import lasting_mean, without_lasting
 from st_codegen.reconcile.rest.structure import floors, is_lacking

@@ -7,8 +7,8 @@ runs: what a Gaussian process that is known at its neighbours learns there.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -16,17 +16,17 @@ import numpy as np
 from st_codegen.campaign.conditions import CONDITION_COLUMNS
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.data.contrasts import AXES, step_between
-from st_codegen.reconcile.fit.fitting import Fit
-from st_codegen.reconcile.fit.parameters import Coordinate
+from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.propagation import Propagation
+from st_codegen.reconcile.fit.state import Coordinate
 from st_codegen.reconcile.fit.target import by_place
 from st_codegen.reconcile.outcome import Outcome
 from st_codegen.reconcile.plan.points import Rows, summed
-from st_codegen.reconcile.plan.rivals import Rival
 from st_codegen.reconcile.result import Reconciliation
 from st_codegen.reconcile.search.peaks import has_a_frequency
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect
+from st_codegen.rig.model import RigModel
 
 #: how many steps farther the correlation of a residual reaches along conditions on which it does not depend
 _FAR = 4.0
@@ -274,3 +274,46 @@ def _lengths(dependence: Mapping[str, float]) -> list[float]:
     """How far a residual reaches along speed, torque and temperature, in steps, by how it depends on them."""
     shares = [dependence.get(axis, 0.0) for axis in AXES]
     return [_FAR if share <= SETTINGS.cause else _NEAR if share == max(shares) else 1.0 for share in shares]
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Another explanation of the data than `one`: its rig, and the odds (logarithm) still wanted to tell them apart."""
+
+    one: str
+    other: str
+    rig: RigModel
+    wanted: float
+
+
+def other_models(result: Reconciliation) -> list[Rival]:
+    """Other explanations of the same data.
+
+    Names that are as good, also in place of a changed parameter, and refused effects on unexplained orders.
+    """
+    found = result.conclusions
+    pairs = [(one.piece.effect.name, other) for one in found.claims for other in one.others]
+    pairs += [(f"changed {one.after.name}", other) for one in found.retuned for other in one.others]
+    as_good = [Rival(name, other.name, other.rig, SETTINGS.told_apart) for name, other in pairs]
+    return [*as_good, *_refused(result)]
+
+
+def _refused(result: Reconciliation) -> Iterator[Rival]:
+    """Effects that were refused although they gain on orders that are still unexplained."""
+    final = result.conclusions.final
+    open_orders = {signature.order for signature in result.unexplained}
+    taken = {(piece.effect.name, piece.effect.orders) for piece in final.state.pieces}
+    for candidate, _ in sorted(result.judged, key=lambda pair: -pair[1].loss_saved):
+        effect = candidate.piece.effect
+        kind = (effect.name, effect.orders)
+        if candidate.number is None and kind not in taken and open_orders & set(effect.touched_orders()):
+            taken.add(kind)
+            other = fit(final.target, candidate.put_into(final.state), steps=SETTINGS.quick_steps)
+            yield Rival(
+                "what was found",
+                f"{effect.name} as well, which the data refused so far",
+                other.state.model(),
+                SETTINGS.told_apart,
+            )
+        if len(taken) == len(final.state.pieces) + SETTINGS.most_rivals:
+            return

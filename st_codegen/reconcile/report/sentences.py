@@ -12,7 +12,7 @@ import numpy as np
 from st_codegen.campaign.orders import listed
 from st_codegen.ir.arrays import ComplexArray, FloatArray
 from st_codegen.reconcile.data.observations import first_of, rms_deg
-from st_codegen.reconcile.fit.parameters import Piece
+from st_codegen.reconcile.fit.state import Piece
 from st_codegen.reconcile.judge.claims import Claim
 from st_codegen.reconcile.judge.misread import Misread
 from st_codegen.reconcile.outcome import Outcome

@@ -15,12 +15,10 @@ import numpy as np
 
 from st_codegen.ir.arrays import ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.fit.fitting import Fit
-from st_codegen.reconcile.fit.parameters import Coordinate, Piece
 from st_codegen.reconcile.fit.propagation import Propagation
-from st_codegen.reconcile.fit.state import State
+from st_codegen.reconcile.fit.state import Coordinate, Piece, State
 from st_codegen.reconcile.fit.target import Column, by_place
-from st_codegen.reconcile.search.frequencies import Frequencies, worth
-from st_codegen.reconcile.search.peaks import follows_load
+from st_codegen.reconcile.search.peaks import Frequencies, follows_load, worth
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Constants, Effect, Form, Stage
 from st_codegen.rig.effects.base import BACKWARD

@@ -12,7 +12,7 @@ import numpy as np
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.reconcile.data.contrasts import levels_of
 from st_codegen.reconcile.fit.fitting import Fit, fit
-from st_codegen.reconcile.fit.parameters import Coordinate, Piece
+from st_codegen.reconcile.fit.state import Coordinate, Piece
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.rest.structure import is_lacking
 from st_codegen.reconcile.search.peaks import frequencies_in, has_a_frequency, is_of_one_speed

@@ -14,7 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from st_codegen.reconcile.fit.fitting import Fit, fit
-from st_codegen.reconcile.fit.parameters import Piece
+from st_codegen.reconcile.fit.state import Piece
 from st_codegen.reconcile.rest.structure import is_lacking
 from st_codegen.reconcile.search.candidates import Candidate, Scorer
 from st_codegen.reconcile.search.evidence import judge, p_of_more

@@ -9,7 +9,7 @@ import numpy as np
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.reconcile.data.observations import SIGNS
 from st_codegen.reconcile.fit.fitting import Fit
-from st_codegen.reconcile.fit.parameters import Piece
+from st_codegen.reconcile.fit.state import Piece
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.rest.lines import stand_out, waves_of_angle
 from st_codegen.reconcile.rest.structure import wander_within_turns
