@@ -13,7 +13,7 @@ from st_codegen.processes import Progress
 from st_codegen.reconcile.data.noise import Noise, estimate
 from st_codegen.reconcile.data.observations import Observations, rms_deg
 from st_codegen.reconcile.fit.fitting import Fit, fit
-from st_codegen.reconcile.fit.state import Piece, State, piece_of
+from st_codegen.reconcile.fit.state import State, piece_of
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.claims import Conclusions, Retuned
 from st_codegen.reconcile.judge.conclusions import conclude, gone, unchanged
@@ -38,7 +38,7 @@ from st_codegen.reconcile.search.evidence import Evidence, between_states, held_
 from st_codegen.reconcile.search.plausible import lack_of_forms
 from st_codegen.reconcile.search.selection import faint, search, with_noise_of
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Catalogue, Effect, Stage
+from st_codegen.rig.effects import Catalogue, Stage
 from st_codegen.rig.model import RigModel
 from st_codegen.threads import one_thread
 
@@ -73,8 +73,18 @@ def _reconcile(
     apart = _apart(data)
     shown = data if not apart.any() else replace(data, left_out=apart | bad)
     noise = estimate(shown, data.values - model)
-    target = FitData(shown, noise.sigma, noise.good, groups_of(data.at), *_of(rig), corrected=examined.corrected)
-    state = State(rig, rig.zero_offset_deg, tuple(map(_own, (e for e in rig.effects if e.stage is not Stage.AXIS))))
+    target = FitData(
+        shown,
+        noise.sigma,
+        noise.good,
+        groups_of(data.at),
+        rig.constants.reduction_ratio,
+        rig.constants.reference_temperature_C,
+        rig.noise.run_offset_deg,
+        corrected=examined.corrected,
+    )
+    own = (piece_of(effect, added=False, origin=effect) for effect in rig.effects if effect.stage is not Stage.AXIS)
+    state = State(rig, rig.zero_offset_deg, tuple(own))
     last, judged = search(target, state, known, progress)
     # which effects there may be is decided; whether they stand, and how large they are, all runs say
     last = fit(with_noise_of(replace(last, target=replace(target, data=data)))[0], last.state)
@@ -304,14 +314,6 @@ def _with_suspects(target: FitData, final: Fit, noise: Noise) -> Noise:
     again = without_structure(data, final.residual, estimate(data, final.residual, bad), lacking)
     ranked = sorted((dict(noise.suspects) | found | dict(again.suspects)).items(), key=lambda entry: -entry[1])
     return replace(again, suspects=tuple(ranked))
-
-
-def _of(rig: RigModel) -> tuple[float, float, float]:
-    return rig.constants.reduction_ratio, rig.constants.reference_temperature_C, rig.noise.run_offset_deg
-
-
-def _own(effect: Effect) -> Piece:
-    return piece_of(effect, added=False, origin=effect)
 
 
 def _new_rig(rig: RigModel, final: Fit, conclusions: Conclusions) -> RigModel:

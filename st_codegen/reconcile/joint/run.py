@@ -107,7 +107,7 @@ def _joint(recordings: list[JointRecording], joint: str, accept: Collection[str]
         return None
     if not np.ptp(rows.torque):
         raise InputError(f"tau{joint} never changes: it is no torque of a joint that moves")
-    notes = [note for one in recordings for note in one.notes if _speaks_of(note, joint)]
+    notes = [note for one in recordings for note in one.notes if f"dq{joint} " in note or "dq" not in note]
     if is_opposite(rows):
         if not {"sign", "all"} & set(accept):
             raise InputError(
@@ -135,10 +135,6 @@ def _joint(recordings: list[JointRecording], joint: str, accept: Collection[str]
     late = shift * recordings[0].step_s
     unseen = unseen and mode is None
     return JointResult(joint, rows, chosen, kept, mode, late, outliers, most, rigid, unseen, tuple(notes))
-
-
-def _speaks_of(note: str, joint: str) -> bool:
-    return f"dq{joint} " in note or "dq" not in note
 
 
 def _rich(rows: JointRows, seen: Sequence[tuple[str, float]] = ()) -> list[TorquePart]:

@@ -150,9 +150,8 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
         return conclude(rig, less, known)
     wrong = misread(final, changed)
     claims = tuple(_claim(rig, joint, final, i, one, known, wrong) for i, one in standing.items())
-    rivals = {i: _own_rivals(final, one) for i, one in needed.items()}
     retuned = tuple(
-        _retuned(joint, final, i, p, known, rivals.get(i, ()), wrong) for i, p in changed.items() if i != OFFSET
+        _retuned(joint, final, i, p, known, needed.get(i), wrong) for i, p in changed.items() if i != OFFSET
     )
     return Conclusions(joint, final, claims, retuned, OFFSET in changed, wrong)
 
@@ -199,21 +198,19 @@ def _with_less(joint: Fit, final: Fit, standing: Collection[int]) -> Fit | None:
     return in_one_piece(joint)
 
 
-def _own_rivals(final: Fit, one: Needed) -> tuple[Other, ...]:
-    """Effects of the rig of which a change would do in place of another one's."""
-    return tuple(Other(final.state.pieces[i].effect.name, fitted.state.model()) for i, fitted in one.as_good.items())
-
-
 def _retuned(
     joint: Fit,
     final: Fit,
     number: int,
     p: float,
     known: Catalogue,
-    rivals: tuple[Other, ...],
+    needed: Needed | None,
     wrong: Sequence[Misread],
 ) -> Retuned:
-    """What is said of a changed effect of the rig."""
+    """What is said of a changed effect of the rig; needed: where it is told to have changed with all others held."""
+    # effects of the rig of which a change would do in its place
+    as_good = {} if needed is None else needed.as_good
+    rivals = tuple(Other(final.state.pieces[i].effect.name, one.state.model()) for i, one in as_good.items())
     smaller, larger = with_piece_held(joint, number), joint
     if smaller.loss - joint.loss < SETTINGS.as_good:
         # what the rest of the rig could do hides what is missing: asked with the rest at the rig's own values

@@ -51,7 +51,9 @@ def changes(joint: Fit) -> dict[int, float]:
             # where the model is a product (a ratio times a mesh order) standard errors at the solution say too little
             held = with_piece_held(joint, i)
             p = max(p, chi_square_tail(held.loss - joint.loss, len(places)))
-            sure = p < SETTINGS.p_changed and _stands(joint, piece, held)
+            sure = p < SETTINGS.p_changed and is_its_own(joint, piece, held)
+            # and not what lies around its orders as well
+            sure = sure and stands_out(joint, joint.shown_change(piece))
         grown = piece.effect.values.keys() != piece.origin.values.keys()
         if sure and (grown or not _lasting_noise(joint, piece)) and not _insists_on_a_bound(piece):
             found[i] = p
@@ -133,7 +135,8 @@ def changed_as_well(joint: Fit, final: Fit, changed: dict[int, float]) -> tuple[
                  if (one := _freed(joint, final, i, lacking, kept)) is not None} if lacking.any() else {}  # fmt: skip
         if not tried:
             return final, found
-        best = min(tried, key=lambda i: _price(tried[i]))
+        # each parameter must save so much to be worth more than none
+        best = min(tried, key=lambda i: tried[i].loss + SETTINGS.as_good * len(tried[i].prior))
         as_good = {i: one for i, one in tried.items() if i != best and one.loss - tried[best].loss < SETTINGS.as_good}
         final, found[best] = tried[best], Needed(p_of_more(final, tried[best]), as_good)
 
@@ -219,11 +222,6 @@ def _misfits(final: Fit, changed: Collection[int]) -> dict[int, float]:
     return found
 
 
-def _price(one: Fit) -> float:
-    """The loss of a fit, and what each of its parameters must save to be worth more than none."""
-    return one.loss + SETTINGS.as_good * len(one.prior)
-
-
 def _freed(joint: Fit, final: Fit, number: int, lacking: BoolArray, kept: BoolArray) -> Fit | None:
     """The final fit with one more piece free, where that takes off what orders lack, and the data ask for it.
 
@@ -249,11 +247,6 @@ def offset_is_large(joint: Fit) -> bool:
     if not sigma.size or abs(shift) <= max(SETTINGS.least_constant * float(np.sqrt((sigma**2).mean())), lasting):
         return False
     return stands_out(joint, np.tile(np.where(target.data.orders == 0, shift + 0j, 0.0), (len(target.data), 1)))
-
-
-def _stands(joint: Fit, piece: Piece, held: Fit) -> bool:
-    """Whether a change is that of the effect, and not what lies around its orders as well."""
-    return is_its_own(joint, piece, held) and stands_out(joint, joint.shown_change(piece))
 
 
 def _own_pieces(joint: Fit) -> list[int]:

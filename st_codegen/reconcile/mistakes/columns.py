@@ -170,7 +170,8 @@ def _gain(data: Observations, noise: FloatArray, plain: ComplexArray, seen: Comp
 
 
 #: what a table of waves may hold in place of sizes and phases of cosines, A*cos(k*theta + phi), and how it is read then
-_PHASES: tuple[tuple[str, Callable[[ComplexArray], ComplexArray]], ...] = (
+_Turned = Callable[[ComplexArray], ComplexArray]
+_PHASES: tuple[tuple[str, _Turned], ...] = (
     ("", lambda c: c),
     ("with phases of sines, 90 deg more than those of cosines", lambda c: -1j * c),
     ("with phases 90 deg less than those of cosines", lambda c: 1j * c),
@@ -195,7 +196,7 @@ def other_waves(data: Observations, rig: RigModel) -> list[Mistake]:
     loud = loud_orders(data, rig) & waves
     if not enough_orders(data, loud):
         return []
-    sums, best = power_sums(data, rig, loud, swapped=False), list[tuple[float, str, Callable[..., ComplexArray]]]()
+    sums, best = power_sums(data, rig, loud, swapped=False), list[tuple[float, str, _Turned, float]]()
     ones = np.ones(len(sums.orders), np.complex128)
     plain = sums.gap(np.ones((2, 1)), ones)
     for phases, turned in _PHASES:
@@ -210,13 +211,13 @@ def other_waves(data: Observations, rig: RigModel) -> list[Mistake]:
             rest = np.median(np.maximum(left - sums.noise / factor**2, 0.0) / sums.model)
             if text and rest < SETTINGS.of_a_size**2 and sums.gap_falls(plain, left):
                 score = float(np.log(sums.beyond_noise(left)).sum())
-                best.append((score, text, partial(_read_as, turned, factor)))
+                best.append((score, text, turned, factor))
     if not best:
         return []
-    _, text, read_as = min(best, key=lambda one: one[0])
+    _, text, turned, factor = min(best, key=lambda one: one[0])
 
     def corrected(given: Observations) -> Observations:
-        return replace(given, values=np.where(given.orders > 0, read_as(given.values), given.values))
+        return replace(given, values=np.where(given.orders > 0, turned(given.values) / factor, given.values))
 
     return [Mistake("waves", _WAVES.format(text), corrected, remedy="read them so")]
 
@@ -233,10 +234,6 @@ def _has_factor(data: Observations, rig: RigModel, waves: PowerSums, factor: flo
     of_mean = power_sums(data, rig, mean, swapped=False)
     own = float(np.abs(of_mean.product).sum() / of_mean.model.sum())
     return bool(abs(np.log(max(own, 1e-12))) < abs(np.log(max(own, 1e-12) / factor)))
-
-
-def _read_as(turned: Callable[[ComplexArray], ComplexArray], factor: float, values: ComplexArray) -> ComplexArray:
-    return turned(values) / factor
 
 
 def taken_off(data: Observations, rig: RigModel) -> list[Mistake]:

@@ -207,7 +207,7 @@ def _described(near: _ByRun, in_deg: _ByRun, k: int, numbers: int) -> Course:
     if steps[0] >= trends[0]:
         cut = int(cuts[0])
         power = _gains_of_steps(in_deg)[cut - 1, k] / rows
-        size = max(_step_size(series[:, k], weight, cut) for series, weight in in_deg)
+        size = max(abs(_difference(series[:, k], weight, cut, len(series))) for series, weight in in_deg)
         left = max(float(varying[0] - steps[0]), 0.0) / numbers
         one = [(series[:, 0], weight) for series, weight in own]
         runs = _runs_beside(own, cut, left)
@@ -284,11 +284,6 @@ def _varying(sums: _ByRun) -> FloatArray:
         for series, weight in sums
     ]
     return np.asarray(sum(powers))
-
-
-def _step_size(series: ComplexArray, weight: FloatArray, cut: int) -> float:
-    """How far the means before and behind a step differ."""
-    return abs(_difference(series, weight, cut, len(series)))
 
 
 def _share_at_once(sums: Sequence[tuple[ComplexArray, FloatArray]], cut: int, scale: float) -> tuple[float, float]:

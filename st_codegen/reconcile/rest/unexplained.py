@@ -231,7 +231,9 @@ def _noise_of_order(target: FitData, residual: ComplexArray, k: int, floor: floa
     """
     parts = int(target.data.parts[k])
     own, differ = float(noise_within(target)[k] ** 2), float(by_directions(target, residual)[1][k] ** 2)
-    what = within = _noise_beside(target)
+    what = within = (
+        "what orders beside it differ by" if target.data.spectral_deg is None else "the noise within the curves"
+    )
     if differ < own:
         own, what = differ, "what both directions of a run differ by"
     # what one direction alone has is what both differ by
@@ -245,11 +247,6 @@ def _noise_of_order(target: FitData, residual: ComplexArray, k: int, floor: floa
     if floor**2 < own and not np.isclose(floor**2, own):
         own, what = floor**2, _LIKE_THEM
     return own, what
-
-
-def _noise_beside(target: FitData) -> str:
-    """What the noise is that `noise_within` tells."""
-    return "what orders beside it differ by" if target.data.spectral_deg is None else "the noise within the curves"
 
 
 def _is_common(target: FitData, r: ComplexArray, order: int, beyond: float) -> bool:

@@ -49,7 +49,11 @@ class Candidate:
 
     def coordinates(self) -> list[tuple[int, Coordinate]]:
         """The new coordinates and their places among the piece's."""
-        return [(i, c) for i, c in enumerate(self.piece.coordinates()) if not self.grown or _keys_of(c) & self.grown]
+        return [
+            (i, c)
+            for i, c in enumerate(self.piece.coordinates())
+            if not self.grown or {c.key, c.phase_key} & self.grown
+        ]
 
     @cached_property
     def identity(self) -> tuple[str, tuple[int, ...], frozenset[str]]:
@@ -69,10 +73,6 @@ class Candidate:
     def place(self, state: State) -> int:
         """Where the piece stands in the state with it."""
         return len(state.pieces) - 1 if self.number is None else self.number
-
-
-def _keys_of(c: Coordinate) -> frozenset[str]:
-    return frozenset({c.key} | ({c.phase_key} if c.phase_key else set()))
 
 
 def variants(effect: type[Effect], both_directions: bool) -> list[frozenset[str]]:

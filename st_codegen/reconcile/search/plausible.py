@@ -312,12 +312,10 @@ def at_two_frequencies(without: Fit, with_it: Fit, number: int) -> bool:
                 if saved[data.at.speed_rpm == speed, column].sum() > SETTINGS.point_gain:
                     points.add(round(order * speed / 10))
     at_lowest, at_highest = frequencies_in(effect, data.at)
-    grown = len(without.state.pieces) == len(with_it.state.pieces)
-    others = [
-        piece.effect
-        for i, piece in enumerate(with_it.state.pieces)
-        if piece.effect.name == effect.name and i != number and (grown or not _other_state(effect, piece.effect))
-    ]
+    others = [p.effect for i, p in enumerate(with_it.state.pieces) if p.effect.name == effect.name and i != number]
+    if len(without.state.pieces) < len(with_it.state.pieces):
+        # another state of the structure is no second resonance
+        others = [o for o in others if not (effect.state_text and o.state_text) or effect.state_text == o.state_text]
     # what is left of a resonance that is not quite an oscillator's is not a second one
     apart = all(
         abs(effect.scalar("frequency_Hz") / other.scalar("frequency_Hz") - 1) > SETTINGS.same_resonance
@@ -326,11 +324,6 @@ def at_two_frequencies(without: Fit, with_it: Fit, number: int) -> bool:
     )
     is_inside = 1.02 * low < at_highest and at_lowest < 0.98 * high
     return len(points) >= 2 and is_inside and apart and is_a_peak(with_it.state.pieces[number])
-
-
-def _other_state(effect: Effect, other: Effect) -> bool:
-    """Whether two resonances are those of two states of the structure."""
-    return bool(effect.state_text and other.state_text) and effect.state_text != other.state_text
 
 
 def is_a_peak(piece: Piece) -> bool:
