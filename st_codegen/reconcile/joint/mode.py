@@ -38,7 +38,6 @@ class JointMode:
     resonance_error: float
     damping_error: float
     antiresonance_Hz: float | None
-    misfit: tuple[float, float]
     response: JointResponse
     fitted: ComplexArray
 
@@ -130,7 +129,7 @@ def find_mode(found: JointResponse) -> JointMode | None:
     spread[4] = np.sqrt(spread[4] ** 2 + apart[0] ** 2 + (after * p[5] * p[4]) ** 2)
     spread[5] = np.sqrt(spread[5] ** 2 + apart[1] ** 2 + (after * p[5]) ** 2)
     return JointMode(
-        float(p[4] * to_hertz), float(p[5]), float(spread[4] * to_hertz), float(spread[5]), lower, (before, after),
+        float(p[4] * to_hertz), float(p[5]), float(spread[4] * to_hertz), float(spread[5]), lower,
         found, model(p, w),
     )  # fmt: skip
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -268,16 +268,15 @@ _CHANGES = {"viscous_friction", "square_friction", "curved_friction"}
 
 @dataclass(frozen=True)
 class Chosen:
-    """Parts that were taken, their fit, what each adds beside the others, and what could stand in its place.
+    """Parts that were taken, their fit, and what could stand in the place of each.
 
     by_law: by how much coefficients move when a part follows another law of its kind.
     """
 
     parts: tuple[TorquePart, ...]
     fit: Crossed
-    gains: Mapping[str, PartGain]
-    alternatives: Mapping[str, tuple[str, ...]]
-    not_told: tuple[str, ...]
+    alternatives: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    not_told: tuple[str, ...] = ()
     by_law: FloatArray | None = None
 
     def value(self, name: str, *, law: bool = True) -> tuple[float, float]:
@@ -357,7 +356,7 @@ def choose(rows: JointRows, moves: Mapping[str, float], beside: Sequence[TorqueP
 
 
 def _gains(rows: JointRows, parts: Sequence[TorquePart], fit: Crossed, not_told: set[str]) -> dict[str, PartGain]:
-    now = Chosen(tuple(parts), fit, {}, {}, ())
+    now = Chosen(tuple(parts), fit)
     load, there = load_of(now), set(now.names())
     basis = np.linalg.qr(stacked(parts))[0]
     gains = {}
@@ -429,7 +428,7 @@ def _judged(rows: JointRows, parts: list[TorquePart], not_told: set[str], moves:
     while True:
         fit = crossed(stacked(parts), rows)
         gains, alternatives, of_forms = {}, {}, np.zeros(len(fit.values))
-        now = Chosen(tuple(parts), fit, {}, {}, ())
+        now = Chosen(tuple(parts), fit)
         for part in parts:
             if part.name in (RIGID, OTHERS):
                 continue
@@ -454,7 +453,7 @@ def _judged(rows: JointRows, parts: list[TorquePart], not_told: set[str], moves:
             by_law = np.hypot(by_law, np.sqrt(left) / np.maximum(size, 1e-300))
             of_parts = [moves.get(part.name, 0.0) for part in parts for _ in range(part.columns.shape[1])]
             by_law = np.hypot(np.hypot(by_law, of_parts), _of_time(rows, parts))
-            return Chosen(tuple(parts), fit, gains, alternatives, tuple(sorted(not_told)), by_law)
+            return Chosen(tuple(parts), fit, alternatives, tuple(sorted(not_told)), by_law)
         worst = min(weak, key=lambda name: gains[name].share)
         parts = [p for p in parts if p.name != worst]
 

@@ -148,7 +148,7 @@ def _seen(rows: JointRows) -> list[tuple[str, float]]:
     seen: list[tuple[str, float]] = []
     while len(seen) < SETTINGS.joint_waves:
         parts = _rich(rows, seen)
-        wave = find_wave(rows, Chosen(tuple(parts), crossed(stacked(parts), rows), {}, {}, ()))
+        wave = find_wave(rows, Chosen(tuple(parts), crossed(stacked(parts), rows)))
         if wave is None or (wave.over, wave.number) in seen:
             break
         seen.append((wave.over, wave.number))

@@ -26,11 +26,6 @@ class TorqueWave:
     gain: PartGain
     rival: PartGain | None
 
-    @property
-    def name(self) -> str:
-        """A name of its own for each wave."""
-        return f"{self.over}:{self.number:.6g}"
-
 
 def find_wave(rows: JointRows, chosen: Chosen) -> TorqueWave | None:
     """The wave that predicts best what the parts leave; None where none is the same in both halves of the blocks."""
