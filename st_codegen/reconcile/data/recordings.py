@@ -100,10 +100,11 @@ def speed_of(angles: Mapping[str, FloatArray], time_s: FloatArray) -> FloatArray
     """The rate of the fast side, deg/s (n,): of the reference, else of a measured angle over some samples."""
     smooth = next(angles[name] for name in ("theta_ref", "theta_in", "theta_mot") if name in angles)
     speed: FloatArray = np.gradient(smooth, time_s)
-    return speed if "theta_ref" in angles else _smoothed(speed, 15)
+    return speed if "theta_ref" in angles else _smoothed(speed)
 
 
-def _smoothed(values: FloatArray, count: int) -> FloatArray:
+def _smoothed(values: FloatArray) -> FloatArray:
+    count = 15
     kernel = np.ones(count) / count
     return np.convolve(np.pad(values, count // 2, mode="edge"), kernel, mode="valid")[: len(values)]
 

@@ -390,7 +390,7 @@ def _as_good(smaller: Fit, joint: Fit, number: int, known: Catalogue) -> tuple[O
     stages = STAGES if len(own) > 2 else tuple(stage for stage in STAGES if stage is not Stage.STRUCTURE)
     finder = Search(known, smaller, stages=stages, touching=sorted(own))
     best: dict[str, Candidate] = {}
-    ranked = finder.ranked(least=20.0)
+    ranked = finder.ranked()
     # gains are those of a linear step at the weights of the smaller fit: compared with the largest of their kind
     clear = 0.3 * min(smaller.loss - joint.loss, max((c.gain for c in ranked), default=0.0))
     for c in ranked:

@@ -15,7 +15,6 @@ import numpy as np
 
 from st_codegen.ir.arrays import ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.fit.fitting import Fit
-from st_codegen.reconcile.fit.propagation import Propagation
 from st_codegen.reconcile.fit.state import Coordinate, Piece, State
 from st_codegen.reconcile.fit.target import Column, by_place
 from st_codegen.reconcile.search.peaks import Frequencies, follows_load, worth
@@ -25,6 +24,8 @@ from st_codegen.rig.effects.base import BACKWARD
 
 #: gains (of twice the loss) that differ by less are equal
 _TIE = 1e-3
+#: gain below which a candidate is not looked at
+_LEAST_GAIN = 20.0
 #: of an effect at one angle of the turn, that angle
 _CENTRE = "centre_deg"
 STAGES = (Stage.ADDITIVE, Stage.MODULATION, Stage.STRUCTURE, Stage.MEASURING)
@@ -123,17 +124,16 @@ class Search:
         self.target = fit.target
         self.data = fit.target.data
         self.constants: Constants = fit.state.rig.constants
-        self.propagation = fit.propagation
         self.scorer = Scorer(fit)
 
-    def ranked(self, least: float = 0.0) -> list[Candidate]:
-        """The best start of every candidate, by gain less penalty, best first; `least` gain."""
+    def ranked(self) -> list[Candidate]:
+        """The best start of every candidate that gains something, by gain less penalty, best first."""
         best: dict[object, Candidate] = {}
         for candidate in self.all():
             scored = self.scorer.scored(candidate)
             known = best.get(scored.identity)
             # starts that the data do not tell apart: the first one
-            if scored.gain >= least and (known is None or scored.gain > known.gain + _TIE):
+            if scored.gain >= _LEAST_GAIN and (known is None or scored.gain > known.gain + _TIE):
                 best[scored.identity] = scored
         return sorted(best.values(), key=lambda c: -self.net(c))
 
@@ -345,12 +345,8 @@ class Scorer:
 
     def columns(self, candidate: Candidate) -> list[Column]:
         """The columns of the new coordinates."""
-        columns = self._propagation.columns(candidate.piece)
+        columns = self.fit.propagation.columns(candidate.piece)
         return [columns[i] for i, _ in candidate.coordinates()]
-
-    @property
-    def _propagation(self) -> Propagation:
-        return self.fit.propagation
 
     def scored(self, candidate: Candidate) -> Candidate:
         """The candidate with its gain, its linear coordinates where the step puts them."""

@@ -36,6 +36,12 @@ def follows_load(effect: type[Effect], key: str) -> bool:
     return issubclass(effect, StructuralResonance) and key == LOAD_PART
 
 
+def load_keys(effect: type[Effect]) -> set[str]:
+    """The keys of the part of a resonance's heights that follows the load; none of other effects."""
+    own = [phasor for phasor in effect.phasors if follows_load(effect, phasor.key)]
+    return {key for phasor in own for side in (False, True) for key in phasor.keys(side)}
+
+
 def frequencies_in(effect: Effect, at: Conditions) -> tuple[float, float]:
     """The lowest and the highest frequency (Hz) that a resonance has at operating points."""
     moves = effect.shift(at.torque_Nm, at.temperature_C) if isinstance(effect, StructuralResonance) else np.ones(1)

@@ -18,7 +18,7 @@ from st_codegen.reconcile.rest.structure import is_lacking
 from st_codegen.reconcile.rest.unexplained import Signature
 from st_codegen.reconcile.search.candidates import Candidate, Search
 from st_codegen.reconcile.search.evidence import Evidence, judge
-from st_codegen.reconcile.search.peaks import follows_load, has_a_frequency
+from st_codegen.reconcile.search.peaks import has_a_frequency, load_keys
 from st_codegen.reconcile.search.plausible import (
     at_nobodys_expense,
     at_two_frequencies,
@@ -30,7 +30,7 @@ from st_codegen.reconcile.search.plausible import (
 from st_codegen.reconcile.search.states import in_their_forms
 from st_codegen.reconcile.search.surroundings import is_of_its_place, stands_out
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Catalogue, Effect
+from st_codegen.rig.effects import Catalogue
 
 
 def search(
@@ -96,19 +96,14 @@ def _one_in_place_of_two(current: Fit, known: Catalogue, judged: list[tuple[Cand
     Of two loads each may have a resonance of its own, which is gone at the other one.
     """
     penalty = Search(known, current).penalty
-    follow = [i for i, piece in enumerate(current.state.pieces) if piece.added and _load_part(piece.effect)]
+    added = [(i, piece.effect) for i, piece in enumerate(current.state.pieces) if piece.added]
+    follow = [i for i, effect in added if load_keys(type(effect)) & effect.values.keys()]
     for two in itertools.combinations(follow, 2):
         without = fit(current.target, current.state.without(*two), steps=SETTINGS.quick_steps)
         one = _next(without, without, known, dict[object, float](), judged, moved=True)
         if one is not None and one.loss - current.loss < penalty * (len(current.prior) - len(one.prior)):
             return one
     return None
-
-
-def _load_part(effect: Effect) -> set[str]:
-    """The keys that a resonance has of what follows the load in its heights; none of other effects."""
-    own = [phasor for phasor in effect.phasors if follows_load(type(effect), phasor.key)]
-    return {key for phasor in own for side in (False, True) for key in phasor.keys(side) if key in effect.values}
 
 
 def _next(
@@ -122,7 +117,7 @@ def _next(
 ) -> Fit | None:
     """The fit with one more effect, or None; seen: the fit by whose weights candidates are found and tried."""
     finder = Search(known, seen, moved=moved)
-    ranked = [c for c in finder.ranked(least=20.0) if finder.net(c) > 0]
+    ranked = [c for c in finder.ranked() if finder.net(c) > 0]
     for _ in range(SETTINGS.rounds):
         ranked = [c for c in ranked if not _failed_before(c, refused)]
         if not ranked:
@@ -186,7 +181,7 @@ def _of_one_height(fitted: Fit, number: int, penalty: float) -> Fit:
     that is not quite the machine's, all that is free takes some.
     """
     piece = fitted.state.pieces[number]
-    idle = _load_part(piece.effect)
+    idle = load_keys(type(piece.effect)) & piece.effect.values.keys()
     if not piece.added or not idle:
         return fitted
     found = fit(fitted.target, fitted.state.replaced(number, piece.without(idle)), steps=SETTINGS.long_steps)

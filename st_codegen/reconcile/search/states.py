@@ -18,7 +18,7 @@ from st_codegen.reconcile.fit.state import Piece
 from st_codegen.reconcile.rest.structure import is_lacking
 from st_codegen.reconcile.search.candidates import Candidate, Scorer
 from st_codegen.reconcile.search.evidence import judge, p_of_more
-from st_codegen.reconcile.search.peaks import follows_load, has_a_frequency
+from st_codegen.reconcile.search.peaks import has_a_frequency, load_keys
 from st_codegen.reconcile.search.plausible import at_nobodys_expense, bounds_met, is_a_peak
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect, Form
@@ -189,8 +189,7 @@ def _of_both_orders(one: Effect, other: Effect) -> dict[str, Value] | None:
 
 def _with_load_part(effect: Effect, like: Effect) -> dict[str, Value]:
     """What is set of a resonance, and a load part of nothing where another one has any."""
-    own = [phasor for phasor in effect.phasors if follows_load(type(effect), phasor.key)]
-    keys = {key for phasor in own for side in (False, True) for key in phasor.keys(side)} & set(like.values)
+    keys = load_keys(type(effect)) & like.values.keys()
     return {key: (0.0,) * len(effect.orders) for key in sorted(keys)} | dict(effect.values)
 
 
