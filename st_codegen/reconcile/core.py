@@ -56,11 +56,7 @@ def reconcile_observations(
 
 
 def _reconcile(
-    rig: RigModel,
-    known: Catalogue,
-    progress: Progress | None,
-    examined: Examined,
-    without: tuple[Retuned, ...] = (),
+    rig: RigModel, known: Catalogue, progress: Progress | None, examined: Examined, without: tuple[Retuned, ...] = ()
 ) -> Reconciliation:
     """The core; without: effects of the rig of which the data show nothing, as a first pass over all of it found."""
     whole, left_out = rig, {one.before for one in without}
@@ -256,10 +252,7 @@ def _held_out(final: Fit, before: ComplexArray, apart: BoolArray) -> _Unseen:
 
 
 def _left_over(
-    final: Fit,
-    before: ComplexArray,
-    noise: Noise,
-    judged: Sequence[tuple[Candidate, Evidence]],
+    final: Fit, before: ComplexArray, noise: Noise, judged: Sequence[tuple[Candidate, Evidence]]
 ) -> tuple[FloatArray, list[Signature]]:
     """The noise floor (K,), and what is left of a gap with a pattern, faintly, or without any.
 

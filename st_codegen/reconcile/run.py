@@ -15,13 +15,7 @@ from st_codegen.processes import Progress
 from st_codegen.reconcile.core import reconcile_observations
 from st_codegen.reconcile.data.checks import check, check_channels
 from st_codegen.reconcile.data.reading import read_measured
-from st_codegen.reconcile.data.recordings import (
-    ANGLES,
-    Recording,
-    is_recording,
-    observations,
-    read_recordings,
-)
+from st_codegen.reconcile.data.recordings import ANGLES, Recording, is_recording, observations, read_recordings
 from st_codegen.reconcile.judge.claims import Conclusions
 from st_codegen.reconcile.judge.links import (
     changed_with_unmeasured_links,

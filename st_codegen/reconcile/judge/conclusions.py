@@ -42,13 +42,7 @@ from st_codegen.reconcile.judge.retuned import (
 from st_codegen.reconcile.search.candidates import STAGES, Candidate, Search
 from st_codegen.reconcile.search.evidence import Evidence
 from st_codegen.reconcile.search.peaks import bracket, chance_of_bracket, has_a_frequency, spread
-from st_codegen.reconcile.search.plausible import (
-    bounds_met,
-    inside_bounds,
-    is_a_peak,
-    misfit,
-    with_its_orders,
-)
+from st_codegen.reconcile.search.plausible import bounds_met, inside_bounds, is_a_peak, misfit, with_its_orders
 from st_codegen.reconcile.search.selection import founded
 from st_codegen.reconcile.search.states import in_one_piece
 from st_codegen.reconcile.search.surroundings import left_of_place, may_be_a_start, told_order
@@ -199,13 +193,7 @@ def _with_less(joint: Fit, final: Fit, standing: Collection[int]) -> Fit | None:
 
 
 def _retuned(
-    joint: Fit,
-    final: Fit,
-    number: int,
-    p: float,
-    known: Catalogue,
-    needed: Needed | None,
-    wrong: Sequence[Misread],
+    joint: Fit, final: Fit, number: int, p: float, known: Catalogue, needed: Needed | None, wrong: Sequence[Misread]
 ) -> Retuned:
     """What is said of a changed effect of the rig; needed: where it is told to have changed with all others held."""
     # effects of the rig of which a change would do in its place
@@ -239,13 +227,7 @@ def gone(joint: Fit, found: Conclusions) -> tuple[Retuned, ...]:
 
 
 def _claim(
-    rig: RigModel,
-    joint: Fit,
-    final: Fit,
-    number: int,
-    standing: Standing,
-    known: Catalogue,
-    wrong: Sequence[Misread],
+    rig: RigModel, joint: Fit, final: Fit, number: int, standing: Standing, known: Catalogue, wrong: Sequence[Misread]
 ) -> Claim:
     """What is said of an added effect."""
     piece, few = final.state.pieces[number], final.target.data.few_points

@@ -14,15 +14,7 @@ import numpy as np
 
 from st_codegen.errors import InputError, Problems
 from st_codegen.ir.arrays import FloatArray
-from st_codegen.reconcile.data.recordings import (
-    FAST,
-    Recording,
-    error_of,
-    expected_error,
-    speed_of,
-    turned,
-    with_motor,
-)
+from st_codegen.reconcile.data.recordings import FAST, Recording, error_of, expected_error, speed_of, turned, with_motor
 from st_codegen.reconcile.mistakes.columns import readings
 from st_codegen.reconcile.mistakes.single_runs import AS_IS
 from st_codegen.reconcile.settings import SETTINGS

@@ -187,12 +187,7 @@ def _block_of_no_effect(data: Observations, model: ComplexArray, seen: BoolArray
 
 
 def _block(
-    data: Observations,
-    values: ComplexArray,
-    known: ComplexArray,
-    weight: FloatArray,
-    *,
-    only_no_effect: bool = False,
+    data: Observations, values: ComplexArray, known: ComplexArray, weight: FloatArray, *, only_no_effect: bool = False
 ) -> list[Mistake]:
     factor = []
     runs = data.runs

@@ -67,9 +67,7 @@ _EXPECTED: list[tuple[tuple[object, ...], ComplexArray]] = []
 
 
 def _kept(
-    last: list[tuple[tuple[object, ...], _Array]],
-    asked: tuple[object, ...],
-    found: Callable[[], _Array],
+    last: list[tuple[tuple[object, ...], _Array]], asked: tuple[object, ...], found: Callable[[], _Array]
 ) -> _Array:
     """What was found for the same objects the last time, or is found now.
 

@@ -220,16 +220,7 @@ def _order_of(one: Signature) -> int | str:
 def _unexplained(result: Reconciliation) -> PageSection | None:
     if not result.unexplained:
         return None
-    rows = [
-        [
-            _order_of(s),
-            s.rms_deg,
-            f"{100 * s.share:.2g} %",
-            s.direction,
-            s.text,
-        ]
-        for s in result.unexplained
-    ]
+    rows = [[_order_of(s), s.rms_deg, f"{100 * s.share:.2g} %", s.direction, s.text] for s in result.unexplained]
     text = "Parts that stand above the noise and that no effect of the catalogue explains: by their signature."
     text += f" {together}" if (together := together_text(result)) else ""
     shown = panels(unexplained_panels(result))

@@ -19,11 +19,7 @@ from st_codegen.reconcile.settings import SETTINGS
 
 
 def bad_runs(
-    data: Observations,
-    residual: ComplexArray,
-    sigma: FloatArray,
-    structured: BoolArray,
-    lack: FloatArray | float = 0.0,
+    data: Observations, residual: ComplexArray, sigma: FloatArray, structured: BoolArray, lack: FloatArray | float = 0.0
 ) -> dict[int, float]:
     """Rows of bad runs and how far off they are, in standard deviations; residual (n, K), sigma (n, K).
 
