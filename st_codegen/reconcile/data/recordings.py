@@ -15,7 +15,7 @@ import numpy as np
 
 from st_codegen.errors import InputError, Problems
 from st_codegen.files.csv_tables import header_of, read_csv
-from st_codegen.ir.arrays import FloatArray, IntArray
+from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
@@ -38,6 +38,16 @@ class Recording:
     time_s: FloatArray
     angles: dict[str, FloatArray]
     at: Conditions
+
+    @property
+    def fast(self) -> str:
+        """The name of the angle of the fast side that is nearest to the output."""
+        return next(name for name in FAST if name in self.angles)
+
+    @property
+    def moves(self) -> BoolArray:
+        """The samples at which the axis moves, (n,): standstill says nothing of the direction, and little else."""
+        return np.asarray(self.at.speed_rpm > 0.02 * self.at.speed_rpm.max())
 
     def rows(self, index: IntArray) -> Recording:
         """The samples of an index array."""
@@ -162,15 +172,12 @@ def observations(recordings: Sequence[Recording], rig: RigModel) -> Observations
 
 def _samples(r: Recording, rig: RigModel) -> _Samples:
     """The transmission error of a recording; without theta_out it is the rig's own, since nothing else is known."""
-    # standstill says nothing of the direction, and little of anything else
-    moves = r.at.speed_rpm > 0.02 * r.at.speed_rpm.max()
-    moving = np.flatnonzero(moves)
+    moves, moving = r.moves, np.flatnonzero(r.moves)
     if "theta_out" not in r.angles:
         out = next(iter(r.angles.values())) / rig.constants.reduction_ratio
         return _Samples(r, out, expected_error(r, out, rig), moving)
     out, te = r.angles["theta_out"], error_of(r, rig)
-    fast = next(name for name in FAST if name in r.angles)
-    steps = step_of(out), step_of(r.angles[fast]) / rig.constants.reduction_ratio
+    steps = step_of(out), step_of(r.angles[r.fast]) / rig.constants.reduction_ratio
     bends = np.diff(te - expected_error(r, out, rig), n=2)[moves[2:] & moves[1:-1] & moves[:-2]]
     return _Samples(r, out, te, moving, float(np.hypot(*steps)) / np.sqrt(12.0), bends)
 
@@ -206,11 +213,8 @@ def _orders_inside(recordings: Sequence[Recording], rig: RigModel) -> tuple[tupl
 
 def turned(recordings: Sequence[Recording], rig: RigModel) -> float:
     """Turns of the output over which the recording goes that goes farthest."""
-    ratio, found = rig.constants.reduction_ratio, [0.0]
-    for r in recordings:
-        fast = next(r.angles[name] for name in FAST if name in r.angles)
-        found.append(float(np.ptp(fast)) / (360.0 * ratio))
-    return max(found)
+    degrees = [float(np.ptp(r.angles[r.fast])) for r in recordings]
+    return max(degrees, default=0.0) / (360.0 * rig.constants.reduction_ratio)
 
 
 def step_of(angle: FloatArray) -> float:

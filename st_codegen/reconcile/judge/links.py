@@ -101,9 +101,8 @@ def coupling_link(recordings: Sequence[Recording], rig: RigModel) -> Link | None
     first = [part - own.twist(r.at) if own else part for part, r in zip(measured, usable, strict=True)]
     columns = []
     for r in usable:
-        moving = r.at.speed_rpm > 0.02 * r.at.speed_rpm.max()
         twist = -r.at.sign * np.rad2deg(r.at.torque_Nm / rig.constants.reduction_ratio)
-        columns.append(np.stack([twist, -r.at.sign / 120.0], axis=1) * moving[:, None])
+        columns.append(np.stack([twist, -r.at.sign / 120.0], axis=1) * r.moves[:, None])
     design, y = np.concatenate(columns), np.concatenate(measured)
     use = np.abs(design).sum(axis=1) > 0
     design, y = design[use], y[use]
@@ -119,7 +118,7 @@ def coupling_link(recordings: Sequence[Recording], rig: RigModel) -> Link | None
     values["stiffness_Nm_per_rad"] = float(np.clip(1 / max(both[0], 1e-9), 50, 1e6))
     effect = CouplingCompliance(values, rig.constants, check=False)
     best = [part - effect.twist(r.at) for part, r in zip(measured, usable, strict=True)]
-    masks = [r.at.speed_rpm > 0.02 * r.at.speed_rpm.max() for r in usable]
+    masks = [r.moves for r in usable]
     stderr = {"stiffness_Nm_per_rad": spread[0] * values["stiffness_Nm_per_rad"] ** 2, "backlash_arcmin": spread[1]}
     keep = {key: float(x) for key, x in stderr.items() if key in values}
     first = [part[mask] for part, mask in zip(first, masks, strict=True)]

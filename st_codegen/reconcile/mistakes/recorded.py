@@ -86,7 +86,7 @@ def _other_angle(r: Recording, rig: RigModel) -> list[str]:
     half_turn, off = _TURN_DEG / (2 * ratio), error_of(r, rig) - expected_error(r, out, rig)
     if float(np.abs(off).max()) < half_turn:
         return []
-    fast = next(name for name in FAST if name in r.angles)
+    fast = r.fast
     follows = out - error_of(r, rig)
     moves = follows - follows.mean()
     slope = float(moves @ out / max(moves @ moves, 1e-300))
