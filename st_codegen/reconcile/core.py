@@ -158,20 +158,15 @@ def _result(
         own = [hums.with_own(rms, k) for rms in (*fitted, float(unseen.by_order[k]))]
         return OrderGap(int(data.orders[k]), own[0], own[1], float(floor_rms[k]), own[2])
 
-    orders = [one.order for one in left if one.order >= 0]
+    orders, in_samples = [one.order for one in left if one.order >= 0], data.angle_rad is not None
+    beside = beside_the_rigs(orders, rig.orders())
     return Reconciliation(
         rig=rig,
         new_rig=_new_rig(rig, final, conclusions),
         data=data,
         target=target,
         noise=noise,
-        conclusions=doubted(
-            conclusions,
-            orders,
-            beside_the_rigs(orders, rig.orders()),
-            rig.orders(),
-            in_samples=data.angle_rad is not None,
-        ),
+        conclusions=doubted(conclusions, orders, beside, rig.orders(), in_samples=in_samples),
         judged=judged,
         unexplained=tuple(one.of_gap(gap_power) for one in left),
         fitted=whole(rms_deg(before[good], data.orders), rms_deg(after[good], data.orders)),
@@ -188,10 +183,8 @@ def _result(
             *wander_over_runs(target, after, [one.order for one in left]),
         ),
         unseen_curves=unseen.curves,
-        untested=untested_axes(conclusions.final) if data.angle_rad is None else (),
-        carriers=math.inf
-        if data.angle_rad is not None
-        else _carriers((np.abs(unseen.left) ** 2 / data.parts).sum(axis=1)),
+        untested=() if in_samples else untested_axes(conclusions.final),
+        carriers=math.inf if in_samples else _carriers((np.abs(unseen.left) ** 2 / data.parts).sum(axis=1)),
     )
 
 
