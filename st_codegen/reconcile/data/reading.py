@@ -1,4 +1,4 @@
-"""Measured data of every kind as observations: campaign folders, harmonic tables, order spectra."""
+"""Measured data of every kind as observations: campaign folders, and harmonic tables."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Readings: ways in which conditions or angles may be read wrong by one number, beside what changed in the rig.
 
-Before the search `measurement` asks about what all orders agree on. What noise hides from it there, or another effect,
-is asked again of the finished fit: whether one number of the measurement does what several changes of the rig do.
+Before the search `examine` asks about what all orders agree on. What noise hides from it there, or another effect, is
+asked again of the finished fit: whether one number of the measurement does what several changes of the rig do.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class WrongReading:
 
     texts: what is wrong, one for each size, with it in its unit and (where that says it) its sign in words; steps:
     sizes that change little; most: beyond these it is no slip of this kind. A reading without steps has no degrees.
-    refines: the mistake of `measurement` of which it may be what the correction was off by. gain: the factor on TE of
+    refines: the mistake of `examine` of which it may be what the correction was off by. gain: the factor on TE of
     each row, (n, 1), or coefficient, (n, K), by which the noise is larger as well.
     """
 

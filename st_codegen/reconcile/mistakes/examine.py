@@ -2,7 +2,7 @@
 
 Unit, sign, exchanged directions, a factor on one column, another zero of the angle, a drift, another reduction ratio;
 what columns hold in place of what is meant is in `columns`, what sensors read wrong in `sensors`, wrong labels and
-blocks of runs in `mistakes`. A missing effect changes its own orders; a mistake changes all of them alike, so that
+blocks of runs in `single_runs`. A missing effect changes its own orders; a mistake changes all of them alike, so that
 every order has one vote (`votes`).
 """
 

@@ -1,6 +1,6 @@
 """A mistake of measuring, and those of single runs: exchanged directions, a factor of their own, wrong labels.
 
-The mistakes that touch all runs are looked for in `measurement` and `sensors`.
+The mistakes that touch all runs are looked for by `examine`.
 """
 
 from __future__ import annotations
