@@ -242,12 +242,8 @@ def corrections_left(final: Fit, piece: Piece) -> set[str]:
 
 #: what is said beside every name that few runs give
 FEW = "so few runs cannot tell one law of the conditions from another: measure more levels"
-
-
 #: what is said beside play that a transmission without any would show at these torques
 KNEE = "a transmission without play that is softer at low loads does as well"
-
-
 #: what is said beside a name that what happens at the start of each curve may have
 START = "what dies away behind the start of each curve (an axis that settles, a filter that runs in) looks like it"
 

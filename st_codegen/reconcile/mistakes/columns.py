@@ -313,8 +313,6 @@ def _forward(given: Observations) -> Observations:
 
 #: fewer waves than this say nothing of a gear, smaller numbers are no teeth, and more numbers are no gear's
 _LEAST_WAVES, _LEAST_TEETH, _MOST_NUMBERS = 2, 5, 4
-
-
 #: amplitude, as a share of the rig's, below which an order is missing
 _NOTHING = 0.2
 
