@@ -71,7 +71,7 @@ def mistaken_runs(data: Observations, rig: RigModel) -> list[Mistake] | None:
     blocks = [*wrong, *_block(data, values, known, weight)]
     out |= {row for mistake in blocks for row in mistake.rows}
     rest = np.array([row not in out for row in range(len(data))])
-    return [*blocks, *_labels(data, rig, sure, rest, known, weight)]
+    return [*blocks, *_labels(_Asked(data, rig, sure, values, known, weight), rest)]
 
 
 def _turned_over(data: Observations, rig: RigModel, seen: BoolArray) -> list[Mistake]:
@@ -228,31 +228,39 @@ def _far_from(size: FloatArray, factor: float) -> BoolArray:
     return np.asarray(np.abs(np.log(np.maximum(ratio, 1e-6))) > np.log(SETTINGS.block_factor))
 
 
-def _labels(
-    data: Observations, rig: RigModel, sure: BoolArray, rest: BoolArray, known: ComplexArray, weight: FloatArray
-) -> list[Mistake]:
+@dataclass(frozen=True)
+class _Asked:
+    """Data and the rig, and of the orders that judge labels (sure, bool (K,)) what is measured, what the rig says, and
+    what it counts, (n, sure)."""
+
+    data: Observations
+    rig: RigModel
+    sure: BoolArray
+    values: ComplexArray
+    known: ComplexArray
+    weight: FloatArray
+
+
+def _labels(asked: _Asked, rest: BoolArray) -> list[Mistake]:
     """Runs that the rig explains well under the label of another run, and badly under their own.
 
-    sure: the orders that say so, bool (K,); rest: the rows that are asked; known, weight: what the rig says of these
-    orders, and what they count, (n, sure).
+    rest: the rows that are asked.
     """
-    values = data.values[:, sure]
-    loss = (weight * np.abs(values - known) ** 2).sum(axis=1)
+    data, at = asked.data, asked.data.at
+    loss = (asked.weight * np.abs(asked.values - asked.known) ** 2).sum(axis=1)
     usual = float(np.median(loss[rest])) if rest.any() else 0.0
-    limit = SETTINGS.label_loss * max(usual, 2.0 * values.shape[1])
+    limit = SETTINGS.label_loss * max(usual, 2.0 * asked.values.shape[1])
     wrong: list[int] = []
     texts = []
     runs = data.runs
     for rows in runs:
         if not rest[rows].all() or loss[rows].min() < limit:
             continue
-        other = _other_label(data, values, known, weight, rows)
+        other = _other_label(asked, rows)
         if other is None or other[0] > SETTINGS.label_gain * float(loss[rows].sum()):
             continue
-        at, row = data.at, other[1]
-        if not _most_agree(data, values, known, weight, rows, row):
-            continue
-        if _is_elsewhere(data, rig, sure, weight, rows, other):
+        row = other[1]
+        if not _most_agree(asked, rows, row) or _is_elsewhere(asked, rows, other):
             continue
         wrong += map(int, rows)
         texts.append(
@@ -269,67 +277,60 @@ def _seem(texts: list[str], what: str) -> str:
     return f"{f'{len(texts)} runs seem' if len(texts) > 1 else 'a run seems'} {what}: {first_of(texts, 6, '; ')}"
 
 
-def _most_agree(
-    data: Observations, values: ComplexArray, known: ComplexArray, weight: FloatArray, rows: IntArray, other: int
-) -> bool:
+def _most_agree(asked: _Asked, rows: IntArray, other: int) -> bool:
     """Whether the label of another row explains a run better by more than the one order that gains most.
 
     A missing effect moves one order, the mean above all, in any way.
     """
-    at, gain = data.at, np.zeros(values.shape[1])
+    at, values, known = asked.data.at, asked.values, asked.known
+    gain = np.zeros(values.shape[1])
     for row in rows:
         same = (at.sign == at.sign[row]) & (at.speed_rpm == at.speed_rpm[other])
         same &= (at.torque_Nm == at.torque_Nm[other]) & (at.temperature_C == at.temperature_C[other])
         if same.any():
             there = known[np.flatnonzero(same)[0]]
-            gain += weight[row] * (np.abs(values[row] - known[row]) ** 2 - np.abs(values[row] - there) ** 2)
+            gain += asked.weight[row] * (np.abs(values[row] - known[row]) ** 2 - np.abs(values[row] - there) ** 2)
     return float(np.sort(gain)[:-1].sum()) > SETTINGS.order_gain
 
 
-def _is_elsewhere(
-    data: Observations, rig: RigModel, sure: BoolArray, weight: FloatArray, rows: IntArray, other: tuple[float, int]
-) -> bool:
+def _is_elsewhere(asked: _Asked, rows: IntArray, other: tuple[float, int]) -> bool:
     """Whether a run lies at another speed or torque than its label's, which is not that of any label either.
 
     other: the loss under the label of another row, and that row. A torque that is read wrong may be near that of
     another run, whose speed has no part in it. Where conditions have levels it is no chance that a run lies at another
     one: there it must lie clearly between them.
     """
-    at, (loss, row) = data.at, other
-    own = [_by_one_condition(data, rig, sure, weight, rows, key) for key in ("speed_rpm", "torque_Nm")]
+    at, (loss, row) = asked.data.at, other
+    own = [_by_one_condition(asked, rows, key) for key in ("speed_rpm", "torque_Nm")]
     if min(own) < loss - SETTINGS.order_gain:
         return True
-    scatters = 2 * len(np.unique(at.torque_Nm)) >= len(data.runs)
+    scatters = 2 * len(np.unique(at.torque_Nm)) >= len(asked.data.runs)
     is_torque = (at.speed_rpm[rows] == at.speed_rpm[row]).all() and (
         at.temperature_C[rows] == at.temperature_C[row]
     ).all()
     return bool(scatters and not is_torque and own[1] < loss + SETTINGS.order_gain)
 
 
-def _by_one_condition(
-    data: Observations, rig: RigModel, sure: BoolArray, weight: FloatArray, rows: IntArray, key: str
-) -> float:
+def _by_one_condition(asked: _Asked, rows: IntArray, key: str) -> float:
     """The least loss of a run at another value of one condition than its label's, a part beyond the labels' as well."""
-    values = getattr(data.at, key)
+    data, values = asked.data, getattr(asked.data.at, key)
     beyond = SETTINGS.beyond_labels * np.abs([values.min(), values.max()])
     tried = np.linspace(values.min() - beyond[0], values.max() + beyond[1], SETTINGS.places_tried)
     found = np.zeros(len(tried))
     for row in rows:
         as_if = replace(data.at.rows(np.full(len(tried), row)), **{key: tried})
-        model = rig.coefficients(as_if, data.orders.tolist())[:, sure]
-        found += (weight[row] * np.abs(data.values[row, sure] - model) ** 2).sum(axis=1)
+        model = asked.rig.coefficients(as_if, data.orders.tolist())[:, asked.sure]
+        found += (asked.weight[row] * np.abs(asked.values[row] - model) ** 2).sum(axis=1)
     return float(found.min())
 
 
-def _other_label(
-    data: Observations, values: ComplexArray, known: ComplexArray, weight: FloatArray, rows: IntArray
-) -> tuple[float, int] | None:
+def _other_label(asked: _Asked, rows: IntArray) -> tuple[float, int] | None:
     """The least loss of a run under any label of the campaign, and a row that carries it."""
     total: dict[tuple[float, float, float], tuple[float, int]] = {}
-    at = data.at
+    at = asked.data.at
     for row in rows:
         same = np.flatnonzero(at.sign == at.sign[row])
-        losses = (weight[row] * np.abs(values[row] - known[same]) ** 2).sum(axis=1)
+        losses = (asked.weight[row] * np.abs(asked.values[row] - asked.known[same]) ** 2).sum(axis=1)
         for other, value in zip(same, losses, strict=True):
             point = (float(at.speed_rpm[other]), float(at.torque_Nm[other]), float(at.temperature_C[other]))
             before = total.get(point, (0.0, int(other)))[0]
