@@ -19,9 +19,10 @@ from typing import Any
 
 import numpy as np
 
+from st_codegen.reconcile.core import reconcile_observations
 from st_codegen.reconcile.data.observations import Observations, labels
 from st_codegen.reconcile.plan.next_runs import next_runs
-from st_codegen.reconcile.run import Reconciliation, reconcile_observations
+from st_codegen.reconcile.result import Reconciliation
 from st_codegen.rig.effects import Conditions, Effect, catalogue
 from st_codegen.rig.model import RigModel, read_rig
 

@@ -64,10 +64,10 @@ def main() -> None:
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ[name] = str(options.threads)
 
+    from st_codegen.reconcile.core import reconcile_observations
     from st_codegen.reconcile.data.reading import read_measured
     from st_codegen.reconcile.report.output import report
     from st_codegen.reconcile.report.pages import report_page
-    from st_codegen.reconcile.run import reconcile_observations
     from st_codegen.rig.effects import catalogue
     from st_codegen.rig.model import read_rig
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from st_codegen.proof.prove.prove import prove
     from st_codegen.proof.review import diff
     from st_codegen.proof.verify import verify
-    from st_codegen.reconcile.run import Reconciliation
+    from st_codegen.reconcile.result import Reconciliation
     from st_codegen.rig.motion_files import MotionStudy
 
 __version__ = VERSION

@@ -19,7 +19,7 @@ from st_codegen.files.text import make_folder
 if TYPE_CHECKING:
     from st_codegen.reconcile.models.update import Update, Wish
     from st_codegen.reconcile.plan.next_runs import NextRuns
-    from st_codegen.reconcile.run import Reconciliation
+    from st_codegen.reconcile.result import Reconciliation
     from st_codegen.rig.effects import Effect
     from st_codegen.rig.model import RigModel
 
@@ -90,12 +90,12 @@ def command(
 ) -> None:
     """Find what the rig model lacks: compare it with measured data, name the missing effects, and add them."""
     from st_codegen.reconcile.joint.reading import joint_files
-    from st_codegen.reconcile.judge.spectrum import is_spectrum
     from st_codegen.reconcile.models.update import check_models
     from st_codegen.reconcile.plan.next_runs import next_runs
     from st_codegen.reconcile.report.output import report
     from st_codegen.reconcile.report.summary import next_runs_summary, summary, update_summary
     from st_codegen.reconcile.run import reconcile_files, with_empirical
+    from st_codegen.reconcile.spectrum import is_spectrum
     from st_codegen.rig.model import RigModel, read_rig
 
     joints = joint_files(measured)
@@ -195,9 +195,9 @@ def _joints(
 
 def _spectrum(model: RigModel, measured: Path, out: Path, scale: float | None) -> tuple[dict[str, Any], str]:
     """Compare an order spectrum and write the report: what report.json holds, and the text."""
-    from st_codegen.reconcile.judge.spectrum import read_spectrum, reconcile_spectrum, spectrum_report, spectrum_summary
     from st_codegen.reconcile.plan.next_runs import NextRuns
     from st_codegen.reconcile.report.pages import spectrum_page
+    from st_codegen.reconcile.spectrum import read_spectrum, reconcile_spectrum, spectrum_report, spectrum_summary
 
     found = reconcile_spectrum(model, read_spectrum(measured), scale)
     content = spectrum_report(found)

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from st_codegen.reconcile.judge.conclusions import standard_errors
+from st_codegen.reconcile.judge.errors import standard_errors
 from st_codegen.reconcile.report.output import parameters_of
-from st_codegen.reconcile.run import Reconciliation
+from st_codegen.reconcile.result import Reconciliation
 from st_codegen.rig.effects import Effect, Form, Stage
 
 

@@ -30,11 +30,11 @@ from st_codegen.project.bundle import load
 from st_codegen.proof.prove.certificate import certificate
 from st_codegen.proof.prove.prove import prove
 from st_codegen.proof.verify import verify
-from st_codegen.reconcile.judge.mistakes import AS_IS
-from st_codegen.reconcile.judge.spectrum import is_spectrum
+from st_codegen.reconcile.mistakes.single_runs import AS_IS
 from st_codegen.reconcile.plan.next_runs import next_runs
 from st_codegen.reconcile.report.pages import report_texts
 from st_codegen.reconcile.run import reconcile_files
+from st_codegen.reconcile.spectrum import is_spectrum
 from st_codegen.rig.effects import catalogue
 from st_codegen.rig.model import read_rig
 from st_codegen.threads import one_thread

@@ -113,8 +113,8 @@ def test_options_offer_what_the_rooms_have():
     from st_codegen.emit.targets import TARGETS
     from st_codegen.ir import OutputKind
     from st_codegen.passes.choose import Layout, Options
-    from st_codegen.reconcile.judge.measurement import AS_IS, NAMES
     from st_codegen.reconcile.judge.misread import READINGS
+    from st_codegen.reconcile.mistakes.examine import AS_IS, NAMES
     from st_codegen.reconcile.models.update import CODE, MODELS
     from st_codegen.rig.tasks import TaskForm
     from st_codegen.st.dialects import DIALECTS

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from st_codegen.reconcile.core import reconcile_observations
 from st_codegen.reconcile.data.observations import Observations, labels
-from st_codegen.reconcile.run import reconcile_observations
 from st_codegen.rig.effects import Conditions, catalogue
 from st_codegen.rig.model import read_rig
 from tests.examples import examples

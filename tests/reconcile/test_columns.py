@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from st_codegen.errors import InputError
-from st_codegen.reconcile.judge.measurement import examine
+from st_codegen.reconcile.mistakes.examine import examine
 from st_codegen.rig.model import RigModel
 
 from .test_core import RIG, effect, grid, observed

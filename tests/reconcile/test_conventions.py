@@ -7,7 +7,7 @@ import pytest
 
 from st_codegen.campaign.harmonic_table import read_table
 from st_codegen.errors import InputError
-from st_codegen.reconcile.judge.measurement import examine
+from st_codegen.reconcile.mistakes.examine import examine
 from st_codegen.rig.model import RigModel
 
 from .test_measurement import ORDERS, PATH, RIG, RUNS, measured, of_curves, smoothed

@@ -12,18 +12,18 @@ from click.testing import CliRunner
 from st_codegen.campaign.harmonic_table import HarmonicTable, write_table
 from st_codegen.cli.main import cli
 from st_codegen.errors import InputError
+from st_codegen.reconcile.data.chances import f_tail, false_discoveries
+from st_codegen.reconcile.data.checks import check
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations, labels
-from st_codegen.reconcile.data.reading import check
 from st_codegen.reconcile.fit.fitting import fit
-from st_codegen.reconcile.fit.parameters import piece_of
 from st_codegen.reconcile.fit.propagation import Propagation
-from st_codegen.reconcile.fit.state import State
+from st_codegen.reconcile.fit.state import State, piece_of
 from st_codegen.reconcile.fit.target import FitData, groups_of
-from st_codegen.reconcile.judge.candidates import variants
-from st_codegen.reconcile.judge.conclusions import standard_errors
-from st_codegen.reconcile.judge.evidence import _p_of_chance, f_tail, false_discoveries
+from st_codegen.reconcile.judge.errors import standard_errors
 from st_codegen.reconcile.judge.retuned import with_piece_held
+from st_codegen.reconcile.search.candidates import variants
+from st_codegen.reconcile.search.evidence import _p_of_chance
 from st_codegen.rig.effects import Conditions, Constants, catalogue
 from st_codegen.rig.model import RigModel
 
@@ -233,7 +233,7 @@ def test_chance_counts_one_number_of_a_mean_and_two_of_a_wave():
     target = SimpleNamespace(
         losses=lambda name: np.array([losses[name]]),
         counts=np.ones((5, 2), bool),
-        data=SimpleNamespace(orders=np.arange(2)),
+        data=SimpleNamespace(parts=np.array([1, 2])),
     )
     columns = [(np.array([1]),), (np.array([0]),), (np.array([0, 1]),)]
     without, with_it = (SimpleNamespace(target=target, columns=columns, residual=name) for name in losses)

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from st_codegen.reconcile.core import reconcile_observations
 from st_codegen.reconcile.data.observations import Observations, labels
 from st_codegen.reconcile.report.findings import findings
 from st_codegen.reconcile.report.output import report
 from st_codegen.reconcile.report.sentences import words
 from st_codegen.reconcile.report.summary import summary
-from st_codegen.reconcile.run import reconcile_observations
 from st_codegen.rig.effects import Conditions, catalogue
 from st_codegen.rig.model import parse_rig
 

@@ -13,23 +13,23 @@ from click.testing import CliRunner
 
 from st_codegen.cli.main import cli
 from st_codegen.errors import InputError
+from st_codegen.reconcile.core import reconcile_observations
 from st_codegen.reconcile.data.contrasts import CONDITIONS
 from st_codegen.reconcile.data.hum import Hum
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations, labels
 from st_codegen.reconcile.data.reading import _mistaken, read_measured
 from st_codegen.reconcile.fit.fitting import fit
-from st_codegen.reconcile.fit.parameters import piece_of
-from st_codegen.reconcile.fit.state import State
+from st_codegen.reconcile.fit.state import State, piece_of
 from st_codegen.reconcile.fit.target import FitData, groups_of
-from st_codegen.reconcile.judge.discrepancy import covariance, left_power
-from st_codegen.reconcile.judge.plausible import with_its_orders
-from st_codegen.reconcile.judge.unexplained import beside_the_rigs
-from st_codegen.reconcile.judge.unseen import cannot_show
+from st_codegen.reconcile.judge.errors import covariance_with_discrepancy, left_power
 from st_codegen.reconcile.report.findings import findings
 from st_codegen.reconcile.report.output import report
 from st_codegen.reconcile.report.sentences import _heights
-from st_codegen.reconcile.run import reconcile_observations, with_empirical
+from st_codegen.reconcile.rest.unexplained import beside_the_rigs
+from st_codegen.reconcile.rest.unseen import cannot_show
+from st_codegen.reconcile.run import with_empirical
+from st_codegen.reconcile.search.plausible import with_its_orders
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.campaign import Measuring, read_conditions, simulate_campaign
 from st_codegen.rig.effects import Conditions, catalogue
@@ -527,7 +527,7 @@ def test_a_discrepancy_makes_errors_as_large_as_what_is_left():
     state = State(RIG.with_effects([]), 0.0, (piece_of(wave, added=True),))
     found = fit(FitData(data, noise.sigma, noise.good, groups_of(at)), state)
     left = np.sqrt(left_power(found)[1])
-    errors = np.sqrt(np.diag(covariance(found))[1:])
+    errors = np.sqrt(np.diag(covariance_with_discrepancy(found))[1:])
     assert left > 3 * SIGMA and errors.max() > 0.3 * left
 
 

@@ -7,8 +7,8 @@ import pytest
 
 from st_codegen.errors import InputError
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
-from st_codegen.reconcile.judge.gear import other_gear
-from st_codegen.reconcile.judge.measurement import examine
+from st_codegen.reconcile.mistakes.columns import other_gear
+from st_codegen.reconcile.mistakes.examine import examine
 from st_codegen.rig.model import RigModel
 
 from .test_misread import AT, PATH, WHOLE

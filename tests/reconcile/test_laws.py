@@ -6,15 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from st_codegen.reconcile.core import reconcile_observations
 from st_codegen.reconcile.data.observations import Observations, labels
 from st_codegen.reconcile.fit.target import FitData, groups_of
-from st_codegen.reconcile.judge.measurement import examine
-from st_codegen.reconcile.judge.structure import scatter_of_encoder
-from st_codegen.reconcile.judge.unseen import cannot_show
+from st_codegen.reconcile.mistakes.examine import examine
 from st_codegen.reconcile.report.findings import _numbers
 from st_codegen.reconcile.report.output import report
 from st_codegen.reconcile.report.sentences import floor_text, verdict_text
-from st_codegen.reconcile.run import reconcile_observations
+from st_codegen.reconcile.rest.structure import scatter_of_encoder
+from st_codegen.reconcile.rest.unseen import cannot_show
 from st_codegen.rig.effects import Conditions
 from st_codegen.rig.model import RigModel
 

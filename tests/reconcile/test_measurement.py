@@ -14,14 +14,14 @@ from st_codegen.campaign.orders import curve_sums
 from st_codegen.errors import InputError
 from st_codegen.reconcile.data.hum import without_hums, without_waves_between
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
-from st_codegen.reconcile.data.reading import ramp_deg
-from st_codegen.reconcile.judge import sensors
-from st_codegen.reconcile.judge.each_run import _most_gain, ramps
-from st_codegen.reconcile.judge.measurement import examine
-from st_codegen.reconcile.judge.mistakes import _block
-from st_codegen.reconcile.judge.sensors import hidden_wrong_angle
-from st_codegen.reconcile.judge.unexplained import Signature, _with_hums
-from st_codegen.reconcile.judge.votes import PowerSums, expected_of, noise_power, told_power
+from st_codegen.reconcile.data.ramps import ramp_deg
+from st_codegen.reconcile.mistakes import sensors
+from st_codegen.reconcile.mistakes.each_run import _most_gain, ramps
+from st_codegen.reconcile.mistakes.examine import examine
+from st_codegen.reconcile.mistakes.sensors import hidden_wrong_angle
+from st_codegen.reconcile.mistakes.single_runs import _block
+from st_codegen.reconcile.mistakes.votes import PowerSums, expected_of, noise_power, told_power
+from st_codegen.reconcile.rest.unexplained import Signature, _with_hums
 from st_codegen.rig.effects import Conditions, catalogue
 from st_codegen.rig.model import read_rig
 

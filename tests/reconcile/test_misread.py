@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 
 from st_codegen.errors import InputError
+from st_codegen.reconcile.core import reconcile_observations
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
 from st_codegen.reconcile.fit.fitting import fit
-from st_codegen.reconcile.fit.parameters import piece_of
-from st_codegen.reconcile.fit.state import State
+from st_codegen.reconcile.fit.state import State, piece_of
 from st_codegen.reconcile.fit.target import FitData, groups_of
-from st_codegen.reconcile.judge.measurement import Examined, examine
 from st_codegen.reconcile.judge.misread import READINGS, _as_meant, misread
-from st_codegen.reconcile.judge.mistakes import Mistake
+from st_codegen.reconcile.mistakes.examine import Examined, examine
+from st_codegen.reconcile.mistakes.single_runs import Mistake
 from st_codegen.reconcile.report.output import report
 from st_codegen.reconcile.report.summary import summary
-from st_codegen.reconcile.run import _reread, reconcile_observations
+from st_codegen.reconcile.run import _reread
 from st_codegen.rig.effects import Conditions, catalogue
 from st_codegen.rig.model import read_rig
 
@@ -299,7 +299,7 @@ def test_what_a_reading_takes_off_elsewhere_does_not_pay_for_a_change():
     pieces = tuple(piece if i == pins else piece.held() for i, piece in enumerate(pieces))
     target = FitData(data, np.full(data.values.shape, 2e-5), np.ones(len(AT), bool), groups_of(AT))
     final = fit(target, State(RIG, RIG.zero_offset_deg, pieces, offset_free=False))
-    assert misread(final, [pins], False) == ()
+    assert misread(final, [pins]) == ()
 
 
 def test_a_larger_gain_makes_the_noise_larger_and_explains_nothing_by_itself():

@@ -10,11 +10,11 @@ from click.testing import CliRunner
 
 from st_codegen.campaign.harmonic_table import HarmonicTable, write_table
 from st_codegen.cli.main import cli
-from st_codegen.reconcile.plan import rivals
+from st_codegen.reconcile.core import reconcile_observations
+from st_codegen.reconcile.plan import questions
 from st_codegen.reconcile.plan.next_runs import NextRuns, is_known, next_runs
 from st_codegen.reconcile.plan.points import _peak_speeds
 from st_codegen.reconcile.plan.questions import unexplained
-from st_codegen.reconcile.run import reconcile_observations
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.campaign import read_conditions
 from st_codegen.rig.effects import Conditions
@@ -108,14 +108,14 @@ def test_refused_effects_that_gain_most_on_open_orders_are_rivals_each_once(monk
         )
     ]  # fmt: skip
     model = SimpleNamespace(state=SimpleNamespace(model=lambda: RIG))
-    monkeypatch.setattr(rivals, "fit", lambda *_, **__: model)
+    monkeypatch.setattr(questions, "fit", lambda *_, **__: model)
     final = SimpleNamespace(state=SimpleNamespace(pieces=(piece("there", 3),)), target=None)
     result = SimpleNamespace(
         judged=refused,
         unexplained=[SimpleNamespace(order=3)],
         conclusions=SimpleNamespace(final=final, claims=(), retuned=()),
     )
-    found = [rival.other for rival in rivals.other_models(result)]
+    found = [rival.other for rival in questions.other_models(result)]
     assert found == [f"{name} as well, which the data refused so far" for name in ("first", "second", "third")]
 
 

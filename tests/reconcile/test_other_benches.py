@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 
 from st_codegen.errors import InputError
+from st_codegen.reconcile.core import reconcile_observations
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
 from st_codegen.reconcile.fit.fitting import fit
-from st_codegen.reconcile.fit.parameters import piece_of
-from st_codegen.reconcile.fit.state import State
+from st_codegen.reconcile.fit.state import State, piece_of
 from st_codegen.reconcile.fit.target import FitData, groups_of
-from st_codegen.reconcile.judge.conclusions import Retuned, doubted
-from st_codegen.reconcile.judge.in_time import wander_over_runs
-from st_codegen.reconcile.judge.measurement import examine
-from st_codegen.reconcile.judge.states import in_one_piece
-from st_codegen.reconcile.judge.surroundings import is_of_its_place, may_be_a_start, told_order
-from st_codegen.reconcile.judge.suspects import excused
-from st_codegen.reconcile.judge.unexplained import main_cause
+from st_codegen.reconcile.judge.claims import Retuned
+from st_codegen.reconcile.judge.lookalikes import doubted
+from st_codegen.reconcile.mistakes.examine import examine
 from st_codegen.reconcile.report.summary import summary
-from st_codegen.reconcile.run import reconcile_observations
+from st_codegen.reconcile.rest.in_time import wander_over_runs
+from st_codegen.reconcile.rest.suspects import excused
+from st_codegen.reconcile.rest.unexplained import main_cause
+from st_codegen.reconcile.search.states import in_one_piece
+from st_codegen.reconcile.search.surroundings import is_of_its_place, may_be_a_start, told_order
 from st_codegen.rig.model import RigModel
 
 from .test_core import RIG, effect, grid

@@ -9,16 +9,16 @@ import pytest
 
 from st_codegen.campaign.curves import Curve
 from st_codegen.campaign.orders import curve_sums
+from st_codegen.reconcile.core import reconcile_observations
 from st_codegen.reconcile.data.hum import Hum, without_waves_between
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs, sorted_by
 from st_codegen.reconcile.data.reading import _colour
-from st_codegen.reconcile.judge.structure import floors, noise_within
-from st_codegen.reconcile.judge.unexplained import of_a_hum, signatures
 from st_codegen.reconcile.plan.next_runs import next_runs
 from st_codegen.reconcile.report.output import report
 from st_codegen.reconcile.report.sentences import floor_text, left_text, verdict_text
 from st_codegen.reconcile.report.summary import summary
-from st_codegen.reconcile.run import reconcile_observations
+from st_codegen.reconcile.rest.structure import floors, noise_within
+from st_codegen.reconcile.rest.unexplained import of_a_hum, signatures
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 from st_codegen.rig.model import RigModel
@@ -154,7 +154,7 @@ def test_an_order_clearly_above_the_noise_within_curves_is_no_noise(times, is_sa
     """One of 1.5 floors, 13 standard errors above it, was noise since it was below two."""
     more = 1e-5 * np.sqrt(max(times**2 - 1, 0)) * np.random.default_rng(7).standard_normal((2, 96))
     target, residual = curves_over_runs({12: more[0] + 1j * more[1]})
-    orders = {one.order for one in signatures(target, residual, 1.0, np.full(21, 1e-5))}
+    orders = {one.order for one in signatures(target, residual, np.full(21, 1e-5))}
     assert (12 in orders) is is_said and orders <= {12}
 
 
@@ -249,7 +249,7 @@ def test_what_runs_differ_by_is_in_the_floor_or_beside_it(scattered):
 def test_a_wave_that_was_taken_out_is_no_noise_and_stands_for_its_part_of_the_gap(scattered):
     """It was counted as possible noise, and "0 % of the power is the mean" stood where it was all of the gap."""
     hum = Hum(0.0, 2e-3, (60, 60), np.full(200, 4e-4), order=17.37, sizes_deg=(0.001, 0.003))
-    entry = of_a_hum(hum, 2e-6)
+    entry = of_a_hum(hum)
     assert "0.001 to 0.003 deg" in entry.text and entry.dependence == {"combination": 1.0}
     gap = replace(scattered.held_out, after=float(np.sqrt(scattered.held_out.after**2 + hum.power)))
     humming = replace(scattered, data=replace(scattered.data, hums=(hum,)), held_out=gap)

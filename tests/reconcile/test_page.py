@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from st_codegen.reconcile.core import reconcile_observations
 from st_codegen.reconcile.data.hum import Hum
-from st_codegen.reconcile.judge.unexplained import of_a_hum, signatures
 from st_codegen.reconcile.plan.next_runs import next_runs
 from st_codegen.reconcile.report.findings import findings, share_text
 from st_codegen.reconcile.report.output import report
@@ -16,7 +16,8 @@ from st_codegen.reconcile.report.pages import report_page
 from st_codegen.reconcile.report.ranking import outcome, ranking_section
 from st_codegen.reconcile.report.sentences import between_text, left_text
 from st_codegen.reconcile.report.summary import summary
-from st_codegen.reconcile.run import OrderGap, reconcile_observations
+from st_codegen.reconcile.rest.unexplained import of_a_hum, signatures
+from st_codegen.reconcile.result import OrderGap
 from tests import browser
 
 from .test_core import KNOWN, RIG, effect, grid, observed
@@ -96,12 +97,12 @@ def test_a_gap_between_temperatures_that_does_not_move_the_whole_is_not_worth_a_
 @pytest.mark.thorough
 def test_a_hum_stands_with_its_frequency(result):
     hum = Hum(50.0, 2e-3, (40, 60), np.full(200, 1e-5))
-    found = replace(result, unexplained=(of_a_hum(hum, 1e-6), *result.unexplained))
+    found = replace(result, unexplained=(of_a_hum(hum), *result.unexplained))
     page = report_page(found, None, next_runs(found))
     assert "<td>50 Hz</td>" in page and html.escape(hum.text) in page
     entry = report(found)["unexplained"][0]
     assert entry["order"] is None and entry["frequency_Hz"] == 50.0 and hum.text in summary(found)
-    found = replace(result, unexplained=(of_a_hum(replace(hum, frequency_Hz=0.0, order=17.31962), 1e-6),))
+    found = replace(result, unexplained=(of_a_hum(replace(hum, frequency_Hz=0.0, order=17.31962)),))
     assert "<td>17.32 a turn</td>" in report_page(found, None, next_runs(found))
 
 
@@ -110,7 +111,7 @@ def test_what_a_hum_made_of_an_order_is_unexplained_there_too(result):
     target, orders = result.target, result.data.orders
     with_it = replace(target, data=replace(target.data, hums=(Hum(50.0, 2e-3, (40, 60), np.full(200, 4e-4)),)))
     alone, beside = (
-        next(s for s in signatures(one, result.conclusions.final.residual, 1.0, np.full(len(orders), 1e-6)))
+        next(s for s in signatures(one, result.conclusions.final.residual, np.full(len(orders), 1e-6)))
         for one in (target, with_it)
     )
     assert beside.order == alone.order and beside.rms_deg == pytest.approx(np.hypot(alone.rms_deg, 4e-4))

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from st_codegen.reconcile.data.reading import _alone, _of_a_place
-from st_codegen.reconcile.judge.surroundings import angle_of_rest
 from st_codegen.reconcile.report.sentences import beside_text
 from st_codegen.reconcile.report.summary import summary
 from st_codegen.reconcile.run import reconcile_files
+from st_codegen.reconcile.search.surroundings import angle_of_rest
 from st_codegen.rig.effects import catalogue
 from st_codegen.rig.model import read_rig
 

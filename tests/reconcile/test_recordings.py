@@ -14,12 +14,12 @@ from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.data.recordings import ANGLES, Recording, is_recording, observations, read_recordings, step_of
 from st_codegen.reconcile.fit.target import FitData, groups_of
-from st_codegen.reconcile.judge.conclusions import Retuned
-from st_codegen.reconcile.judge.lines import _slow, _while_it_changes, lines_in_samples, stand_out, waves_of_angle
+from st_codegen.reconcile.judge.claims import Retuned
 from st_codegen.reconcile.judge.links import _judged, _noise, changed_with_unmeasured_links
-from st_codegen.reconcile.judge.recorded import _jumps, _least_at, _other_angle, check_recordings
+from st_codegen.reconcile.mistakes.recorded import _jumps, _least_at, _other_angle, check_recordings
 from st_codegen.reconcile.outcome import Outcome
 from st_codegen.reconcile.report.sentences import _few_samples, floor_text, left_text, verdict_text
+from st_codegen.reconcile.rest.lines import _slow, _while_it_changes, lines_in_samples, stand_out, waves_of_angle
 from st_codegen.reconcile.run import reconcile_files, reconcile_recordings
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions, catalogue
@@ -123,7 +123,7 @@ def test_samples_have_the_waves_that_were_put_in(tmp_path):
     # each as one RMS: that of the mean is its size
     target = FitData(turns, np.full((9000, 1), 1e-9), np.ones(9000, bool), groups_of(turns.at))
     noise = 1e-9 * np.random.default_rng(0).standard_normal(9000)
-    lines = lines_in_samples(target, (samples + noise)[:, None].astype(complex), 1.0, 90)
+    lines = lines_in_samples(target, (samples + noise)[:, None].astype(complex), 90)
     assert {one.order: one.rms_deg for one in lines} == {
         0: pytest.approx(0.3, rel=1e-6),
         5: pytest.approx(2e-3 / np.sqrt(2), rel=1e-4),
@@ -199,7 +199,7 @@ def test_a_wander_of_the_mean_and_turns_that_are_not_whole_make_no_orders():
     at = Conditions.of(np.sign(speed), 900.0, 500.0, 30.0)
     data = Observations(at, ("",) * count, np.zeros(1, np.int64), te[:, None] + 0j, angle, (0, 1))
     target = SimpleNamespace(data=data, sigma=np.full((count, 1), 1e-4))
-    found = {one.order: one.rms_deg for one in lines_in_samples(target, data.values, float((te**2).mean()))}
+    found = {one.order: one.rms_deg for one in lines_in_samples(target, data.values)}
     assert found == {
         0: pytest.approx(np.sqrt((wander**2).mean()), rel=0.01),
         5: pytest.approx(8e-4 / np.sqrt(2), rel=0.01),
@@ -216,7 +216,7 @@ def test_what_is_slow_is_slow_over_the_angle():
     at = Conditions.of(np.ones(2 * count), 900.0, 500.0, 30.0)
     data = Observations(at, ("",) * (2 * count), np.zeros(1, np.int64), te[:, None] + 0j, angle, (0, 1))
     target = SimpleNamespace(data=data, sigma=np.full((2 * count, 1), 1e-5))
-    found = {one.order: one.rms_deg for one in lines_in_samples(target, data.values, float((te**2).mean()))}
+    found = {one.order: one.rms_deg for one in lines_in_samples(target, data.values)}
     # half of the rows have it, and so half of its power is over all of them
     assert max(found, key=found.get) == 3 and found[3] == pytest.approx(5e-4, rel=0.1)
 
@@ -246,7 +246,7 @@ def _left_of_two_recordings(wave, last=1):
 @pytest.mark.parametrize("wave", [39.77, 23.41, 57.3, 39.5])
 def test_a_wave_between_two_orders_is_found_once_and_by_its_own_number(wave):
     """It was noise: "nothing was found missing", with a floor of 13 times the noise."""
-    (one,) = lines_in_samples(*_left_of_two_recordings(wave), 1.0)
+    (one,) = lines_in_samples(*_left_of_two_recordings(wave))
     assert one.periods == pytest.approx(wave, abs=0.01) and f"about {wave:.1f} periods a turn" in one.text
     assert one.rms_deg == pytest.approx(5e-4 / np.sqrt(2), rel=0.02)
 
@@ -254,11 +254,11 @@ def test_a_wave_between_two_orders_is_found_once_and_by_its_own_number(wave):
 @pytest.mark.parametrize("last", [1, 4, 20, 100])
 def test_noise_that_lasts_over_samples_is_no_wave(last):
     """As behind a low pass, of any width."""
-    assert lines_in_samples(*_left_of_two_recordings(0.0, last), 1.0) == []
+    assert lines_in_samples(*_left_of_two_recordings(0.0, last)) == []
 
 
 def test_a_whole_order_is_none_between_two():
-    (one,) = lines_in_samples(*_left_of_two_recordings(40.0), 1.0)
+    (one,) = lines_in_samples(*_left_of_two_recordings(40.0))
     assert one.order == 40 and one.periods == 0.0
 
 
@@ -504,7 +504,7 @@ def _left_of_a_resonance(first, last, centre, damping, turns, beside=()):
 def test_a_wave_that_grows_and_fades_has_its_whole_size():
     """Of a resonance that was passed the mean wave alone was said, four tenths of it."""
     target, left = _left_of_a_resonance(200.0, 1500.0, 750.0, 0.12, 20.0)
-    (one,) = lines_in_samples(target, left, 1.0)
+    (one,) = lines_in_samples(target, left)
     power = float((left.real**2).mean())
     assert one.order == 39 and one.rms_deg == pytest.approx(np.sqrt(power - 1e-8), rel=0.05)
     around = float(one.text.partition("around ")[2].partition(" rpm")[0])
@@ -519,7 +519,7 @@ def test_a_wave_that_grows_and_fades_has_its_whole_size():
 def test_a_resonance_that_is_passed_is_one_wave_and_orders_that_do_as_well_are_named(passed):
     """Its phase turns while it is passed: orders 38 and 36, or 38 and 39, were said of 39."""
     target, left = _left_of_a_resonance(*passed)
-    (one,) = lines_in_samples(target, left, 1.0)
+    (one,) = lines_in_samples(target, left)
     orders = [int(order) for order in re.findall(r"\d+", one.text.partition(":")[0])]
     assert 39 in orders and orders[0] == one.order and len(orders) <= 5
     assert one.rms_deg == pytest.approx(np.sqrt((left.real**2).mean()), rel=0.15)
@@ -527,10 +527,10 @@ def test_a_resonance_that_is_passed_is_one_wave_and_orders_that_do_as_well_are_n
 
 def test_constant_waves_beside_a_resonance_and_beside_each_other_stay():
     target, left = _left_of_a_resonance(200.0, 1500.0, 750.0, 0.12, 20.0, [(37, 3e-3)])
-    found = {one.order: one.rms_deg for one in lines_in_samples(target, left, 1.0)}
+    found = {one.order: one.rms_deg for one in lines_in_samples(target, left)}
     assert found == {37: pytest.approx(3e-3 / np.sqrt(2), rel=0.05), 39: pytest.approx(1.9e-3, rel=0.05)}
     target, left = _left_of_a_resonance(200.0, 1500.0, 1e6, 0.02, 20.0, [(38, 5e-4), (40, 5e-4)])
-    assert sorted(one.order for one in lines_in_samples(target, left, 1.0)) == [38, 39, 40]
+    assert sorted(one.order for one in lines_in_samples(target, left)) == [38, 39, 40]
 
 
 @pytest.mark.parametrize("noise", [0.0, 2e-3])
@@ -546,7 +546,7 @@ def test_what_an_angle_is_rounded_by_is_told_and_an_even_motion_is_no_rounding(n
 def test_waves_below_what_angles_are_rounded_by_are_not_told():
     target, samples = _left_of_two_recordings(40.0)
     coarse = replace(target, data=replace(target.data, rounded_by=np.full(len(target.data), 5e-4)))
-    assert lines_in_samples(target, samples, 1.0) and not lines_in_samples(coarse, samples, 1.0)
+    assert lines_in_samples(target, samples) and not lines_in_samples(coarse, samples)
     assert estimate(coarse.data, samples).floor_rms == pytest.approx(5e-4)
 
 
@@ -606,7 +606,7 @@ def test_of_less_than_a_wave_no_order_is_told(tmp_path):
     slow = replace(data.rows(np.zeros(3000, int)), angle_rad=angle, neighbours_deg=1e-6)
     samples = 1e-3 * np.cos(angle) + 1e-6 * np.random.default_rng(0).standard_normal(3000)
     target = FitData(slow, np.full((3000, 1), 1e-6), np.ones(3000, bool), groups_of(slow.at))
-    assert not {1, 2} & {one.order for one in lines_in_samples(target, samples[:, None].astype(complex), 1.0)}
+    assert not {1, 2} & {one.order for one in lines_in_samples(target, samples[:, None].astype(complex))}
 
 
 def test_a_stiffness_that_changed_may_be_the_coupling_where_its_angle_was_not_measured():
@@ -690,5 +690,5 @@ def test_many_waves_of_constant_size_are_none_that_changes():
     at = Conditions.of(np.ones(count), 600.0, 500.0, 30.0)
     labels = tuple(f"a.csv, t = {n} s" for n in range(count))
     data = Observations(at, labels, np.zeros(1, np.int64), te[:, None] + 0j, angle, (0, 1), neighbours_deg=1e-4)
-    lines = lines_in_samples(SimpleNamespace(data=data, sigma=np.full((count, 1), 1e-4)), data.values, 1.0)
+    lines = lines_in_samples(SimpleNamespace(data=data, sigma=np.full((count, 1), 1e-4)), data.values)
     assert len(lines) == SETTINGS.most_lines and not any("changes" in one.text for one in lines)

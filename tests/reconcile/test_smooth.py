@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from st_codegen.reconcile.data.noise import estimate
+from st_codegen.reconcile.data.noise import estimate, noise_beside
 from st_codegen.reconcile.data.observations import Observations, labels
-from st_codegen.reconcile.data.smooth import noise_beside
 from st_codegen.rig.effects import Conditions
 
 ORDERS = np.array([0, *range(30, 49)])

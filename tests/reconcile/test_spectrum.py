@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from st_codegen.errors import InputError
-from st_codegen.reconcile.judge.spectrum import read_spectrum, reconcile_spectrum, spectrum_report, spectrum_summary
+from st_codegen.reconcile.spectrum import read_spectrum, reconcile_spectrum, spectrum_report, spectrum_summary
 from st_codegen.rig.model import parse_rig
 
 from .blind import run, write

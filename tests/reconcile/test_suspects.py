@@ -8,7 +8,7 @@ import pytest
 from st_codegen.reconcile.data.contrasts import repeats
 from st_codegen.reconcile.data.noise import Noise, estimate
 from st_codegen.reconcile.data.observations import Observations, labels
-from st_codegen.reconcile.judge.suspects import bad_runs, without_structure
+from st_codegen.reconcile.rest.suspects import bad_runs, without_structure
 from st_codegen.rig.effects import Conditions
 
 ORDERS = np.array([0, 1, 3, 39, 40, 78])

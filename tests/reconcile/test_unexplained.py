@@ -11,7 +11,7 @@ from st_codegen.reconcile.data.contrasts import neighbours
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
 from st_codegen.reconcile.fit.target import FitData, groups_of
-from st_codegen.reconcile.judge.structure import (
+from st_codegen.reconcile.rest.structure import (
     ResidualStructure,
     floors,
     is_lacking,
@@ -22,7 +22,7 @@ from st_codegen.reconcile.judge.structure import (
     structure,
     wander_within_turns,
 )
-from st_codegen.reconcile.judge.unexplained import _scattered, main_cause, signatures
+from st_codegen.reconcile.rest.unexplained import _scattered, main_cause, signatures
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 
@@ -47,7 +47,7 @@ def found(at, waves, sigma=SIGMA):
     data = Observations(at, labels(at), ORDERS, values, run=order_of_runs(at))
     noise = estimate(data, values)
     target = FitData(data, noise.sigma, noise.good, groups_of(at))
-    return {s.order: s for s in signatures(target, values, 1.0, floors(target, values, noise.floor_rms))}
+    return {s.order: s for s in signatures(target, values, floors(target, values, noise.floor_rms))}
 
 
 def test_noise_has_no_signature():
@@ -193,7 +193,7 @@ def test_more_than_the_noise_of_the_curves_is_said_even_without_a_pattern():
     data = Observations(at, labels(at), ORDERS, values, spectral_deg=np.full(values.shape, SIGMA))
     noise = estimate(data, values)
     target = FitData(data, noise.sigma, noise.good, groups_of(at))
-    (one,) = signatures(target, values, 1.0, floors(target, values, noise.floor_rms))
+    (one,) = signatures(target, values, floors(target, values, noise.floor_rms))
     assert one.order == 53 and "repeat some runs" in one.text
     assert one.rms_deg == pytest.approx(10 * SIGMA / np.sqrt(2), rel=0.05)
 
@@ -237,7 +237,7 @@ def curves(values, spectral, samples=0, orders=(0, 1, 2, 3, 48, 53)):
     noise = estimate(data, values)
     target = FitData(data, noise.sigma, noise.good, groups_of(at))
     own = floors(target, values, noise.floor_rms)
-    return {s.order: s for s in signatures(target, values, 1.0, own)}, dict(zip(orders.tolist(), own, strict=True))
+    return {s.order: s for s in signatures(target, values, own)}, dict(zip(orders.tolist(), own, strict=True))
 
 
 def test_what_happens_at_one_speed_is_said_to():
@@ -278,11 +278,11 @@ def test_what_is_left_of_an_order_that_something_is_named_on_must_be_its_own_noi
     data = Observations(at, labels(at), ORDERS, values, spectral_deg=np.full(values.shape, SIGMA))
     target = FitData(data, estimate(data, values).sigma, np.ones(len(at), bool), groups_of(at))
     floor = np.full(3, SIGMA)
-    assert signatures(target, values, 1.0, floor) == []
-    assert signatures(target, values, 1.0, floor, np.array([False, True, True])) == []
-    (known,) = signatures(target, values, 1.0, floor, kept=np.array([False, True, False]))
+    assert signatures(target, values, floor) == []
+    assert signatures(target, values, floor, np.array([False, True, True])) == []
+    (known,) = signatures(target, values, floor, kept=np.array([False, True, False]))
     assert known.order == target.data.orders[1]
-    (one,) = signatures(target, values, 1.0, floor, np.array([True, False, True]))
+    (one,) = signatures(target, values, floor, np.array([True, False, True]))
     assert one.order == 0 and "times the noise within the curves" in one.text
     assert one.rms_deg == pytest.approx(SIGMA * np.sqrt(1.4**2 - 1), rel=0.15)
 
@@ -354,7 +354,7 @@ def test_an_order_of_a_table_far_louder_than_those_beside_it_is_not_called_noise
     noise = estimate(data, values)
     target = FitData(data, noise.sigma, noise.good, groups_of(at))
     own = floors(target, values, noise.floor_rms)
-    (one,) = signatures(target, values, 1.0, own)
+    (one,) = signatures(target, values, own)
     assert one.order == 42 and "orders beside it" in one.text
     assert own[4] < 2 * SIGMA
 
@@ -374,7 +374,7 @@ def test_how_far_orders_of_a_table_scatter_says_which_is_too_loud():
         data = Observations(at, labels(at), orders, values)
         noise = estimate(data, values)
         target = FitData(data, noise.sigma, noise.good, groups_of(at))
-        return [s.order for s in signatures(target, values, 1.0, floors(target, values, noise.floor_rms))]
+        return [s.order for s in signatures(target, values, floors(target, values, noise.floor_rms))]
 
     assert loud([1, 4.5, 2, 1, 1, 1, 1, 2.8, 1, 1, 1, 1]) == [53]
     assert loud([1, 3, 2, 1, 4, 0.4, 2, 2.8, 0.5, 1, 3, 0.3]) == []
@@ -390,7 +390,7 @@ def test_nothing_tells_the_noise_of_a_mean_that_keeps_structure():
     data = Observations(at, labels(at), ORDERS, values)
     noise = estimate(data, values)
     target = FitData(data, noise.sigma, noise.good, groups_of(at))
-    found = {s.order: s for s in signatures(target, values, 1.0, floors(target, values, noise.floor_rms))}
+    found = {s.order: s for s in signatures(target, values, floors(target, values, noise.floor_rms))}
     assert found[0].at_least and "at least" in found[0].text
     assert not found[53].at_least and "at least" not in found[53].text
 
@@ -504,7 +504,7 @@ def test_a_step_in_proportion_to_a_condition_is_said_as_such():
     # what the rig's own numbers take off, a constant and a part of the load, is no part of the step
     own = np.stack([np.ones(192), at.torque_Nm], axis=1)
     residual[:, 18] = residual[:, 12] - own @ np.linalg.lstsq(own, residual[:, 12], rcond=None)[0]
-    said = {s.order: s.text for s in signatures(target, residual, 1.0, np.full(21, 1e-5))}
+    said = {s.order: s.text for s in signatures(target, residual, np.full(21, 1e-5))}
     # an amplitude of 4e-4 deg at the largest load, nothing without: runs 47 to 50 have none
     dated = "a step of 0.0004 deg between run 46 and run 51 of 96, in their order"
     assert f"{dated}, in proportion to the torque: so much at {load.max():g} N m" in said[12], said[12]
@@ -515,9 +515,9 @@ def test_a_step_in_proportion_to_a_condition_is_said_as_such():
 def test_a_step_below_the_noise_of_a_run_is_dated_as_well_as_it_is_known():
     """It was put between two runs, whatever its size."""
     target, residual = curves_over_runs({12: 1.2e-5 * (np.arange(96) >= 40) * TURN})
-    (said,) = (s.text for s in signatures(target, residual, 1.0, np.full(21, 1e-5)) if s.order == 12)
+    (said,) = (s.text for s in signatures(target, residual, np.full(21, 1e-5)) if s.order == 12)
     first, last = map(int, re.search(r"between run (\d+) and run (\d+) of 96", said).groups())
-    (one,) = (s for s in signatures(target, residual, 1.0, np.full(21, 5e-5)) if s.order == 12)
+    (one,) = (s for s in signatures(target, residual, np.full(21, 5e-5)) if s.order == 12)
     assert json.loads(json.dumps(one.at_least)) is True, "what neighbours differ by holds it"
     assert first <= 40 < last and last - first > 2, said
 
@@ -545,7 +545,7 @@ def test_a_size_beyond_what_runs_differ_by_is_a_least_one():
     for floor, is_told in ((8e-4, False), (1e-5, True)):
         # 80 samples tell 20 orders, all of which were loud enough to be looked at
         near = replace(target, data=replace(target.data, samples=4000 if is_told else 80))
-        (one,) = (s for s in signatures(near, residual, 1.0, np.full(21, floor)) if s.order == 20)
+        (one,) = (s for s in signatures(near, residual, np.full(21, floor)) if s.order == 20)
         assert one.at_least is not is_told and ("at least" in one.text) is not is_told, one.text
 
 
@@ -556,7 +556,7 @@ def test_a_direction_that_has_less_of_it_is_not_said_to_have_none():
     for share, side in ((1 / 6, "mostly forward"), (0.0, "forward only")):
         loud = residual.copy()
         loud[:, 12] += wave * np.where(target.data.at.sign > 0, 1.0, share)
-        (said,) = (s.text for s in signatures(target, loud, 1.0, np.full(21, 1e-5)) if s.order == 12)
+        (said,) = (s.text for s in signatures(target, loud, np.full(21, 1e-5)) if s.order == 12)
         assert said.endswith(side), said
 
 
@@ -565,7 +565,7 @@ def test_what_moves_twice_is_said_to_change_with_time():
     turning = 2e-4 * np.exp(4j * np.pi * run / 96)
     for course, is_said in ((turning, True), (2e-4 * np.random.default_rng(6).standard_normal(96), False)):
         target, residual = curves_over_runs({12: course})
-        loud = signatures(target, residual, 1.0, np.full(21, 1e-5), kept=np.arange(21) == 12)
+        loud = signatures(target, residual, np.full(21, 1e-5), kept=np.arange(21) == 12)
         (one,) = (s for s in loud if s.order == 12)
         assert ("it changes with time" in one.text) is is_said
 
@@ -578,7 +578,7 @@ def test_a_few_loud_runs_make_no_step(seed):
     loud = np.where(slow, random.uniform(0.3, 1.3, 55), 0.005)
     turns = {k: random.random() + 0.15 * random.standard_normal(55) for k in range(9, 18)}
     target, residual = curves_over_runs({k: 2e-3 * loud * np.exp(2j * np.pi * at) for k, at in turns.items()}, runs=55)
-    said = [s.text for s in signatures(target, residual, 1.0, np.full(21, 1e-5))]
+    said = [s.text for s in signatures(target, residual, np.full(21, 1e-5))]
     assert len(said) == len(turns) and not [text for text in said if "in their order" in text]
 
 
@@ -586,7 +586,7 @@ def test_a_course_beside_a_floor_of_neighbours_has_a_least_size():
     """Half of a run-in that decays was called noise, and its size stated without "at least"."""
     target, residual = curves_over_runs({12: 8e-4 * np.minimum(np.arange(96) - 48, 0) / 48 * TURN})
     for floor, is_bound in ((1e-5, False), (2e-4, True)):
-        (one,) = (s for s in signatures(target, residual, 1.0, np.full(21, floor)) if s.order == 12)
+        (one,) = (s for s in signatures(target, residual, np.full(21, floor)) if s.order == 12)
         assert "until about run" in one.text and one.at_least is is_bound
 
 
@@ -596,7 +596,7 @@ def test_what_all_runs_have_is_said_to_be_the_same_in_them(size, is_common):
     random = np.random.default_rng(3)
     differs = 3e-5 * (random.standard_normal(96) + 1j * random.standard_normal(96))
     target, residual = curves_over_runs({12: size * TURN + differs})
-    one = _scattered(target, residual, 12, 1.0, 3e-5)
+    one = _scattered(target, residual, 12, 3e-5)
     assert ("most of it the same in all runs of a direction" in one.text) == is_common
     assert ("constant" in one.dependence) == is_common
 
@@ -613,7 +613,7 @@ def _few_curves_are_far_off(signs, sign):
     data = Observations(at, labels(at), ORDERS, values, run=order_of_runs(at))
     noise = estimate(data, values)
     target = FitData(data, noise.sigma, np.ones(len(at), bool), groups_of(at))
-    return _scattered(target, values, 2, 1.0, 20 * SIGMA), np.sqrt((wave**2).mean() / 2)
+    return _scattered(target, values, 2, 20 * SIGMA), np.sqrt((wave**2).mean() / 2)
 
 
 @pytest.mark.parametrize(("sign", "name"), [(1.0, "forward"), (-1.0, "backward")])

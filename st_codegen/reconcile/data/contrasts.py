@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -31,8 +32,7 @@ class Contrasts:
     def apply(self, values: ComplexArray) -> ComplexArray:
         """Contrasts of values (n, K)."""
         predicted = np.einsum("nm,nmk->nk", self.weight, values[self.index])
-        found: ComplexArray = (values - predicted) / self.norm[:, None]
-        return found
+        return np.asarray((values - predicted) / self.norm[:, None])
 
     @property
     def usable(self) -> BoolArray:
@@ -169,7 +169,7 @@ def of_whole_levels(at: Conditions, bad: BoolArray) -> BoolArray:
     What all runs of a level have, whatever it is in each of them, is no fault of these runs: something happens there.
     """
     found = np.zeros(len(at), bool)
-    for level in (speed_levels(at.speed_rpm), levels_of(at.torque_Nm), levels_of(at.temperature_C)):
+    for level in levels_by_condition(at).values():
         code = 2 * level + (at.sign > 0)
         count, wrong = (np.bincount(code, weights=weight) for weight in (np.ones(len(at)), bad.astype(float)))
         found |= ((wrong >= SETTINGS.least_block) & (2 * wrong > count))[code]
@@ -178,7 +178,8 @@ def of_whole_levels(at: Conditions, bad: BoolArray) -> BoolArray:
 
 # --- which conditions go together
 
-#: names of the conditions, in the order of `Conditions`
+#: names of the conditions, in the order of `Conditions`: as keys, and in words
+AXES = ("speed", "torque", "temperature")
 CONDITIONS = ("speed", "torque", "oil temperature")
 
 
@@ -195,29 +196,36 @@ def axes_together(at: Conditions) -> list[tuple[str, str]]:
 # --- which runs count as run at the same speed, torque or temperature
 
 
+def step_between(values: FloatArray) -> float:
+    """The median step between levels, a twentieth of their range at least; 1 where the values never varied."""
+    levels = np.unique(values)
+    return max(float(np.median(np.diff(levels))), float(np.ptp(levels)) / 20) if len(levels) > 1 else 1.0
+
+
 def in_steps(values: FloatArray) -> FloatArray:
     """Values in steps of their grid (or a twentieth of their range)."""
-    levels = np.unique(values)
-    if len(levels) < 2:
-        return np.zeros(len(values))
-    step = max(float(np.median(np.diff(levels))), float(np.ptp(levels)) / 20)
-    found: FloatArray = values / step
-    return found
+    return values / step_between(values) if len(np.unique(values)) > 1 else np.zeros(len(values))
+
+
+def equal_parts(values: FloatArray, count: int, side: Literal["left", "right"] = "left") -> IntArray:
+    """The number of the group of each value, of so many groups of equal size; side: of a cut on which a value lies."""
+    cuts = np.quantile(values, np.linspace(0, 1, count + 1)[1:-1])
+    return np.searchsorted(cuts, values, side=side).astype(np.int64)
 
 
 def speed_levels(speed_rpm: FloatArray) -> IntArray:
     """The speed level of each run: the grid's, or 12 groups of equal size where speeds do not repeat."""
     levels, index = np.unique(speed_rpm, return_inverse=True)
-    if len(levels) <= 40:
-        return index.astype(np.int64)
-    cuts = np.quantile(speed_rpm, np.linspace(0, 1, 13)[1:-1])
-    return np.searchsorted(cuts, speed_rpm).astype(np.int64)
+    return index.astype(np.int64) if len(levels) <= 40 else equal_parts(speed_rpm, 12)
+
+
+def levels_by_condition(at: Conditions) -> dict[str, IntArray]:
+    """The level of each row by condition, (n,)."""
+    levels = speed_levels(at.speed_rpm), levels_of(at.torque_Nm), levels_of(at.temperature_C)
+    return dict(zip(AXES, levels, strict=True))
 
 
 def levels_of(values: FloatArray) -> IntArray:
     """The level of each value: those that there are, or eight groups of equal size where there are more."""
     levels, index = np.unique(values, return_inverse=True)
-    if len(levels) <= 8:
-        return index.astype(np.int64)
-    cuts = np.quantile(values, np.linspace(0, 1, 9)[1:-1])
-    return np.searchsorted(cuts, values, side="right").astype(np.int64)
+    return index.astype(np.int64) if len(levels) <= 8 else equal_parts(values, 8, "right")

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -91,11 +92,24 @@ class Hum:
         )
 
 
-def _hum(frequency_Hz: float, order: float, sizes: FloatArray, of: int, made: FloatArray) -> Hum:
-    """The wave that was taken out of curves with these sizes (deg), of so many."""
+class _Seen(NamedTuple):
+    """A wave in a curve: its size (deg; 0 where none shows), its order there, coefficients of the orders it makes."""
+
+    size: float
+    order: float
+    wave: ComplexArray
+
+
+def _taken_out(
+    sums: Sequence[Sums], seen: Sequence[_Seen], frequency_Hz: float = 0.0, order: float = 0.0
+) -> tuple[list[Sums], Hum]:
+    """Curves without a wave of one frequency, or of one number of periods a turn, and that wave."""
+    kept = [_less(one, own.wave) for one, own in zip(sums, seen, strict=True)]
+    sizes = np.array([own.size for own in seen if own.size])
     low, high = np.quantile(sizes, (0.05, 0.95))
-    size = float(np.sqrt((sizes**2).mean()))
-    return Hum(frequency_Hz, size, (len(sizes), of), made, order=order, sizes_deg=(float(low), float(high)))
+    size, made = float(np.sqrt((sizes**2).mean())), _by_order(kept, [own.wave for own in seen])
+    ends = (float(low), float(high))
+    return kept, Hum(frequency_Hz, size, (len(sizes), len(kept)), made, order=order, sizes_deg=ends)
 
 
 def without_hums(
@@ -119,7 +133,7 @@ def without_hums(
             faint = None if found else _faint(kept, turns_Hz, known)
             return kept, (*found, *([] if faint is None else [faint]))
         told = [_wave(*row, free) for row in zip(kept, lines, frequency / turns_Hz, strict=True)]
-        sizes, orders = np.array([wave[0] for wave in told]), np.array([wave[1] for wave in told])
+        sizes, orders = np.array([own.size for own in told]), np.array([own.order for own in told])
         seen = sizes > 0
         # an order of the machine that a resonance lifts near this frequency is a whole number
         if not seen.any() or np.median(np.abs(orders - frequency / turns_Hz)[seen]) > _WHOLE:
@@ -127,10 +141,8 @@ def without_hums(
         frequency = float(np.average((orders * turns_Hz)[seen], weights=turns_Hz[seen] ** -2))
         most = float(sizes.max())
         fits = [_wave(*row, free, most) for row in zip(kept, lines, frequency / turns_Hz, strict=True)]
-        kept = [_less(one, wave) for one, (_, _, wave) in zip(kept, fits, strict=True)]
-        sizes = np.array([size for size, _, _ in fits if size])
-        made = _by_order(kept, [wave for _, _, wave in fits])
-        found.append(_hum(frequency, 0.0, sizes, len(kept), made))
+        kept, hum = _taken_out(kept, fits, frequency_Hz=frequency)
+        found.append(hum)
     return kept, tuple(found)
 
 
@@ -154,9 +166,9 @@ def without_waves_between(sums: Sequence[Sums], known: Collection[int]) -> tuple
         if usual[top] < SETTINGS.loud_line:
             break
         told = _between(kept[some], lines[some], noise[some], free, top)
-        if np.mean([size > 0.0 for size, _, _ in told]) >= SETTINGS.most_orders:
+        if np.mean([own.size > 0.0 for own in told]) >= SETTINGS.most_orders:
             told = _between(kept, lines, noise, free, top)
-        sizes, orders = (np.array([fit[i] for fit in told]) for i in (0, 1))
+        sizes, orders = np.array([own.size for own in told]), np.array([own.order for own in told])
         seen = sizes > 0.0
         middle = float(np.median(orders[seen])) if seen.any() else 0.0
         spread = float(np.median(np.abs(orders[seen] - middle))) if seen.any() else 0.0
@@ -169,14 +181,12 @@ def without_waves_between(sums: Sequence[Sums], known: Collection[int]) -> tuple
             _wave(one, line, middle, free, reach=spread, least=SETTINGS.least_between)
             for one, line in zip(kept, lines, strict=True)
         ]
-        sizes = np.array([fit[0] for fit in told])
-        seen = sizes > 0.0
-        if seen.mean() < SETTINGS.most_orders or not _leaks_as_it_should(lines, told, free, middle):
+        is_seen = np.mean([own.size > 0.0 for own in told]) >= SETTINGS.most_orders
+        if not is_seen or not _leaks_as_it_should(lines, told, free, middle):
             free[top] = False
             continue
-        kept = [_less(one, wave) for one, (_, _, wave) in zip(kept, told, strict=True)]
-        made = _by_order(kept, [wave for _, _, wave in told])
-        found.append(_hum(0.0, middle, sizes[seen], len(kept), made))
+        kept, hum = _taken_out(kept, told, order=middle)
+        found.append(hum)
         # what is left of it is none of its own
         free[max(top - 1, 0) : top + 2] = False
     return kept, tuple(found)
@@ -196,10 +206,8 @@ def _over_the_angle(sums: Sequence[Sums], known: Collection[int], top: int) -> b
     return float(np.median(shares)) > _STAYS
 
 
-def _between(
-    sums: Sequence[Sums], lines: ComplexArray, noise: FloatArray, free: BoolArray, top: int
-) -> list[tuple[float, float, ComplexArray]]:
-    """The size, the number of periods and the coefficients of a wave near a loud order in each curve; 0 where none is.
+def _between(sums: Sequence[Sums], lines: ComplexArray, noise: FloatArray, free: BoolArray, top: int) -> list[_Seen]:
+    """A wave near a loud order in each curve.
 
     It is one where the orders around it hold nothing else.
     """
@@ -209,17 +217,15 @@ def _between(
             _wave(one, line, low + 0.5, free, reach=0.5 - _WHOLE, least=SETTINGS.least_between)
             for low in range(max(top - 3, 1), top + 3)
         ]
-        size, order, wave = max(fits, key=lambda fit: fit[0] and float((np.abs(fit[2][: len(free)][free]) ** 2).sum()))
-        near = free & (np.abs(places - order) <= SETTINGS.orders_beside_wave)
-        left, whole = (float((np.abs(part[near]) ** 2).sum()) for part in (line - wave[: len(free)], line))
+        best = max(fits, key=lambda fit: fit.size and float((np.abs(fit.wave[: len(free)][free]) ** 2).sum()))
+        near = free & (np.abs(places - best.order) <= SETTINGS.orders_beside_wave)
+        left, whole = (float((np.abs(part[near]) ** 2).sum()) for part in (line - best.wave[: len(free)], line))
         is_one = near.sum() > 2 and left - int(near.sum()) * floor < SETTINGS.left_of_unit * whole
-        found.append((size, order, wave) if is_one else (0.0, order, np.zeros_like(wave)))
+        found.append(best if is_one else _Seen(0.0, best.order, np.zeros_like(best.wave)))
     return found
 
 
-def _leaks_as_it_should(
-    lines: ComplexArray, told: Sequence[tuple[float, float, ComplexArray]], free: BoolArray, order: float
-) -> bool:
+def _leaks_as_it_should(lines: ComplexArray, told: Sequence[_Seen], free: BoolArray, order: float) -> bool:
     """Whether the orders beside the one next to a wave hold what leaks from it, in the mean of the curves.
 
     A jump falls as one over the distance from its order; sidebands of whole orders (a mesh whose phase another wave
@@ -228,8 +234,8 @@ def _leaks_as_it_should(
     """
     places = np.arange(len(free))
     beside = free & (np.abs(places - order) <= SETTINGS.orders_of_line) & (places != round(order))
-    waves = np.stack([wave[: len(free)] for size, _, wave in told if size > 0.0])
-    lines = lines[[size > 0.0 for size, _, _ in told]]
+    waves = np.stack([own.wave[: len(free)] for own in told if own.size > 0.0])
+    lines = lines[[own.size > 0.0 for own in told]]
     left = np.abs(lines - waves) ** 2
     near = free & (np.abs(places - order) <= SETTINGS.noise_beside_wave)
     noise = float((np.median(left[:, near], axis=1) / np.log(2.0)).mean())
@@ -376,8 +382,8 @@ def _wave(
     most: float = 0.0,
     reach: float = 0.5,
     least: float = SETTINGS.shared_least,
-) -> tuple[float, float, ComplexArray]:
-    """The size of a wave in a curve, its order, and the coefficients of the orders that it makes; 0 where none shows.
+) -> _Seen:
+    """A wave in a curve, near an order.
 
     line: (band + 1,), the orders of the curve over the number of the sample; order: of the wave, which the speed tells
     to less than half an order; free: those orders that are not the machine's; most: the largest size that a wave may
@@ -402,8 +408,8 @@ def _wave(
     wave[0] /= 2
     noise = float(np.median(np.abs(line - wave[: len(line)])[free] ** 2)) / np.log(2.0)
     if _start(one) is None or told < SETTINGS.loud_line * noise:
-        return 0.0, order, np.zeros_like(wave)
-    return abs(size), order + float(np.sign(beyond)) * (middle - shown), wave
+        return _Seen(0.0, order, np.zeros_like(wave))
+    return _Seen(abs(size), order + float(np.sign(beyond)) * (middle - shown), wave)
 
 
 def _told(line: ComplexArray, order: float, at: IntArray, samples: int) -> tuple[complex, float]:

@@ -1,11 +1,16 @@
-"""Noise floor and bad runs, from the data alone: how far a run lies from what its neighbours let expect.
+"""Noise floor and bad runs, from the data alone: how far a run lies from what others let expect.
 
 Runs at about the same speed and neighbouring torques and temperatures predict each run by a local plane. What is left
-is noise, whatever the model lacks, as long as that varies smoothly with torque and temperature.
+is noise, whatever the model lacks, as long as that varies smoothly with torque and temperature. Runs that lie anywhere
+are compared with a smooth function of the conditions: a Gaussian process. How fast it changes along each condition and
+how loud the noise beside it is are not chosen but averaged over, by how likely the data are under each choice, so that
+a plane, a bend and nothing at all compete on equal terms (MacKay, Information Theory, Inference, and Learning
+Algorithms, 2003, chapters 28 and 45).
 """
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,19 +18,24 @@ import numpy as np
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.contrasts import along_axes, contrasts, of_whole_levels, repeats, speed_levels
 from st_codegen.reconcile.data.observations import Observations
-from st_codegen.reconcile.data.smooth import noise_beside
 from st_codegen.reconcile.settings import SETTINGS
+from st_codegen.rig.effects import Conditions
 
 #: median of |x| for a normal x, and of the length of a vector of two: 0.6745, sqrt(2*ln 2)
 MEDIAN_1, MEDIAN_2 = 0.67449, 1.17741
+
+
+def middle_of(values: FloatArray) -> tuple[float, float]:
+    """The median of values (n,), and its standard error where they scatter about it as normal numbers do."""
+    middle = float(np.median(values))
+    return middle, float(np.median(np.abs(values - middle))) / MEDIAN_1 * float(np.sqrt(np.pi / 2 / len(values)))
 
 
 def sigma_of(values: ComplexArray, orders: IntArray) -> FloatArray:
     """Robust standard deviation of one component (real or imaginary) per order, float64 (K,)."""
     size = np.abs(np.where(orders == 0, values.real, values))
     median = np.median(size, axis=0) if len(values) else np.zeros(len(orders))
-    found: FloatArray = median / np.where(orders == 0, MEDIAN_1, MEDIAN_2)
-    return found
+    return median / np.where(orders == 0, MEDIAN_1, MEDIAN_2)
 
 
 @dataclass(frozen=True)
@@ -130,8 +140,7 @@ def _between_orders(data: Observations) -> FloatArray:
 def _rms_of(data: Observations, e: ComplexArray) -> FloatArray:
     """RMS of one component of contrasts (m, K), float64 (K,)."""
     power = np.where(data.orders == 0, e.real**2, np.abs(e) ** 2 / 2)
-    found: FloatArray = np.sqrt(power.mean(axis=0))
-    return found
+    return np.asarray(np.sqrt(power.mean(axis=0)))
 
 
 def _smallest(
@@ -175,8 +184,8 @@ def _take_of_laws(
     # only here: it takes a tenth of a second, and few campaigns are so small
     from scipy.special import chdtri, fdtrc
 
-    at, parts = data.at, np.where(data.orders == 0, 1, 2)
-    y = np.where(data.orders == 0, residual.real, residual)
+    at, parts = data.at, data.parts
+    y = data.with_real_mean(residual)
     least = np.full(len(data.orders), np.inf)
     for columns in ((), (at.torque_Nm,), at.axes):
         varied = [(x - x.mean()) / np.ptp(x) for x in columns if np.ptp(x) > 0.0]
@@ -223,7 +232,7 @@ def _sigma_by_direction(data: Observations, e: ComplexArray, rows: BoolArray) ->
 
 def _of_samples(data: Observations, residual: ComplexArray) -> Noise:
     """Noise of samples over time, of each recording: from third differences of neighbours, and the residual itself."""
-    files = np.unique([label.rpartition(", t = ")[0] for label in data.labels], return_inverse=True)[1]
+    files = data.number_of_recording
     sigma, floor = np.empty(residual.shape), np.empty(residual.shape)
     for n in np.unique(files):
         own = files == n
@@ -249,3 +258,61 @@ def _distances(e: ComplexArray, sigma: FloatArray, usable: BoolArray) -> FloatAr
     found = np.zeros(len(e))
     found[usable] = np.sqrt((z[usable] ** 2).mean(axis=1))
     return found
+
+
+#: over how much of its range a function changes along speed, torque and temperature; inf: not at all. What changes
+#: faster than a fifth of a range looks like noise to runs that are scattered
+_LENGTHS = ((0.2, 0.5, 1.5, np.inf), (0.2, 0.5, 1.5, np.inf), (0.7, 2.0, np.inf))
+#: variance of the noise over that of the function
+_RATIOS = np.geomspace(1e-8, 1e2, 31)
+#: fewer runs of a direction say nothing; of more than these their neighbours say as much at less cost
+_LEAST_RUNS, _MOST_RUNS = 24, 200
+
+
+def noise_beside(at: Conditions, values: ComplexArray, orders: IntArray) -> FloatArray:
+    """Standard deviation of one component of the noise of runs of one direction, float64 (K,); inf if not told.
+
+    values: complex128 (n, K), deg.
+    """
+    count = len(values)
+    if not _LEAST_RUNS <= count <= _MOST_RUNS:
+        return np.full(len(orders), np.inf)
+    is_mean = orders == 0
+    parts = np.where(is_mean, 1, 2)
+    apart = np.hstack([values.real, np.where(is_mean, 0.0, values.imag)])
+    evidence, variance = [], []
+    for roots, basis in _spectra(at):
+        squares = (basis.T @ apart) ** 2
+        power = squares[:, : len(orders)] + squares[:, len(orders) :]
+        size = roots[:, None] + _RATIOS
+        scale = power.T @ (1.0 / size) / (len(roots) * parts)[:, None]
+        scale = np.maximum(scale, 1e-300)
+        evidence.append(-0.5 * parts[:, None] * (len(roots) * np.log(scale) + np.log(size).sum(axis=0)))
+        variance.append(scale * _RATIOS)
+    logs, values_of = np.concatenate(evidence, axis=1), np.concatenate(variance, axis=1)
+    weight = np.exp(logs - logs.max(axis=1, keepdims=True))
+    return np.asarray(np.sqrt((weight * values_of).sum(axis=1) / weight.sum(axis=1)))
+
+
+#: of the last conditions: their own bytes, and the spectra of all kernels
+_KEPT: dict[bytes, list[tuple[FloatArray, FloatArray]]] = {}
+
+
+def _spectra(at: Conditions) -> list[tuple[FloatArray, FloatArray]]:
+    """For each choice of lengths the eigenvalues (n - 1,) and vectors (n, n - 1) of the kernel, the mean taken out."""
+    columns = at.axes
+    key = b"".join(column.tobytes() for column in columns)
+    if key not in _KEPT:
+        if len(_KEPT) >= 4:
+            _KEPT.clear()
+        count = len(at)
+        apart = [((c[:, None] - c[None]) / max(float(np.ptp(c)), 1e-9)) ** 2 for c in columns]
+        # a basis of all that is not the mean
+        free = np.linalg.qr(np.column_stack([np.ones(count), np.eye(count)[:, 1:]]))[0][:, 1:]
+        varied = [lengths if np.ptp(c) > 0 else (np.inf,) for lengths, c in zip(_LENGTHS, columns, strict=True)]
+        _KEPT[key] = []
+        for lengths in itertools.product(*varied):
+            kernel = np.exp(-0.5 * sum(square / length**2 for square, length in zip(apart, lengths, strict=True)))
+            roots, vectors = np.linalg.eigh(free.T @ kernel @ free)
+            _KEPT[key].append((np.maximum(roots, 0.0), free @ vectors))
+    return _KEPT[key]

@@ -16,9 +16,16 @@ import numpy as np
 from st_codegen.campaign.harmonic_table import HarmonicTable
 from st_codegen.errors import counted
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from st_codegen.reconcile.data.contrasts import AXES
 from st_codegen.reconcile.data.hum import Hum
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
+
+#: of forward and backward, in the order of every axis of two directions
+SIGNS = (1.0, -1.0)
+#: fields that hold something of each row, and of each order as the second axis
+_BY_ROW = ("values", "angle_rad", "run", "spectral_deg", "left_out", "seen", "begins_rad", "rounded_by")
+_BY_ORDER = ("values", "spectral_deg", "seen")
 
 
 @dataclass(frozen=True)
@@ -58,6 +65,24 @@ class Observations:
     neighbours_deg: float = np.inf
     rounded_by: FloatArray | None = None
 
+    @cached_property
+    def parts(self) -> IntArray:
+        """How many numbers a coefficient of each order is, (K,): the mean is one, a wave two."""
+        return np.where(self.orders == 0, 1, 2)
+
+    def with_real_mean(self, values: ComplexArray) -> ComplexArray:
+        """Values (n, K) without an imaginary part of the mean, which has none."""
+        return np.where(self.orders == 0, values.real, values)
+
+    def under(self, **conditions: FloatArray) -> Observations:
+        """The same values under other conditions, given by their names."""
+        return replace(self, at=replace(self.at, **conditions))
+
+    def divided(self, factor: FloatArray | ComplexArray) -> Observations:
+        """The values, and the noise within their curves, divided by factors for rows (n, 1) or coefficients (n, K)."""
+        spectral = None if self.spectral_deg is None else self.spectral_deg / np.abs(factor)
+        return replace(self, values=self.values / factor, spectral_deg=spectral)
+
     @property
     def rounded_deg(self) -> float:
         """RMS of what the angles of samples over time are rounded by; else 0."""
@@ -79,8 +104,7 @@ class Observations:
     @cached_property
     def _waves(self) -> ComplexArray:
         angle = np.zeros(len(self)) if self.angle_rad is None else self.angle_rad
-        waves: ComplexArray = np.exp(1j * np.outer(angle, self.inside))
-        return waves
+        return np.asarray(np.exp(1j * np.outer(angle, self.inside)))
 
     def __len__(self) -> int:
         return len(self.labels)
@@ -88,30 +112,21 @@ class Observations:
     def rows(self, choice: Any) -> Observations:
         """The rows that a mask or an index array chooses."""
         index = np.arange(len(self))[choice]
-        return replace(
-            self,
-            at=self.at.rows(index),
-            labels=tuple(self.labels[i] for i in index),
-            values=self.values[index],
-            angle_rad=None if self.angle_rad is None else self.angle_rad[index],
-            run=None if self.run is None else self.run[index],
-            spectral_deg=None if self.spectral_deg is None else self.spectral_deg[index],
-            left_out=None if self.left_out is None else self.left_out[index],
-            seen=None if self.seen is None else self.seen[index],
-            begins_rad=None if self.begins_rad is None else self.begins_rad[index],
-            rounded_by=None if self.rounded_by is None else self.rounded_by[index],
-        )
+        at, labels = self.at.rows(index), tuple(self.labels[i] for i in index)
+        return replace(self, at=at, labels=labels, **self._parts(_BY_ROW, index))
 
     def of_orders(self, choice: BoolArray, why: str) -> Observations:
         """The orders that a mask (K,) chooses; `why` says which the others are and why they are not looked at."""
-        return replace(
-            self,
-            orders=self.orders[choice],
-            values=self.values[:, choice],
-            spectral_deg=None if self.spectral_deg is None else self.spectral_deg[:, choice],
-            seen=None if self.seen is None else self.seen[:, choice],
-            not_looked_at=(*self.not_looked_at, why),
-        )
+        said = (*self.not_looked_at, why)
+        return replace(self.with_columns(choice), orders=self.orders[choice], not_looked_at=said)
+
+    def with_columns(self, choice: BoolArray | IntArray) -> Observations:
+        """What was measured of the orders that a mask or an index array chooses, in the place of the orders' own."""
+        return replace(self, **self._parts(_BY_ORDER, (slice(None), choice)))
+
+    def _parts(self, names: Sequence[str], choice: Any) -> dict[str, Any]:
+        """The chosen part of the fields that there are."""
+        return {name: part[choice] for name in names if (part := getattr(self, name)) is not None}
 
     def without_copies(self) -> Observations:
         """The rows but those that repeat an earlier one digit by digit: as repeated runs they would have no noise.
@@ -127,7 +142,7 @@ class Observations:
         alike = np.unique(values[first], axis=0, return_inverse=True, return_counts=True)
         elsewhere = first[alike[2][alike[1].ravel()] > 1]
         if 0 < len(elsewhere) <= SETTINGS.most_suspects * len(self):
-            named = ", ".join(self.labels[row] for row in elsewhere[:4]) + (", .." if len(elsewhere) > 4 else "")
+            named = first_of([self.labels[row] for row in elsewhere], 4)
             text = f"{counted(len(elsewhere), 'curve')} that have the digits of one at another operating point: {named}"
             kept = np.setdiff1d(np.arange(len(self)), elsewhere)
             return replace(self.rows(kept), not_looked_at=(*self.not_looked_at, text)).without_copies()
@@ -162,6 +177,12 @@ class Observations:
         place[order] = np.arange(len(at)) - np.searchsorted(side[order], side[order])
         kinds = (point, place) if self.run is None else (self.run, point)
         return np.unique(np.stack(kinds), axis=1, return_inverse=True)[1].ravel()
+
+    @cached_property
+    def number_of_recording(self) -> IntArray:
+        """The number of the recording of each sample over time, (n,)."""
+        names = [label.rpartition(", t = ")[0] for label in self.labels]
+        return np.unique(names, return_inverse=True)[1].astype(np.int64)
 
     @cached_property
     def runs(self) -> tuple[IntArray, ...]:
@@ -211,7 +232,7 @@ def sorted_by(at: Conditions) -> str:
             listed = np.stack([columns[i] for i in first], axis=1)
             if (np.lexsort(listed.T[::-1]) == np.arange(len(listed))).all():
                 moves = [i for i in first if len(np.unique(columns[i])) > 1] or [0]
-                return ("speed", "torque", "temperature")[moves[0]]
+                return AXES[moves[0]]
     return ""
 
 
@@ -223,6 +244,11 @@ def labels(at: Conditions, files: Sequence[str] | None = None) -> tuple[str, ...
         direction = "forward" if at.sign[row] > 0 else "backward"
         names.append(f"{point}, {direction}" if files is None else f"{files[row]} ({point}, {direction})")
     return tuple(names)
+
+
+def first_of(texts: Sequence[str], most: int, between: str = ", ") -> str:
+    """The first texts, as many as are shown, and two dots where there are more."""
+    return between.join(texts[:most]) + (f"{between}.." if len(texts) > most else "")
 
 
 def rms_deg(values: ComplexArray, orders: IntArray) -> float:

@@ -1,4 +1,4 @@
-"""Measured data of every kind as observations: campaign folders, harmonic tables, order spectra."""
+"""Measured data of every kind as observations: campaign folders, and harmonic tables."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from st_codegen.campaign.conditions import Conditions, temperatures_of_no_oil
+from st_codegen.campaign.conditions import Conditions
 from st_codegen.campaign.curves import CONDITIONS_FILE
 from st_codegen.campaign.harmonic_table import read_table
 from st_codegen.campaign.orders import BAND, OrderFit, Sums, fit_orders, listed
@@ -18,13 +18,14 @@ from st_codegen.errors import InputError, Problems, counted
 from st_codegen.files.csv_tables import read_csv
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.processes import Progress
-from st_codegen.reconcile.data.hum import without_hums, without_waves_between
-from st_codegen.reconcile.data.observations import Observations, from_table, labels, sorted_by
+from st_codegen.reconcile.data.checks import check_speeds
+from st_codegen.reconcile.data.hum import Hum, without_hums, without_waves_between
+from st_codegen.reconcile.data.observations import Observations, first_of, from_table, labels, sorted_by
+from st_codegen.reconcile.data.ramps import begin_text, ramp_deg
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects.wear import bump
 from st_codegen.rig.model import RigModel
 
-_DEGREES = 57.29577951308232
 #: angles of a turn at which a bump is looked for
 _ANGLES = 2048
 #: order times width (rad) from which on a bump's waves are below a hundredth of its largest
@@ -47,52 +48,18 @@ def read_measured(
 
 
 def _campaign(folder: Path, rig: RigModel, progress: Progress | None, skip_bad: bool, scale: float) -> Observations:
-    campaign = read_campaign(folder, skip_bad=skip_bad, progress=progress)
-    campaign, clipped = _without_clipped(campaign)
-    sums, between = without_waves_between([curve.sums for curve in campaign.curves], rig.orders())
-    # a wave that does not come back looks like a ramp
-    campaign = _with_sums(campaign, sums)
-    _check_ratio(campaign, rig)
-    problems = Problems(str(folder))
-    _check_speeds(campaign.at, [curve.path.name for curve in campaign.curves], problems)
-    problems.raise_if_any()
-    turns = campaign.at.speed_rpm / (60.0 * rig.constants.reduction_ratio)
-    sums, hums = without_hums(sums, turns, rig.orders())
-    campaign = _with_sums(campaign, sums)
+    campaign, clipped = _without_clipped(read_campaign(folder, skip_bad=skip_bad, progress=progress))
+    campaign, hums = _without_foreign_waves(campaign, rig)
     bands = np.array([min(curve.sums.band, BAND) for curve in campaign.curves])
-    band = int(bands.max())
     # what the rig makes above the band leaks into it where curves have gaps
     above = [order for order in rig.orders() if order > bands.min()]
     beyond = rig.coefficients(campaign.at, above) / scale if above else np.zeros((len(bands), 0))
     expected = [dict(zip(above, row.tolist(), strict=True)) for row in beyond]
-    first = _fits(campaign, list(rig.orders()), bands, expected, progress)
-    waves = np.full((len(first), band + 1), np.nan, np.complex128)
-    floor = np.ones(waves.shape)
-    for row, fit in enumerate(first):
-        waves[row, : bands[row] + 1] = fit.waves[: bands[row] + 1]
-        floor[row, : bands[row] + 1] = np.maximum(fit.spectrum_floor[: bands[row] + 1], 1e-30)
-    power = np.abs(waves / floor) ** 2
-    mistaken = _mistaken(campaign, {*rig.orders(), *np.flatnonzero(_loud(power)).tolist()}, band)
-    mistaken |= _alone(power, np.array([curve.sums.in_turn for curve in campaign.curves]), rig.orders())
-    waves[mistaken] = np.nan
-    told = [k for k in rig.orders() if k <= band and not mistaken[:, k].all()]
-    loud = np.flatnonzero(_loud(np.abs(waves / floor) ** 2)).tolist()
-    known = {*told, *loud}
-    shared = _shared(waves, campaign.at.sign, known) or _of_a_place(
-        waves, floor, campaign.at.sign, known, rig.constants.mesh_orders()
-    )
-    orders = sorted({0, *known, *shared})
+    waves, floor = _spectra(_fits(campaign, list(rig.orders()), bands, expected, progress), bands)
+    orders, mistaken = _looked_at(campaign, rig, waves, floor)
     fits = _fits(campaign, orders, bands, expected, progress)
-    values = np.zeros((len(fits), len(orders)), np.complex128)
-    # an amplitude has the variance of two components; the floor of the mean is that of one number already
-    spectral = np.zeros(values.shape)
-    fitted = np.array(orders)[None, :] <= bands[:, None]
-    for row, fit in enumerate(fits):
-        values[row, fitted[row]] = fit.coefficients
-        spectral[row, fitted[row]] = fit.noise_floor
+    values, spectral, fitted = _coefficients(fits, orders, bands)
     seen = fitted & ~mistaken[:, orders]
-    spectral *= _colour(fits, orders, int(bands.min()))
-    spectral /= np.where(np.array(orders) == 0, 1.0, np.sqrt(2.0))
     run, listed_by = _listed_runs(folder, campaign)
     counts = {curve.sums.in_turn for curve in campaign.curves}
     unseen = _beyond(campaign, fits, bands, beyond)
@@ -112,10 +79,70 @@ def _campaign(folder: Path, rig: RigModel, progress: Progress | None, skip_bad: 
             *_mistaken_text(campaign, mistaken, bands, files),
         ),
         samples=counts.pop() if len(counts) == 1 else 0,
-        hums=(*between, *hums),
+        hums=hums,
         begins_rad=np.array([curve.sums.begin for curve in campaign.curves]),
         beyond_deg=unseen,
     )
+
+
+def _without_foreign_waves(campaign: Campaign, rig: RigModel) -> tuple[Campaign, tuple[Hum, ...]]:
+    """The campaign without waves that do not turn with the machine, and these.
+
+    Raises InputError where curves are none of the rig's: another ratio, or speeds of nothing that turns.
+    """
+    sums, between = without_waves_between([curve.sums for curve in campaign.curves], rig.orders())
+    # a wave that does not come back looks like a ramp
+    campaign = _with_sums(campaign, sums)
+    _check_ratio(campaign, rig)
+    problems = Problems(str(campaign.folder))
+    check_speeds(campaign.at, [curve.path.name for curve in campaign.curves], problems)
+    problems.raise_if_any()
+    turns = campaign.at.speed_rpm / (60.0 * rig.constants.reduction_ratio)
+    sums, hums = without_hums(sums, turns, rig.orders())
+    return _with_sums(campaign, sums), (*between, *hums)
+
+
+def _spectra(fits: Sequence[OrderFit], bands: IntArray) -> tuple[ComplexArray, FloatArray]:
+    """The waves of curves and their noise as amplitudes, (n, highest band + 1); what a curve does not tell is nan."""
+    waves = np.full((len(fits), int(bands.max()) + 1), np.nan, np.complex128)
+    floor = np.ones(waves.shape)
+    for row, (fit, band) in enumerate(zip(fits, bands.tolist(), strict=True)):
+        waves[row, : band + 1] = fit.waves[: band + 1]
+        floor[row, : band + 1] = np.maximum(fit.spectrum_floor[: band + 1], 1e-30)
+    return waves, floor
+
+
+def _looked_at(
+    campaign: Campaign, rig: RigModel, waves: ComplexArray, floor: FloatArray
+) -> tuple[list[int], BoolArray]:
+    """The orders that are looked at, and which of all orders each curve mistakes for another one, bool (n, K).
+
+    waves, floor: see `_spectra`.
+    """
+    power, band = np.abs(waves / floor) ** 2, waves.shape[1] - 1
+    mistaken = _mistaken(campaign, {*rig.orders(), *np.flatnonzero(_loud(power)).tolist()}, band)
+    mistaken |= _alone(power, np.array([curve.sums.in_turn for curve in campaign.curves]), rig.orders())
+    waves = np.where(mistaken, np.nan, waves)
+    told = [k for k in rig.orders() if k <= band and not mistaken[:, k].all()]
+    known = {*told, *np.flatnonzero(_loud(np.abs(waves / floor) ** 2)).tolist()}
+    sign = campaign.at.sign
+    shared = _shared(waves, sign, known) or _of_a_place(waves, floor, sign, known, rig.constants.mesh_orders())
+    return sorted({0, *known, *shared}), mistaken
+
+
+def _coefficients(
+    fits: Sequence[OrderFit], orders: list[int], bands: IntArray
+) -> tuple[ComplexArray, FloatArray, BoolArray]:
+    """Coefficients, the noise of one component of each by its curve, and whether its samples tell it, all (n, K)."""
+    values, fitted = np.zeros((len(fits), len(orders)), np.complex128), np.array(orders)[None, :] <= bands[:, None]
+    spectral = np.zeros(values.shape)
+    for row, fit in enumerate(fits):
+        values[row, fitted[row]] = fit.coefficients
+        spectral[row, fitted[row]] = fit.noise_floor
+    spectral *= _colour(fits, orders, int(bands.min()))
+    # an amplitude has the variance of two components; the floor of the mean is that of one number already
+    spectral /= np.where(np.array(orders) == 0, 1.0, np.sqrt(2.0))
+    return values, spectral, fitted
 
 
 def _beyond(
@@ -204,8 +231,7 @@ def _mistaken_text(campaign: Campaign, mistaken: BoolArray, bands: IntArray, fil
     most = max(campaign.curves[row].sums.in_turn for row in rows)
     return [
         f"orders {orders} of {counted(len(named), 'file')}: {most} or fewer samples a turn may show higher orders as "
-        "these: "
-        f"{_some(named)}"
+        f"these: {first_of(named, 5)}"
     ]
 
 
@@ -252,8 +278,8 @@ def _without_clipped(campaign: Campaign) -> tuple[Campaign, list[str]]:
             most = int(held[own, side].max())
             texts.append(
                 f"{counted(int(own.sum()), 'curve')} that are cut off at {limit:g}, with up to "
-                f"{counted(most, 'sample')} in a row there, as "
-                f"by a channel that saturates, or is too coarse for what lies there: {_some(files)}"
+                f"{counted(most, 'sample')} in a row there, as by a channel that saturates, or is too coarse for what "
+                f"lies there: {first_of(files, 5)}"
             )
     if cut.all():
         raise InputError(
@@ -265,10 +291,6 @@ def _without_clipped(campaign: Campaign) -> tuple[Campaign, list[str]]:
 
 def _file(campaign: Campaign, curve: MeasuredCurve) -> str:
     return curve.path.relative_to(campaign.folder).as_posix()
-
-
-def _some(files: list[str]) -> str:
-    return ", ".join(files[:5]) + (", .." if len(files) > 5 else "")
 
 
 def _not_looked_at(
@@ -284,7 +306,7 @@ def _not_looked_at(
     least = int(bands.min())
     if least < bands.max():
         coarse = sorted({file for file, band in zip(files, bands, strict=True) if band < bands.max()})
-        found.append(f"orders above {least} of {counted(len(coarse), 'file')} with few samples: {_some(coarse)}")
+        found.append(f"orders above {least} of {counted(len(coarse), 'file')} with few samples: {first_of(coarse, 5)}")
     above = [order for order in rig.orders() if order > bands.max()]
     if above:
         found.append(f"orders {listed(above)} of the rig: a quarter of the samples of a turn is {int(bands.max())}")
@@ -313,68 +335,6 @@ def _check_ratio(campaign: Campaign, rig: RigModel) -> None:
             f"computed with a reduction ratio of {ratio / (1 - size / 360.0):.6g}, not {ratio:g}. Compute TE with the "
             "ratio of the rig, or correct reduction_ratio in the rig file"
         )
-
-
-def ramp_deg(orders: IntArray, coefficients: ComplexArray) -> tuple[float, float, float]:
-    """The ramp over a turn (deg) that all orders share, the scatter of single ones, and where it begins (rad).
-
-    A ramp s is c_k = i s / (pi k) exp(-i k start). coefficients: complex (n, K) of orders (K,). Single waves have any
-    phase: only a ramp has one slope at all orders.
-    """
-    chosen = orders > 0
-    k, own = orders[chosen], coefficients[:, chosen]
-    if not k.size:
-        return 0.0, np.inf, 0.0
-    start = start_of_ramp(own, np.zeros(own.shape), k)
-    slopes = (own * np.exp(1j * start * k)).imag * np.pi * k
-    size = float(np.median(slopes))
-    scatter = float(np.median(np.abs(slopes - size))) / 0.6745
-    return (size, scatter, start) if is_one_slope(slopes, k, size) else (0.0, np.inf, 0.0)
-
-
-def is_one_slope(slopes: FloatArray, orders: IntArray, size: float) -> bool:
-    """Whether the lowest of the orders tell about the same slope (n, K) as the others, where there are enough of them.
-
-    What settles after the turn begins jumps there as a ramp does, and comes back: low orders see less of it.
-    """
-    above = np.flatnonzero(orders >= SETTINGS.ramp_orders[0])
-    if len(above) < SETTINGS.least_orders_of_slope:
-        return True
-    parts = np.split(above, [SETTINGS.lowest_of_slope])
-    low, high = (float(np.median(slopes[:, part])) for part in parts)
-    return abs(high - low) < SETTINGS.one_slope * abs(size)
-
-
-def start_of_ramp(gap: ComplexArray, noise: FloatArray, orders: IntArray) -> float:
-    """The angle (rad) at which ramps over the turn begin that explain most of gaps (n, K), 0 where that does as well.
-
-    noise: power, (n, K). Few orders have the phases of a ramp by chance, as many angles as there are to try.
-    """
-    waves = orders > 0
-    if waves.sum() < SETTINGS.least_orders_of_zero:
-        return 0.0
-    some = slice(None, None, -(-len(gap) // SETTINGS.rows_that_tell))
-    k, own = orders[waves], gap[some, waves]
-    # one vote an order, however large it is, as far as it is more than noise
-    power = np.maximum((np.abs(own) ** 2).mean(axis=0), 1e-300)
-    weighed = own / np.sqrt(power) * np.maximum(1.0 - noise[some, waves].mean(axis=0) / power, 0.0)
-
-    def explained(angles: FloatArray) -> FloatArray:
-        return np.asarray((np.imag(weighed @ np.exp(1j * np.outer(k, angles))) ** 2).sum(axis=0))
-
-    grid = np.arange(0.0, 2 * np.pi, 2 * np.pi / (8 * int(k.max())))
-    best, at_zero = float(grid[explained(grid).argmax()]), float(explained(np.zeros(1))[0])
-    if at_zero > SETTINGS.stable * float(explained(np.array([best]))[0]):
-        return 0.0
-    for step in (grid[1], grid[1] / 20, grid[1] / 400):
-        near = best + step * np.linspace(-1, 1, 41)
-        best = float(near[explained(near).argmax()])
-    return best
-
-
-def begin_text(start: float) -> str:
-    """Where a ramp begins, if not at the zero of the angle."""
-    return f" from {np.degrees(start):.1f} deg on" if start else ""
 
 
 def _listed_runs(folder: Path, campaign: Campaign) -> tuple[IntArray | None, str]:
@@ -407,8 +367,7 @@ def _loud(power: FloatArray) -> BoolArray:
     # the power of noise is exponential with mean 1: the mean of n has the standard deviation 1/sqrt(n)
     mean = np.minimum(power, SETTINGS.loud_line).mean(axis=0) > 1 + SETTINGS.quiet_order / np.sqrt(runs)
     few = (power > SETTINGS.loud_line).mean(axis=0) > np.maximum(0.01, 2.5 / runs)
-    loud: BoolArray = mean | few
-    return loud
+    return np.asarray(mean | few)
 
 
 def _shared(waves: ComplexArray, sign: FloatArray, known: set[int]) -> list[int]:
@@ -465,111 +424,3 @@ def _of_a_place(
             sure = np.abs(there if order else there.real).max() / np.sqrt(max((shape**2 / power).sum() / 2.0, 1e-300))
             best = max(best, (float(sure), reached.tolist()))
     return best[1]
-
-
-def check_channels(data: Observations, path: Path) -> None:
-    """Refuse data of which one direction is 0 throughout: nothing can be asked about it. Raises InputError."""
-    for sign, name in ((1.0, "forward"), (-1.0, "backward")):
-        own = data.at.sign == sign
-        if own.any() and np.abs(data.values).any() and not np.abs(data.values[own]).any():
-            raise InputError(f"{path}: the {name} TE is 0 in all runs: a dead channel? Leave that column out")
-
-
-def check(data: Observations, rig: RigModel, path: Path, *, units: bool = True) -> None:
-    """Refuse data that cannot be compared with the rig; `units`: sizes that look like other units too.
-
-    Raises one InputError with all of it: no order in common, too few conditions, values that are not finite, units.
-    """
-    problems = Problems(str(path))
-    if not np.isfinite(data.values).all():
-        rows = np.flatnonzero(~np.isfinite(data.values).all(axis=1))
-        problems.add(
-            f"{counted(len(rows), 'curve')} with values that are not finite, the first is {data.labels[rows[0]]}"
-        )
-    _check_speeds(data.at, data.labels, problems)
-    wrong = np.flatnonzero(temperatures_of_no_oil(data.at.temperature_C))
-    if len(wrong):
-        problems.add(
-            f"{counted(len(wrong), 'curve')} with a temperature that no oil has, the first is {data.labels[wrong[0]]} "
-            "with "
-            f"{data.at.temperature_C[wrong[0]]:g} degC: an error code? Correct it or leave these curves out"
-        )
-    overlap = bool(set(data.orders.tolist()) & set(rig.orders())) and bool(np.abs(data.values).any())
-    if not overlap:
-        problems.add(
-            f"no overlap with the rig: measured are the orders {listed(data.orders.tolist())}, the rig has "
-            f"{listed(list(rig.orders()))}; nothing can be compared"
-        )
-    points = len(np.unique(data.at.points, axis=0))
-    if len(data) < SETTINGS.least_curves or points < SETTINGS.least_points:
-        problems.add(
-            f"too few conditions for a claim: {counted(points, 'operating point')} in {counted(len(data), 'curve')}; "
-            "at least "
-            f"{SETTINGS.least_points} different conditions and {SETTINGS.least_curves} curves are needed"
-        )
-    if overlap and units:
-        with problems.collect():
-            check_units(data, rig, path)
-    problems.raise_if_any()
-
-
-def _check_speeds(at: Conditions, names: Sequence[str], problems: Problems) -> None:
-    """Add to problems the curves in which nothing turns: their conditions, or how speeds are given, are wrong."""
-    rows = np.flatnonzero(at.speed_rpm <= 0.0)
-    if len(rows):
-        problems.add(
-            f"{counted(len(rows), 'curve')} with a speed of 0 rpm or less, the first is {names[rows[0]]} with "
-            f"{at.speed_rpm[rows[0]]:g} rpm: speeds are above 0, and the direction has a column of its own"
-        )
-
-
-def check_units(data: Observations, rig: RigModel, path: Path) -> None:
-    """Ask about sizes that look like other units. Raises InputError."""
-    model = rig.coefficients(data.at, data.orders.tolist())
-    norms = np.abs(model).max(axis=0)
-    orders = np.flatnonzero(norms > 0)
-    if not len(orders):
-        return
-    # order by order the measured size over the simulated one; what is right for most of the TE decides
-    measured, simulated = (np.median(np.abs(values[:, orders]), axis=0) for values in (data.values, model))
-    sizes = np.log(np.maximum(measured, 1e-12) / np.maximum(simulated, 1e-12))
-    factor = float(np.exp(_weighted_median(sizes, norms[orders])))
-    if choices := unit_choices(factor, rig.constants.reduction_ratio):
-        raise InputError(f"{path}: {choices}")
-
-
-def unit_choices(factor: float, ratio: float, *, agreed: bool = False) -> str:
-    """What to ask about data that are `factor` times as large as a rig: nothing, or which unit they may have.
-
-    agreed: nearly all orders have this very factor, so that the unit does too, or is none that is known here.
-    """
-    known = {
-        1 / _DEGREES: "in rad instead of deg (a factor of 57.3)",
-        _DEGREES: "multiplied by 57.3, as if it had been in rad",
-        1000.0 / _DEGREES: "in mrad instead of deg (a factor of 17.5)",
-        60.0: "in arcmin instead of deg (a factor of 60)",
-        3600.0: "in arcsec instead of deg (a factor of 3600)",
-        ratio: f"that of the motor side (a factor of {ratio:g})",
-        1 / ratio: f"divided by the reduction ratio (a factor of {ratio:g})",
-    }
-    reach = np.log(SETTINGS.column_factor) if agreed else 0.9
-    near = sorted((f for f in known if abs(np.log(f / factor)) < reach), key=lambda f: abs(np.log(f / factor)))
-    if not near and agreed:
-        return (
-            f"the measured TE is {factor:.3g} times the rig's in nearly all orders alike: another unit, or another "
-            f"gain? Then give --scale {1 / factor:.6g}. If all parts of the machine really are of another size, give "
-            "--scale 1"
-        )
-    if not near:
-        return ""
-    choices = "; or ".join(f"{known[f]}: then give --scale {1 / f:.8g}" for f in near)
-    return (
-        f"the measured TE is {factor:.3g} times the rig's: another unit? Is it {choices}? "
-        "If the machine really is that different, or the rig file is that of another one, give --scale 1"
-    )
-
-
-def _weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
-    order = np.argsort(values)
-    total = np.cumsum(weights[order])
-    return float(values[order][np.searchsorted(total, total[-1] / 2)])

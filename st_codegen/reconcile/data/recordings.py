@@ -8,14 +8,14 @@ by sample. Columns and signs: docs/effects.md.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from st_codegen.errors import InputError, Problems, counted
 from st_codegen.files.csv_tables import header_of, read_csv
-from st_codegen.ir.arrays import FloatArray, IntArray
+from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
@@ -38,6 +38,16 @@ class Recording:
     time_s: FloatArray
     angles: dict[str, FloatArray]
     at: Conditions
+
+    @property
+    def fast(self) -> str:
+        """The name of the angle of the fast side that is nearest to the output."""
+        return next(name for name in FAST if name in self.angles)
+
+    @property
+    def moves(self) -> BoolArray:
+        """The samples at which the axis moves, (n,): standstill says nothing of the direction, and little else."""
+        return np.asarray(self.at.speed_rpm > 0.02 * self.at.speed_rpm.max())
 
     def rows(self, index: IntArray) -> Recording:
         """The samples of an index array."""
@@ -100,21 +110,35 @@ def speed_of(angles: Mapping[str, FloatArray], time_s: FloatArray) -> FloatArray
     """The rate of the fast side, deg/s (n,): of the reference, else of a measured angle over some samples."""
     smooth = next(angles[name] for name in ("theta_ref", "theta_in", "theta_mot") if name in angles)
     speed: FloatArray = np.gradient(smooth, time_s)
-    return speed if "theta_ref" in angles else _smoothed(speed, 15)
+    return speed if "theta_ref" in angles else _smoothed(speed)
 
 
-def _smoothed(values: FloatArray, count: int) -> FloatArray:
+def _smoothed(values: FloatArray) -> FloatArray:
+    count = 15
     kernel = np.ones(count) / count
-    found: FloatArray = np.convolve(np.pad(values, count // 2, mode="edge"), kernel, mode="valid")[: len(values)]
-    return found
+    return np.convolve(np.pad(values, count // 2, mode="edge"), kernel, mode="valid")[: len(values)]
 
 
 def _directions(speed: FloatArray) -> FloatArray:
     """+1 or -1; at standstill the last direction, forward before the first motion."""
     moving = np.abs(speed) > 1e-3 * np.abs(speed).max()
     last = np.maximum.accumulate(np.where(moving, np.arange(len(speed)), 0))
-    found: FloatArray = np.where(moving[last], np.sign(speed[last]), 1.0)
-    return found
+    return np.where(moving[last], np.sign(speed[last]), 1.0)
+
+
+@dataclass(frozen=True)
+class _Samples:
+    """What a recording says of the reducer: the angle of the output and TE, deg (n,), and which samples move.
+
+    rounded_deg: RMS of what the angles are rounded by; bends: second differences of what the rig leaves where it moves.
+    """
+
+    recording: Recording
+    out: FloatArray
+    te: FloatArray
+    moving: IntArray
+    rounded_deg: float = 0.0
+    bends: FloatArray = field(default_factory=lambda: np.zeros(0))
 
 
 def observations(recordings: Sequence[Recording], rig: RigModel) -> Observations:
@@ -122,79 +146,75 @@ def observations(recordings: Sequence[Recording], rig: RigModel) -> Observations
 
     Of those without theta_out, beside others with it, there are none: what was not measured agrees with any rig.
     """
-    whole = [r for r in recordings if "theta_out" in r.angles]
     links = [r.name for r in recordings if "theta_out" not in r.angles]
     aside = [f"{name}: without theta_out it says nothing of the reducer" for name in links]
-    recordings = whole or recordings
-    parts, bends = [], [np.zeros(0)]
-    for r in recordings:
-        # standstill says nothing of the direction, and little of anything else
-        moving = r.at.speed_rpm > 0.02 * r.at.speed_rpm.max()
-        if "theta_out" in r.angles:
-            out = r.angles["theta_out"]
-            te = error_of(r, rig)
-            fast = next(name for name in FAST if name in r.angles)
-            steps = step_of(out), step_of(r.angles[fast]) / rig.constants.reduction_ratio
-            rounded = float(np.hypot(*steps)) / np.sqrt(12.0)
-            bends.append(np.diff(te - expected_error(r, out, rig), n=2)[moving[2:] & moving[1:-1] & moving[:-2]])
-        else:
-            # nothing is measured of the reducer: nothing differs there
-            out = next(iter(r.angles.values())) / rig.constants.reduction_ratio
-            te, rounded = expected_error(r, out, rig), 0.0
-        parts.append((r, out, te, rounded, np.flatnonzero(moving)))
-    if not any(len(rows) for *_, rows in parts):
+    recordings = [r for r in recordings if "theta_out" in r.angles] or recordings
+    parts = [_samples(r, rig) for r in recordings]
+    if not any(len(part.moving) for part in parts):
         raise InputError(f"{', '.join(r.name for r in recordings)}: the axis does not move, by its speed")
-    step = max(1, -(-sum(len(rows) for *_, rows in parts) // SETTINGS.most_samples))
-    labels, values, angles, conditions, roundings = list[str](), [], [], [], []
+    inside, too_long = _orders_inside(recordings, rig)
+    drawn = list(zip(parts, _drawn([part.moving for part in parts]), strict=True))
+    conditions = [part.recording.at.rows(rows) for part, rows in drawn]
+    # second differences of white noise have six times its variance; what is smooth over samples hardly has any
+    squares = np.concatenate([part.bends for part in parts]) ** 2
+    return Observations(
+        Conditions(*(np.concatenate([getattr(c, name) for c in conditions]) for name in ("sign", *_CONDITIONS))),
+        tuple(f"{part.recording.name}, t = {part.recording.time_s[i]:g} s" for part, rows in drawn for i in rows),
+        np.zeros(1, np.int64),
+        np.concatenate([part.te[rows] for part, rows in drawn]).astype(np.complex128)[:, None],
+        np.concatenate([np.deg2rad(part.out[rows]) for part, rows in drawn]),
+        inside,
+        neighbours_deg=float(np.sqrt(squares.mean() / 6.0)) if len(squares) else np.inf,
+        rounded_by=np.concatenate([np.full(len(rows), part.rounded_deg) for part, rows in drawn]),
+        not_looked_at=(*aside, *too_long),
+    )
+
+
+def _samples(r: Recording, rig: RigModel) -> _Samples:
+    """The transmission error of a recording; without theta_out it is the rig's own, since nothing else is known."""
+    moves, moving = r.moves, np.flatnonzero(r.moves)
+    if "theta_out" not in r.angles:
+        out = next(iter(r.angles.values())) / rig.constants.reduction_ratio
+        return _Samples(r, out, expected_error(r, out, rig), moving)
+    out, te = r.angles["theta_out"], error_of(r, rig)
+    steps = step_of(out), step_of(r.angles[r.fast]) / rig.constants.reduction_ratio
+    bends = np.diff(te - expected_error(r, out, rig), n=2)[moves[2:] & moves[1:-1] & moves[:-2]]
+    return _Samples(r, out, te, moving, float(np.hypot(*steps)) / np.sqrt(12.0), bends)
+
+
+def _drawn(moving: Sequence[IntArray]) -> list[IntArray]:
+    """As many of the samples that move as the common core is given, of each recording."""
     # even steps would show each order as others too
     random = np.random.default_rng(0)
-    for r, out, te, rounded, rows in parts:
-        first = np.arange(0, len(rows), step)
-        chosen = rows[first + random.integers(0, np.minimum(step, len(rows) - first))]
-        labels += [f"{r.name}, t = {r.time_s[i]:g} s" for i in chosen]
-        values.append(te[chosen])
-        angles.append(np.deg2rad(out[chosen]))
-        conditions.append(r.at.rows(chosen))
-        roundings.append(np.full(len(chosen), rounded))
-    at = Conditions(*(np.concatenate([getattr(c, name) for c in conditions]) for name in ("sign", *_CONDITIONS)))
-    constants = rig.constants
+    step = max(1, -(-sum(map(len, moving)) // SETTINGS.most_samples))
+    firsts = [np.arange(0, len(rows), step) for rows in moving]
+    return [
+        rows[first + random.integers(0, np.minimum(step, len(rows) - first))]
+        for rows, first in zip(moving, firsts, strict=True)
+    ]
+
+
+def _orders_inside(recordings: Sequence[Recording], rig: RigModel) -> tuple[tuple[int, ...], list[str]]:
+    """The orders of which the transmission error of recordings is the sum, and what is said of those that are not."""
+    constants, turns = rig.constants, turned(recordings, rig)
     highest = 3.1 * max(constants.cycloid_teeth, constants.pins)
     mesh = [k for k in constants.mesh_orders() if k <= highest]
     sides = [k + d for k in mesh for d in (-constants.cranks, constants.cranks)]
-    turns = turned(recordings, rig)
     # of less than a wave nobody can tell that it is one
     told = {order for order in {constants.cranks, *mesh, *sides, *range(13)} if order * turns >= SETTINGS.least_of_wave}
     inside = tuple(sorted({0, *rig.orders(), *told}))
-    if turns < SETTINGS.least_of_wave:
-        aside.append(
-            f"orders below {SETTINGS.least_of_wave / max(turns, 1e-6):.3g} but those of the rig: the output turns by "
-            f"{turns:.2g} of a turn at most, less than a wave of them"
-        )
-    column = np.concatenate(values).astype(np.complex128)[:, None]
-    # second differences of white noise have six times its variance; what is smooth over samples hardly has any
-    squares = np.concatenate(bends) ** 2
-    neighbours = float(np.sqrt(squares.mean() / 6.0)) if len(squares) else np.inf
-    orders, places = np.zeros(1, np.int64), np.concatenate(angles)
-    return Observations(
-        at,
-        tuple(labels),
-        orders,
-        column,
-        places,
-        inside,
-        neighbours_deg=neighbours,
-        rounded_by=np.concatenate(roundings),
-        not_looked_at=tuple(aside),
-    )
+    if turns >= SETTINGS.least_of_wave:
+        return inside, []
+    return inside, [
+        f"orders below {SETTINGS.least_of_wave / max(turns, 1e-6):.3g} but those of the rig: the output turns by "
+        f"{turns:.2g} of a turn at most, less than a wave of them"
+    ]
 
 
 def turned(recordings: Sequence[Recording], rig: RigModel) -> float:
     """Turns of the output over which the recording goes that goes farthest."""
-    ratio, found = rig.constants.reduction_ratio, [0.0]
-    for r in recordings:
-        fast = next(r.angles[name] for name in FAST if name in r.angles)
-        found.append(float(np.ptp(fast)) / (360.0 * ratio))
-    return max(found)
+    degrees = [float(np.ptp(r.angles[r.fast])) for r in recordings]
+    return max(degrees, default=0.0) / (360.0 * rig.constants.reduction_ratio)
 
 
 def step_of(angle: FloatArray) -> float:
@@ -216,19 +236,17 @@ def expected_error(r: Recording, out: FloatArray, rig: RigModel) -> FloatArray:
     """The transmission error that the rig has, deg (n,): what sensors of the conditions scatter by is in it."""
     parts = np.array_split(np.arange(len(out)), max(1, len(out) // _AT_ONCE))
     at = [r.at.rows(part) for part in parts]
-    found: FloatArray = np.concatenate(
+    return np.concatenate(
         [
             rig.te_deg(out[part], a.sign, a.speed_rpm, a.torque_Nm, a.temperature_C)
             for part, a in zip(parts, at, strict=True)
         ]
     )
-    return found
 
 
 def error_of(r: Recording, rig: RigModel) -> FloatArray:
     """The transmission error of a recording with theta_out, deg (n,)."""
-    found: FloatArray = r.angles["theta_out"] - _input_angle(r, rig) / rig.constants.reduction_ratio
-    return found
+    return r.angles["theta_out"] - _input_angle(r, rig) / rig.constants.reduction_ratio
 
 
 def _input_angle(r: Recording, rig: RigModel) -> FloatArray:

@@ -13,15 +13,13 @@ from functools import cached_property
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
+from st_codegen.reconcile.data.contrasts import AXES
 from st_codegen.reconcile.fit.normal import Normal, by_group, gather, inverse
-from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.fit.propagation import Propagation
-from st_codegen.reconcile.fit.state import State
+from st_codegen.reconcile.fit.state import Piece, State
 from st_codegen.reconcile.fit.target import Column, FitData
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Form
-
-AXES = ("speed", "torque", "temperature")
+from st_codegen.rig.effects import Effect, Form
 
 
 @dataclass(frozen=True)
@@ -81,6 +79,16 @@ class Fit:
         """How effects reach the measured coefficients in this fit."""
         return Propagation(self.state.model(), self.target.data)
 
+    def explained(self, effect: Effect) -> ComplexArray:
+        """What an effect contributes to the measured coefficients, (n, K)."""
+        return self.propagation.measured(self.propagation.change(effect), effect.stage)
+
+    def shown_change(self, piece: Piece) -> ComplexArray:
+        """What the change of a piece of the rig makes of the measured coefficients, (n, K)."""
+        assert piece.origin is not None
+        change = self.propagation.change(piece.effect) - self.propagation.change(piece.origin)
+        return self.propagation.measured(change, piece.effect.stage)
+
     @cached_property
     def covariance(self) -> FloatArray:
         """Covariance of the coordinates that allows for any correlation within clusters of runs (sandwich), (p, p)."""
@@ -113,8 +121,7 @@ class Fit:
             ratio = moved / np.maximum(by_noise, 1e-300)
             times = np.where(ratio > SETTINGS.moved, np.maximum(times, ratio), times)
         root = np.sqrt(times)
-        found: FloatArray = self.covariance * root[:, None] * root[None, :]
-        return found
+        return self.covariance * root[:, None] * root[None, :]
 
     def folds(self, axis: str) -> list[Fold]:
         """The folds of an axis (one of AXES), each with the parameters that the other runs give.
@@ -269,5 +276,4 @@ def bounded_step(
             break
         step[out] = np.clip(aim[out], bounds[0][out], bounds[1][out]) - vector[out]
         free &= ~out
-    found: FloatArray = np.clip(vector + step, *bounds) - vector
-    return found
+    return np.clip(vector + step, *bounds) - vector

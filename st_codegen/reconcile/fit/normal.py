@@ -57,8 +57,12 @@ def gather(
 def by_group(values: FloatArray, groups: IntArray) -> FloatArray:
     """Sums of values (cells, ..) over the cells of each group, (groups, ..)."""
     member = (np.arange(int(groups.max(initial=0)) + 1)[:, None] == groups[None, :]).astype(np.float64)
-    found: FloatArray = np.tensordot(member, values, 1)
-    return found
+    return np.tensordot(member, values, 1)
+
+
+def made_of(columns: FloatArray, values: FloatArray) -> FloatArray:
+    """The combination of columns (n, p) that is nearest to values (n,), by least squares."""
+    return columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
 
 
 def inverse(matrix: FloatArray) -> FloatArray:
@@ -66,5 +70,4 @@ def inverse(matrix: FloatArray) -> FloatArray:
     size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     scaled = matrix / size[:, None] / size[None, :]
     scaled[np.diag_indices_from(scaled)] += 1e-10
-    found: FloatArray = np.linalg.inv(scaled) / size[:, None] / size[None, :]
-    return found
+    return np.linalg.inv(scaled) / size[:, None] / size[None, :]

@@ -8,7 +8,7 @@ import numpy as np
 
 from st_codegen.ir.arrays import ComplexArray, FloatArray
 from st_codegen.reconcile.data.observations import Observations
-from st_codegen.reconcile.fit.parameters import Coordinate, Piece
+from st_codegen.reconcile.fit.state import Coordinate, Piece
 from st_codegen.reconcile.fit.target import Column
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect, Stage
@@ -101,8 +101,7 @@ class Propagation:
         up, down = vector.copy(), vector.copy()
         up[number], down[number] = min(up[number] + step, c.upper), max(down[number] - step, c.lower)
         changes = [self.change(piece.with_vector(v).effect) for v in (up, down)]
-        found: ComplexArray = (changes[0] - changes[1]) / (up[number] - down[number])
-        return found
+        return np.asarray((changes[0] - changes[1]) / (up[number] - down[number]))
 
     @staticmethod
     def _column(values: ComplexArray) -> Column:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from st_codegen.reconcile.data.contrasts import speed_levels
+from st_codegen.reconcile.data.contrasts import equal_parts, speed_levels
 from st_codegen.reconcile.data.noise import sigma_of
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.settings import SETTINGS
@@ -57,8 +57,7 @@ def _folds(values: FloatArray, count: int) -> IntArray:
     """Folds of whole levels, dealt in turn; values that hardly repeat are cut into blocks."""
     levels, index = np.unique(values, return_inverse=True)
     if len(levels) > max(25, len(values) // 4):
-        cuts = np.quantile(values, np.linspace(0, 1, count + 1)[1:-1])
-        return np.searchsorted(cuts, values).astype(np.int64)
+        return equal_parts(values, count)
     return (index % count).astype(np.int64)
 
 
@@ -128,15 +127,11 @@ class FitData:
     def losses(self, residual: ComplexArray, rows: BoolArray | None = None) -> FloatArray:
         """Twice Huber's loss of each row (of the chosen rows) and order, float64 (n, K): small ones like chi-square."""
         chosen = slice(None) if rows is None else rows
-        z = np.abs(np.where(self.data.orders == 0, residual.real, residual)) / self.spread[chosen]
+        z = np.abs(self.data.with_real_mean(residual)) / self.spread[chosen]
         z = z * self.counts[chosen]
-        found: FloatArray = np.where(z <= SETTINGS.huber, z**2, 2 * SETTINGS.huber * z - SETTINGS.huber**2)
-        return found
+        return np.where(z <= SETTINGS.huber, z**2, 2 * SETTINGS.huber * z - SETTINGS.huber**2)
 
     def weights(self, residual: ComplexArray) -> FloatArray:
         """Weights of least squares that equal Huber's loss at these residuals, by row and order, in 1/deg^2."""
-        z = np.abs(np.where(self.data.orders == 0, residual.real, residual)) / self.spread
-        found: FloatArray = (
-            self.counts * np.minimum(1.0, SETTINGS.huber / np.maximum(z, SETTINGS.huber)) / self.spread**2
-        )
-        return found
+        z = np.abs(self.data.with_real_mean(residual)) / self.spread
+        return self.counts * np.minimum(1.0, SETTINGS.huber / np.maximum(z, SETTINGS.huber)) / self.spread**2

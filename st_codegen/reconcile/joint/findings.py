@@ -70,41 +70,45 @@ def verdict(result: JointResult, found: Sequence[JointFinding]) -> Outcome:
     return Outcome.of(named=bool(found), is_more_left=bool(signatures(result)))
 
 
-_WORDS = {
-    "dry_friction": "dry (Coulomb) friction of {0}",
-    "viscous_friction": "friction that rises with speed (viscous): {0}",
-    "square_friction": "friction that rises with the square of the speed: {0}",
-    "direction_dependent_friction": "friction that rises more with speed in the {1} direction, by twice {0}",
-    "load_dependent_friction": "friction that grows with the load: {0} of the torque through the joint",
-    "dry_friction_drift": "dry friction that changes over the recording, by {0} from its start to its end",
-    "viscous_friction_drift": "viscous friction that changes over the recording, by {0} from its start to its end",
-    "torque_zero_drift": "a zero of the torque that drifts, by {0} from the start to the end",
-}
-_UNITS = {
-    "dry_friction": "Nm",
-    "viscous_friction": "Nm_s",
-    "square_friction": "Nm_s2",
-    "direction_dependent_friction": "Nm_s",
-    "load_dependent_friction": "",
-    "dry_friction_drift": "Nm",
-    "viscous_friction_drift": "Nm_s",
-    "torque_zero_drift": "Nm",
+@dataclass(frozen=True)
+class _Said:
+    """What is said of a part: words ({0}: size, {1}: direction), its unit, and what explains it in any data."""
+
+    words: str
+    unit: str
+    always: tuple[str, ...] = ()
+
+
+_WARMING = ("warming or running in: no temperature is measured",)
+_SAID = {
+    "dry_friction": _Said("dry (Coulomb) friction of {0}", "Nm"),
+    "viscous_friction": _Said("friction that rises with speed (viscous): {0}", "Nm_s"),
+    "square_friction": _Said("friction that rises with the square of the speed: {0}", "Nm_s2"),
+    "direction_dependent_friction": _Said(
+        "friction that rises more with speed in the {1} direction, by twice {0}",
+        "Nm_s",
+        ("any torque that grows with speed and keeps its sign, such as that of a cable or fan",),
+    ),
+    "load_dependent_friction": _Said(
+        "friction that grows with the load: {0} of the torque through the joint",
+        "",
+        ("friction that depends on the angle, where the load does",),
+    ),
+    "dry_friction_drift": _Said(
+        "dry friction that changes over the recording, by {0} from its start to its end", "Nm", _WARMING
+    ),
+    "viscous_friction_drift": _Said(
+        "viscous friction that changes over the recording, by {0} from its start to its end", "Nm_s", _WARMING
+    ),
+    "torque_zero_drift": _Said(
+        "a zero of the torque that drifts, by {0} from the start to the end", "Nm", ("a load that changes",)
+    ),
 }
 _INSTEAD = {
     "curved_friction": "friction curved over speed",
     "reversal_travel": "a friction that builds up over a travel after each reversal",
     "reversal_time": "something that fades with time after each reversal (a filter)",
-    **{name: name.replace("_", " ") for name in _UNITS},
-}
-#: what explains such a change as well, whatever the data
-_ALWAYS = {
-    "dry_friction_drift": ("warming or running in: no temperature is measured",),
-    "viscous_friction_drift": ("warming or running in: no temperature is measured",),
-    "torque_zero_drift": ("a load that changes",),
-    "direction_dependent_friction": (
-        "any torque that grows with speed and keeps its sign, such as that of a cable or fan",
-    ),
-    "load_dependent_friction": ("friction that depends on the angle, where the load does",),
+    **{name: name.replace("_", " ") for name in _SAID},
 }
 
 
@@ -142,12 +146,13 @@ def _part(result: JointResult, name: str) -> JointFinding | None:
     if name == "dry_friction":
         slowest, fastest = np.quantile(np.abs(result.rows.speed), (0.02, 0.98))
         remark = f"read between {slowest:.2g} and {fastest:.2g} rad/s; at standstill it is not seen"
-    alternatives = (*(_INSTEAD[one] for one in chosen.alternatives.get(name, ())), *_ALWAYS.get(name, ()))
+    said = _SAID[name]
+    alternatives = (*(_INSTEAD[one] for one in chosen.alternatives.get(name, ())), *said.always)
     size = abs(value) if name == "direction_dependent_friction" else value
     way = "positive" if value > 0 else "negative"
-    text = _WORDS[name].format(number(size, error, _UNITS[name]), way)
-    key = name if not _UNITS[name] else f"{name}_{_UNITS[name]}"
-    return JointFinding(name, text, {key: (value, error, _UNITS[name])}, alternatives, remark, _share(result, name))
+    text = said.words.format(number(size, error, said.unit), way)
+    key = f"{name}_{said.unit}" if said.unit else name
+    return JointFinding(name, text, {key: (value, error, said.unit)}, alternatives, remark, _share(result, name))
 
 
 #: forms of friction over speed by their power of it
@@ -227,7 +232,7 @@ def _reversal(result: JointResult, name: str) -> JointFinding | None:
 
 def _unnamed(result: JointResult, name: str) -> str:
     size, error = result.chosen.value(name)
-    value = number(size, error, _UNITS.get(name, "Nm"))
+    value = number(size, error, _SAID[name].unit if name in _SAID else "Nm")
     if not _is_told(name, size, error):
         return f"a part with the form of {_INSTEAD[name]} ({value}): what else is left could make all of it"
     if name in ("dry_friction", "viscous_friction", "load_dependent_friction"):
@@ -240,12 +245,8 @@ def _unnamed(result: JointResult, name: str) -> str:
 
 
 def _amplitude(result: JointResult, wave: TorqueWave) -> float:
-    place = 0
-    for part in result.chosen.parts:
-        if part.name == wave.gain.part.name:
-            return float(np.hypot(*result.chosen.fit.values[place : place + 2]))
-        place += part.columns.shape[1]
-    return 0.0
+    place = result.chosen.place(wave.gain.part.name)
+    return 0.0 if place is None else float(np.hypot(*result.chosen.fit.values[place]))
 
 
 def _ripples(result: JointResult) -> list[TorqueWave]:

@@ -38,7 +38,6 @@ class JointMode:
     resonance_error: float
     damping_error: float
     antiresonance_Hz: float | None
-    misfit: tuple[float, float]
     response: JointResponse
     fitted: ComplexArray
 
@@ -80,20 +79,17 @@ def response(pieces: Sequence[tuple[FloatArray, FloatArray]], step_s: float) -> 
 
 def _plain(p: FloatArray, w: FloatArray) -> ComplexArray:
     """Inertia, damping, stiffness, late by a time: all that a rigid joint under control shows."""
-    found: ComplexArray = (p[0] + p[1] / (1j * w) - p[2] / w**2) * np.exp(-1j * w * p[3])
-    return found
+    return np.asarray((p[0] + p[1] / (1j * w) - p[2] / w**2) * np.exp(-1j * w * p[3]))
 
 
 def _upper(p: FloatArray, w: FloatArray) -> ComplexArray:
     """A resonance alone: an encoder behind the spring."""
-    found: ComplexArray = _plain(p, w) * (p[4] ** 2 - w**2 + 2j * p[5] * p[4] * w) / p[4] ** 2
-    return found
+    return np.asarray(_plain(p, w) * (p[4] ** 2 - w**2 + 2j * p[5] * p[4] * w) / p[4] ** 2)
 
 
 def _both(p: FloatArray, w: FloatArray) -> ComplexArray:
     """Antiresonance and resonance: an encoder before the spring; or a resonance, and a filter above it."""
-    found: ComplexArray = _upper(p, w) * p[6] ** 2 / (p[6] ** 2 - w**2 + 2j * p[7] * p[6] * w)
-    return found
+    return np.asarray(_upper(p, w) * p[6] ** 2 / (p[6] ** 2 - w**2 + 2j * p[7] * p[6] * w))
 
 
 def find_mode(found: JointResponse) -> JointMode | None:
@@ -133,7 +129,7 @@ def find_mode(found: JointResponse) -> JointMode | None:
     spread[4] = np.sqrt(spread[4] ** 2 + apart[0] ** 2 + (after * p[5] * p[4]) ** 2)
     spread[5] = np.sqrt(spread[5] ** 2 + apart[1] ** 2 + (after * p[5]) ** 2)
     return JointMode(
-        float(p[4] * to_hertz), float(p[5]), float(spread[4] * to_hertz), float(spread[5]), lower, (before, after),
+        float(p[4] * to_hertz), float(p[5]), float(spread[4] * to_hertz), float(spread[5]), lower,
         found, model(p, w),
     )  # fmt: skip
 

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -144,8 +145,8 @@ def acting_of(rows: JointRows) -> Acting:
 
     Other numbers of them that predict no worse give friction another size: nobody knows which are the true ones.
     """
-    names = ("dry_friction", "viscous_friction", "curved_friction")
-    parts = [rigid(rows), *(KINDS[name].variants(name, rows, np.zeros((len(rows.time), 2)))[0] for name in names)]
+    names = RICH
+    parts = [rigid(rows), *first_of_kinds(rows, *names)]
     size = np.sqrt((rows.others**2).mean(axis=0))
     free = rows.others / np.where(size > 0, size, 1.0)
     basis = np.linalg.qr(stacked(parts))[0]
@@ -187,8 +188,9 @@ class PartKind:
     laws: tuple[Columns, ...]
     shapes: Callable[[JointRows], FloatArray] = lambda _: np.zeros(1)
 
-    def variants(self, name: str, rows: JointRows, load: FloatArray) -> list[TorquePart]:
-        """The part with each law and shape."""
+    def variants(self, name: str, rows: JointRows, load: FloatArray | None = None) -> list[TorquePart]:
+        """The part with each law and shape; load: see `load_of`, nothing where it is not known yet."""
+        load = np.zeros((len(rows.time), 2)) if load is None else load
         return [
             TorquePart(name, float(s), column(rows, float(s), load)[:, None], law)
             for law, column in enumerate(self.laws)
@@ -220,8 +222,7 @@ def _times(rows: JointRows) -> FloatArray:
 
 
 def _clock(rows: JointRows) -> FloatArray:
-    found: FloatArray = (rows.time - rows.time.mean()) / np.ptp(rows.time)
-    return found
+    return np.asarray((rows.time - rows.time.mean()) / np.ptp(rows.time))
 
 
 KINDS: Mapping[str, PartKind] = {
@@ -248,6 +249,15 @@ KINDS: Mapping[str, PartKind] = {
 }
 
 
+#: friction of a joint of which nothing is known yet
+RICH = ("dry_friction", "viscous_friction", "curved_friction")
+
+
+def first_of_kinds(rows: JointRows, *names: str) -> list[TorquePart]:
+    """Parts of some kinds, each by its first law and shape."""
+    return [KINDS[name].variants(name, rows)[0] for name in names]
+
+
 #: what friction may be over speed: forms of which one may take the place of another
 OVER_SPEED = ("dry_friction", "viscous_friction", "square_friction", "curved_friction")
 #: where the load follows the speed, as in a motion of one sine, friction by the load may look like these together
@@ -258,27 +268,34 @@ _CHANGES = {"viscous_friction", "square_friction", "curved_friction"}
 
 @dataclass(frozen=True)
 class Chosen:
-    """Parts that were taken, their fit, what each adds beside the others, and what could stand in its place.
+    """Parts that were taken, their fit, and what could stand in the place of each.
 
     by_law: by how much coefficients move when a part follows another law of its kind.
     """
 
     parts: tuple[TorquePart, ...]
     fit: Crossed
-    gains: Mapping[str, PartGain]
-    alternatives: Mapping[str, tuple[str, ...]]
-    not_told: tuple[str, ...]
+    alternatives: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    not_told: tuple[str, ...] = ()
     by_law: FloatArray | None = None
 
     def value(self, name: str, *, law: bool = True) -> tuple[float, float]:
         """Coefficient of the part with one column, and its standard error; law: as if its law were not known."""
-        place = 0
-        for part in self.parts:
-            if part.name == name:
-                spread = self.by_law[place] if law and self.by_law is not None else 0.0
-                return float(self.fit.values[place]), float(np.hypot(self.fit.errors[place], spread))
-            place += part.columns.shape[1]
-        raise KeyError(name)
+        own = self.place(name)
+        if own is None:
+            raise KeyError(name)
+        spread = self.by_law[own.start] if law and self.by_law is not None else 0.0
+        return float(self.fit.values[own.start]), float(np.hypot(self.fit.errors[own.start], spread))
+
+    @cached_property
+    def _places(self) -> list[slice]:
+        """Where the coefficients of each part stand."""
+        ends = itertools.accumulate((part.columns.shape[1] for part in self.parts), initial=0)
+        return [slice(*pair) for pair in itertools.pairwise(ends)]
+
+    def place(self, name: str) -> slice | None:
+        """Where the coefficients of a part stand; None where it is not among the parts."""
+        return next((own for part, own in zip(self.parts, self._places, strict=True) if part.name == name), None)
 
     def own(self, name: str) -> FloatArray:
         """What a part contributes, N m."""
@@ -287,12 +304,9 @@ class Chosen:
     def of(self, names: set[str]) -> FloatArray:
         """What parts contribute together, N m."""
         found = np.zeros(len(self.parts[0].columns))
-        place = 0
-        for part in self.parts:
-            width = part.columns.shape[1]
+        for part, own in zip(self.parts, self._places, strict=True):
             if part.name in names:
-                found = found + part.columns @ self.fit.values[place : place + width]
-            place += width
+                found = found + part.columns @ self.fit.values[own]
         return found
 
     def names(self) -> list[str]:
@@ -320,11 +334,7 @@ def choose(rows: JointRows, moves: Mapping[str, float], beside: Sequence[TorqueP
     base: list[TorquePart] = [rigid(rows)]
     fit = crossed(stacked(base), rows)
     group = others(rows)
-    friction = [
-        kind.variants(name, rows, np.zeros((len(rows.time), 2)))[0]
-        for name, kind in KINDS.items()
-        if "friction" in name
-    ][:2]
+    friction = first_of_kinds(rows, "dry_friction", "viscous_friction")
     if group is not None:
         rich = [*base, *friction]
         if gain_of([group], rich, rows, crossed(stacked(rich), rows)).passed:
@@ -346,7 +356,7 @@ def choose(rows: JointRows, moves: Mapping[str, float], beside: Sequence[TorqueP
 
 
 def _gains(rows: JointRows, parts: Sequence[TorquePart], fit: Crossed, not_told: set[str]) -> dict[str, PartGain]:
-    now = Chosen(tuple(parts), fit, {}, {}, ())
+    now = Chosen(tuple(parts), fit)
     load, there = load_of(now), set(now.names())
     basis = np.linalg.qr(stacked(parts))[0]
     gains = {}
@@ -367,8 +377,7 @@ def _both(
     pair = ("viscous_friction", "curved_friction")
     if not set(pair) <= set(gains):
         return []
-    load = np.zeros((len(rows.time), 2))
-    (rise,), falls = (KINDS[name].variants(name, rows, load) for name in pair)
+    (rise,), falls = (KINDS[name].variants(name, rows) for name in pair)
     joined = [
         TorquePart("both", fall.shape, np.hstack([rise.columns, fall.columns]), n) for n, fall in enumerate(falls)
     ]
@@ -382,7 +391,7 @@ def _of_best_form(rows: JointRows, parts: list[TorquePart]) -> list[TorquePart]:
     One by one, a form that is not the true one may come first and another one mend it. Whether a form is needed beside
     those that stay is asked elsewhere.
     """
-    load, basis = np.zeros((len(rows.time), 2)), np.linalg.qr(stacked(parts))[0]
+    basis = np.linalg.qr(stacked(parts))[0]
     rest = [part for part in parts if part.name not in _FORMS]
     forms = {part.name: part for part in parts if part.name in _FORMS}
     taken, before = set(forms), crossed(stacked(parts), rows)
@@ -391,7 +400,7 @@ def _of_best_form(rows: JointRows, parts: list[TorquePart]) -> list[TorquePart]:
         # what looks like the load may hide the others from one another
         basis = np.linalg.qr(stacked([*rest, *forms.values()]))[0]
     for name in OVER_SPEED if taken else ():
-        variants = [v for v in KINDS[name].variants(name, rows, load) if told(v, basis) > SETTINGS.joint_told]
+        variants = [v for v in KINDS[name].variants(name, rows) if told(v, basis) > SETTINGS.joint_told]
         if name not in forms and variants:
             forms[name] = gain_of(variants, parts, rows, before).part
     if by_load is not None:
@@ -419,7 +428,7 @@ def _judged(rows: JointRows, parts: list[TorquePart], not_told: set[str], moves:
     while True:
         fit = crossed(stacked(parts), rows)
         gains, alternatives, of_forms = {}, {}, np.zeros(len(fit.values))
-        now = Chosen(tuple(parts), fit, {}, {}, ())
+        now = Chosen(tuple(parts), fit)
         for part in parts:
             if part.name in (RIGID, OTHERS):
                 continue
@@ -444,7 +453,7 @@ def _judged(rows: JointRows, parts: list[TorquePart], not_told: set[str], moves:
             by_law = np.hypot(by_law, np.sqrt(left) / np.maximum(size, 1e-300))
             of_parts = [moves.get(part.name, 0.0) for part in parts for _ in range(part.columns.shape[1])]
             by_law = np.hypot(np.hypot(by_law, of_parts), _of_time(rows, parts))
-            return Chosen(tuple(parts), fit, gains, alternatives, tuple(sorted(not_told)), by_law)
+            return Chosen(tuple(parts), fit, alternatives, tuple(sorted(not_told)), by_law)
         worst = min(weak, key=lambda name: gains[name].share)
         parts = [p for p in parts if p.name != worst]
 
@@ -468,8 +477,7 @@ def _of_time(rows: JointRows, parts: list[TorquePart]) -> FloatArray:
     columns = stacked(parts)
     fit = crossed(np.hstack([columns, rows.torque_rate[:, None]]), rows)
     late = min(rows.step_s / 2, abs(float(fit.values[-1])) + 2 * float(fit.errors[-1]))
-    found: FloatArray = np.abs(np.linalg.lstsq(columns, rows.torque_rate * late, rcond=None)[0])
-    return found
+    return np.asarray(np.abs(np.linalg.lstsq(columns, rows.torque_rate * late, rcond=None)[0]))
 
 
 def _of_another(
@@ -510,8 +518,8 @@ def _is_sure(now: Chosen, name: str) -> bool:
 
 def without_outliers(rows: JointRows) -> tuple[JointRows, int]:
     """Rows without single ones far off a rich model, where they are few."""
-    names = ("dry_friction", "viscous_friction", "direction_dependent_friction")
-    parts = [*base_of(rows), *(KINDS[name].variants(name, rows, np.zeros((len(rows.time), 2)))[0] for name in names)]
+    friction = first_of_kinds(rows, "dry_friction", "viscous_friction", "direction_dependent_friction")
+    parts = [*base_of(rows), *friction]
     left = rows.torque - stacked(parts) @ crossed(stacked(parts), rows).values
     far = np.abs(left - np.median(left)) > 12 * 1.4826 * np.median(np.abs(left - np.median(left)))
     return (rows.where(~far), int(far.sum())) if 0 < far.mean() < 0.01 else (rows, 0)

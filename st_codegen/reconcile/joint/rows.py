@@ -49,8 +49,7 @@ class JointRows:
     @property
     def sign(self) -> FloatArray:
         """Direction of motion, +1 or -1."""
-        found: FloatArray = np.sign(self.speed)
-        return found
+        return np.sign(self.speed)
 
     def where(self, kept: np.ndarray) -> JointRows:
         """The rows that a mask or an index array chooses, of every column."""
@@ -168,8 +167,7 @@ def _rows(
     def direction(speed: FloatArray, width: int) -> FloatArray:
         noise = noise_of(raw) / one.step_s / np.sqrt(4 * np.sqrt(np.pi) * width**3)
         slow = np.abs(speed) < max(SETTINGS.joint_standing * float(np.abs(speed).max()), 5 * noise)
-        found: FloatArray = np.where(slow, 0.0, np.sign(speed))
-        return found
+        return np.where(slow, 0.0, np.sign(speed))
 
     sign = direction(speed, kernel)
     window = 6 * kernel + 1

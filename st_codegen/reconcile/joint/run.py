@@ -11,8 +11,8 @@ from st_codegen.errors import InputError, Problems
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.joint.mode import JointMode, find_mode, is_rigid, response
 from st_codegen.reconcile.joint.parts import (
-    KINDS,
     OTHERS,
+    RICH,
     RIGID,
     Chosen,
     TorquePart,
@@ -20,6 +20,7 @@ from st_codegen.reconcile.joint.parts import (
     base_of,
     choose,
     crossed,
+    first_of_kinds,
     floor_of,
     stacked,
     surely,
@@ -72,8 +73,7 @@ class JointResult:
     @property
     def left(self) -> FloatArray:
         """The measured torque less all parts that were chosen, N m (rows,)."""
-        found: FloatArray = self.rows.torque - self.chosen.of(set(self.chosen.names()))
-        return found
+        return self.rows.torque - self.chosen.of(set(self.chosen.names()))
 
 
 def reconcile_joints(
@@ -107,7 +107,7 @@ def _joint(recordings: list[JointRecording], joint: str, accept: Collection[str]
         return None
     if not np.ptp(rows.torque):
         raise InputError(f"tau{joint} never changes: it is no torque of a joint that moves")
-    notes = [note for one in recordings for note in one.notes if _speaks_of(note, joint)]
+    notes = [note for one in recordings for note in one.notes if f"dq{joint} " in note or "dq" not in note]
     if is_opposite(rows):
         if not {"sign", "all"} & set(accept):
             raise InputError(
@@ -137,16 +137,10 @@ def _joint(recordings: list[JointRecording], joint: str, accept: Collection[str]
     return JointResult(joint, rows, chosen, kept, mode, late, outliers, most, rigid, unseen, tuple(notes))
 
 
-def _speaks_of(note: str, joint: str) -> bool:
-    return f"dq{joint} " in note or "dq" not in note
-
-
 def _rich(rows: JointRows, seen: Sequence[tuple[str, float]] = ()) -> list[TorquePart]:
     """All that friction may be, and waves that were seen: what a shift of the torque and a mode are judged beside."""
-    names = ("dry_friction", "viscous_friction", "curved_friction")
-    parts = [KINDS[name].variants(name, rows, np.zeros((len(rows.time), 2)))[0] for name in names]
     waves = [TorquePart(f"{over}:{number:.6g}", number, columns(rows, over, number)) for over, number in seen]
-    return [*base_of(rows), *parts, *waves]
+    return [*base_of(rows), *first_of_kinds(rows, *RICH), *waves]
 
 
 def _seen(rows: JointRows) -> list[tuple[str, float]]:
@@ -154,7 +148,7 @@ def _seen(rows: JointRows) -> list[tuple[str, float]]:
     seen: list[tuple[str, float]] = []
     while len(seen) < SETTINGS.joint_waves:
         parts = _rich(rows, seen)
-        wave = find_wave(rows, Chosen(tuple(parts), crossed(stacked(parts), rows), {}, {}, ()))
+        wave = find_wave(rows, Chosen(tuple(parts), crossed(stacked(parts), rows)))
         if wave is None or (wave.over, wave.number) in seen:
             break
         seen.append((wave.over, wave.number))

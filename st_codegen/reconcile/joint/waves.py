@@ -26,11 +26,6 @@ class TorqueWave:
     gain: PartGain
     rival: PartGain | None
 
-    @property
-    def name(self) -> str:
-        """A name of its own for each wave."""
-        return f"{self.over}:{self.number:.6g}"
-
 
 def find_wave(rows: JointRows, chosen: Chosen) -> TorqueWave | None:
     """The wave that predicts best what the parts leave; None where none is the same in both halves of the blocks."""
@@ -60,8 +55,7 @@ def columns(rows: JointRows, over: str, number: float) -> FloatArray:
     """A wave: cosine and sine, as the kernel leaves them of a wave that passes at this speed."""
     phase, rate = _phase(rows, over)
     kept = np.exp(-((number * rate * rows.kernel_s) ** 2) / 2)
-    found: FloatArray = np.stack([kept * np.cos(number * phase), kept * np.sin(number * phase)], axis=1)
-    return found
+    return np.stack([kept * np.cos(number * phase), kept * np.sin(number * phase)], axis=1)
 
 
 def _phase(rows: JointRows, over: str) -> tuple[FloatArray, FloatArray]:

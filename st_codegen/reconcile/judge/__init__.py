@@ -1,1 +1,1 @@
-"""What a fit entitles one to say: candidates, evidence, names, changed parameters, suspects, the unexplained."""
+"""From the last fit to what is said: claims, changed parameters, what is read wrong, and what else may be the cause."""

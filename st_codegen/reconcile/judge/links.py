@@ -12,11 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from st_codegen.ir.arrays import FloatArray
+from st_codegen.reconcile.data.chances import chi_square_tail
 from st_codegen.reconcile.data.noise import MEDIAN_1
 from st_codegen.reconcile.data.recordings import Recording
-from st_codegen.reconcile.fit.parameters import Piece
-from st_codegen.reconcile.judge.conclusions import Claim, Retuned
-from st_codegen.reconcile.judge.evidence import Evidence, chi_square_tail
+from st_codegen.reconcile.fit.state import Piece
+from st_codegen.reconcile.judge.claims import Claim, Retuned
+from st_codegen.reconcile.search.evidence import Evidence
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect
 from st_codegen.rig.effects.axis import ControlLag, CouplingCompliance
@@ -100,9 +101,8 @@ def coupling_link(recordings: Sequence[Recording], rig: RigModel) -> Link | None
     first = [part - own.twist(r.at) if own else part for part, r in zip(measured, usable, strict=True)]
     columns = []
     for r in usable:
-        moving = r.at.speed_rpm > 0.02 * r.at.speed_rpm.max()
         twist = -r.at.sign * np.rad2deg(r.at.torque_Nm / rig.constants.reduction_ratio)
-        columns.append(np.stack([twist, -r.at.sign / 120.0], axis=1) * moving[:, None])
+        columns.append(np.stack([twist, -r.at.sign / 120.0], axis=1) * r.moves[:, None])
     design, y = np.concatenate(columns), np.concatenate(measured)
     use = np.abs(design).sum(axis=1) > 0
     design, y = design[use], y[use]
@@ -118,7 +118,7 @@ def coupling_link(recordings: Sequence[Recording], rig: RigModel) -> Link | None
     values["stiffness_Nm_per_rad"] = float(np.clip(1 / max(both[0], 1e-9), 50, 1e6))
     effect = CouplingCompliance(values, rig.constants, check=False)
     best = [part - effect.twist(r.at) for part, r in zip(measured, usable, strict=True)]
-    masks = [r.at.speed_rpm > 0.02 * r.at.speed_rpm.max() for r in usable]
+    masks = [r.moves for r in usable]
     stderr = {"stiffness_Nm_per_rad": spread[0] * values["stiffness_Nm_per_rad"] ** 2, "backlash_arcmin": spread[1]}
     keep = {key: float(x) for key, x in stderr.items() if key in values}
     first = [part[mask] for part, mask in zip(first, masks, strict=True)]

@@ -1,48 +1,54 @@
-"""What else would look like a finding: mistakes of measuring, and physics, that these data do not tell from it."""
+"""What else would look like a finding: mistakes of measuring, and physics, that these data do not tell from it.
+
+Each test of a finding takes the fit and the piece that is missing or has changed.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from dataclasses import replace
 from itertools import combinations, product
 
 import numpy as np
 
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.fit.fitting import Fit
-from st_codegen.reconcile.fit.parameters import Piece
-from st_codegen.reconcile.judge.peaks import has_a_frequency
-from st_codegen.reconcile.judge.plausible import explained, followers
-from st_codegen.reconcile.judge.retuned import shown_change
+from st_codegen.reconcile.fit.normal import made_of
+from st_codegen.reconcile.fit.state import Piece
+from st_codegen.reconcile.judge.claims import ONE_SIDED, SOMETHING_ELSE, Conclusions
+from st_codegen.reconcile.search.evidence import unmeasured_states
+from st_codegen.reconcile.search.peaks import frequencies_in, has_a_frequency
+from st_codegen.reconcile.search.plausible import followers
+from st_codegen.reconcile.search.surroundings import may_be_a_start
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Effect, Stage
+from st_codegen.rig.effects import Effect, Form, Stage
 
 
-def left_of_filters(final: Fit, number: int) -> frozenset[str]:
+def left_of_filters(final: Fit, piece: Piece) -> frozenset[str]:
     """Names of filters that were undone, where waves of an effect may have kept what their responses are off by.
 
     These are told by all orders together, with straight lines between a dozen places.
     """
-    is_wave = any(order > 0 for order in final.state.pieces[number].effect.touched_orders())
+    is_wave = any(order > 0 for order in piece.effect.touched_orders())
     return final.target.corrected & {"filter", "smoothing"} if is_wave else frozenset()
 
 
-def left_of_a_delay(final: Fit, number: int) -> frozenset[str]:
+def left_of_a_delay(final: Fit, piece: Piece) -> frozenset[str]:
     """The name of a filter, where waves of an effect may have changed by what it does beside a changed delay.
 
     A delay is the first term of any filter: a tenth of what it does to these waves may be the next ones.
     """
-    pieces = final.state.pieces
     delays = [
-        one for i, one in enumerate(pieces)
-        if one.effect.stage is Stage.MEASURING and i != number and one.origin not in (None, one.effect)
+        one for one in final.state.pieces
+        if one.effect.stage is Stage.MEASURING and one is not piece and one.origin not in (None, one.effect)
     ]  # fmt: skip
-    own = (np.abs(shown_change(final, pieces[number])) ** 2).sum(axis=0)
+    own = (np.abs(final.shown_change(piece)) ** 2).sum(axis=0)
     waves = (own > 0.0) & (final.target.data.orders > 0)
-    delayed = sum(float((np.abs(shown_change(final, one)[:, waves]) ** 2).sum()) for one in delays)
+    delayed = sum(float((np.abs(final.shown_change(one)[:, waves]) ** 2).sum()) for one in delays)
     return frozenset(["filter"]) if waves.any() and own[waves].sum() < SETTINGS.form**2 * delayed else frozenset()
 
 
-def left_of_a_smoothing(final: Fit, number: int) -> frozenset[str]:
+def left_of_a_smoothing(final: Fit, piece: Piece) -> frozenset[str]:
     """The name of a smoothing over the angle, where waves of an effect lie above a place from which all are smaller.
 
     One that only a few of the highest orders feel is not told from parts that changed.
@@ -56,14 +62,14 @@ def left_of_a_smoothing(final: Fit, number: int) -> frozenset[str]:
     kept = np.abs((new * old.conj()).mean(axis=0)) / np.maximum(power, 1e-300)
     # from here on all are smaller
     above = loud & (data.orders > max(data.orders[loud & (kept > 1.0 / SETTINGS.column_factor)], default=0))
-    own = (np.abs(shown_change(final, final.state.pieces[number])[good]) ** 2).sum(axis=0)
+    own = (np.abs(final.shown_change(piece)[good]) ** 2).sum(axis=0)
     return frozenset(["smoothing"]) if own[~above].sum() < SETTINGS.form**2 * own[above].sum() else frozenset()
 
 
-def is_a_knee(final: Fit, effect: Effect) -> bool:
+def is_a_knee(final: Fit, piece: Piece) -> bool:
     """Whether a twist that is softer at low loads does as well as play: the torques at which that is taken up are few,
     or straight lines with knees, or a power of the load, leave no more of the mean."""
-    seating = effect.values.get("seating_torque_Nm")
+    seating = piece.effect.values.get("seating_torque_Nm")
     if not isinstance(seating, float):
         return False
     data, good = final.target.data, final.target.good
@@ -73,14 +79,14 @@ def is_a_knee(final: Fit, effect: Effect) -> bool:
     if data.angle_rad is not None or data.orders[0] != 0:
         return False
     twists = [piece for piece in final.state.pieces if piece.effect.name in ("backlash", "torsional_compliance")]
-    twist = sum((explained(final, piece)[good, 0].real for piece in twists), final.residual[good, 0].real)
+    twist = sum((final.explained(piece.effect)[good, 0].real for piece in twists), final.residual[good, 0].real)
     torque, sign, sigma = data.at.torque_Nm[good], data.at.sign[good], final.target.sigma[good, 0]
 
     def left(*laws: FloatArray) -> float:
         """The loss with a twist that is a sum of laws of the load beside a zero and dry friction."""
         columns = np.stack([*(sign * law for law in (torque, *laws)), sign, np.ones(len(sign))], axis=1)
         design, wanted = columns / np.abs(columns).max(axis=0, initial=1e-300) / sigma[:, None], twist / sigma
-        return float(((wanted - design @ np.linalg.lstsq(design, wanted, rcond=None)[0]) ** 2).sum())
+        return float(((wanted - made_of(design, wanted)) ** 2).sum())
 
     knees = np.quantile(torques[torques > 0.0], np.linspace(0.0, 1.0, SETTINGS.knees_tried + 1)[:-1])
     slopes = [np.clip(torque, -knee, knee) for knee in np.unique(knees)]
@@ -92,20 +98,24 @@ def is_a_knee(final: Fit, effect: Effect) -> bool:
     return min(others) < play + SETTINGS.as_good * unit
 
 
-def may_be_time(final: Fit, effect: Effect) -> bool:
+def may_be_time(final: Fit, piece: Piece) -> bool:
     """Whether what follows the oil may follow the time: the runs are listed by their temperature."""
-    return effect.name == "thermal_drift" and final.target.data.sorted_by == "temperature"
+    return piece.effect.name == "thermal_drift" and final.target.data.sorted_by == "temperature"
 
 
-def may_be_friction(final: Fit, effect: Effect) -> bool:
+def may_be_friction(final: Fit, piece: Piece) -> bool:
     """Whether friction that grows with the load would look like a compliance: where the load hardly changes its sign.
 
     What a load winds up changes its sign with the load, what friction does with the direction alone.
     """
+    return piece.effect.name == "torsional_compliance" and _hardly_changes_its_sign(final)
+
+
+def _hardly_changes_its_sign(final: Fit) -> bool:
+    """Whether no load of the other sign is more than a small part of the largest."""
     torques = final.target.data.at.torque_Nm
-    is_compliance = effect.name == "torsional_compliance"
     of_less = min(float(np.abs(torques[torques * side > 0.0]).max(initial=0.0)) for side in (1.0, -1.0))
-    return is_compliance and of_less <= SETTINGS.form * float(np.abs(torques).max(initial=0.0))
+    return of_less <= SETTINGS.form * float(np.abs(torques).max(initial=0.0))
 
 
 def unlike_friction(final: Fit, effects: Sequence[Effect]) -> tuple[str, ...]:
@@ -114,14 +124,16 @@ def unlike_friction(final: Fit, effects: Sequence[Effect]) -> tuple[str, ...]:
         f"no load of the other sign is more than {100 * SETTINGS.form:.0f} % of the largest: friction that grows with "
         "the load cannot be told from compliance"
     )
-    return (text,) if any(may_be_friction(final, effect) for effect in effects) else ()
+    named = {effect.name for effect in effects}
+    return (text,) if "torsional_compliance" in named and _hardly_changes_its_sign(final) else ()
 
 
-def gains_one_sideband(before: Effect, after: Effect) -> bool:
+def gains_one_sideband(_: Fit, piece: Piece) -> bool:
     """Whether a modulation gains a constant sideband without its twin: as likely a wave of that order from elsewhere.
 
     Its ratio moves with it where the runs do not tell what follows the mesh order from what is constant.
     """
+    before, after = piece.origin or piece.effect, piece.effect
     if after.stage is not Stage.MODULATION or after.values.keys() == before.values.keys():
         return False
     sides = [abs(after.complex_value(key) - before.complex_value(key)) for key in ("lower_deg", "upper_deg")]
@@ -137,20 +149,20 @@ def told_sides(piece: Piece, stderr: dict[str, float]) -> set[str]:
     return {key.partition("_")[0] for key in sizes if piece.effect.scalar(key) > SETTINGS.told * stderr[key]}
 
 
-def may_be_another_power(final: Fit, number: int) -> bool:
+def may_be_another_power(final: Fit, piece: Piece) -> bool:
     """Whether a mesh order that grows in proportion to the load follows another power of it about as well.
 
     Beside a constant, where that is free as well.
     """
-    piece, data, good = final.state.pieces[number], final.target.data, final.target.good
+    data, good = final.target.data, final.target.good
     if piece.effect.name != "load_dependent_mesh" or data.angle_rad is not None:
         return False
-    others = [one for i, one in enumerate(final.state.pieces) if i != number and one.free]
+    others = [one for one in final.state.pieces if one is not piece and one.free]
     order = set(piece.effect.orders)
     constant = any(order & set(one.effect.orders) for one in others if is_a_constant_wave(one.effect))
     column = np.isin(data.orders, piece.effect.orders)
     sigma = final.target.sigma[good][:, column]
-    wanted = (final.residual + explained(final, piece))[good][:, column] / sigma
+    wanted = (final.residual + final.explained(piece.effect))[good][:, column] / sigma
     load, sign = np.abs(data.at.torque_Nm[good]), data.at.sign[good]
 
     def left(power: float) -> float:
@@ -169,17 +181,17 @@ def may_be_another_power(final: Fit, number: int) -> bool:
     return best < own + SETTINGS.as_good * max(1.0, min(own, best) / max(2.0 * wanted.size, 1.0))
 
 
-def may_be_of_a_law(final: Fit, number: int) -> bool:
+def may_be_of_a_law(final: Fit, piece: Piece) -> bool:
     """Whether a change of an effect is so small that a law of the conditions would make it, and leave unseen the rest.
 
     On each of its orders: structure below a part of the noise is not told from an error of the noise's estimate. What
     is large at one speed or angle alone is like none.
     """
-    data, good, effect = final.target.data, final.target.good, final.state.pieces[number].effect
+    data, good, effect = final.target.data, final.target.good, piece.effect
     if data.angle_rad is not None or has_a_frequency(effect) or effect.least_foreign:
         return False
-    change = (np.abs(shown_change(final, final.state.pieces[number])[good]) ** 2).mean(axis=0)
-    noise = np.where(data.orders == 0, 1, 2) * (final.target.sigma[good] ** 2).mean(axis=0)
+    change = (np.abs(final.shown_change(piece)[good]) ** 2).mean(axis=0)
+    noise = data.parts * (final.target.sigma[good] ** 2).mean(axis=0)
     return bool((change < SETTINGS.constant_of_a_law * SETTINGS.least_excess * noise).all())
 
 
@@ -188,9 +200,9 @@ def may_be_of_a_law(final: Fit, number: int) -> bool:
 _OF_THE_TURN = frozenset({"output_shaft_eccentricity", "output_shaft_ovality"})
 
 
-def may_be_of_the_turn(effect: Effect) -> bool:
+def may_be_of_the_turn(_: Fit, piece: Piece) -> bool:
     """Whether an effect is a constant wave that other things make once or twice a turn as well."""
-    return effect.name in _OF_THE_TURN
+    return piece.effect.name in _OF_THE_TURN
 
 
 def is_a_constant_wave(effect: Effect) -> bool:
@@ -198,13 +210,12 @@ def is_a_constant_wave(effect: Effect) -> bool:
     return effect.orders_key == "order" and effect.stage is Stage.ADDITIVE and effect.name != "load_dependent_mesh"
 
 
-def by_order_alone(final: Fit, number: int) -> bool:
+def by_order_alone(final: Fit, piece: Piece) -> bool:
     """Whether nothing but its order ties a wave to the part that it is named after.
 
     Growth with the load or sidebands of the carrier on the same order do; an error of a shaft has no such company, nor
     has a sideband without the other one.
     """
-    piece = final.state.pieces[number]
     if piece.effect.stage is Stage.MODULATION:
         return len(followers(piece)) < 2
     if not is_a_constant_wave(piece.effect):
@@ -215,3 +226,155 @@ def by_order_alone(final: Fit, number: int) -> bool:
         for other in final.state.pieces
     )
     return not company
+
+
+#: Tests of a finding of a fit: whether something else may look like it, be it missing or changed; and of changes alone.
+LOOK_ALIKES = (is_a_knee, may_be_friction, may_be_time, may_be_of_the_turn, by_order_alone, may_be_another_power)
+OF_CHANGES = (*LOOK_ALIKES, gains_one_sideband, may_be_of_a_law)
+
+
+def corrections_left(final: Fit, piece: Piece) -> set[str]:
+    """Names of what was read wrong, or filtered, of which a change of the rig may be what is left."""
+    return {name for left in (left_of_filters, left_of_a_delay, left_of_a_smoothing) for name in left(final, piece)}
+
+
+# --- what is said beside a name
+
+#: what is said beside every name that few runs give
+FEW = "so few runs cannot tell one law of the conditions from another: measure more levels"
+#: what is said beside play that a transmission without any would show at these torques
+KNEE = "a transmission without play that is softer at low loads does as well"
+#: what is said beside a name that what happens at the start of each curve may have
+START = "what dies away behind the start of each curve (an axis that settles, a filter that runs in) looks like it"
+
+
+def of_its_shape(piece: Piece, peaks: tuple[float, float] | None) -> tuple[str, ...]:
+    """What the width of a resonance and the shape of its peaks leave open."""
+    if peaks is None:
+        damping = piece.effect.values.get("damping_ratio")
+        narrow = isinstance(damping, float) and damping < SETTINGS.narrow
+        text = "narrower than the steps of speed: height and damping are uncertain"
+        return (text,) if narrow else ()
+    return (
+        f"the peaks are not those of one oscillator; the speeds at which they stand put it between {peaks[0]:.1f} "
+        f"and {peaks[1]:.1f} Hz, height and damping are uncertain",
+    )
+
+
+def of_its_order(final: Fit, piece: Piece) -> tuple[str, ...]:
+    """What is said beside a name that only an order gives."""
+    if not by_order_alone(final, piece):
+        return ()
+    order = piece.effect.orders[0]
+    if piece.effect.stage is Stage.MODULATION:
+        what = "one sideband" if followers(piece) else "two constant sidebands"
+        alike = "without the other: a wave of that order" if followers(piece) else "that do not follow it: two waves"
+        return (f"{what} of order {order} {alike} from elsewhere is as likely",)
+    return (
+        f"order {order} is one that this part makes; a constant wave of that order from elsewhere would look the same",
+    )
+
+
+def extrapolates(joint: Fit, piece: Piece) -> tuple[str, ...]:
+    """Remarks where a parameter lies at a bound or outside of what was measured."""
+    remarks = []
+    at = joint.target.data.at
+    fixed = {scalar.key for scalar in piece.effect.scalars if scalar.form is Form.FIXED}
+    remarks += [
+        f"{key} is held at {value:g}: the data do not tell it, or put it at its bound"
+        for key, value in piece.effect.values.items()
+        if key not in piece.free | fixed | {"order", "orders"}
+    ]
+    seating = piece.effect.values.get("seating_torque_Nm")
+    if isinstance(seating, float) and np.sum(np.unique(np.abs(at.torque_Nm)) < 2 * seating) < 2:
+        remarks.append("too few torques near the seating torque: it is an extrapolation")
+    remarks += [
+        f"what it does between {low:g} and {high:g} degC is not known: no temperature between them was measured"
+        for low, high in unmeasured_states(at, [piece.effect])
+    ]
+    if "frequency_Hz" in piece.effect.values:
+        turn = at.speed_rpm / (60 * piece.effect.constants.reduction_ratio)
+        lowest, highest = frequencies_in(piece.effect, at)
+        outside = [k for k in piece.effect.orders if not (k * turn.min() < highest and lowest < k * turn.max())]
+        if outside:
+            remarks.append(f"orders {', '.join(map(str, outside))} do not reach the frequency in the measured speeds")
+    return tuple(remarks)
+
+
+# --- what stays unexplained says that something else may be there
+
+
+def doubted(
+    found: Conclusions,
+    left: Collection[int],
+    beside: Collection[int],
+    made: Collection[int] = (),
+    *,
+    in_samples: bool = False,
+) -> Conclusions:
+    """Conclusions whose names have the alternative `something_else` where what stays unexplained says so.
+
+    left: orders that stay unexplained: what is there may have changed a parameter of the rig on them as well, and on
+    the other side of a mesh order; beside: those of them that lie one beside the rig's orders, as where an angle is
+    read wrong: what does that changes the orders between them, too; made: the rig's orders. Many others that are left,
+    as a step at one angle makes them, or what dies away behind the start of a curve, reach all up to twice the highest,
+    and the mean. In samples over time all that moves the mean slowly, as a step or a drift, moves what is
+    found of the mean as well.
+    """
+    foreign = sorted(order for order in {*left, *_of_what_is_many(found)} if order > 0 and order not in made)
+    is_broad = len(foreign) >= SETTINGS.shared_orders
+    broad = set(range(2 * foreign[-1] + 1)) if is_broad else set()
+    near = {order + off for order in beside for off in (-1, 1)}
+    # what reaches all orders around one, as an effect of one angle does, reaches it as well
+    reached = {k for k in range(max(left, default=0)) if {k - 1 if k else 2, k + 1} <= set(left)}
+    # and so does what three in a row have in common, as an error of pitch that adds up, to the two beside them
+    rows = [k for k in left if {k + 1, k + 2} <= set(left)]
+    reached |= {beyond for k in rows for beyond in (k - 2, k - 1, k + 3, k + 4) if beyond > 0}
+
+    slow = {0} & set(left) if in_samples else set()
+    # what changed in one direction alone is half of what turns with it, and half of what does not
+    halves = ONE_SIDED if found.names >= ONE_SIDED else frozenset()
+
+    def is_open(effect: Effect, orders: Collection[int]) -> bool:
+        its = set(effect.touched_orders())
+        if effect.stage is Stage.MEASURING:  # it turns all orders, those that stay unexplained among them
+            its |= set(left) - {0}
+        return effect.name in halves or bool(its & set(orders))
+
+    claims = [
+        claim.in_doubt()
+        if (is_open(claim.piece.effect, near | slow) or (is_broad and claim.piece.effect.least_foreign))
+        and (claim.counted or slow)
+        else claim
+        for claim in found.claims
+    ]
+    retuned = [
+        replace(
+            one,
+            is_open=one.is_open or is_open(one.after, near | reached | broad | set(left) | _mirrored(one.after, left)),
+        )
+        for one in found.retuned
+    ]
+    unsure = {one.after.name for one in retuned if SOMETHING_ELSE in one.alternatives}
+    unsure |= {claim.piece.effect.name for claim in claims if SOMETHING_ELSE in claim.alternatives}
+    if "backlash" in unsure:
+        # above the load that takes play up it is dry friction's twin: what is no play is no such friction either
+        claims = [claim.in_doubt() if claim.piece.effect.name == "friction_windup" else claim for claim in claims]
+        retuned = [replace(one, is_open=one.is_open or one.after.name == "friction_windup") for one in retuned]
+    return replace(found, claims=tuple(claims), retuned=tuple(retuned), offset_is_open=is_broad or bool(slow))
+
+
+def _mirrored(effect: Effect, left: Collection[int]) -> set[int]:
+    """The sidebands on the other side of the mesh order beside each: what changes a mesh makes both."""
+    mesh, reach = effect.constants.mesh_orders(), effect.constants.cranks
+    return {2 * order - k for k in left for order in mesh if abs(order - k) <= reach}
+
+
+def _of_what_is_many(found: Conclusions) -> set[int]:
+    """The orders of claims that may be what happens where curves begin."""
+    return {
+        order
+        for claim in found.claims
+        if may_be_a_start(found.final, claim.piece.effect)
+        for order in claim.piece.effect.touched_orders()
+    }

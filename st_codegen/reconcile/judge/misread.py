@@ -1,7 +1,7 @@
 """Readings: ways in which conditions or angles may be read wrong by one number, beside what changed in the rig.
 
-Before the search `measurement` asks about what all orders agree on. What noise hides from it there, or another effect,
-is asked again of the finished fit: whether one number of the measurement does what several changes of the rig do.
+Before the search `examine` asks about what all orders agree on. What noise hides from it there, or another effect, is
+asked again of the finished fit: whether one number of the measurement does what several changes of the rig do.
 """
 
 from __future__ import annotations
@@ -12,14 +12,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from st_codegen.ir.arrays import ComplexArray, FloatArray
+from st_codegen.reconcile.data.chances import chi_square_tail
 from st_codegen.reconcile.data.observations import Observations
+from st_codegen.reconcile.data.ramps import without_ramp
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.normal import gather, inverse
-from st_codegen.reconcile.fit.state import State
+from st_codegen.reconcile.fit.state import OFFSET, State
 from st_codegen.reconcile.fit.target import Column, FitData
-from st_codegen.reconcile.judge.evidence import chi_square_tail
-from st_codegen.reconcile.judge.in_time import changes_with_time
-from st_codegen.reconcile.judge.peaks import frequencies_in
+from st_codegen.reconcile.rest.in_time import changes_with_time
+from st_codegen.reconcile.search.peaks import frequencies_in
 from st_codegen.reconcile.settings import SETTINGS
 
 #: the data that were meant where some were read wrong by sizes
@@ -34,7 +35,7 @@ class WrongReading:
 
     texts: what is wrong, one for each size, with it in its unit and (where that says it) its sign in words; steps:
     sizes that change little; most: beyond these it is no slip of this kind. A reading without steps has no degrees.
-    refines: the mistake of `measurement` of which it may be what the correction was off by. gain: the factor on TE of
+    refines: the mistake of `examine` of which it may be what the correction was off by. gain: the factor on TE of
     each row, (n, 1), or coefficient, (n, K), by which the noise is larger as well.
     """
 
@@ -88,30 +89,22 @@ class Misread:
         return self.reading.meant(data, self.sizes)
 
 
-#: in the place of the number of a piece
-OFFSET = -1
-
-
-def _with(data: Observations, key: str, values: FloatArray) -> Observations:
-    return replace(data, at=replace(data.at, **{key: values}))
-
-
 def _scaled(key: str) -> Reread:
-    return lambda data, size: _with(data, key, getattr(data.at, key) / (1.0 + size[0] / 100.0))
+    return lambda data, size: data.under(**{key: getattr(data.at, key) / (1.0 + size[0] / 100.0)})
 
 
 def _shifted(key: str) -> Reread:
-    return lambda data, size: _with(data, key, getattr(data.at, key) - size[0])
+    return lambda data, size: data.under(**{key: getattr(data.at, key) - size[0]})
 
 
-def _torque_both(data: Observations, size: FloatArray) -> Observations:
-    return _with(data, "torque_Nm", (data.at.torque_Nm - size[1]) / (1.0 + size[0] / 100.0))
+def _scaled_and_shifted(key: str) -> Reread:
+    return lambda data, size: data.under(**{key: (getattr(data.at, key) - size[1]) / (1.0 + size[0] / 100.0)})
 
 
 def _faster(sign: float) -> Reread:
     """Speeds of one direction by a factor."""
-    return lambda data, size: _with(
-        data, "speed_rpm", data.at.speed_rpm / np.where(data.at.sign == sign, 1.0 + size[0] / 100.0, 1.0)
+    return lambda data, size: data.under(
+        speed_rpm=data.at.speed_rpm / np.where(data.at.sign == sign, 1.0 + size[0] / 100.0, 1.0)
     )
 
 
@@ -119,19 +112,15 @@ def _slipped(data: Observations, size: FloatArray) -> Observations:
     """Speeds that fall in proportion to the load, by a share of 1/100 at the largest."""
     load = np.abs(data.at.torque_Nm)
     share = size[0] / 100.0 * load / max(float(load.max()), 1e-300)
-    return _with(data, "speed_rpm", data.at.speed_rpm * (1.0 - share))
-
-
-def _heat_both(data: Observations, size: FloatArray) -> Observations:
-    return _with(data, "temperature_C", (data.at.temperature_C - size[1]) / (1.0 + size[0] / 100.0))
+    return data.under(speed_rpm=data.at.speed_rpm * (1.0 - share))
 
 
 def _of_fahrenheit(data: Observations, _size: FloatArray) -> Observations:
-    return _with(data, "temperature_C", (data.at.temperature_C - 32.0) / 1.8)
+    return data.under(temperature_C=(data.at.temperature_C - 32.0) / 1.8)
 
 
 def _exchanged(data: Observations, _size: FloatArray) -> Observations:
-    return _with(data, "sign", -data.at.sign)
+    return data.under(sign=-data.at.sign)
 
 
 def _turned(*signs: float) -> Reread:
@@ -150,7 +139,7 @@ def _wound(data: Observations, size: FloatArray) -> Observations:
 
 def _against(data: Observations, size: FloatArray) -> Observations:
     """Torques that are read with what rubs between their sensor and the machine, which turns with the direction."""
-    return _with(data, "torque_Nm", data.at.torque_Nm - size[0] * data.at.sign)
+    return data.under(torque_Nm=data.at.torque_Nm - size[0] * data.at.sign)
 
 
 def _larger(*signs: float) -> Gain:
@@ -191,18 +180,9 @@ def _of_gain(
     texts: tuple[str, ...], gain: Gain, refines: str = "", *, steps: tuple[float, ...] = (0.1,),
     most: tuple[float, ...] = (30.0,),
 ) -> WrongReading:  # fmt: skip
-    def meant(data: Observations, size: FloatArray) -> Observations:
-        factor = gain(data, size)
-        spectral = None if data.spectral_deg is None else data.spectral_deg / np.abs(factor)
-        return replace(data, values=data.values / factor, spectral_deg=spectral)
-
-    return WrongReading("misread_te", texts, meant, steps, most, refines, gain)
-
-
-def _ramp_taken_out(data: Observations, size: FloatArray) -> Observations:
-    """TE without a rise of so many deg from the zero of the angle to where the turn ends."""
-    waves = 1j * size[0] / (np.pi * np.maximum(data.orders, 1))
-    return replace(data, values=data.values - np.where(data.orders == 0, size[0] / 2, waves))
+    return WrongReading(
+        "misread_te", texts, lambda data, size: data.divided(gain(data, size)), steps, most, refines, gain
+    )
 
 
 _DELAYED = "waves backward turned {:.3g} deg too {} at the highest frequency, in proportion at others, as by a delay"
@@ -216,7 +196,7 @@ READINGS = (
     WrongReading(_TORQUE, ("all torques {:.3g} % too {}",), _scaled("torque_Nm"), (0.1,), (100.0,), "torque"),
     WrongReading(_TORQUE, ("all torques {:.3g} N m too {}",), _shifted("torque_Nm"), (1.0,), (500.0,), "torque"),
     WrongReading(
-        _TORQUE, ("all torques {:.3g} % too {}", "beside that {:.3g} N m too {}"), _torque_both,
+        _TORQUE, ("all torques {:.3g} % too {}", "beside that {:.3g} N m too {}"), _scaled_and_shifted("torque_Nm"),
         (0.1, 1.0), (100.0, 500.0), "torque",
     ),
     WrongReading(
@@ -225,7 +205,8 @@ READINGS = (
     WrongReading(_HEAT, ("all temperatures {:.3g} K too {}",), _shifted("temperature_C"), (0.1,), (30.0,)),
     WrongReading(_HEAT, ("all temperatures {:.3g} % too {}",), _scaled("temperature_C"), (0.1,), (90.0,)),
     WrongReading(
-        _HEAT, ("all temperatures {:.3g} % too {}", "beside that {:.3g} K too {}"), _heat_both, (0.1, 0.1), (90.0, 30.0)
+        _HEAT, ("all temperatures {:.3g} % too {}", "beside that {:.3g} K too {}"),
+        _scaled_and_shifted("temperature_C"), (0.1, 0.1), (90.0, 30.0),
     ),
     WrongReading(_HEAT, ("all temperatures in degF",), _of_fahrenheit),
     WrongReading(_SPEED, ("all speeds {:.3g} % too {}",), _scaled("speed_rpm"), (0.1,), (30.0,)),
@@ -239,7 +220,8 @@ READINGS = (
         _wound, (1e-3,), (5.0,),
     ),
     WrongReading(
-        "misread_ratio", ("TE {:.3g} deg too {} at the end of each turn",), _ramp_taken_out, (1e-4,), (1.0,), "ratio"
+        "misread_ratio", ("TE {:.3g} deg too {} at the end of each turn",),
+        lambda data, size: without_ramp(data, size[0]), (1e-4,), (1.0,), "ratio",
     ),
     _of_gain(("all TE {:.3g} % too {}",), _larger(1.0, -1.0)),
     _of_gain(("all TE backward {:.3g} % too {}",), _larger(-1.0), "column_scale"),
@@ -255,23 +237,19 @@ READINGS = (
 )  # fmt: skip
 
 
-def misread(final: Fit, changed: Collection[int], offset_changed: bool) -> tuple[Misread, ...]:
+def misread(final: Fit, changed: Collection[int]) -> tuple[Misread, ...]:
     """Readings that do what changes of the rig do as well as these, the one that stands for most of them first.
 
-    final: the fit with the changes; changed: the numbers of their pieces.
+    final: the fit with the changes; changed: the numbers of their pieces (OFFSET: that of the zero).
     """
-    everything = frozenset(changed) | ({OFFSET} if offset_changed else frozenset())
+    everything = frozenset(changed)
     if not everything or final.target.data.angle_rad is not None:
         return ()
-    state = final.state
-    for i in changed:
-        state = state.replaced(i, state.pieces[i].held())
-    state = replace(state, offset=state.rig.zero_offset_deg, offset_free=False)
-    plain = fit(final.target, state, steps=SETTINGS.quick_steps)
+    plain = fit(final.target, final.state.held({*changed, OFFSET}), steps=SETTINGS.quick_steps)
     standing = list[Misread]()
     for reading in READINGS:
         chance = _chance_beside(final, reading, everything)
-        found = _instead(final, plain, reading, chance) or _beside_the_rest(final, plain, reading, chance)
+        found = _instead(final, plain, reading, chance) or _beside_the_rest(final, reading, chance)
         standing += [] if found is None else [found]
     return tuple(sorted(standing, key=lambda one: (-len(one.instead_of), len(one.sizes), one.best.loss)))
 
@@ -283,9 +261,7 @@ def in_place_of_a_move(final: Fit, number: int) -> frozenset[str]:
     piece, data = final.state.pieces[number], final.target.data
     if not piece.effect.values.get("frequency_per_kNm") or data.angle_rad is not None:
         return frozenset()
-    moves = {"frequency_per_kNm", "levels_off_per_kNm"}
-    values = {key: x for key, x in piece.effect.values.items() if key not in moves}
-    still = replace(piece, effect=piece.effect.with_values(values), free=piece.free - moves)
+    still = piece.without({"frequency_per_kNm", "levels_off_per_kNm"})
     at_rest = replace(data.at, temperature_C=np.full(len(data), piece.effect.constants.reference_temperature_C))
     still_Hz = piece.effect.scalar("frequency_Hz")
     moved_Hz = max(frequencies_in(piece.effect, at_rest), key=lambda hertz: abs(hertz - still_Hz))
@@ -302,7 +278,7 @@ def in_place_of_the_rest(final: Fit, orders: Collection[int]) -> tuple[Misread, 
     good = target.good
     if data.angle_rad is not None:
         return ()
-    noise = (np.where(data.orders == 0, 1, 2) * target.sigma[good] ** 2).mean(axis=0)
+    noise = (data.parts * target.sigma[good] ** 2).mean(axis=0)
     told = SETTINGS.told / np.sqrt(good.sum()) * noise
 
     def left(one: Fit) -> FloatArray:
@@ -333,14 +309,11 @@ def in_place_of_the_rest(final: Fit, orders: Collection[int]) -> tuple[Misread, 
 def _with_what_changed(one: Misread, target: FitData) -> Misread:
     """The reading in place of all changes of the rig as well, where the data need none of them beside it."""
     state = one.best.state
-    changed = [i for i, piece in enumerate(state.pieces) if piece.free and not piece.added]
-    for i in changed:
-        state = state.replaced(i, state.pieces[i].held())
-    state = replace(state, offset=state.rig.zero_offset_deg, offset_free=False)
-    everything = frozenset(changed) | ({OFFSET} if one.best.state.offset_free else frozenset())
+    everything = frozenset(i for i, piece in enumerate(state.pieces) if piece.free and not piece.added)
+    everything |= {OFFSET} if state.offset_free else frozenset()
     if not everything:
         return one
-    sizes, best = _read(target, state, one.reading, one.sizes)
+    sizes, best = _read(target, state.held({*everything, OFFSET}), one.reading, one.sizes)
     if _is_needed(best, one.best, 0):
         return one
     return replace(one, sizes=sizes, best=best, instead_of=everything)
@@ -407,7 +380,7 @@ def _instead(
         sizes, best = _read(plain.target, trials[number][1].state, reading, trials[number][0])
     for number in sorted(kept):
         # near the right sizes it may be none that is needed: a narrow peak tells them from nearby only
-        again = _read(plain.target, _held(best.state, plain, number), reading, sizes)
+        again = _read(plain.target, best.state.held({number}), reading, sizes)
         if not _is_needed(again[1], final, len(sizes)):
             kept.remove(number)
             sizes, best = again
@@ -415,9 +388,7 @@ def _instead(
     return Misread(reading, sizes, instead, best) if len(instead) >= max(len(sizes), 1) else None
 
 
-def _beside_the_rest(
-    final: Fit, plain: Fit, reading: WrongReading, chance: Mapping[int, tuple[float, float]]
-) -> Misread | None:
+def _beside_the_rest(final: Fit, reading: WrongReading, chance: Mapping[int, tuple[float, float]]) -> Misread | None:
     """A reading that does what one of many changes does, or a few, and leaves the others; None where it does nothing.
 
     Another unit of a type has many numbers of its own, and a sensor's zero beside them.
@@ -428,7 +399,7 @@ def _beside_the_rest(
     for i in sorted(chance, key=lambda i: chance[i], reverse=True):
         if chance[i][0] < SETTINGS.p_changed:
             break
-        again = _read(final.target, _held(best.state, plain, i), reading, sizes)
+        again = _read(final.target, best.state.held({i}), reading, sizes)
         if not _is_needed(again[1], final, len(sizes)):
             instead.add(i)
             sizes, best = again
@@ -457,12 +428,6 @@ def _freed(state: State, final: Fit, number: int) -> State:
     if number == OFFSET:
         return replace(state, offset_free=True)
     return state.replaced(number, final.state.pieces[number])
-
-
-def _held(state: State, plain: Fit, number: int) -> State:
-    if number == OFFSET:
-        return replace(state, offset=state.rig.zero_offset_deg, offset_free=False)
-    return state.replaced(number, plain.state.pieces[number])
 
 
 def _as_meant(target: FitData, reading: WrongReading, sizes: FloatArray) -> FitData:

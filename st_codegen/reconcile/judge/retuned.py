@@ -7,23 +7,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
+from st_codegen.ir.arrays import BoolArray, FloatArray
+from st_codegen.reconcile.data.chances import chi_square_tail
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.normal import inverse
-from st_codegen.reconcile.fit.parameters import Coordinate, Piece
-from st_codegen.reconcile.judge import discrepancy
-from st_codegen.reconcile.judge.evidence import chi_square_tail, p_of_clusters
-from st_codegen.reconcile.judge.in_time import lasting_mean, without_lasting
-from st_codegen.reconcile.judge.plausible import (
-    bounds_met,
-    explained,
-    inside_bounds,
-    is_its_own,
-    misfit_of_changes,
-)
-from st_codegen.reconcile.judge.structure import floors, is_lacking
-from st_codegen.reconcile.judge.surroundings import stands_out
+from st_codegen.reconcile.fit.state import OFFSET, Coordinate, Piece
+from st_codegen.reconcile.judge.errors import covariance_with_discrepancy
+from st_codegen.reconcile.rest.in_time import lasting_mean, without_lasting
+from st_codegen.reconcile.rest.structure import floors, is_lacking
+from st_codegen.reconcile.search.evidence import p_of_clusters, p_of_more
+from st_codegen.reconcile.search.plausible import bounds_met, inside_bounds, is_its_own, misfit_of_changes
+from st_codegen.reconcile.search.surroundings import stands_out
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Form, Stage
 
@@ -38,8 +33,8 @@ def with_shapes_inside(joint: Fit) -> Fit:
     return joint
 
 
-def changes(joint: Fit) -> tuple[dict[int, float], bool]:
-    """Pieces of the rig whose own values the data refuse, with the chance of that; whether the offset is refused."""
+def changes(joint: Fit) -> dict[int, float]:
+    """Pieces of the rig, and its offset (OFFSET), whose own values the data refuse, with the chance of that."""
     found = {}
     for i in _own_pieces(joint):
         piece = joint.state.pieces[i]
@@ -51,12 +46,16 @@ def changes(joint: Fit) -> tuple[dict[int, float], bool]:
             # where the model is a product (a ratio times a mesh order) standard errors at the solution say too little
             held = with_piece_held(joint, i)
             p = max(p, chi_square_tail(held.loss - joint.loss, len(places)))
-            sure = p < SETTINGS.p_changed and _stands(joint, piece, held)
+            sure = p < SETTINGS.p_changed and is_its_own(joint, piece, held)
+            # and not what lies around its orders as well
+            sure = sure and stands_out(joint, joint.shown_change(piece))
         grown = piece.effect.values.keys() != piece.origin.values.keys()
         if sure and (grown or not _lasting_noise(joint, piece)) and not _insists_on_a_bound(piece):
             found[i] = p
     shift = joint.state.vector()[:1] - joint.state.rig.zero_offset_deg
-    return found, offset_is_large(joint) and _p_of(joint, [0], shift) < SETTINGS.p_changed
+    if offset_is_large(joint) and (p := _p_of(joint, [0], shift)) < SETTINGS.p_changed:
+        found[OFFSET] = p
+    return found
 
 
 def _insists_on_a_bound(piece: Piece) -> bool:
@@ -88,8 +87,7 @@ def not_there(joint: Fit) -> dict[int, float]:
         if piece.effect.stage is Stage.MEASURING or left >= SETTINGS.nothing_left:
             continue
         gone = [*found, i]
-        state = replace(joint.state, pieces=tuple(one for n, one in enumerate(joint.state.pieces) if n not in gone))
-        without = fit(joint.target, state, steps=SETTINGS.quick_steps)
+        without = fit(joint.target, joint.state.without(*gone), steps=SETTINGS.quick_steps)
         numbers = sum(len(joint.state.pieces[n].coordinates()) for n in gone)
         held = with_piece_held(joint, i)
         p = chi_square_tail(held.loss - without.loss, len(piece.coordinates()))
@@ -107,7 +105,9 @@ def _left_of(joint: Fit, piece: Piece) -> float:
     if any(_value(piece, c) < (c.lower + c.upper) / 2 for c in least):
         return 0.0
     good = joint.target.good
-    now, own = (np.abs(explained(joint, one)[good] / joint.target.sigma[good]) ** 2 for one in (piece, piece.held()))
+    now, own = (
+        np.abs(joint.explained(one.effect)[good] / joint.target.sigma[good]) ** 2 for one in (piece, piece.held())
+    )
     return float(np.sqrt(now.sum() / max(float(own.sum()), 1e-300)))
 
 
@@ -130,22 +130,23 @@ def changed_as_well(joint: Fit, final: Fit, changed: dict[int, float]) -> tuple[
                  if (one := _freed(joint, final, i, lacking, kept)) is not None} if lacking.any() else {}  # fmt: skip
         if not tried:
             return final, found
-        best = min(tried, key=lambda i: _price(tried[i]))
+        # each parameter must save so much to be worth more than none
+        best = min(tried, key=lambda i: tried[i].loss + SETTINGS.as_good * len(tried[i].prior))
         as_good = {i: one for i, one in tried.items() if i != best and one.loss - tried[best].loss < SETTINGS.as_good}
-        saved, more = final.loss - tried[best].loss, len(tried[best].prior) - len(final.prior)
-        final, found[best] = tried[best], Needed(chi_square_tail(saved, more), as_good)
+        final, found[best] = tried[best], Needed(p_of_more(final, tried[best]), as_good)
 
 
-def without_misfits(final: Fit, changed: Collection[int], offset_changed: bool) -> tuple[Fit, set[int], bool]:
+def without_misfits(final: Fit, changed: dict[int, float]) -> tuple[Fit, set[int]]:
     """The final fit without the changes whose orders keep much of what they take off, and which changes stand.
 
     Then something else is there, which bends what the rig has: a step in time moves a mean, a torque that is read wrong
     all that depends on it. Changes of the same orders are judged together, since two that make up for each other each
     take off what the other one adds; and by the noise of these orders, not by how far their runs scatter.
     """
-    kept = set(changed)
-    while (kept or offset_changed) and final.target.data.angle_rad is None:
-        over = _misfits(final, kept, offset_changed)
+    kept = set({i: p for i, p in changed.items() if i != OFFSET})
+    offset = {OFFSET} & changed.keys()
+    while (kept or offset) and final.target.data.angle_rad is None:
+        over = _misfits(final, [*kept, *offset])
         # what made up for a change that is held now is none
         over |= {i: np.inf for i in kept if _insists_on_a_bound(final.state.pieces[i]) or not _is_refused(final, i)}
         together = _together(final, kept)
@@ -154,18 +155,13 @@ def without_misfits(final: Fit, changed: Collection[int], offset_changed: bool) 
         worst = max(over, key=lambda i: over[i])
         if over[worst] <= misfit_of_changes(final.target):
             break
-        if worst == _OFFSET:
-            offset_changed = False
-            state = replace(final.state, offset=final.state.rig.zero_offset_deg, offset_free=False)
-            final = fit(final.target, state)
+        if worst == OFFSET:
+            offset = set()
+            final = fit(final.target, final.state.held({OFFSET}))
         else:
             kept.remove(worst)
             final = with_piece_held(final, worst)
-    return final, kept, offset_changed
-
-
-#: in the place of the number of a piece
-_OFFSET = -1
+    return final, kept | offset
 
 
 def _together(final: Fit, changed: Collection[int]) -> list[int]:
@@ -175,7 +171,7 @@ def _together(final: Fit, changed: Collection[int]) -> list[int]:
     """
     if not final.target.data.few_points:
         return []
-    shows = {i: np.abs(shown_change(final, final.state.pieces[i])).max(axis=0) > 0.0 for i in changed}
+    shows = {i: np.abs(final.shown_change(final.state.pieces[i])).max(axis=0) > 0.0 for i in changed}
     return [i for i in changed if any((shows[i] & shows[other]).any() for other in changed if other != i)]
 
 
@@ -194,25 +190,23 @@ def _is_refused(final: Fit, number: int) -> bool:
     return chi_square_tail(min(saved, left - right), len(final.prior) - len(held.prior)) < SETTINGS.p_changed
 
 
-def _misfits(final: Fit, changed: Collection[int], offset_changed: bool) -> dict[int, float]:
+def _misfits(final: Fit, changed: Collection[int]) -> dict[int, float]:
     """For each change the power beyond noise that its orders keep, over that which all changes take off them."""
     target, data = final.target, final.target.data
-    state, own = final.state, {}
-    for i in changed:
-        own[i] = (np.abs(shown_change(final, state.pieces[i])) ** 2).mean(axis=0)
-        state = state.replaced(i, state.pieces[i].held())
-    if offset_changed:
-        own[_OFFSET] = np.where(data.orders == 0, 1.0, 0.0)
-        state = replace(state, offset=state.rig.zero_offset_deg)
+    of_offset = np.where(data.orders == 0, 1.0, 0.0)
+    own = {
+        i: of_offset if i == OFFSET else (np.abs(final.shown_change(final.state.pieces[i])) ** 2).mean(axis=0)
+        for i in changed
+    }
     of_runs = estimate(data, final.residual).floor_rms
     floor = np.maximum(floors(target, final.residual, of_runs), SETTINGS.least_noise_deg) ** 2
     before, left = (
-        (np.abs(np.where(data.orders == 0, part.real, part)) ** 2 * target.counts).sum(axis=0) / floor
-        for part in (target.residual(state.model()), final.residual)
+        (np.abs(data.with_real_mean(part)) ** 2 * target.counts).sum(axis=0) / floor
+        for part in (target.residual(final.state.held(own).model()), final.residual)
     )
     # noise within curves is that of many samples, and has no heavy tails
     tails = SETTINGS.tails if data.spectral_deg is None else 1.0
-    numbers = np.where(data.orders == 0, 1, 2) * target.counts.sum(axis=0)
+    numbers = data.parts * target.counts.sum(axis=0)
     # the mean power of so many numbers of noise scatters: a gap below that is not told
     noise = tails * (numbers + SETTINGS.told * np.sqrt(2.0 * numbers))
     beyond, found = np.maximum(left - noise, 0.0), {}
@@ -221,11 +215,6 @@ def _misfits(final: Fit, changed: Collection[int], offset_changed: bool) -> dict
         saved = float((before - left)[mine].sum())
         found[i] = float(beyond[mine].sum()) / saved if saved > 0.0 else np.inf
     return found
-
-
-def _price(one: Fit) -> float:
-    """The loss of a fit, and what each of its parameters must save to be worth more than none."""
-    return one.loss + SETTINGS.as_good * len(one.prior)
 
 
 def _freed(joint: Fit, final: Fit, number: int, lacking: BoolArray, kept: BoolArray) -> Fit | None:
@@ -238,11 +227,10 @@ def _freed(joint: Fit, final: Fit, number: int, lacking: BoolArray, kept: BoolAr
     saved = (one.target.losses(final.residual) - one.target.losses(one.residual)).sum(axis=0)
     if saved[lacking].sum() <= SETTINGS.order_gain:
         return None
-    p = chi_square_tail(final.loss - one.loss, len(one.prior) - len(final.prior))
-    sure = max(p, _p_alone(one, *_difference(one, number))) < SETTINGS.p_changed
+    sure = max(p_of_more(final, one), _p_alone(one, *_difference(one, number))) < SETTINGS.p_changed
     changed = one.state.pieces[number]
     sure = sure and not _insists_on_a_bound(changed) and is_its_own(one, changed, final)
-    return one if sure and stands_out(one, shown_change(one, changed), kept) else None
+    return one if sure and stands_out(one, one.shown_change(changed), kept) else None
 
 
 def offset_is_large(joint: Fit) -> bool:
@@ -254,19 +242,6 @@ def offset_is_large(joint: Fit) -> bool:
     if not sigma.size or abs(shift) <= max(SETTINGS.least_constant * float(np.sqrt((sigma**2).mean())), lasting):
         return False
     return stands_out(joint, np.tile(np.where(target.data.orders == 0, shift + 0j, 0.0), (len(target.data), 1)))
-
-
-def _stands(joint: Fit, piece: Piece, held: Fit) -> bool:
-    """Whether a change is that of the effect, and not what lies around its orders as well."""
-    return is_its_own(joint, piece, held) and stands_out(joint, shown_change(joint, piece))
-
-
-def shown_change(joint: Fit, piece: Piece) -> ComplexArray:
-    """What the change of a piece of the rig makes of the measured coefficients, (n, K)."""
-    assert piece.origin is not None
-    propagation = joint.propagation
-    change = propagation.change(piece.effect) - propagation.change(piece.origin)
-    return propagation.measured(change, piece.effect.stage)
 
 
 def _own_pieces(joint: Fit) -> list[int]:
@@ -291,8 +266,8 @@ def _difference(joint: Fit, number: int) -> tuple[list[int], FloatArray]:
 def _lasting_noise(joint: Fit, piece: Piece) -> bool:
     """Whether a change is so small and so much the same in all runs that noise which lasts would look like it."""
     target = joint.target
-    part = shown_change(joint, piece) / target.sigma
-    parts = np.where(target.data.orders == 0, 1, 2)
+    part = joint.shown_change(piece) / target.sigma
+    parts = target.data.parts
     size, varies = 0.0, 0.0
     for sign in (1.0, -1.0):
         rows = part[target.good & (target.data.at.sign == sign)]
@@ -308,15 +283,14 @@ def _p_of(joint: Fit, places: list[int], difference: FloatArray) -> float:
     """The larger chance of both tests; the one by clusters is brought to the scale of the other."""
     plain, clusters = (
         _p_alone(joint, places, difference),
-        p_of_clusters(joint, places, difference, discrepancy.covariance(joint)),
+        p_of_clusters(joint, places, difference, covariance_with_discrepancy(joint)),
     )
     return plain if clusters < SETTINGS.p_clusters else max(plain, clusters)
 
 
 def with_piece_held(joint: Fit, number: int) -> Fit:
     """The fit with one piece held at the rig's own values and all others fitted again."""
-    held = joint.state.replaced(number, joint.state.pieces[number].held())
-    return fit(joint.target, held, steps=SETTINGS.quick_steps)
+    return fit(joint.target, joint.state.held({number}), steps=SETTINGS.quick_steps)
 
 
 def _p_alone(joint: Fit, places: list[int], difference: FloatArray) -> float:

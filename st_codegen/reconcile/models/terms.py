@@ -29,7 +29,7 @@ from st_codegen.reconcile.models.formula import (
     evaluate,
     operating_point,
 )
-from st_codegen.reconcile.run import Reconciliation
+from st_codegen.reconcile.result import Reconciliation
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.compensator import roles_of
 from st_codegen.te.harmonics import Direction, Quantity, TransmissionError

@@ -16,7 +16,7 @@ from st_codegen.project.bundle import Bundle, load
 from st_codegen.proof.verify import VerifyReport, verify
 from st_codegen.reconcile.models.bundle_files import write_updated
 from st_codegen.reconcile.models.terms import Decision, decide
-from st_codegen.reconcile.run import Reconciliation
+from st_codegen.reconcile.result import Reconciliation
 from st_codegen.rig.compensator import EmittedCompensator
 from st_codegen.rig.machine import another_specimen, machine_of
 from st_codegen.rig.model import RigModel

@@ -21,13 +21,13 @@ from st_codegen.reconcile.plan.questions import (
     Name,
     Parameters,
     Question,
+    other_models,
     other_orders,
     peaks_between,
     told_apart,
     unexplained,
 )
-from st_codegen.reconcile.plan.rivals import other_models
-from st_codegen.reconcile.run import Reconciliation
+from st_codegen.reconcile.result import Reconciliation
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Form
 

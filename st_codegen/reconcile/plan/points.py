@@ -12,7 +12,7 @@ from st_codegen.campaign.conditions import CONDITION_COLUMNS, OperatingPoint
 from st_codegen.ir.arrays import FloatArray, IntArray
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.fit.fitting import Fit
-from st_codegen.reconcile.run import Reconciliation
+from st_codegen.reconcile.result import Reconciliation
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 from st_codegen.rig.model import RigModel
@@ -41,19 +41,16 @@ def _between(values: FloatArray, count: int) -> FloatArray:
     if len(levels) > 40:
         levels = np.linspace(levels[0], levels[-1], 18)
     parts = [np.linspace(a, b, count + 1, endpoint=False) for a, b in itertools.pairwise(levels)]
-    found: FloatArray = np.concatenate([*parts, levels[-1:]])
-    return found
+    return np.concatenate([*parts, levels[-1:]])
 
 
 def _thinned(values: FloatArray, most: int) -> FloatArray:
-    found: FloatArray = values[np.unique(np.linspace(0, len(values) - 1, most).round().astype(int))]
-    return found
+    return np.asarray(values[np.unique(np.linspace(0, len(values) - 1, most).round().astype(int))])
 
 
 def _with_inner(values: FloatArray, more: FloatArray) -> FloatArray:
     """Values, and those of `more` that lie inside their range."""
-    found: FloatArray = np.concatenate([values, more[(more >= values.min()) & (more <= values.max())]])
-    return found
+    return np.concatenate([values, more[(more >= values.min()) & (more <= values.max())]])
 
 
 def _legible(values: FloatArray) -> FloatArray:
@@ -78,8 +75,7 @@ def _peak_speeds(rigs: Sequence[RigModel], orders: IntArray) -> FloatArray:
 def _seating_torques(rigs: Sequence[RigModel]) -> FloatArray:
     """Torques (N m) about those at which the flanks of the rigs seat."""
     torques = [effect.values.get("seating_torque_Nm") for rig in rigs for effect in rig.effects]
-    found: FloatArray = np.outer([t for t in torques if isinstance(t, float)], SETTINGS.around_seating).ravel()
-    return found
+    return np.outer([t for t in torques if isinstance(t, float)], SETTINGS.around_seating).ravel()
 
 
 @dataclass(frozen=True)
@@ -107,5 +103,4 @@ def rows_at(points: Sequence[OperatingPoint], final: Fit) -> Rows:
 
 def summed(values: FloatArray) -> FloatArray:
     """Rows (2 n, ..) of both directions added up, (n, ..)."""
-    found: FloatArray = values.reshape(2, -1, *values.shape[1:]).sum(axis=0)
-    return found
+    return np.asarray(values.reshape(2, -1, *values.shape[1:]).sum(axis=0))

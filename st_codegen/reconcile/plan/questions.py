@@ -7,25 +7,26 @@ runs: what a Gaussian process that is known at its neighbours learns there.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
 from st_codegen.campaign.conditions import CONDITION_COLUMNS
 from st_codegen.ir.arrays import FloatArray
-from st_codegen.reconcile.fit.fitting import AXES, Fit
-from st_codegen.reconcile.fit.parameters import Coordinate
+from st_codegen.reconcile.data.contrasts import AXES, step_between
+from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.propagation import Propagation
+from st_codegen.reconcile.fit.state import Coordinate
 from st_codegen.reconcile.fit.target import by_place
-from st_codegen.reconcile.judge.peaks import has_a_frequency
 from st_codegen.reconcile.outcome import Outcome
 from st_codegen.reconcile.plan.points import Rows, summed
-from st_codegen.reconcile.plan.rivals import Rival
-from st_codegen.reconcile.run import Reconciliation
+from st_codegen.reconcile.result import Reconciliation
+from st_codegen.reconcile.search.peaks import has_a_frequency
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect
+from st_codegen.rig.model import RigModel
 
 #: how many steps farther the correlation of a residual reaches along conditions on which it does not depend
 _FAR = 4.0
@@ -76,8 +77,7 @@ class Parameters:
 
     def gains(self) -> FloatArray:
         sizes: FloatArray = np.linalg.slogdet(self.precision + self.added)[1]
-        found: FloatArray = 0.5 * (sizes - np.linalg.slogdet(self.precision)[1])
-        return found
+        return np.asarray(0.5 * (sizes - np.linalg.slogdet(self.precision)[1]))
 
     def take(self, number: int) -> str:
         before = np.diag(np.linalg.inv(self.precision))
@@ -128,8 +128,7 @@ class Apart:
         self.rival, self.odds, self.left = rival, odds, rival.wanted
 
     def gains(self) -> FloatArray:
-        found: FloatArray = np.minimum(self.odds, self.left)
-        return found
+        return np.minimum(self.odds, self.left)
 
     def take(self, number: int) -> str:
         self.left = max(self.left - float(self.odds[number]), 0.0)
@@ -144,7 +143,7 @@ def told_apart(final: Fit, rows: Rows, rivals: Sequence[Rival]) -> list[Question
     found: list[Question] = []
     for rival in rivals:
         difference = rival.rig.coefficients(rows.data.at, orders) - own
-        difference = np.where(rows.data.orders == 0, difference.real, difference)
+        difference = rows.data.with_real_mean(difference)
         found.append(Apart(rival, 0.5 * summed((np.abs(difference) / rows.sigma) ** 2).sum(axis=1)))
     return found
 
@@ -159,27 +158,25 @@ class Unknown:
         self.weight, self.known, self.points, self.why = weight, measured, points, why
 
     def gains(self) -> FloatArray:
-        near = _alike(self.points, self.known)
-        own = _alike(self.known, self.known) + _NUGGET * np.eye(len(self.known))
+        near = _kernel(self.points, self.known)
+        own = _kernel(self.known, self.known) + _NUGGET * np.eye(len(self.known))
         told = np.einsum("nm,mn->n", near, np.linalg.solve(own, near.T))
-        found: FloatArray = 2 * np.log1p(self.weight * np.clip(1.0 - told, 0.0, 1.0))
-        return found
+        return np.asarray(2 * np.log1p(self.weight * np.clip(1.0 - told, 0.0, 1.0)))
 
     def take(self, number: int) -> str:
         self.known = np.concatenate([self.known, self.points[[number]]])
         return self.why[number]
 
 
-def _alike(a: FloatArray, b: FloatArray) -> FloatArray:
-    found: FloatArray = np.exp(-0.5 * ((a[:, None] - b[None]) ** 2).sum(axis=2))
-    return found
+def _kernel(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.asarray(np.exp(-0.5 * ((a[:, None] - b[None]) ** 2).sum(axis=2)))
 
 
 def unexplained(result: Reconciliation, rows: Rows) -> list[Question]:
     """The unexplained orders that a run can tell something of, the largest; gaps where nothing is, or few runs are."""
     final = result.conclusions.final
     target = final.target
-    steps = [_step(getattr(target.data.at, column)) for column in CONDITION_COLUMNS]
+    steps = [step_between(getattr(target.data.at, column)) for column in CONDITION_COLUMNS]
     found: list[Question] = []
     if result.verdict is Outcome.NOTHING_MISSING or target.data.few_points:
         # what hides between levels is sharp in speed (a resonance) or in torque (flanks that seat)
@@ -198,7 +195,7 @@ def unexplained(result: Reconciliation, rows: Rows) -> list[Question]:
         power = np.maximum(np.abs(final.residual[:, k]) ** 2 - parts * target.sigma[:, k] ** 2, 0.0)[target.good]
         measured = target.data.at.rows(target.good).points / length
         points = rows.data.at.points[: len(rows.data) // 2] / length
-        near = _alike(points / 2, measured / 2)
+        near = _kernel(points / 2, measured / 2)
         local = near @ power / np.maximum(near.sum(axis=1), 1e-12)
         # the noise, not the scatter about the model, which is what is asked about
         noise = parts * float(np.median(target.sigma[target.good, k] ** 2))
@@ -215,8 +212,7 @@ class Met:
         self.order, self.hertz, self.odds, self.open = order, hertz, odds, True
 
     def gains(self) -> FloatArray:
-        found: FloatArray = self.open * np.log(2.0) * np.minimum(self.odds / SETTINGS.told_apart, 1.0)
-        return found
+        return np.asarray(self.open * np.log(2.0) * np.minimum(self.odds / SETTINGS.told_apart, 1.0))
 
     def take(self, number: int) -> str:
         self.open = self.open and bool(self.odds[number] < SETTINGS.told_apart)
@@ -267,7 +263,7 @@ def peaks_between(result: Reconciliation, rows: Rows) -> list[Question]:
         f"lies where a straight line from {a:g} to {b:g} rpm misses {d:.2g} deg RMS of what was found"
         for a, b, d in zip(low, high, deg, strict=False)
     ]
-    steps = np.array([_step(getattr(final.target.data.at, column)) for column in CONDITION_COLUMNS])
+    steps = np.array([step_between(getattr(final.target.data.at, column)) for column in CONDITION_COLUMNS])
     length = steps * np.array([_INSIDE, _FAR, _FAR])
     measured = np.unique(final.target.data.at.rows(final.target.good).points / length, axis=0)
     weight = summed((np.abs(missed) / rows.sigma) ** 2).sum(axis=1)
@@ -280,7 +276,44 @@ def _lengths(dependence: Mapping[str, float]) -> list[float]:
     return [_FAR if share <= SETTINGS.cause else _NEAR if share == max(shares) else 1.0 for share in shares]
 
 
-def _step(values: FloatArray) -> float:
-    """The median step between levels, a twentieth of the range at least; 1 where the values never varied."""
-    levels = np.unique(values)
-    return max(float(np.median(np.diff(levels))), float(np.ptp(levels)) / 20) if len(levels) > 1 else 1.0
+@dataclass(frozen=True)
+class Rival:
+    """Another explanation of the data than `one`: its rig, and the odds (logarithm) still wanted to tell them apart."""
+
+    one: str
+    other: str
+    rig: RigModel
+    wanted: float
+
+
+def other_models(result: Reconciliation) -> list[Rival]:
+    """Other explanations of the same data.
+
+    Names that are as good, also in place of a changed parameter, and refused effects on unexplained orders.
+    """
+    found = result.conclusions
+    pairs = [(one.piece.effect.name, other) for one in found.claims for other in one.others]
+    pairs += [(f"changed {one.after.name}", other) for one in found.retuned for other in one.others]
+    as_good = [Rival(name, other.name, other.rig, SETTINGS.told_apart) for name, other in pairs]
+    return [*as_good, *_refused(result)]
+
+
+def _refused(result: Reconciliation) -> Iterator[Rival]:
+    """Effects that were refused although they gain on orders that are still unexplained."""
+    final = result.conclusions.final
+    open_orders = {signature.order for signature in result.unexplained}
+    taken = {(piece.effect.name, piece.effect.orders) for piece in final.state.pieces}
+    for candidate, _ in sorted(result.judged, key=lambda pair: -pair[1].loss_saved):
+        effect = candidate.piece.effect
+        kind = (effect.name, effect.orders)
+        if candidate.number is None and kind not in taken and open_orders & set(effect.touched_orders()):
+            taken.add(kind)
+            other = fit(final.target, candidate.put_into(final.state), steps=SETTINGS.quick_steps)
+            yield Rival(
+                "what was found",
+                f"{effect.name} as well, which the data refused so far",
+                other.state.model(),
+                SETTINGS.told_apart,
+            )
+        if len(taken) == len(final.state.pieces) + SETTINGS.most_rivals:
+            return

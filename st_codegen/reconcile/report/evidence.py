@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
-from st_codegen.reconcile.data.contrasts import speed_levels
+from st_codegen.reconcile.data.contrasts import AXES, equal_parts
 from st_codegen.reconcile.report.findings import Finding
-from st_codegen.reconcile.run import Reconciliation
+from st_codegen.reconcile.result import Reconciliation
 from st_codegen.report.picture import Draw
 from st_codegen.rig.effects import Effect, Stage
 from st_codegen.rig.effects.resonance import StructuralResonance
@@ -46,18 +46,12 @@ def evidence_panels(result: Reconciliation, found: Sequence[Finding]) -> list[Pa
     return panels
 
 
-def _own(result: Reconciliation, effect: Effect) -> ComplexArray:
-    """What an effect contributes to the measured coefficients, (n, K)."""
-    propagation = result.conclusions.final.propagation
-    return propagation.measured(propagation.change(effect), effect.stage)
-
-
 # --- resonances ---
 
 
 def _resonance(result: Reconciliation, effect: StructuralResonance, title: str) -> list[Panel]:
     """Amplitude and phase over the frequency, all orders and directions brought to a height of 1 at the peak."""
-    measured = result.conclusions.final.residual + _own(result, effect)
+    measured = result.conclusions.final.residual + result.conclusions.final.explained(effect)
     points = [
         (order, *_collapsed(result, effect, order, measured)) for order in effect.orders if order in result.data.orders
     ]
@@ -157,7 +151,7 @@ def _spectrum(result: Reconciliation, effect: Effect) -> Draw:
 
 def _over_a_condition(result: Reconciliation, effect: Effect, before: Effect | None, title: str) -> list[Panel]:
     """The order with the largest part of an effect, less all others, over the condition on which the part depends."""
-    own = _own(result, effect)
+    own = result.conclusions.final.explained(effect)
     good = result.target.good
     size = (np.abs(own[good]) ** 2).mean(axis=0)
     if not size.size or not size.max():
@@ -167,7 +161,7 @@ def _over_a_condition(result: Reconciliation, effect: Effect, before: Effect | N
     measured = (result.conclusions.final.residual + own)[:, column]
     lines = [("fit", own[:, column])]
     if before is not None:
-        lines.append(("rig", _own(result, before)[:, column]))
+        lines.append(("rig", result.conclusions.final.explained(before)[:, column]))
     field, label = _condition(result, own[:, column])
 
     def draw(axes: Any) -> None:
@@ -194,7 +188,7 @@ def unexplained_panels(result: Reconciliation) -> list[Panel]:
             continue
         column = int(np.searchsorted(result.data.orders, signature.order))
         values = _size(residual[:, column], signature.order)
-        shares = [signature.dependence.get(name, 0.0) for name in ("speed", "torque", "temperature")]
+        shares = [signature.dependence.get(name, 0.0) for name in AXES]
         field, label = _AXES[int(np.argmax(shares))]
         # the floor that the text compares with: what runs differ by may hold what is shown
         noise = result.orders[column].noise_floor
@@ -220,8 +214,7 @@ def _rest(result: Reconciliation, field: str, label: str, values: FloatArray, no
 
 def _size(values: ComplexArray, order: int) -> FloatArray:
     """The mean with its sign, of an order its amplitude."""
-    found: FloatArray = values.real if order == 0 else np.abs(values)
-    return found
+    return values.real if order == 0 else np.abs(values)
 
 
 def _condition(result: Reconciliation, own: ComplexArray) -> tuple[str, str]:
@@ -246,9 +239,7 @@ def _levels(
     x = getattr(result.data.at, field)[rows]
     levels, index = np.unique(x, return_inverse=True)
     if len(levels) > _MOST_LEVELS:
-        cuts = np.quantile(x, np.linspace(0, 1, 13)[1:-1])
-        index = speed_levels(x) if field == "speed_rpm" and len(levels) > 40 else np.searchsorted(cuts, x)
-        index = np.unique(index, return_inverse=True)[1]
+        index = np.unique(equal_parts(x, 12), return_inverse=True)[1]
     groups = [index == level for level in range(int(index.max()) + 1)]
     middle = np.array([float(np.median(x[group])) for group in groups])
     own = values[rows]

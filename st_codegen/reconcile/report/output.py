@@ -9,10 +9,11 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from st_codegen.reconcile.judge.conclusions import Claim, Retuned
-from st_codegen.reconcile.judge.evidence import Evidence, digits
+from st_codegen.reconcile.data.chances import digits
+from st_codegen.reconcile.judge.claims import Claim, Retuned
 from st_codegen.reconcile.report.sentences import form_error, left_text, together_text
-from st_codegen.reconcile.run import Gap, Reconciliation
+from st_codegen.reconcile.result import Gap, Reconciliation
+from st_codegen.reconcile.search.evidence import Evidence
 from st_codegen.rig.effects import Effect
 
 if TYPE_CHECKING:

@@ -9,9 +9,7 @@ import numpy as np
 
 from st_codegen.errors import counted
 from st_codegen.ir.arrays import FloatArray
-from st_codegen.reconcile.judge.conclusions import Claim
-from st_codegen.reconcile.judge.spectrum import SpectrumResult, sizes, spectrum_report, spectrum_summary
-from st_codegen.reconcile.judge.unexplained import Signature
+from st_codegen.reconcile.judge.claims import Claim
 from st_codegen.reconcile.report.evidence import evidence_panels, unexplained_panels
 from st_codegen.reconcile.report.findings import Finding, findings, share_text
 from st_codegen.reconcile.report.output import parameters_of, report_text, rig_diff
@@ -26,8 +24,10 @@ from st_codegen.reconcile.report.sentences import (
     together_text,
     verdict_text,
 )
-from st_codegen.reconcile.run import OrderGap, Reconciliation
+from st_codegen.reconcile.rest.unexplained import Signature
+from st_codegen.reconcile.result import OrderGap, Reconciliation
 from st_codegen.reconcile.settings import SETTINGS
+from st_codegen.reconcile.spectrum import SpectrumResult, sizes, spectrum_report, spectrum_summary
 from st_codegen.report.html import PageSection, PageTable, page
 from st_codegen.report.picture import Draw, figure, panels
 
@@ -221,16 +221,7 @@ def _order_of(one: Signature) -> int | str:
 def _unexplained(result: Reconciliation) -> PageSection | None:
     if not result.unexplained:
         return None
-    rows = [
-        [
-            _order_of(s),
-            s.rms_deg,
-            f"{100 * s.share:.2g} %",
-            s.direction,
-            s.text,
-        ]
-        for s in result.unexplained
-    ]
+    rows = [[_order_of(s), s.rms_deg, f"{100 * s.share:.2g} %", s.direction, s.text] for s in result.unexplained]
     text = "Parts that stand above the noise and that no effect of the catalogue explains: by their signature."
     text += f" {together}" if (together := together_text(result)) else ""
     shown = panels(unexplained_panels(result))

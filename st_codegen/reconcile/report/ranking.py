@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from st_codegen.reconcile.judge.candidates import Candidate
-from st_codegen.reconcile.judge.evidence import Evidence
-from st_codegen.reconcile.run import Reconciliation
+from st_codegen.reconcile.result import Reconciliation
+from st_codegen.reconcile.search.candidates import Candidate
+from st_codegen.reconcile.search.evidence import Evidence
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.report.html import PageSection, PageTable
 

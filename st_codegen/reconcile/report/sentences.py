@@ -12,17 +12,16 @@ import numpy as np
 from st_codegen.campaign.orders import listed
 from st_codegen.errors import counted
 from st_codegen.ir.arrays import ComplexArray, FloatArray
-from st_codegen.reconcile.data.observations import rms_deg
-from st_codegen.reconcile.fit.parameters import Piece
-from st_codegen.reconcile.judge.conclusions import Claim
+from st_codegen.reconcile.data.observations import first_of, rms_deg
+from st_codegen.reconcile.fit.state import Piece
+from st_codegen.reconcile.judge.claims import Claim
 from st_codegen.reconcile.judge.misread import Misread
-from st_codegen.reconcile.judge.peaks import where_there
-from st_codegen.reconcile.judge.plausible import explained
-from st_codegen.reconcile.judge.structure import in_both_directions
-from st_codegen.reconcile.judge.surroundings import angle_of_rest
-from st_codegen.reconcile.judge.unexplained import beside_the_rigs
 from st_codegen.reconcile.outcome import Outcome
-from st_codegen.reconcile.run import Reconciliation, TakenBack
+from st_codegen.reconcile.rest.structure import in_both_directions
+from st_codegen.reconcile.rest.unexplained import beside_the_rigs
+from st_codegen.reconcile.result import Reconciliation, TakenBack
+from st_codegen.reconcile.search.peaks import where_there
+from st_codegen.reconcile.search.surroundings import angle_of_rest
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions, Effect
 from st_codegen.rig.effects.base import ARCMIN, BACKWARD
@@ -116,7 +115,7 @@ def floor_text(result: Reconciliation) -> str:
     parts = []
     for kind in kinds:
         orders = [str(k) for k, own in zip(result.data.orders, result.noise.kinds, strict=True) if own == kind]
-        which = "" if len(kinds) == 1 else f" (orders {', '.join(orders[:8])}{', ..' if len(orders) > 8 else ''})"
+        which = "" if len(kinds) == 1 else f" (orders {first_of(orders, 8)})"
         parts.append(_FLOOR[kind] + which)
     text = f"The floor is {'; '.join(parts)}"
     if not result.data.repeated:
@@ -309,6 +308,8 @@ def taken_back_text(back: TakenBack) -> str:
 def words(claim: Claim, result: Reconciliation) -> str:
     """One claim in words."""
     effect = claim.piece.effect
+    if effect.name in _TEXTS:
+        return _TEXTS[effect.name].format(**{scalar.key: effect.scalar(scalar.key) for scalar in effect.scalars})
     return _WORDS.get(effect.name, plain)(effect, result)
 
 
@@ -327,8 +328,8 @@ def form_error(claim: Claim, result: Reconciliation) -> tuple[list[int], float, 
         return rms_deg(values[good][:, columns], result.data.orders[columns])
 
     found = [*(c.piece for c in result.conclusions.claims), *(p for p in final.state.pieces if _is_changed(p, result))]
-    size = rms(explained(final, own))
-    if size < max(rms(explained(final, piece)) for piece in found):
+    size = rms(final.explained(own.effect))
+    if size < max(rms(final.explained(piece.effect)) for piece in found):
         return None
     unexplained = math.sqrt(sum(s.rms_deg**2 for s in result.unexplained if s.order in left))
     return sorted(left), unexplained, size
@@ -351,10 +352,6 @@ def _is_changed(piece: Piece, result: Reconciliation) -> bool:
     return any(piece.effect is entry.after for entry in result.conclusions.retuned)
 
 
-def _value(effect: Effect, key: str) -> float:
-    return effect.scalar(key)
-
-
 def plain(effect: Effect, result: Reconciliation) -> str:
     """An effect by its title and orders."""
     orders = f", order {', '.join(map(str, effect.orders))}" if effect.orders else ""
@@ -362,25 +359,17 @@ def plain(effect: Effect, result: Reconciliation) -> str:
 
 
 def _compliance(effect: Effect, result: Reconciliation) -> str:
-    stiffness = _value(effect, "stiffness_Nm_per_arcmin")
+    stiffness = effect.scalar("stiffness_Nm_per_arcmin")
     twist = float(result.data.at.torque_Nm.max()) / stiffness
     return (
         f"the transmission twists under load: {stiffness:.0f} N m per arcmin, {twist:.1f} arcmin at the largest torque"
     )
 
 
-def _backlash(effect: Effect, result: Reconciliation) -> str:
-    return f"{_value(effect, 'gap_arcmin'):.2g} arcmin of backlash between the flanks"
-
-
-def _drift(effect: Effect, result: Reconciliation) -> str:
-    return f"the mean drifts by {_value(effect, 'drift_arcmin_per_K'):.2g} arcmin a kelvin of oil temperature"
-
-
 def _resonance(effect: Effect, result: Reconciliation) -> str:
     """Which order is lifted how far at which speed."""
     peaks = next((claim.peaks for claim in result.conclusions.claims if claim.piece.effect is effect), None)
-    frequency = _value(effect, "frequency_Hz") if peaks is None else sum(peaks) / 2
+    frequency = effect.scalar("frequency_Hz") if peaks is None else sum(peaks) / 2
     final = result.conclusions.final
     at = result.data.at.rows(np.flatnonzero(where_there(effect, result.data.at)))
     without = final.state.model().with_effects(e for e in final.state.model().effects if e is not effect)
@@ -497,14 +486,9 @@ def _sidebands(effect: Effect, result: Reconciliation) -> str:
     return f"the carrier modulates mesh order {effect.orders[0]} and gives it sidebands: {sides}"
 
 
-def _delay(effect: Effect, result: Reconciliation) -> str:
-    delay, skew = _value(effect, "delay_us"), _value(effect, "skew_us")
-    return f"the measuring chain is late: delay {delay:.0f} us, skew of the encoders {skew:.1f} us"
-
-
 def _friction(effect: Effect, result: Reconciliation) -> str:
-    dry, wet = _value(effect, "coulomb_arcmin"), _value(effect, "viscous_arcmin_per_krpm")
-    mixed = _value(effect, "stribeck_arcmin")
+    dry, wet = effect.scalar("coulomb_arcmin"), effect.scalar("viscous_arcmin_per_krpm")
+    mixed = effect.scalar("stribeck_arcmin")
     parts = [f"{dry:.2g} arcmin dry"] if dry else []
     parts += [f"{wet:.2g} arcmin per 1000 rpm by the oil"] if wet else []
     parts += [f"{mixed:.2g} arcmin that fall with speed as the oil film builds up"] if mixed else []
@@ -512,40 +496,43 @@ def _friction(effect: Effect, result: Reconciliation) -> str:
 
 
 def _worn(effect: Effect, result: Reconciliation) -> str:
-    depth, centre = _value(effect, "depth_arcmin"), _value(effect, "centre_deg")
+    depth, centre = effect.scalar("depth_arcmin"), effect.scalar("centre_deg")
     return f"a worn sector around {centre:.0f} deg of the output, {depth:.2g} arcmin ({depth * ARCMIN:.2g} deg) deep"
 
 
 def _defect(effect: Effect, result: Reconciliation) -> str:
     at = result.data.at
-    width = _value(effect, "width_deg")
+    width = effect.scalar("width_deg")
     sizes = []
     for sign, name in ((1.0, "forward"), (-1.0, "backward")):
         load = at.torque_Nm[at.sign == sign].mean() / 1000.0 if (at.sign == sign).any() else 0.0
-        height = _value(effect, "height_deg") + _value(effect, "slope_deg_per_kNm") * load
-        turning = _value(effect, "turning_deg") + _value(effect, "turning_slope_deg_per_kNm") * load
+        height = effect.scalar("height_deg") + effect.scalar("slope_deg_per_kNm") * load
+        turning = effect.scalar("turning_deg") + effect.scalar("turning_slope_deg_per_kNm") * load
         sizes += [f"{height + sign * turning:.2g} deg {name}"] if (at.sign == sign).any() else []
     return (
-        f"a bump at {_value(effect, 'centre_deg') % 360:.1f} deg of the output, about {2 * width:.1f} deg wide and in "
+        f"a bump at {effect.scalar('centre_deg') % 360:.1f} deg of the output, about {2 * width:.1f} deg wide and in "
         f"the mean of the runs {', '.join(sizes)} high: no wave of any order"
     )
 
 
 def _burst(effect: Effect, result: Reconciliation) -> str:
-    centre, width = _value(effect, "centre_deg") % 360, 2 * _value(effect, "width_deg")
+    centre, width = effect.scalar("centre_deg") % 360, 2 * effect.scalar("width_deg")
     where = f"at {centre:.1f} deg of the output, over about {width:.1f} deg"
     size = f"{_value_of_phasor(effect):.2g} deg"
     return f"mesh order {effect.orders[0]} is another {where}, by {size}, as damaged teeth or pins make it"
 
 
+#: effects that their numbers alone say
+_TEXTS = {
+    "backlash": "{gap_arcmin:.2g} arcmin of backlash between the flanks",
+    "thermal_drift": "the mean drifts by {drift_arcmin_per_K:.2g} arcmin a kelvin of oil temperature",
+    "measurement_delay": "the measuring chain is late: delay {delay_us:.0f} us, skew of the encoders {skew_us:.1f} us",
+}
 _WORDS: dict[str, Callable[[Effect, Any], str]] = {
     "torsional_compliance": _compliance,
-    "backlash": _backlash,
-    "thermal_drift": _drift,
     "structural_resonance": _resonance,
     "load_dependent_mesh": _growing,
     "carrier_modulation": _sidebands,
-    "measurement_delay": _delay,
     "friction_windup": _friction,
     "wear": _worn,
     "local_defect": _defect,

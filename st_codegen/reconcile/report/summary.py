@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from st_codegen.campaign.conditions import OperatingPoint
 from st_codegen.reconcile.report.findings import findings, share_text
 from st_codegen.reconcile.report.sentences import (
     between_text,
@@ -17,7 +16,7 @@ from st_codegen.reconcile.report.sentences import (
     together_text,
     verdict_text,
 )
-from st_codegen.reconcile.run import Reconciliation
+from st_codegen.reconcile.result import Reconciliation
 
 if TYPE_CHECKING:
     from st_codegen.reconcile.models.update import Update
@@ -69,17 +68,13 @@ def next_runs_summary(ahead: NextRuns, result: Reconciliation) -> str:
     """What to measure next, in one line."""
     if not ahead.runs:
         return f"Next measurement: none proposed; {ahead.none_because}"
-    first = ahead.runs[0]
+    first, at = ahead.runs[0], ahead.runs[0].point
     count = f"{len(ahead.runs)} runs" if len(ahead.runs) > 1 else "1 run"
-    text = f"Next measurement: {count} in next_runs.csv, the first at {point_text(first.point)}, which {first.purpose}"
+    text = f"Next measurement: {count} in next_runs.csv, the first at {at.speed_rpm:g} rpm, {at.torque_Nm:g} N m, "
+    text += f"{at.temperature_C:g} degC, which {first.purpose}"
     if {"torque", "misread_torque"} & {mistake.name for mistake in result.mistakes}:
         text += "; the torques are corrected ones, not those that the sensor shows"
     return text
-
-
-def point_text(point: OperatingPoint) -> str:
-    """An operating point in words."""
-    return f"{point.speed_rpm:g} rpm, {point.torque_Nm:g} N m, {point.temperature_C:g} degC"
 
 
 def update_summary(update: Update) -> str:

@@ -15,12 +15,13 @@ from typing import Any
 
 import numpy as np
 
+from st_codegen.reconcile.core import reconcile_observations
 from st_codegen.reconcile.data.observations import Observations, labels
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import FitData, groups_of
-from st_codegen.reconcile.judge.conclusions import standard_errors
-from st_codegen.reconcile.run import Reconciliation, reconcile_observations
+from st_codegen.reconcile.judge.errors import standard_errors
+from st_codegen.reconcile.result import Reconciliation
 from st_codegen.rig.effects import Conditions, catalogue
 from st_codegen.rig.model import RigModel, parse_rig
 

@@ -1,0 +1,1 @@
+"""Mistakes of measuring, looked for before any effect: units, labels, zeros, sensors, filters."""

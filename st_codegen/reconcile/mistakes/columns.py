@@ -1,0 +1,354 @@
+"""Columns that hold something else than the rig model means: conditions in other units, curves that were processed.
+
+Each is one of a few things that people do to tables, and shows in all runs at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from st_codegen.campaign.conditions import CONDITION_COLUMNS
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
+from st_codegen.reconcile.data.noise import middle_of
+from st_codegen.reconcile.data.observations import SIGNS, Observations
+from st_codegen.reconcile.mistakes.single_runs import AS_IS, Mistake
+from st_codegen.reconcile.mistakes.votes import (
+    PowerSums,
+    enough_orders,
+    expected_of,
+    loud_orders,
+    noise_power,
+    power_sums,
+    told_power,
+)
+from st_codegen.reconcile.settings import SETTINGS
+from st_codegen.rig.effects import Conditions
+from st_codegen.rig.model import RigModel
+
+_UNIT = (
+    "the {}{} seem to be {}: with that the rig predicts every order on which it matters, and as they are it does not"
+)
+_TAKEN_OFF = (
+    "hardly anything is left of {} in the runs, where the rig has {:.2g} deg RMS: {} seems to have been taken off the "
+    "curves"
+)
+_SHIFTED = (
+    "the columns of waves seem to be shifted: each holds what the rig has at the order {} its own, and as they are "
+    "most orders disagree with the rig"
+)
+_COPIED = (
+    "forward and backward have the same digits in {} of {} runs, noise included: one of the columns seems to be a copy "
+    "of the other"
+)
+
+
+def other_conditions(data: Observations, rig: RigModel) -> list[Mistake]:
+    """Speeds, torques or temperatures in another unit, of the other shaft, or of the other sign; at most one of them.
+
+    Only what takes nearly all that the rig leaves off all orders on which it matters, together: in all runs, or in
+    those that it brings nearer to the rig by far, as where a logger was set otherwise in the course of the campaign.
+    """
+    orders, noise, every = data.orders.tolist(), noise_power(data), np.ones(len(data), bool)
+    plain = expected_of(data, rig)
+    best: tuple[float, list[Mistake]] = (SETTINGS.order_gain, [])
+    for column, text, changed in readings(rig.constants.reduction_ratio):
+        meant = changed(data.at)
+        seen = rig.coefficients(meant, orders)
+        some = _nearer(data, noise, plain, seen)
+        for rows in (every, some & _are_apart(data.at, meant, some)):
+            gain = _gain(data, noise, plain, np.where(rows[:, None], seen, plain))
+            if gain > best[0]:
+                said = _UNIT.format(column, "" if rows.all() else _of_runs(data, rows), text)
+                corrected = partial(_with_conditions, changed, rows)
+                best = (gain, [Mistake("conditions", said, corrected, remedy="read them so")])
+    return best[1]
+
+
+def _with_conditions(changed: Callable[[Conditions], Conditions], rows: BoolArray, given: Observations) -> Observations:
+    meant = changed(given.at)
+    return given.under(
+        **{key: np.where(rows, getattr(meant, key), getattr(given.at, key)) for key in CONDITION_COLUMNS}
+    )
+
+
+def _nearer(data: Observations, noise: FloatArray, plain: ComplexArray, seen: ComplexArray) -> BoolArray:
+    """The rows of runs that another model brings nearer by more than chance, where they are some and not most, (n,)."""
+    found = np.zeros(len(data), bool)
+    before, after = (
+        (np.abs(data.values - model) ** 2 / np.maximum(noise, 1e-300)).sum(axis=1) for model in (plain, seen)
+    )
+    gains = np.array([before[rows].sum() - after[rows].sum() for rows in data.runs])
+    chosen = gains > SETTINGS.order_gain
+    if not SETTINGS.least_block <= chosen.sum() <= SETTINGS.most_of_block * len(chosen):
+        return found
+    if data.run is not None:
+        # a run that tells nothing of it, as one without a load, is what those around it are
+        first, *_, last = np.flatnonzero(chosen)
+        around = slice(first, last + 1)
+        if (chosen | (np.abs(gains) <= SETTINGS.order_gain))[around].all():
+            chosen[around] = True
+    for number in np.flatnonzero(chosen):
+        found[data.runs[number]] = True
+    return found
+
+
+def _are_apart(read: Conditions, meant: Conditions, rows: BoolArray) -> bool:
+    """Whether most numbers of some rows that are to be read otherwise lie outside of those of all others.
+
+    Of the same numbers as in other runs a change of the machine in mid-campaign is the cause. Those of the other sign
+    may be the same.
+    """
+    for key in CONDITION_COLUMNS:
+        values, others = (np.abs(getattr(read, key)[part]) for part in (rows, ~rows))
+        values, others = values[values > 0.0], others[others > 0.0]
+        is_sign = np.array_equal(np.abs(getattr(meant, key)), np.abs(getattr(read, key)))
+        if is_sign or not len(values) or not len(others):
+            continue
+        if ((values > others.max()) | (values < others.min())).mean() <= SETTINGS.most_orders:
+            return False
+    return True
+
+
+def _of_runs(data: Observations, rows: BoolArray) -> str:
+    """How many runs some rows are of, and where in the order of the campaign if they follow each other."""
+    numbers = [number for number, of in enumerate(data.runs, 1) if rows[of].all()]
+    if data.run is not None and numbers[-1] - numbers[0] + 1 == len(numbers):
+        return f" of run {numbers[0]} to run {numbers[-1]}"
+    return f" of {len(numbers)} of {len(data.runs)} runs"
+
+
+def readings(ratio: float) -> list[tuple[str, str, Callable[[Conditions], Conditions]]]:
+    """What a column may hold in place of what the rig means: its name, that, and the conditions that it means."""
+
+    def scaled(key: str, factor: float, off: float = 0.0) -> Callable[[Conditions], Conditions]:
+        return lambda at: replace(at, **{key: (getattr(at, key) + off) * factor})
+
+    return [
+        ("temperatures", "in degF", scaled("temperature_C", 1 / 1.8, -32.0)),
+        ("temperatures", "in K", scaled("temperature_C", 1.0, -273.15)),
+        ("speeds", "those of the output", scaled("speed_rpm", ratio)),
+        ("speeds", "in turns a second", scaled("speed_rpm", 60.0)),
+        ("speeds", "in rad/s", scaled("speed_rpm", 60.0 / (2 * np.pi))),
+        ("speeds", "in deg/s of the output", scaled("speed_rpm", ratio / 6.0)),
+        ("torques", "those of the input", scaled("torque_Nm", ratio)),
+        ("torques", "of the other sign", scaled("torque_Nm", -1.0)),
+        ("torques", "in kN m", scaled("torque_Nm", 1000.0)),
+        ("torques", "in N mm", scaled("torque_Nm", 1e-3)),
+    ]
+
+
+def _gain(data: Observations, noise: FloatArray, plain: ComplexArray, seen: ComplexArray) -> float:
+    """The logarithm by which another model takes power off the gaps of the orders that it changes; 0 where it leaves
+    more than a part of any.
+
+    A mean that is off by the same in all runs of a direction speaks for none: a zero may have moved.
+    """
+    gain, mean = 0.0, data.orders == 0
+    for sign in SIGNS:
+        rows = data.at.sign == sign
+        if not rows.any():
+            continue
+        before, after, changes, measured = (
+            (np.abs(part[rows] - mean * part[rows].mean(axis=0)) ** 2).mean(axis=0)
+            for part in (data.values - plain, data.values - seen, seen - plain, data.values)
+        )
+        least = told_power(noise[rows])
+        left, right = (np.maximum(power - noise[rows].mean(axis=0), 0.0) + least for power in (before, after))
+        asked = changes > SETTINGS.acts_of_unit * least
+        if (right > SETTINGS.left_of_unit * left)[asked].any():
+            return 0.0
+        # a load that is read as hardly any leaves little of a far too large one, and all that is measured
+        most = int(np.argmax(np.where(asked, changes / np.maximum(measured, 1e-300), 0.0)))
+        if asked[most] and right[most] > SETTINGS.part_of_measured * measured[most]:
+            return 0.0
+        gain += float(rows.sum() * np.log(left[asked] / right[asked]).sum())
+    return gain
+
+
+#: what a table of waves may hold in place of sizes and phases of cosines, A*cos(k*theta + phi), and how it is read then
+_Turned = Callable[[ComplexArray], ComplexArray]
+_PHASES: tuple[tuple[str, _Turned], ...] = (
+    ("", lambda c: c),
+    ("with phases of sines, 90 deg more than those of cosines", lambda c: -1j * c),
+    ("with phases 90 deg less than those of cosines", lambda c: 1j * c),
+    ("with phases of the other sign, as where the angle counts the other way", np.conj),
+    ("with phases of sines, of the other sign", lambda c: -1j * c.conj()),
+    ("with phases of the other sign, 90 deg less than those of cosines", lambda c: 1j * c.conj()),
+)
+_SIZES = (
+    ("", 1.0), ("twice as large, from peak to peak", 2.0), ("half as large, one side of a spectrum", 0.5),
+    ("RMS in place of amplitudes", 2**-0.5), ("one side of a spectrum, as RMS", 8**-0.5),
+)  # fmt: skip
+_WAVES = "the waves of all orders seem to be {}: with that most agree with the rig, and as they are they do not"
+
+
+def other_waves(data: Observations, rig: RigModel) -> list[Mistake]:
+    """Sizes and phases of all orders above the mean by another convention than the rig's: one for all, or none.
+
+    Sizes have the factor of a convention, to the error by which the orders tell it; any other is none, and so is one
+    that the mean has as well.
+    """
+    waves = data.orders > 0
+    loud = loud_orders(data, rig) & waves
+    if not enough_orders(data, loud):
+        return []
+    sums, best = power_sums(data, rig, loud, swapped=False), list[tuple[float, str, _Turned, float]]()
+    ones = np.ones(len(sums.orders), np.complex128)
+    plain = sums.gap(np.ones((2, 1)), ones)
+    for phases, turned in _PHASES:
+        # noise has any phase
+        read = power_sums(replace(data, values=turned(data.values)), rig, loud, swapped=False, noise=noise_power(data))
+        for sizes, factor in _SIZES:
+            left = read.gap(np.full((2, 1), factor), ones) / factor**2
+            if sizes and not _has_factor(data, rig, read, factor):
+                continue
+            text = " and ".join(part for part in (sizes, phases) if part)
+            # where some runs alone are otherwise, a part of each order seems to be
+            rest = np.median(np.maximum(left - sums.noise / factor**2, 0.0) / sums.model)
+            if text and rest < SETTINGS.of_a_size**2 and sums.gap_falls(plain, left):
+                score = float(np.log(sums.beyond_noise(left)).sum())
+                best.append((score, text, turned, factor))
+    if not best:
+        return []
+    _, text, turned, factor = min(best, key=lambda one: one[0])
+
+    def corrected(given: Observations) -> Observations:
+        return replace(given, values=np.where(given.orders > 0, turned(given.values) / factor, given.values))
+
+    return [Mistake("waves", _WAVES.format(text), corrected, remedy="read them so")]
+
+
+def _has_factor(data: Observations, rig: RigModel, waves: PowerSums, factor: float) -> bool:
+    """Whether the sizes of waves have a factor, each order with one vote, and the mean has it not."""
+    apart = np.log(np.maximum(np.abs(waves.product) / waves.model, 1e-12) / factor).ravel()
+    middle, error = middle_of(apart)
+    if abs(middle) > SETTINGS.told * error:
+        return False
+    mean = (data.orders == 0) & loud_orders(data, rig)
+    if not mean.any():
+        return True
+    of_mean = power_sums(data, rig, mean, swapped=False)
+    own = float(np.abs(of_mean.product).sum() / of_mean.model.sum())
+    return bool(abs(np.log(max(own, 1e-12))) < abs(np.log(max(own, 1e-12) / factor)))
+
+
+def taken_off(data: Observations, rig: RigModel) -> list[Mistake]:
+    """The mean, and the lowest orders above it, that no run has though the rig makes them: processing took them off."""
+    model = expected_of(data, rig)
+    noise = noise_power(data)
+    # the rig's is none of the data's where a few labels are a thousand times too large
+    measured, known = (np.median(np.abs(part) ** 2, axis=0) for part in (data.values, model))
+    made = np.flatnonzero(known > 0.0)
+    # in the unit of the data, whatever it is; what the runs could tell must be far below the rig's as well
+    unit = float(np.median(measured[made] / known[made])) if len(made) else 0.0
+    left = np.maximum(measured - noise.mean(axis=0), told_power(noise))
+    gone = left < SETTINGS.taken_off**2 * unit * known
+    if not len(gone) or data.orders[0] != 0 or not gone[0]:
+        return []
+    # an order that the rig does not make tells nothing of a filter
+    count = int(np.argmin(gone[made]))
+    last = int(data.orders[made[count - 1]])
+    chosen = data.orders <= last
+    what = "the mean" if last == 0 else f"the orders up to {last}"
+    size = float(np.sqrt(known[0] + known[chosen][1:].sum() / 2))
+    text = _TAKEN_OFF.format(what, size, "it" if last == 0 else "all of that")
+    why = f"{what}: taken off the curves"
+
+    def without(given: Observations) -> Observations:
+        return given.of_orders(given.orders > last, why)
+
+    return [Mistake("taken_off", text, without, remedy=f"leave {what} out")]
+
+
+def shifted_columns(data: Observations, rig: RigModel) -> list[Mistake]:
+    """Columns of waves that stand one place off: that of order k holds order k - 1, or k + 1, of a table.
+
+    As where a list that begins with 1 is read as one that begins with 0.
+    """
+    best: tuple[float, list[Mistake]] = (0.0, [])
+    for step, neighbour in ((1, "below"), (-1, "above")):
+        place = np.clip(np.searchsorted(data.orders, data.orders + step), 0, len(data.orders) - 1)
+        held = (data.orders[place] == data.orders + step) & (data.orders > 0) & (data.orders[place] > 0)
+        moved = replace(data, values=np.where(held, data.values[:, place], data.values))
+        loud = loud_orders(data, rig) & (data.orders > 0)
+        if not enough_orders(data, loud & held) or (loud & held).sum() <= SETTINGS.most_orders * loud.sum():
+            continue
+        plain, read = (power_sums(one, rig, loud & held, swapped=False) for one in (data, moved))
+        before, after = (sums.gap(np.ones((2, 1)), np.ones(len(sums.orders), np.complex128)) for sums in (plain, read))
+        rest = float(np.median(np.maximum(after - read.noise, 0.0) / read.model))
+        if rest < SETTINGS.of_a_size**2 and plain.gap_falls(before, after):
+            said = _SHIFTED.format(neighbour)
+            found = Mistake("shifted", said, partial(_shifted_back, step), remedy="shift them back")
+            best = max(best, (float(np.log(before / np.maximum(after, 1e-300)).sum()), [found]), key=lambda one: one[0])
+    return best[1]
+
+
+def _shifted_back(step: int, given: Observations) -> Observations:
+    place = np.clip(np.searchsorted(given.orders, given.orders + step), 0, len(given.orders) - 1)
+    held = (given.orders == 0) | ((given.orders[place] == given.orders + step) & (given.orders[place] > 0))
+    place[given.orders == 0] = np.flatnonzero(given.orders == 0)
+    lost = ", ".join(map(str, given.orders[~held]))
+    return given.with_columns(place).of_orders(held, f"orders {lost}: the columns beside them are not in the table")
+
+
+def copied_columns(data: Observations, _rig: RigModel) -> list[Mistake]:
+    """Runs whose both directions have the same digits: two measurements never have."""
+    pairs = [rows for rows in data.runs if len(rows) == 2]
+    same = sum(bool(np.array_equal(data.values[first], data.values[second])) for first, second in pairs)
+    if 2 * same <= len(pairs):
+        return []
+    text = _COPIED.format(same, len(pairs))
+    return [Mistake("copied", text, _forward, remedy="compare the forward runs alone")]
+
+
+def _forward(given: Observations) -> Observations:
+    return given.rows(given.at.sign > 0)
+
+
+# --- the rig file of another gear
+
+#: fewer waves than this say nothing of a gear, smaller numbers are no teeth, and more numbers are no gear's
+_LEAST_WAVES, _LEAST_TEETH, _MOST_NUMBERS = 2, 5, 4
+#: amplitude, as a share of the rig's, below which an order is missing
+_NOTHING = 0.2
+
+
+def other_gear(data: Observations, rig: RigModel) -> list[Mistake]:
+    """Teeth, pins or a shaft of the rig all of whose waves are missing, where multiples of other numbers are there.
+
+    It changes no data: the rig file is that of another gear.
+    """
+    constants, orders, noise = rig.constants, data.orders, noise_power(data)
+    most = np.maximum((np.abs(data.values) ** 2).mean(axis=0) - noise.mean(axis=0), 0.0)
+    least, model = told_power(noise), (np.abs(expected_of(data, rig)) ** 2).mean(axis=0)
+    loud, is_missing = loud_orders(data, rig), most + least < _NOTHING**2 * model
+    missing = dict[str, list[int]]()
+    for name, family in (
+        (f"{constants.cycloid_teeth} teeth", constants.tooth_orders()),
+        (f"{constants.pins} pins", constants.pin_orders()),
+        (f"a shaft that turns {constants.reduction_ratio:g} times", constants.shaft_orders()),
+    ):
+        own = np.isin(orders, family) & loud
+        if own.sum() >= _LEAST_WAVES and is_missing[own].all():
+            missing[name] = orders[own].tolist()
+    foreign = set(orders[(most > SETTINGS.loud_order * noise.mean(axis=0) + least) & (model == 0)].tolist())
+    numbers = [
+        number
+        for number in sorted(foreign)
+        if number >= _LEAST_TEETH and all(number * times in foreign for times in range(1, _LEAST_WAVES + 1))
+    ]
+    numbers = [one for one in numbers if not any(one > other and one % other == 0 for other in numbers)]
+    # where nothing is as large as the rig lets expect, another unit does that
+    if not missing or is_missing[loud].all() or not 0 < len(numbers) <= _MOST_NUMBERS:
+        return []
+    lost = " and ".join(f"{', '.join(map(str, own))} ({name})" for name, own in missing.items())
+    text = (
+        f"orders {lost} of the rig are missing, and multiples of {' and of '.join(map(str, numbers))} are there, which "
+        "it does not have, as if the rig file were that of another gear: correct cycloid_teeth, pins, reduction_ratio "
+        f"and the orders of its effects; or give --accept {AS_IS}"
+    )
+    return [Mistake("gear", text)]

@@ -1,0 +1,341 @@
+"""A mistake of measuring, and those of single runs: exchanged directions, a factor of their own, wrong labels.
+
+The mistakes that touch all runs are looked for by `examine`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from st_codegen.reconcile.data.noise import estimate
+from st_codegen.reconcile.data.observations import Observations, first_of
+from st_codegen.reconcile.mistakes.votes import expected_of, noise_power
+from st_codegen.reconcile.settings import SETTINGS
+from st_codegen.rig.model import RigModel
+
+#: what `--accept` takes so that none but those named is corrected, and nothing is asked
+AS_IS = "as_is"
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """A mistake of measuring: its name for `--accept`, a sentence, what corrects the data, and rows to leave out.
+
+    remedy: what is done where it is accepted, to stand behind "to"; is_taken_out: whether data are corrected for it.
+    """
+
+    name: str
+    text: str
+    corrected: Callable[[Observations], Observations] | None = None
+    rows: tuple[int, ...] = ()
+    remedy: str = ""
+    is_taken_out: bool = False
+
+    @property
+    def question(self) -> str:
+        """The sentence with what to do."""
+        return f"{self.text}; give --accept {self.name} to {self.remedy}" if self.remedy else self.text
+
+
+def mistaken_runs(data: Observations, rig: RigModel) -> list[Mistake] | None:
+    """Curves of the other sign, runs with exchanged directions, a block with a factor of its own, and runs that agree
+    with the rig under another label than theirs.
+
+    None where too few orders tell.
+    """
+    seen = np.ones(data.values.shape, bool) if data.seen is None else data.seen
+    turned_over = _turned_over(data, rig, seen)
+    # how others scatter, and what they are, is told with those of their own sign, in their own directions
+    data = _with_sign(data, [row for mistake in turned_over for row in mistake.rows])
+    exchanged = _exchanged(data, rig, seen)
+    data = _with_exchanged(data, [row for mistake in exchanged for row in mistake.rows])
+    wrong = [*turned_over, *exchanged]
+    out = {row for mistake in wrong for row in mistake.rows}
+    model = expected_of(data, rig)
+    sigma = estimate(data, data.values - model).sigma
+    z = np.abs(data.values - model) / sigma
+    usual = np.array([np.median(own[of]) if of.any() else np.inf for own, of in zip(z.T, seen.T, strict=True)])
+    power = np.median(np.abs(model), axis=0)
+    # orders in which the rig is right for most runs, and loud
+    sure = (usual < SETTINGS.sure_order) & (power > 3 * np.median(sigma, axis=0))
+    turned = _block_of_no_effect(data, model, seen)
+    if turned or sure.sum() < SETTINGS.least_votes:
+        return [*wrong, *turned] or None
+    # a coefficient that a curve does not tell says nothing of its label
+    values, known, weight = data.values[:, sure], model[:, sure], seen[:, sure] / sigma[:, sure] ** 2
+    blocks = [*wrong, *_block(data, values, known, weight)]
+    out |= {row for mistake in blocks for row in mistake.rows}
+    rest = np.array([row not in out for row in range(len(data))])
+    return [*blocks, *_labels(_Asked(data, rig, sure, values, known, weight), rest)]
+
+
+def _turned_over(data: Observations, rig: RigModel, seen: BoolArray) -> list[Mistake]:
+    """Curves of which nearly all orders that tell have the other sign than the rig, and most other curves its own.
+
+    No effect turns all orders; a column whose sign was changed does, and it turns the mean: another zero of the angle
+    may turn all odd orders, and leaves the mean as it is.
+    """
+    model = expected_of(data, rig)
+    power = np.abs(model) ** 2
+    tells = seen & (power > SETTINGS.loud_order * noise_power(data))
+    along = (data.values * model.conj()).real / np.maximum(power, 1e-300)
+    enough = tells[:, data.orders > 0].sum(axis=1) >= SETTINGS.least_votes
+    each = np.array([np.median(row[told]) if told.any() else 0.0 for row, told in zip(along, tells, strict=True)])
+    own, other = (
+        enough
+        & ~_far_from(each, sign)
+        & ((tells & (along * sign > 0.0)).sum(axis=1) > SETTINGS.most_orders * tells.sum(axis=1))
+        for sign in (1.0, -1.0)
+    )
+    if data.orders[0] == 0:
+        other &= ~(tells[:, 0] & (along[:, 0] > 0.0))
+    if not other.any() or other.sum() > SETTINGS.most_of_block * len(data) or own.sum() < other.sum():
+        return []
+    rows = np.flatnonzero(other)
+    touched = [of for of in data.runs if other[of].any()]
+    if len(touched) >= SETTINGS.least_block and all(other[of].all() for of in touched):
+        # a block of whole runs is said to be one
+        return []
+    said = f"{len(rows)} curves have" if len(rows) > 1 else "a curve has"
+    shown = first_of([data.labels[row] for row in rows], 6, "; ")
+    return [
+        Mistake("block", f"{said} the opposite sign of the rig's in most orders: {shown}", rows=tuple(map(int, rows)))
+    ]
+
+
+def _exchanged(data: Observations, rig: RigModel, seen: BoolArray) -> list[Mistake]:
+    """Runs of which each direction agrees with the rig's other one, in most orders that tell.
+
+    In each of these orders the run has a vote: a missing effect makes some of them look so, hardly most.
+    """
+    runs = [rows for rows in data.runs if sorted(data.at.sign[rows]) == [-1.0, 1.0]]
+    orders = data.orders.tolist()
+    model = expected_of(data, rig)
+    gap = np.abs(data.values - model)
+    closer = np.abs(data.values - rig.coefficients(_with_exchanged(data, np.arange(len(data))).at, orders)) < gap
+    nearer = [rows for rows in runs if closer[rows][seen[rows]].sum() * 2 > seen[rows].sum()]
+    if not nearer:
+        return []
+    turned = _with_exchanged(data, np.concatenate(nearer))
+    left = data.values - rig.coefficients(turned.at, orders)
+    weight = seen / estimate(turned, left).sigma ** 2
+    wrong, texts = [], []
+    for rows in nearer:
+        own, other, turned_over = (
+            (weight[rows] * part[rows] ** 2).sum(axis=0) for part in (gap, np.abs(left), np.abs(data.values + model))
+        )
+        tells = np.abs(own - other) > SETTINGS.order_gain
+        agree = (own > other) & tells
+        most = agree.sum() > max(SETTINGS.least_votes - 1, SETTINGS.most_orders * tells.sum())
+        # what turns with the direction has the other sign then
+        if most and other.sum() < SETTINGS.label_gain * min(own.sum(), turned_over.sum()):
+            wrong.append(rows)
+            # a label ends with its direction, within the brackets where it names a file
+            texts.append(re.sub(r", \w+(?=\)?$)", "", data.labels[rows[0]]))
+    if not wrong or 2 * len(wrong) > len(data.runs):
+        return []
+    text = _seem(texts, "to have forward and backward exchanged")
+    rows = np.concatenate(wrong)
+    if _loads_turn_with(data, rows):
+        text += "; theirs are the loads of the other sign: the other flanks may bear there, which the rig does not know"
+    return [Mistake("direction", text, rows=tuple(map(int, rows)))]
+
+
+def _loads_turn_with(data: Observations, rows: IntArray) -> bool:
+    """Whether the loads of some rows have the one sign, and those of all others the other one, or none."""
+    theirs, others = data.at.torque_Nm[rows], np.delete(data.at.torque_Nm, rows)
+    return bool(theirs.all() and len(np.unique(np.sign(theirs))) == 1 and (others * theirs[0] <= 0.0).all())
+
+
+def _with_sign(data: Observations, rows: list[int]) -> Observations:
+    """The data with the other sign in some rows."""
+    values = data.values.copy()
+    values[rows] *= -1.0
+    return replace(data, values=values) if rows else data
+
+
+def _with_exchanged(data: Observations, rows: IntArray | list[int]) -> Observations:
+    """The data with rows under the other direction than theirs."""
+    sign = data.at.sign.copy()
+    sign[rows] *= -1.0
+    return data.under(sign=sign) if len(rows) else data
+
+
+def _block_of_no_effect(data: Observations, model: ComplexArray, seen: BoolArray) -> list[Mistake]:
+    """A block of runs in another unit, or of the other sign: so many of them that neighbours tell no noise.
+
+    The rig must be right in some of the others.
+    """
+    parts = data.parts
+    sigma = np.sqrt(noise_power(data) / parts)
+    if data.spectral_deg is None:
+        # what they are measured to be says nothing of the noise of those in another unit
+        sigma = np.minimum(sigma, np.sqrt(SETTINGS.most_noise / parts) * np.abs(model))
+    z = np.abs(data.values - model) / np.maximum(sigma, 1e-150)
+    right = np.quantile(np.where(seen, z, np.inf), SETTINGS.most_labels, axis=0, method="inverted_cdf")
+    sure = (right < SETTINGS.sure_order) & (np.median(np.abs(model), axis=0) > 3 * np.median(sigma, axis=0))
+    if sure.sum() < SETTINGS.least_votes:
+        return []
+    weight = seen[:, sure] / np.maximum(sigma[:, sure], 1e-150) ** 2
+    found = _block(data, data.values[:, sure], model[:, sure], weight, only_no_effect=True)
+    return found if all(len(one.rows) > SETTINGS.most_labels * len(data) for one in found) else []
+
+
+def _block(
+    data: Observations, values: ComplexArray, known: ComplexArray, weight: FloatArray, *, only_no_effect: bool = False
+) -> list[Mistake]:
+    factor = []
+    runs = data.runs
+    for rows in runs:
+        products = (values[rows] * known[rows].conj()).real / np.maximum(np.abs(known[rows]) ** 2, 1e-300)
+        worth = weight[rows] * np.abs(known[rows]) ** 2
+        loud = worth > SETTINGS.loud_order
+        factor.append(float(np.median(products[loud])) if loud.sum() >= SETTINGS.least_votes else np.nan)
+    size = np.array(factor)
+    off = np.isfinite(size) & _far_from(size, 1.0)
+    if off.sum() < SETTINGS.least_block:
+        return []
+    common = float(np.median(size[off]))
+    # no effect makes most orders ten times as large, or turns all of them
+    is_no_effect = not SETTINGS.like_an_effect[0] < common < SETTINGS.like_an_effect[1]
+    if off.mean() > (1.0 - SETTINGS.most_labels if is_no_effect else SETTINGS.most_of_block):
+        return []
+    if only_no_effect and not is_no_effect:
+        return []
+    near = off & ~_far_from(size, common)
+    if near.sum() < SETTINGS.least_block:
+        return []
+    rows = np.concatenate([runs[i] for i in np.flatnonzero(near)])
+    where = ""
+    if data.run is not None:
+        first, last = int(np.flatnonzero(near)[0]), int(np.flatnonzero(near)[-1])
+        is_one = last - first + 1 <= 1.5 * near.sum()
+        if not is_one and not is_no_effect:
+            return []
+        where = "" if not is_one else f", run {first + 1} to run {last + 1} in their order"
+    text = f"a block of {int(near.sum())} runs is {common:.3g} times as large as the rig in most orders{where}"
+    return [Mistake("block", text, rows=tuple(map(int, rows)))]
+
+
+def _far_from(size: FloatArray, factor: float) -> BoolArray:
+    """Which factors are another one, whatever its sign, by more than what makes a block."""
+    ratio = np.where(np.isfinite(size), size, 1.0) / (factor or 1e-9)
+    return np.asarray(np.abs(np.log(np.maximum(ratio, 1e-6))) > np.log(SETTINGS.block_factor))
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """Data and the rig, and of the orders that judge labels (sure, bool (K,)) what is measured, what the rig says, and
+    what it counts, (n, sure)."""
+
+    data: Observations
+    rig: RigModel
+    sure: BoolArray
+    values: ComplexArray
+    known: ComplexArray
+    weight: FloatArray
+
+
+def _labels(asked: _Asked, rest: BoolArray) -> list[Mistake]:
+    """Runs that the rig explains well under the label of another run, and badly under their own.
+
+    rest: the rows that are asked.
+    """
+    data, at = asked.data, asked.data.at
+    loss = (asked.weight * np.abs(asked.values - asked.known) ** 2).sum(axis=1)
+    usual = float(np.median(loss[rest])) if rest.any() else 0.0
+    limit = SETTINGS.label_loss * max(usual, 2.0 * asked.values.shape[1])
+    wrong: list[int] = []
+    texts = []
+    runs = data.runs
+    for rows in runs:
+        if not rest[rows].all() or loss[rows].min() < limit:
+            continue
+        other = _other_label(asked, rows)
+        if other is None or other[0] > SETTINGS.label_gain * float(loss[rows].sum()):
+            continue
+        row = other[1]
+        if not _most_agree(asked, rows, row) or _is_elsewhere(asked, rows, other):
+            continue
+        wrong += map(int, rows)
+        texts.append(
+            f"{data.labels[rows[0]]} agrees with {at.speed_rpm[row]:g} rpm, {at.torque_Nm[row]:g} N m, "
+            f"{at.temperature_C[row]:g} degC"
+        )
+    if not wrong or len(texts) > SETTINGS.most_labels * len(runs):
+        return []
+    return [Mistake("labels", _seem(texts, "to carry the label of another run"), rows=tuple(wrong))]
+
+
+def _seem(texts: list[str], what: str) -> str:
+    """What single runs seem to be, of which these are named."""
+    return f"{f'{len(texts)} runs seem' if len(texts) > 1 else 'a run seems'} {what}: {first_of(texts, 6, '; ')}"
+
+
+def _most_agree(asked: _Asked, rows: IntArray, other: int) -> bool:
+    """Whether the label of another row explains a run better by more than the one order that gains most.
+
+    A missing effect moves one order, the mean above all, in any way.
+    """
+    at, values, known = asked.data.at, asked.values, asked.known
+    gain = np.zeros(values.shape[1])
+    for row in rows:
+        same = (at.sign == at.sign[row]) & (at.speed_rpm == at.speed_rpm[other])
+        same &= (at.torque_Nm == at.torque_Nm[other]) & (at.temperature_C == at.temperature_C[other])
+        if same.any():
+            there = known[np.flatnonzero(same)[0]]
+            gain += asked.weight[row] * (np.abs(values[row] - known[row]) ** 2 - np.abs(values[row] - there) ** 2)
+    return float(np.sort(gain)[:-1].sum()) > SETTINGS.order_gain
+
+
+def _is_elsewhere(asked: _Asked, rows: IntArray, other: tuple[float, int]) -> bool:
+    """Whether a run lies at another speed or torque than its label's, which is not that of any label either.
+
+    other: the loss under the label of another row, and that row. A torque that is read wrong may be near that of
+    another run, whose speed has no part in it. Where conditions have levels it is no chance that a run lies at another
+    one: there it must lie clearly between them.
+    """
+    at, (loss, row) = asked.data.at, other
+    own = [_by_one_condition(asked, rows, key) for key in ("speed_rpm", "torque_Nm")]
+    if min(own) < loss - SETTINGS.order_gain:
+        return True
+    scatters = 2 * len(np.unique(at.torque_Nm)) >= len(asked.data.runs)
+    is_torque = (at.speed_rpm[rows] == at.speed_rpm[row]).all() and (
+        at.temperature_C[rows] == at.temperature_C[row]
+    ).all()
+    return bool(scatters and not is_torque and own[1] < loss + SETTINGS.order_gain)
+
+
+def _by_one_condition(asked: _Asked, rows: IntArray, key: str) -> float:
+    """The least loss of a run at another value of one condition than its label's, a part beyond the labels' as well."""
+    data, values = asked.data, getattr(asked.data.at, key)
+    beyond = SETTINGS.beyond_labels * np.abs([values.min(), values.max()])
+    tried = np.linspace(values.min() - beyond[0], values.max() + beyond[1], SETTINGS.places_tried)
+    found = np.zeros(len(tried))
+    for row in rows:
+        as_if = replace(data.at.rows(np.full(len(tried), row)), **{key: tried})
+        model = asked.rig.coefficients(as_if, data.orders.tolist())[:, asked.sure]
+        found += (asked.weight[row] * np.abs(asked.values[row] - model) ** 2).sum(axis=1)
+    return float(found.min())
+
+
+def _other_label(asked: _Asked, rows: IntArray) -> tuple[float, int] | None:
+    """The least loss of a run under any label of the campaign, and a row that carries it."""
+    total: dict[tuple[float, float, float], tuple[float, int]] = {}
+    at = asked.data.at
+    for row in rows:
+        same = np.flatnonzero(at.sign == at.sign[row])
+        losses = (asked.weight[row] * np.abs(asked.values[row] - asked.known[same]) ** 2).sum(axis=1)
+        for other, value in zip(same, losses, strict=True):
+            point = (float(at.speed_rpm[other]), float(at.torque_Nm[other]), float(at.temperature_C[other]))
+            before = total.get(point, (0.0, int(other)))[0]
+            if point not in total or row == rows[0]:
+                total[point] = (float(value), int(other))
+            else:
+                total[point] = (before + float(value), int(other))
+    return min(total.values()) if total else None

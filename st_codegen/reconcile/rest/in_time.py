@@ -1,0 +1,570 @@
+"""What the order of the runs tells: a tool exchanged in mid-campaign, a part that wears, a body behind the oil."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, lru_cache
+from statistics import NormalDist
+
+import numpy as np
+
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from st_codegen.reconcile.data.chances import chi_square_tail
+from st_codegen.reconcile.fit.target import FitData
+from st_codegen.reconcile.settings import SETTINGS
+
+#: what is said of a course that noise may be
+_MAY_LAST = ", which noise that lasts over runs may look like"
+
+
+@dataclass(frozen=True)
+class Course:
+    """A step, a trend or a lag over the runs: its mean power (deg^2), the size of the change (deg), and a phrase.
+
+    is_lag: whether it follows the oil.
+    """
+
+    power: float
+    amplitude_deg: float
+    text: str
+    is_lag: bool = False
+
+
+def course_of(target: FitData, z: ComplexArray, whole: ComplexArray, parts: IntArray) -> list[Course | None]:
+    """For each order the step, ramp or lag of its residual over the runs; None where noise may look like it.
+
+    z: in noises (n, K), cut, so that single wild runs make no step; whole: the same as it is, which sizes come from;
+    both zero for bad runs. None where the order of the runs is not known as well. Noise that lasts over runs wanders:
+    a step or a trend is more than that where it takes off most of an order, or where it leaves noise that is
+    independent from run to run, and the other orders do not wander either. What is of one size may come with a load,
+    have its sign, and not be there without one: so play shows that wears. Else it may be in proportion to a condition.
+    """
+    found: list[Course | None] = [None] * z.shape[1]
+    if target.data.run is None:
+        return found
+    usual = np.maximum(1.0, np.sqrt((np.abs(whole[target.good]) ** 2).mean(axis=0)))
+    few_wild = whole * np.minimum(1.0, SETTINGS.cut * usual / np.maximum(np.abs(whole), 1e-300))
+    for along in _ways(target):
+        for k, course in enumerate(_courses(target, z, whole, few_wild, parts, along)):
+            if found[k] is None and course is not None:
+                found[k] = course if course.is_lag else _in_proportion(target, few_wild, k, course, along)
+    return found
+
+
+@dataclass(frozen=True)
+class _Along:
+    """What a course may follow beside the order of the runs: weights (n,) of at most 1, and what is said of it."""
+
+    weights: FloatArray
+    text: str = ""
+
+
+def _ways(target: FitData) -> list[_Along]:
+    """The ways of what is of one size, of the rows that count: the simplest first."""
+    sign = np.sign(target.data.at.torque_Nm)
+    with_load = [_Along(sign, ", with the load")] if len(np.unique(sign[target.good])) > 1 else []
+    return [_Along(np.ones(len(sign))), *with_load]
+
+
+def _in_proportion(target: FitData, few_wild: ComplexArray, k: int, course: Course, along: _Along) -> Course:
+    """The course of an order in proportion to the torque or the speed where that leaves clearly less; else as it is.
+
+    Each beside a constant and the condition itself, of which the rig's own numbers have taken off what they could.
+    few_wild: in noises, (n, K); along: the way of the course.
+    """
+    at, good, best = target.data.at, target.good, (SETTINGS.order_gain, course)
+    z, numbers = few_wild[:, k], good.sum() * (2 if target.data.orders[k] else 1)
+    for values, name, unit in ((at.torque_Nm, "torque", "N m"), (at.speed_rpm, "speed", "rpm")):
+        most = float(np.abs(values[good]).max(initial=0.0))
+        if len(np.unique(np.abs(values[good]))) < 2:
+            continue
+        weights = values / most
+        (plain, _), (left, constant) = (_beside(target, z, weights, one) for one in (along.weights, weights))
+        # of a scatter that nobody knows, likelihoods differ by the logarithm of what is left
+        gain = float(numbers * np.log(plain / left))
+        if gain > best[0]:
+            run = target.data.run
+            assert run is not None
+            places = np.unique(run[good])
+            place = np.searchsorted(places, run)
+            sums, in_deg = (_by_run(target, one[:, None], place, len(places), weights)
+                            for one in (z - constant, (z - constant) * target.sigma[:, k]))  # fmt: skip
+            found = _described(sums, in_deg, 0, int(numbers))
+            said = f"{found.text}, in proportion to the {name}: so much at {most:g} {unit}"
+            best = gain, replace(found, text=f"{said}{_MAY_LAST}" if course.text.endswith(_MAY_LAST) else said)
+    return best[1]
+
+
+def _beside(target: FitData, z: ComplexArray, base: FloatArray, weights: FloatArray) -> tuple[float, ComplexArray]:
+    """What the best step or ramp, times weights (n,), leaves of an order (n,) beside a constant and a condition (n,).
+
+    In noises, squared; and the constants of each direction, (n,).
+    """
+    run, good, constant = target.data.run, target.good, np.zeros(len(z), np.complex128)
+    assert run is not None
+    places = np.unique(run[good])
+    place, count = np.searchsorted(places, run), len(places)
+    edge = max(2, count // 20)
+    cuts = np.unique(np.linspace(edge, count - edge, SETTINGS.most_cuts).round())
+    profiles = np.concatenate([np.arange(count) >= cuts[:, None], _shapes(count)]).T
+    gains, left, directions = np.zeros(profiles.shape[1]), 0.0, list[BoolArray]()
+    for sign in np.unique(target.data.at.sign[good]):
+        rows = good & (target.data.at.sign == sign)
+        directions.append(rows)
+        q = np.linalg.qr(np.stack([np.ones(int(rows.sum())), base[rows]], axis=1))[0]
+        x, y = weights[rows, None] * profiles[place[rows]], z[rows]
+        x, y = x - q @ (q.T @ x), y - q @ (q.T @ y)
+        gains += np.abs(x.T @ y) ** 2 / np.maximum((x * x).sum(axis=0), 1e-9)
+        left += float((np.abs(y) ** 2).sum())
+    best = int(gains.argmax())
+    for rows in directions:
+        own = np.stack([np.ones(int(rows.sum())), base[rows], weights[rows] * profiles[place[rows], best]], axis=1)
+        constant[rows] = np.linalg.lstsq(own, z[rows], rcond=None)[0][0]
+    return max(left - float(gains[best]), 1e-9), constant
+
+
+def _courses(
+    target: FitData, z: ComplexArray, whole: ComplexArray, few_wild: ComplexArray, parts: IntArray, along: _Along
+) -> list[Course | None]:
+    """The courses that follow one way, in the order of the runs; few_wild: in noises, single wild runs cut, (n, K)."""
+    run, good = target.data.run, target.good
+    found: list[Course | None] = [None] * z.shape[1]
+    if run is None or (along.weights[good] != 0.0).sum() < SETTINGS.least_in_time:
+        return found
+    numbers = np.unique(run[good])
+    place, count = np.searchsorted(numbers, run), len(numbers)
+    own = (z, whole, whole * target.sigma)
+    sums, sizes, in_deg = (_by_run(target, one, place, count, along.weights) for one in own)
+    total = int((along.weights[good] != 0.0).sum())
+    all_numbers = total * parts.astype(np.float64)
+    (steps, cuts), (trends, bends) = _steps(sums, count), _ramps(sums, count, all_numbers)
+    varying, varying_whole = _varying(sums), _varying(sizes)
+    sigma = np.sqrt((target.sigma[good] ** 2).mean(axis=0))
+    gains = np.maximum(steps, trends)
+    # where runs were made in any order of conditions, neighbours take a step for noise: what it leaves is the noise
+    lefts = np.maximum(varying - gains, 1e-300)
+    scales = np.clip(lefts / all_numbers, 1e-6, 1.0)
+    rest = _without_courses(sums, cuts, bends, steps >= trends)
+    again = np.maximum(_steps(rest, count)[0], _ramps(rest, count, all_numbers)[0])
+    degrees, tried = parts * len(sums), count + len(_shapes(count))
+    p_white, p_again = (_p_of_gains(one, scales, degrees, tried) for one in (gains, again))
+    alone = _others_are_quiet(p_white, cuts, count) & (p_again > SETTINGS.p_wander)
+    lags = _lags(target, sizes, numbers, place)
+    near, sure = _by_run(target, few_wild, place, count, along.weights), list[int]()
+    share = total / int(good.sum())
+    for k in range(z.shape[1]):
+        lag = lags[k]
+        least = lefts[k] / max(varying[k], 1e-300) * varying_whole[k]
+        if lag is not None and lag.left < least and lag.is_sure(int(degrees[k])):
+            power = (varying_whole[k] - lag.left) / total * sigma[k] ** 2
+            found[k] = Course(float(power) * share, float(sigma[k]) * lag.reach, lag.text(float(sigma[k])), is_lag=True)
+            continue
+        if gains[k] < SETTINGS.least_excess_in_time * lefts[k] and not alone[k]:
+            continue
+        lasting = _lasting([(series[:, k], weight) for series, weight in sums], int(cuts[k]))
+        if chi_square_tail(gains[k] / (lasting * scales[k]), int(degrees[k])) * tried > SETTINGS.p_changed:
+            continue
+        sure.append(k)
+    of_sure = tuple((series[:, sure], weight) for series, weight in sums)
+    for k in np.array(sure, np.int64)[_are_of_their_order(of_sure, gains[sure], all_numbers[sure])]:
+        course = _described(near, in_deg, k, total * int(parts[k]))
+        text = f"{course.text}{along.text}"
+        text = text if alone[k] else f"{text}{_MAY_LAST}"
+        found[k] = replace(course, text=text, power=share * course.power)
+    return found
+
+
+def _are_of_their_order(sums: _ByRun, gains: FloatArray, numbers: FloatArray) -> BoolArray:
+    """Whether the runs in any other order have no step and no ramp that gains as much, of each order (K,).
+
+    A few loud runs, as slow ones that stick and slip, make a step wherever they stand. numbers: how many an order has.
+    """
+    random, count, most = np.random.default_rng(0), len(sums[0][0]), np.zeros(len(gains))
+    for number in range(SETTINGS.other_orders_of_runs):
+        # most steps are far larger than what any other order of the runs has
+        near = 2.0 * most >= gains if number >= SETTINGS.few_orders_of_runs else np.ones(len(gains), bool)
+        asked = near & (most < gains)
+        if not asked.any():
+            break
+        mixed = random.permutation(count)
+        other = tuple((series[np.ix_(mixed, asked)], weight[mixed]) for series, weight in sums)
+        gained = np.maximum(_steps(other, count)[0], _ramps(other, count, numbers[asked])[0])
+        most[asked] = np.maximum(most[asked], gained)
+    return np.asarray(most < gains)
+
+
+def _described(near: _ByRun, in_deg: _ByRun, k: int, numbers: int) -> Course:
+    """The step or ramp that an order has, by its residual as it is.
+
+    Cut at some noises, as a decision needs it, what is many noises large would be a step whatever its form. near: in
+    noises, of which single wild runs are cut; in_deg: as they are; numbers: how many tell the order in all.
+    """
+    own = tuple((series[:, k : k + 1], weight) for series, weight in near)
+    count, rows = len(own[0][0]), sum(int((weight > 0.0).sum()) for _, weight in own)
+    (steps, cuts), varying = _steps(own, count), _varying(own)
+    trends, bends = _ramps(own, count, np.array([float(numbers)]))
+    if steps[0] >= trends[0]:
+        cut = int(cuts[0])
+        power = _gains_of_steps(in_deg)[cut - 1, k] / rows
+        size = max(abs(_difference(series[:, k], weight, cut, len(series))) for series, weight in in_deg)
+        left = max(float(varying[0] - steps[0]), 0.0) / numbers
+        one = [(series[:, 0], weight) for series, weight in own]
+        runs = _runs_beside(own, cut, left)
+        return Course(float(power), size, _step_text(size, runs, count, *_share_at_once(one, cut, left)))
+    shape = _shapes(count)[bends[0]]
+    slopes = [_slopes(series[:, k : k + 1], weight, shape[None]) for series, weight in in_deg]
+    power = sum(abs(slope[0, 0]) ** 2 * square[0] for slope, square in slopes) / rows
+    size = float(max(abs(slope[0, 0]) for slope, _ in slopes)) * float(np.ptp(shape))
+    return Course(float(power), size, _ramp_text(shape, size))
+
+
+def _runs_beside(own: _ByRun, cut: int, scale: float) -> tuple[int, int]:
+    """The numbers of the runs between which a step of one order may lie as well as behind run `cut`; scale: of noise.
+
+    Where the step would not show, as without a load, or where it is no larger than noise, no run says on which side it
+    is.
+    """
+    gains = _gains_of_steps(own)[:, 0]
+    least = SETTINGS.told**2 * scale + 1e-9 * gains[cut - 1]
+    refused = np.flatnonzero(gains[cut - 1] - gains > least) + 1
+    return int(refused[refused < cut].max(initial=0)) + 1, int(refused[refused > cut].min(initial=len(gains) + 1))
+
+
+def _step_text(size: float, runs: tuple[int, int], count: int, share: float, error: float) -> str:
+    """What is said of a change that a step explains best, of which a share lies between the two runs beside its cut."""
+    there = f"between run {runs[0]} and run {runs[1]} of {count}, in their order"
+    if share - SETTINGS.told * error > SETTINGS.at_once:
+        return f"a step of {size:.2g} deg {there}"
+    if share + SETTINGS.told * error < 1.0:
+        return f"moves by some {size:.2g} deg over the {count} runs in their order, in no single step"
+    return f"a step of {size:.2g} deg {there}, or a change over some runs around"
+
+
+def _p_of_gains(gains: FloatArray, scales: FloatArray, degrees: IntArray, count: int) -> FloatArray:
+    """Chance of the best of so many steps and ramps in noise that is independent from run to run, (K,)."""
+    tails = [chi_square_tail(float(x), int(n)) for x, n in zip(gains / scales, degrees, strict=True)]
+    return np.asarray(np.minimum(1.0, np.array(tails) * count))
+
+
+def _others_are_quiet(p: FloatArray, cuts: IntArray, count: int) -> BoolArray:
+    """Whether few of the other orders wander over the runs, (K,), of chances that each does not.
+
+    Noise that lasts makes all orders wander, each in its own way; what was mounted anew makes them step at one run.
+    False where there are too few others to tell.
+    """
+    wanders, near = p < SETTINGS.p_wander, np.abs(cuts[:, None] - cuts[None, :]) <= max(1, count // 50)
+    others = wanders[None, :] & ~near
+    few = others.sum(axis=1) <= SETTINGS.most_wandering * (len(p) - 1)
+    return np.asarray(few & (len(p) > SETTINGS.near_floors))
+
+
+#: Of each direction the sums by run of a residual times its weights (runs, K), and of their squares (runs,).
+_ByRun = tuple[tuple[ComplexArray, FloatArray], ...]
+#: a weight that divides nothing: what has no weight is zero itself
+_NONE = 1e-300
+
+
+def _by_run(target: FitData, z: ComplexArray, place: IntArray, count: int, weights: FloatArray) -> _ByRun:
+    found = []
+    for sign in np.unique(target.data.at.sign[target.good]):
+        rows = target.good & (target.data.at.sign == sign)
+        series, weight = np.zeros((count, z.shape[1]), np.complex128), np.zeros(count)
+        np.add.at(series, place[rows], z[rows] * weights[rows, None])
+        np.add.at(weight, place[rows], weights[rows] ** 2)
+        found.append((series, weight))
+    return tuple(found)
+
+
+def _varying(sums: _ByRun) -> FloatArray:
+    """The sum of squares of a residual about its mean in each direction, (K,): what all runs have is no step."""
+    powers = [
+        (np.abs(series) ** 2 / np.maximum(weight, _NONE)[:, None]).sum(axis=0)
+        - np.abs(series.sum(axis=0)) ** 2 / max(float(weight.sum()), _NONE)
+        for series, weight in sums
+    ]
+    return np.asarray(sum(powers))
+
+
+def _share_at_once(sums: Sequence[tuple[ComplexArray, FloatArray]], cut: int, scale: float) -> tuple[float, float]:
+    """Which part of a step lies between the runs right before and right behind it, and the error of that.
+
+    sums: of each direction, in noises, by run, with the weights; scale: of their noise.
+    """
+    along, power, near = 0.0, 0.0, max(2, len(sums[0][0]) // 16)
+    for series, weight in sums:
+        whole, own = (_difference(series, weight, cut, reach) for reach in (len(series), near))
+        along += float((whole.conjugate() * own).real)
+        power += abs(whole) ** 2
+    # the means of so many runs on both sides
+    error = np.sqrt(2.0 * max(scale, 1e-12) / (near * max(power, 1e-300)))
+    return along / max(power, 1e-300), float(error)
+
+
+def _difference(series: ComplexArray, weight: FloatArray, cut: int, reach: int) -> complex:
+    """The mean of so many runs behind a cut less that of as many before it."""
+    parts = slice(max(cut - reach, 0), cut), slice(cut, cut + reach)
+    before, after = (complex(series[part].sum() / max(float(weight[part].sum()), _NONE)) for part in parts)
+    return after - before
+
+
+def _gains_of_steps(sums: _ByRun) -> FloatArray:
+    """The gain of one step in each order behind the first run, behind the second, ... (runs - 1, K)."""
+    gains = 0.0
+    for series, weight in sums:
+        before, n = np.cumsum(series, axis=0)[:-1], np.cumsum(weight)[:-1, None]
+        after, m = series.sum(axis=0) - before, weight.sum() - n
+        whole = np.abs(series.sum(axis=0)) ** 2 / max(weight.sum(), _NONE)
+        gains = gains + np.abs(before) ** 2 / np.maximum(n, _NONE) + np.abs(after) ** 2 / np.maximum(m, _NONE) - whole
+    return np.asarray(gains)
+
+
+def _steps(sums: _ByRun, count: int) -> tuple[FloatArray, IntArray]:
+    """The largest gain of one step in each order (K,), and how many runs lie before it."""
+    edge = max(2, count // 20)
+    inner = _gains_of_steps(sums)[edge - 1 : count - edge]
+    best = inner.argmax(axis=0)
+    return inner.max(axis=0), best + edge
+
+
+@lru_cache(maxsize=2)
+def _shapes(count: int) -> FloatArray:
+    """What a ramp may look like over the runs, (m, runs): the whole way first, then from a run on, or until one."""
+    at, edge = np.arange(count, dtype=np.float64), max(2, count // 20)
+    cuts = np.unique(np.linspace(edge, count - 1 - edge, SETTINGS.bends).round())
+    return np.stack([at, *(np.maximum(at - cut, 0.0) for cut in cuts), *(np.minimum(at - cut, 0.0) for cut in cuts)])
+
+
+def _ramp_text(shape: FloatArray, size: float) -> str:
+    count, moves = len(shape), np.flatnonzero(np.diff(shape))
+    first, last = int(moves[0]) + 1, int(moves[-1]) + 2
+    if (first, last) == (1, count):
+        return f"a trend of {size:.2g} deg over the {count} runs in their order"
+    where = f"from about run {first} on" if last == count else f"until about run {last}"
+    return f"a trend of {size:.2g} deg {where}, of {count} in their order"
+
+
+def _about(shapes: FloatArray, weight: FloatArray) -> FloatArray:
+    """Shapes (.., runs) about their means."""
+    share = np.maximum(weight, 1e-9)
+    return np.asarray(shapes - (shapes @ share / share.sum())[..., None])
+
+
+def _slopes(series: ComplexArray, weight: FloatArray, shapes: FloatArray) -> tuple[ComplexArray, FloatArray]:
+    """What of each shape (m, runs) is in each order beside a constant, (m, K), and their sums of squares, (m,)."""
+    x = _about(shapes, weight)
+    square = np.maximum((weight * x * x).sum(axis=1), 1e-300)
+    mean = series.sum(axis=0) / max(float(weight.sum()), _NONE)
+    # of real and imaginary parts as columns: shapes as complex numbers would take ten times as long
+    parts = np.ascontiguousarray(series - weight[:, None] * mean).view(np.float64)
+    return np.asarray((x @ parts).view(np.complex128) / square[:, None]), square
+
+
+def _ramps(sums: _ByRun, count: int, numbers: FloatArray) -> tuple[FloatArray, IntArray]:
+    """The gain of the best ramp over the runs in each order (K,), and which of the shapes it has.
+
+    One the whole way stands where a bend takes off hardly more. numbers: how many an order has in all, (K,).
+    """
+    shapes = _shapes(count)
+    gains = np.zeros((len(shapes), sums[0][0].shape[1]))
+    for series, weight in sums:
+        slopes, square = _slopes(series, weight, shapes)
+        gains += np.abs(slopes) ** 2 * square[:, None]
+    best, most = gains.argmax(axis=0), gains.max(axis=0)
+    clear = most - gains[0] > SETTINGS.as_good * np.minimum(1.0, np.maximum(_varying(sums) - most, 0.0) / numbers)
+    best = np.where(clear, best, 0)
+    return gains[best, np.arange(gains.shape[1])], best
+
+
+def _without_courses(sums: _ByRun, cuts: IntArray, bends: IntArray, is_step: BoolArray) -> _ByRun:
+    """The sums by run without the best step, or the best ramp, of each order and direction."""
+    found = []
+    shapes = _shapes(len(sums[0][0]))
+    for series, weight in sums:
+        before = np.arange(len(series))[:, None] < cuts[None, :]
+        level, ramp = np.zeros_like(series), np.zeros_like(series)
+        for part in (before, ~before):
+            rows = (weight[:, None] * part).sum(axis=0)
+            level += part * (series * part).sum(axis=0) / np.maximum(rows, 1e-9)
+        mean = series.sum(axis=0) / max(float(weight.sum()), 1e-9)
+        for bend in np.unique(bends):
+            own = bends == bend
+            slopes, _ = _slopes(series[:, own], weight, shapes[bend : bend + 1])
+            ramp[:, own] = mean[own] + _about(shapes[bend], weight)[:, None] * slopes
+        found.append((series - weight[:, None] * np.where(is_step, level, ramp), weight))
+    return tuple(found)
+
+
+#: runs that a body may take to come near the oil: to 63 % of a change
+_LAGS = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.7, 8.0, 11.0, 16.0, 23.0, 32.0, 45.0, 64.0)
+
+
+@dataclass(frozen=True)
+class _Lag:
+    """What the temperature of a body that follows the oil late explains of an order, over what the oil's own does.
+
+    runs: that it takes; gain, left: of the sums of squares, by it and by nothing; per_K, reach: in noises, by kelvin
+    and from its least to its largest; lasting: how many runs the noise that is left lasts; count: numbers that tell it.
+    """
+
+    runs: float
+    gain: float
+    left: float
+    per_K: float
+    reach: float
+    lasting: float
+    count: int
+
+    def is_sure(self, numbers: int) -> bool:
+        """Whether noise, of which `numbers` are fitted, does not explain as much."""
+        if self.gain < SETTINGS.least_excess_in_time * self.left:
+            return False
+        scale = self.lasting * min(max(self.left / self.count, 1e-6), 1.0)
+        return chi_square_tail(self.gain / scale, numbers) * len(_LAGS) < SETTINGS.p_changed
+
+    def text(self, sigma: float) -> str:
+        """A phrase; sigma: the noise, deg."""
+        return (
+            f"follows the oil temperature late, as a body that takes some {self.runs:.2g} runs to come near it: "
+            f"{sigma * self.per_K:.2g} deg per kelvin"
+        )
+
+
+@dataclass(frozen=True)
+class _Oil:
+    """The temperature of the oil run by run, and the sums of residuals of each run by direction (runs, K), weights."""
+
+    temperature_C: FloatArray
+    sums: _ByRun
+
+    def lags(self, runs: float) -> list[_Lag]:
+        """What a body that takes so many runs explains of each order, (K,).
+
+        In each direction with a size of its own, beyond a constant, the oil itself, and a start that nobody knows.
+        """
+        oil, kept = self.temperature_C, np.exp(-1.0 / runs)
+        body = np.empty(len(oil))
+        body[0] = oil[0]
+        for n in range(1, len(oil)):
+            body[n] = kept * body[n - 1] + (1.0 - kept) * oil[n]
+        base = np.stack([np.ones(len(oil)), oil, kept ** np.arange(len(oil))], axis=1)
+        before, after, slopes, count = [], [], [], 0
+        for series, weight in self.sums:
+            root = np.sqrt(weight)[:, None]
+            q = np.linalg.qr(base * root)[0]
+            own, y = body[:, None] * root, series / np.where(root, root, 1.0)
+            own, y = (part - q @ (q.T @ part) for part in (own, y))
+            slopes.append((own.T @ y)[0] / max(float((own**2).sum()), 1e-12 * float((body**2).sum())))
+            before.append(y)
+            after.append(y - own * slopes[-1])
+            count += max(int((weight > 0).sum()) - base.shape[1] - 1, 0)
+        whole, left = (sum((np.abs(one) ** 2).sum(axis=0) for one in part) for part in (before, after))
+        size, lasting = np.abs(slopes).max(axis=0), _length(_alike(after))
+        columns = np.stack([whole - left, left, size, size * np.ptp(body), lasting], axis=1).tolist()
+        return [
+            _Lag(runs, gain, rest, per_K, reach, lasts, max(count, 1)) for gain, rest, per_K, reach, lasts in columns
+        ]
+
+
+def _lags(target: FitData, sums: _ByRun, numbers: IntArray, place: IntArray) -> list[_Lag | None]:
+    """The lag that explains most of each order, (K,); None where the oil was never warmer or colder."""
+    oil, good = np.zeros(len(numbers)), target.good
+    oil[place[good]] = target.data.at.temperature_C[good]
+    if np.ptp(oil) == 0.0:
+        return [None] * len(target.data.orders)
+    # orders that have the same lag ask for the same ones beside it
+    lags, found = cache(_Oil(oil, sums).lags), list[_Lag | None]()
+    for k, tried in enumerate(zip(*map(lags, _LAGS), strict=True)):
+        # how much a start explains as well differs from lag to lag: what is left decides
+        best = min(tried, key=lambda lag: lag.left)
+        for step in (0.15, 0.05, 0.015) if best.gain > SETTINGS.least_excess_in_time * best.left else ():
+            near = (lags(best.runs * float(np.exp(n * step)))[k] for n in range(-2, 3))
+            best = min(near, key=lambda lag: lag.left)
+        found.append(best)
+    return found
+
+
+def _lasting(sums: Sequence[tuple[ComplexArray, FloatArray]], cut: int) -> float:
+    """How much longer noise lasts than one run, beside a step; sums: of one order in each direction, see `_ByRun`."""
+    beside = []
+    for series, weight in sums:
+        left = series.copy()
+        for part in (slice(cut), slice(cut, None)):
+            left[part] -= weight[part] * series[part].sum() / max(float(weight[part].sum()), _NONE)
+        beside.append(left[:, None])
+    return float(_length(_alike(beside))[0])
+
+
+def _alike(series: list[ComplexArray]) -> FloatArray:
+    """The correlation of runs that follow each other, of series (runs, K) about zero: (K,)."""
+    up = sum((one[1:] * one[:-1].conj()).real.sum(axis=0) for one in series)
+    return np.asarray(up / np.maximum(sum((np.abs(one) ** 2).sum(axis=0) for one in series), 1e-300))
+
+
+def _length(rho: FloatArray) -> FloatArray:
+    """How many runs noise of this correlation lasts."""
+    known = np.clip(rho, 0.0, 0.98)
+    return np.asarray((1.0 + known) / (1.0 - known))
+
+
+def without_lasting(target: FitData, residual: ComplexArray) -> ComplexArray:
+    """A residual (n, K) without the mean of each order and direction that noise which lasts over runs may have."""
+    found, lasting = residual.copy(), lasting_mean(target, residual)
+    for sign in np.unique(target.data.at.sign[target.good]):
+        rows = target.data.at.sign == sign
+        mean = residual[rows & target.good].mean(axis=0)
+        found[rows] -= np.where(np.abs(mean) < lasting, mean, 0.0)
+    return found
+
+
+def _in_their_order(target: FitData, residual: ComplexArray) -> list[ComplexArray]:
+    """Of each direction a residual (n, K) of good runs about its mean, in the order of the runs; none if not known."""
+    run, good, series = target.data.run, target.good, list[ComplexArray]()
+    if run is None or good.sum() < SETTINGS.least_in_time:
+        return series
+    for sign in np.unique(target.data.at.sign[good]):
+        rows = np.flatnonzero(good & (target.data.at.sign == sign))
+        own = residual[rows[np.argsort(run[rows], kind="stable")]]
+        series.append(own - own.mean(axis=0))
+    return series
+
+
+def changes_with_time(target: FitData, residual: ComplexArray) -> BoolArray:
+    """Whether most of what an order varies by is the same in runs that follow each other, bool (K,)."""
+    series = _in_their_order(target, residual)
+    if not series:
+        return np.zeros(residual.shape[1], bool)
+    # beyond what a correlation of so many runs is by chance
+    least = 0.5 + SETTINGS.told / np.sqrt(sum(len(one) for one in series))
+    return np.asarray(_alike(series) > least)
+
+
+def wander_over_runs(target: FitData, residual: ComplexArray, named: Collection[int]) -> tuple[str, ...]:
+    """What is said of a mean that changes with the time and counts as noise: it is not among the orders `named`."""
+    mean, series = target.data.orders == 0, _in_their_order(target, residual)
+    if 0 in named or not mean.any() or not series:
+        return ()
+    correlation = float(_alike(series)[mean][0])
+    # less is not worth a sentence, and of so many runs there is some by chance
+    if correlation < 0.25 + SETTINGS.told / np.sqrt(sum(len(one) for one in series)):
+        return ()
+    size = float(np.sqrt((residual[target.good][:, mean].real ** 2).mean()))
+    return (
+        f"the means of runs that follow each other are alike (a correlation of {correlation:.2f}; {size:.2g} deg RMS "
+        "over all runs): something changes with the time, slowly, and counts as noise",
+    )
+
+
+def lasting_mean(target: FitData, residual: ComplexArray) -> FloatArray:
+    """By how much (deg) the mean of an order may be off where its noise lasts over runs, (K,).
+
+    0 where runs that follow each other are no more alike than by chance, or their order is not known.
+    """
+    series = _in_their_order(target, residual)
+    if not series:
+        return np.zeros(residual.shape[1])
+    rho, count = _alike(series), sum(len(one) for one in series)
+    power = sum((np.abs(one) ** 2).sum(axis=0) for one in series) / count / target.data.parts
+    errors = NormalDist().inv_cdf(1.0 - SETTINGS.p_changed / 2)
+    sure = rho > SETTINGS.told / np.sqrt(count)
+    return np.asarray(np.where(sure, errors * np.sqrt(power * _length(rho) * len(series) / count), 0.0))

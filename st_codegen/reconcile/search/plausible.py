@@ -1,0 +1,331 @@
+"""What an addition must be beside significant: of its form, a peak where it claims one, inside its bounds, and at
+nobody's expense."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
+from st_codegen.reconcile.data.contrasts import levels_of
+from st_codegen.reconcile.fit.fitting import Fit, fit
+from st_codegen.reconcile.fit.state import Coordinate, Piece
+from st_codegen.reconcile.fit.target import FitData
+from st_codegen.reconcile.rest.structure import is_lacking
+from st_codegen.reconcile.search.peaks import frequencies_in, has_a_frequency, is_of_one_speed
+from st_codegen.reconcile.settings import SETTINGS
+from st_codegen.rig.effects import Effect, Form, Scalar, Stage
+
+
+def bounds_met(piece: Piece) -> list[Coordinate]:
+    """The coordinates of a piece that lie at a bound; a size of zero is no bound but the effect's absence.
+
+    The bound of a wave is that of its amplitude, not of its real and its imaginary part.
+    """
+    found = []
+    sizes: dict[tuple[str, int], float] = {}
+    for c, x in zip(piece.coordinates(), piece.vector(), strict=True):
+        if c.part:
+            sizes[c.key, c.place] = float(np.hypot(sizes.get((c.key, c.place), 0.0), x))
+            if c.part == 2 and sizes[c.key, c.place] > c.upper * (1.0 - SETTINGS.edge):
+                found.append(c)
+        edge = SETTINGS.edge * c.scale
+        # an inverse spans decades: its range is as good as its upper bound, and most of its values lie near the lower
+        low = x - c.lower < (SETTINGS.edge * c.lower if c.form is Form.INVERSE else edge)
+        low = low and not (c.form is Form.LINEAR and c.lower == 0.0)
+        if c.part == 0 and (low or c.upper - x < edge):
+            found.append(c)
+    return found
+
+
+def inside_bounds(fitted: Fit, number: int) -> Fit | None:
+    """The fit with piece `number` inside its bounds, or None where the data insist on a bound: that is no finding.
+
+    A shape that the data do not tell, or that matters little beside the whole effect, is put to the rig's own value, or
+    to a start, and held there.
+    """
+    piece = fitted.state.pieces[number]
+    met = bounds_met(piece)
+    if not met:
+        return fitted
+    if any(c.linear for c in met):
+        return None
+    scalars = {scalar.key: scalar for scalar in piece.effect.scalars}
+    free = piece.free - {c.key for c in met}
+    if piece.added and not free:
+        return None
+    trials = []
+    for values in itertools.product(*(_inner(scalars[c.key], c, piece.origin) for c in met)):
+        held = {key: value for key, value in piece.effect.values.items() if key not in {c.key for c in met}}
+        held |= {c.key: value for c, value in zip(met, values, strict=True) if value is not None}
+        inside = Piece(piece.effect.with_values(held), free, piece.added, piece.origin)
+        trials.append(fit(fitted.target, fitted.state.replaced(number, inside), steps=SETTINGS.quick_steps))
+    best = min(trials, key=lambda trial: trial.loss)
+    costs = best.loss - fitted.loss
+    if costs < SETTINGS.as_good:
+        return best
+    if has_a_frequency(piece.effect):
+        # its width is what tells a resonance: held elsewhere it hides what else is there, as a second state
+        return None
+    without = fit(fitted.target, fitted.state.without(number), steps=SETTINGS.quick_steps) if piece.added else fitted
+    return best if costs < SETTINGS.misfit_in_curves * (without.loss - fitted.loss) else None
+
+
+def _inner(scalar: Scalar, c: Coordinate, origin: Effect | None) -> list[float | None]:
+    """Where a shape is held: at the rig's own value, left out where that means none of it, else at starts in bounds."""
+    if origin is not None and c.key in origin.values:
+        return [origin.scalar(c.key)]
+    if scalar.default == 0.0:
+        return [None]
+    return [float(x) for x in scalar.starts if c.lower < x < c.upper] or [(c.lower + c.upper) / 2]
+
+
+def with_its_orders(current: Fit, number: int) -> Fit:
+    """The fit with an added resonance on those of its orders alone that it explains more of than chance would.
+
+    In the search an order may seem to gain by what another effect explains later.
+    """
+    piece, target = current.state.pieces[number], current.target
+    if piece.effect.orders_key != "orders":
+        return current
+    without = target.losses(current.residual + current.explained(piece.effect)) - target.losses(current.residual)
+    gains = dict(zip(target.data.orders.tolist(), without.sum(axis=0), strict=True))
+    idle = [k for k in piece.effect.orders if gains.get(k, 0.0) < SETTINGS.order_gain]
+    if not idle or len(idle) == len(piece.effect.orders):
+        return current
+    kept = [place for place, order in enumerate(piece.effect.orders) if order not in idle]
+    values = {
+        key: tuple(value[place] for place in kept) if isinstance(value, tuple) else value
+        for key, value in piece.effect.values.items()
+    }
+    return fit(target, current.state.replaced(number, piece.with_values(values)))
+
+
+def misfit(current: Fit, piece: Piece) -> float:
+    """Power left where a piece acts, over the power that it takes off there: beyond the noise, or all of a peak's that
+    few runs tell."""
+    target, peaks = current.target, has_a_frequency(piece.effect)
+    if peaks and target.data.few_points:
+        # few runs tell a peak by its form alone, and where noise hides that, they tell nothing
+        current = replace(current, target=replace(target, sigma=np.zeros_like(target.sigma), wide=target.spread))
+        peaks = False
+    elif not peaks and target.data.spectral_deg is not None:
+        # what both directions of runs have alike, or what follows their order, is no noise, nor is what few runs leave
+        # of a form: only that within the curves is noise for sure
+        structured = is_lacking(target, current.residual) | target.data.few_points
+        sigma = np.minimum(np.where(structured, target.data.spectral_deg, np.inf), target.sigma)
+        current = replace(current, target=replace(target, sigma=sigma, wide=target.spread))
+    # a peak says nothing of what lies far from it; all else must hold where it is small too
+    return _left_of(current, current.explained(piece.effect), SETTINGS.acts if peaks else 0.0)
+
+
+def misfit_of_changes(target: FitData) -> float:
+    """The misfit up to which a change of the rig stands: smaller where curves tell their own noise."""
+    return SETTINGS.misfit if target.data.spectral_deg is None else SETTINGS.misfit_in_curves
+
+
+def is_its_own(current: Fit, piece: Piece, held: Fit) -> bool:
+    """Whether a changed effect of the rig is what the data want changed; `held`: the fit without the change.
+
+    Where the change leaves much of what it takes off, something else is missing and only bends the parameter; where it
+    shows on no order but those of added effects, and is small beside them, it may be what their forms lack.
+    """
+    seen = current.shown_change(piece)
+    shows = np.abs(seen).max(axis=0) > 0.0
+    target = current.target
+    limit = misfit_of_changes(target)
+    if target.data.few_points and target.data.spectral_deg is not None:
+        # several parameters together follow a dozen runs though none of them is what changed, and what they leave
+        # passes for noise: only that within the curves is noise for sure
+        limit, sigma = SETTINGS.form**2, np.minimum(target.sigma, target.data.spectral_deg)
+        current = replace(current, target=replace(target, sigma=sigma, wide=target.spread))
+    if _left_of(current, seen, 0.0) > limit or not is_no_form_error(held, current, shows=shows):
+        return False
+    return piece.effect.stage is not Stage.MEASURING or _shows_elsewhere(held, current)
+
+
+def _shows_elsewhere(held: Fit, current: Fit) -> bool:
+    """Whether a change saves loss on orders that no added effect makes, if there are added ones.
+
+    A chain of measurement changes all orders alike: what it takes off those of a new effect alone is that one's form.
+    """
+    made = {order for piece in current.state.pieces if piece.added for order in piece.effect.touched_orders()}
+    saved = (current.target.losses(held.residual) - current.target.losses(current.residual)).sum(axis=0)
+    others = ~np.isin(current.target.data.orders, sorted(made))
+    return not made or bool(saved[others].sum() > SETTINGS.order_gain)
+
+
+def _left_of(current: Fit, own: ComplexArray, least: float) -> float:
+    target, size = current.target, np.abs(own)
+    acts = (size > least * size.max(axis=0)) & target.counts
+    # one scale an order: a direction that fits badly must not weigh less for it
+    scale = (target.spread**2).mean(axis=0)
+    left, before = (np.abs(part) ** 2 * acts / scale for part in (current.residual, current.residual + own))
+    noise = SETTINGS.tails * target.data.parts * target.sigma**2 * acts / scale
+    saved = (before - left).sum(axis=0)
+    beyond = np.maximum((left - noise).sum(axis=0), 0.0)
+    mine = saved > 0.05 * saved.sum()
+    return float(beyond[mine].sum() / max(saved[mine].sum(), 1e-300))
+
+
+def followers(piece: Piece) -> list[str]:
+    """The sidebands of a modulation that follow their mesh order, by key."""
+    return [key for key, x in piece.effect.values.items() if key.endswith("_ratio") and x]
+
+
+def law_holds(without: Fit, fitted: Fit, number: int) -> bool:
+    """Whether more than its orders speaks for a name that others could have as well; true for most.
+
+    A wave beside a mesh order, without its twin on the other side, is a sideband only where the mesh does not make that
+    order itself, and as far as it follows the mesh: to within the noise, and better than a wave of its own that is
+    constant and grows with the load. A resonance is one only where it explains more than constant waves would.
+    """
+    piece, target = fitted.state.pieces[number], fitted.target
+    if has_a_frequency(piece.effect):
+        own = np.isin(target.data.orders, piece.effect.orders)
+        is_one = beats_waves(without, fitted, own, np.ones((len(target.data), 1)))
+        return is_one and is_where_it_moves(fitted, piece) and not _is_of_one_speed(fitted, piece)
+    if piece.effect.stage is not Stage.MODULATION:
+        return True
+    size = np.sqrt((np.abs(fitted.explained(piece.effect)[target.good] / target.sigma[target.good]) ** 2).mean(axis=0))
+    own = size > SETTINGS.least_size
+    if own.sum() != 1:
+        return bool(own.any())
+    foreign = not np.isin(target.data.orders[own], piece.effect.constants.mesh_orders()).any()
+    loads = np.stack([np.ones(len(target.data)), target.data.at.torque_Nm], axis=1)
+    follows = beats_waves(without, fitted, own, loads) and not (own & is_lacking(target, fitted.residual)).any()
+    return foreign and follows
+
+
+def _is_of_one_speed(fitted: Fit, piece: Piece) -> bool:
+    """Whether a resonance stands where other orders, unexplained or of other added resonances, are loudest as well."""
+    peaks = [one for one in fitted.state.pieces if one.added and has_a_frequency(one.effect)]
+    others = set(fitted.target.data.orders[is_lacking(fitted.target, fitted.residual)].tolist())
+    others |= {order for one in peaks for order in one.effect.orders}
+    seen = fitted.residual + sum((fitted.explained(one.effect) for one in peaks), np.zeros_like(fitted.residual))
+    return is_of_one_speed(fitted.target, seen, piece.effect, sorted(others - {0, *piece.effect.orders}))
+
+
+def is_where_it_moves(fitted: Fit, piece: Piece) -> bool:
+    """Whether a frequency that moves with load or oil explains no level of these worse than nothing would.
+
+    Where the size follows another law than its own, a peak that a level has not goes between its speeds.
+    """
+    target, at, own = fitted.target, fitted.target.data.at, fitted.explained(piece.effect)
+    gain = (target.losses(fitted.residual + own) - target.losses(fitted.residual)).sum(axis=1)
+    followed = (("frequency_per_kNm", np.abs(at.torque_Nm)), ("frequency_per_10K", at.temperature_C))
+    levels = [levels_of(values) for key, values in followed if piece.effect.values.get(key)]
+    return all(gain[level == number].sum() > -SETTINGS.order_gain for level in levels for number in np.unique(level))
+
+
+def beats_waves(without: Fit, fitted: Fit, own: BoolArray, laws: FloatArray) -> bool:
+    """Whether a fit explains orders clearly better than waves of these orders and of each direction that follow laws.
+
+    own: bool (K,); laws: (n, m), what the waves may be made of over the operating points.
+    """
+    target = fitted.target
+    left, weights = without.residual.copy(), target.weights(without.residual)
+    for sign in np.unique(target.data.at.sign):
+        rows = target.data.at.sign == sign
+        for k in np.flatnonzero(own):
+            root = np.sqrt(weights[rows, k])
+            wave = np.linalg.lstsq(root[:, None] * laws[rows], root * left[rows, k], rcond=None)[0]
+            left[rows, k] -= laws[rows] @ wave
+    return bool((target.losses(left) - target.losses(fitted.residual))[:, own].sum() > SETTINGS.order_gain)
+
+
+def is_no_form_error(without: Fit, with_it: Fit, number: int | None = None, shows: BoolArray | None = None) -> bool:
+    """Whether a change of the fit saves loss beyond what the forms of other added effects may lack.
+
+    number: the addition that is judged, if it is one; shows: the orders that a change shows on, bool (K,): what others
+    lose elsewhere for want of it is theirs. In each run a form may be off by a share of what the other added
+    effects contribute there: so much of what is left counts for nothing.
+    """
+    target = _sharp(with_it)
+    others = [piece for i, piece in enumerate(with_it.state.pieces) if piece.added and i != number]
+    slack = _slack(with_it, others)
+    left = [np.maximum(np.abs(one.residual) - slack, 0.0).astype(np.complex128) for one in (without, with_it)]
+    saved = (target.losses(left[0]) - target.losses(left[1])).sum(axis=0)
+    there = saved if shows is None else saved[shows]
+    return bool(min(saved.sum(), there.sum()) > SETTINGS.order_gain)
+
+
+def _slack(current: Fit, pieces: Sequence[Piece]) -> FloatArray:
+    """By how much the forms of pieces may be off in each run, (n, K): a share of what they contribute there."""
+    return SETTINGS.form * np.abs(
+        sum((current.explained(one.effect) for one in pieces), np.zeros_like(current.residual))
+    )
+
+
+def lack_of_forms(current: Fit) -> FloatArray:
+    """By how much the forms of the effects that a fit added may be off in each run, (n, K), deg.
+
+    A resonance whose frequency is another in some runs, as in a second state, has its whole peak there.
+    """
+    added = [piece for piece in current.state.pieces if piece.added]
+    found, data = _slack(current, added), current.target.data
+    turns = 60.0 * current.target.reduction_ratio
+    for effect in (piece.effect for piece in added if has_a_frequency(piece.effect)):
+        frequency = effect.scalar("frequency_Hz")
+        for k in np.flatnonzero(np.isin(data.orders, effect.orders)):
+            order = int(data.orders[k])
+            its_peak = replace(data.at, speed_rpm=np.full(len(data), turns * frequency / order))
+            near = np.abs(order * data.at.speed_rpm / turns / frequency - 1.0) < SETTINGS.state_reach
+            found[near, k] += np.abs(effect.contribution(its_peak, data.orders[k : k + 1])[near, 0])
+    return found
+
+
+def _sharp(fitted: Fit) -> FitData:
+    """What a fit was fitted to, of few runs weighed by how far they scatter about it.
+
+    Weighed by how far they scatter about a model that lacks something, few runs could save too little.
+    """
+    target = fitted.target
+    return target.about(fitted.residual) if target.data.few_points else target
+
+
+def at_nobodys_expense(without: Fit, with_it: Fit) -> bool:
+    """Whether no order is explained clearly worse: what bends other parameters to explain an order is not its cause."""
+    change = (with_it.target.losses(with_it.residual) - with_it.target.losses(without.residual)).sum(axis=0)
+    allowed = max(SETTINGS.order_gain, SETTINGS.expense * (without.loss - with_it.loss))
+    return bool(change.max(initial=0.0) < allowed)
+
+
+def at_two_frequencies(without: Fit, with_it: Fit, number: int) -> bool:
+    """A resonance must show at two different frequencies at least: one loud point can be anything."""
+    effect = with_it.state.pieces[number].effect
+    if not has_a_frequency(effect):
+        return True
+    data = with_it.target.data
+    target = _sharp(with_it)
+    saved = target.losses(without.residual) - target.losses(with_it.residual)
+    points = set()
+    low, high = np.inf, 0.0
+    turn = data.at.speed_rpm / (60 * effect.constants.reduction_ratio)
+    for order in effect.orders:
+        low, high = min(low, order * turn.min()), max(high, order * turn.max())
+        for column in np.flatnonzero(data.orders == order):
+            for speed in np.unique(data.at.speed_rpm):
+                if saved[data.at.speed_rpm == speed, column].sum() > SETTINGS.point_gain:
+                    points.add(round(order * speed / 10))
+    at_lowest, at_highest = frequencies_in(effect, data.at)
+    others = [p.effect for i, p in enumerate(with_it.state.pieces) if p.effect.name == effect.name and i != number]
+    if len(without.state.pieces) < len(with_it.state.pieces):
+        # another state of the structure is no second resonance
+        others = [o for o in others if not (effect.state_text and o.state_text) or effect.state_text == o.state_text]
+    # what is left of a resonance that is not quite an oscillator's is not a second one
+    apart = all(
+        abs(effect.scalar("frequency_Hz") / other.scalar("frequency_Hz") - 1) > SETTINGS.same_resonance
+        or not set(other.orders) & set(effect.orders)
+        for other in others
+    )
+    is_inside = 1.02 * low < at_highest and at_lowest < 0.98 * high
+    return len(points) >= 2 and is_inside and apart and is_a_peak(with_it.state.pieces[number])
+
+
+def is_a_peak(piece: Piece) -> bool:
+    """Whether a resonance is narrow enough to be told from other dependences on speed; true for all other effects."""
+    return not has_a_frequency(piece.effect) or piece.effect.scalar("damping_ratio") < SETTINGS.broadest
