@@ -297,7 +297,8 @@ def extrapolates(joint: Fit, piece: Piece) -> tuple[str, ...]:
         lowest, highest = frequencies_in(piece.effect, at)
         outside = [k for k in piece.effect.orders if not (k * turn.min() < highest and lowest < k * turn.max())]
         if outside:
-            remarks.append(f"orders {', '.join(map(str, outside))} do not reach the frequency in the measured speeds")
+            which = f"order {outside[0]} does" if len(outside) == 1 else f"orders {', '.join(map(str, outside))} do"
+            remarks.append(f"{which} not reach the frequency in the measured speeds")
     return tuple(remarks)
 
 

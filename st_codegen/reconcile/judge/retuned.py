@@ -146,7 +146,7 @@ def without_misfits(final: Fit, changed: dict[int, float]) -> tuple[Fit, set[int
     kept = set({i: p for i, p in changed.items() if i != OFFSET})
     offset = {OFFSET} & changed.keys()
     while (kept or offset) and final.target.data.angle_rad is None:
-        over = _misfits(final, [*kept, *offset])
+        over = _misfits(final, [*sorted(kept), *offset])
         # what made up for a change that is held now is none
         over |= {i: np.inf for i in kept if _insists_on_a_bound(final.state.pieces[i]) or not _is_refused(final, i)}
         together = _together(final, kept)

@@ -10,7 +10,7 @@ from statistics import NormalDist
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from st_codegen.reconcile.data.chances import chi_square_tail
+from st_codegen.reconcile.data.chances import chi_square_tail, f_tail
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.settings import SETTINGS
 
@@ -148,7 +148,9 @@ def _courses(
     rest = _without_courses(sums, cuts, bends, steps >= trends)
     again = np.maximum(_steps(rest, count)[0], _ramps(rest, count, all_numbers)[0])
     degrees, tried = parts * len(sums), count + len(_shapes(count))
-    p_white, p_again = (_p_of_gains(one, scales, degrees, tried) for one in (gains, again))
+    # what is left tells its noise by so many numbers, beside the means and what steps
+    known = np.maximum(all_numbers - 2.0 * degrees, 1.0)
+    p_white, p_again = (_p_of_gains(one / scales, degrees, known) * tried for one in (gains, again))
     alone = _others_are_quiet(p_white, cuts, count) & (p_again > SETTINGS.p_wander)
     lags = _lags(target, sizes, numbers, place)
     near, sure = _by_run(target, few_wild, place, count, along.weights), list[int]()
@@ -163,7 +165,8 @@ def _courses(
         if gains[k] < SETTINGS.least_excess_in_time * lefts[k] and not alone[k]:
             continue
         lasting = _lasting([(series[:, k], weight) for series, weight in sums], int(cuts[k]))
-        if chi_square_tail(gains[k] / (lasting * scales[k]), int(degrees[k])) * tried > SETTINGS.p_changed:
+        times = gains[k : k + 1] / (lasting * scales[k])
+        if _p_of_gains(times, degrees[k : k + 1], known[k : k + 1])[0] * tried > SETTINGS.p_changed:
             continue
         sure.append(k)
     of_sure = tuple((series[:, sure], weight) for series, weight in sums)
@@ -241,10 +244,12 @@ def _step_text(size: float, runs: tuple[int, int], count: int, share: float, err
     return f"a step of {size:.2g} deg {there}, or a change over some runs around"
 
 
-def _p_of_gains(gains: FloatArray, scales: FloatArray, degrees: IntArray, count: int) -> FloatArray:
-    """Chance of the best of so many steps and ramps in noise that is independent from run to run, (K,)."""
-    tails = [chi_square_tail(float(x), int(n)) for x, n in zip(gains / scales, degrees, strict=True)]
-    return np.asarray(np.minimum(1.0, np.array(tails) * count))
+def _p_of_gains(gains: FloatArray, degrees: IntArray, known: FloatArray) -> FloatArray:
+    """Chance of a step or a ramp in noise that is independent from run to run, (K,); gains: in noises squared.
+
+    known: by how many numbers the noise is told.
+    """
+    return np.array([f_tail(float(x) / n, int(n), float(m)) for x, n, m in zip(gains, degrees, known, strict=True)])
 
 
 def _others_are_quiet(p: FloatArray, cuts: IntArray, count: int) -> BoolArray:

@@ -291,7 +291,7 @@ class Search:
                     yield Candidate(piece.with_values({**piece.effect.values, s.key: 0.0}, own), number, own)
             keys = self._sizes(effect, of_load=True)
             if keys and not keys & set(piece.effect.values):
-                none = {key: (0.0,) * len(piece.effect.orders) for key in keys}
+                none = {key: (0.0,) * len(piece.effect.orders) for key in sorted(keys)}
                 yield Candidate(piece.with_values({**piece.effect.values, **none}, keys), number, keys)
 
 
