@@ -26,6 +26,7 @@ from st_codegen.walkers.base import (
 )
 from st_codegen.walkers.classes import above, complement, label_of, labels_of, largest, shares_of, softmax, whole_sums
 from st_codegen.walkers.fitted import Fitted
+from st_codegen.walkers.sklearn.linear import negative_square_distances
 from st_codegen.walkers.sklearn.models import votes_and_confidences
 from st_codegen.walkers.sklearn.wrappers import constants
 
@@ -268,6 +269,16 @@ def walk_one_vs_one(fitted: Fitted, builder: GraphBuilder, value: int) -> Classi
         decision = builder.select([1], decision)
         return Classified(labels, above(builder, decision, cut), decision=decision)
     return Classified(labels, largest(builder, decision), decision=decision)
+
+
+@walks("OutputCodeClassifier", single=True)
+def walk_output_code(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
+    """The class whose code lies nearest to the scores (`multiclass.py: OutputCodeClassifier.predict`)."""
+    labels, parts = labels_of(fitted), fitted.items("estimators_")
+    codes = fitted.floats("code_book_", (len(labels), len(parts)))
+    found = [_one_of_the_rest(part, builder, value) for part in parts]
+    scores = builder.beside(*(_response(one, part, builder) for one, part in zip(found, parts, strict=True)))
+    return Classified(labels, largest(builder, negative_square_distances(builder, scores, codes)))
 
 
 @walks(
