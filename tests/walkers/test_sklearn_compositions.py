@@ -233,6 +233,11 @@ def test_the_text_of_compositions(name, tmp_path):
         (CalibratedClassifierCV(GaussianNB(), method="temperature", cv=2), TWO, "supported are 'sigmoid'"),
         (DummyClassifier(strategy="stratified"), TWO, "draws its answers at random"),
         (
+            ensemble.VotingClassifier([("a", SVC(probability=True)), ("b", tree(2))], voting="soft"),
+            TWO,
+            r"^SVC.probability=True.: its probabilities are not compiled; take CalibratedClassifierCV.SVC",
+        ),
+        (
             multioutput.ClassifierChain(GaussianNB(), chain_method="predict_log_proba"),
             LABELS,
             "by the predict_log_proba",
@@ -247,6 +252,14 @@ def test_the_text_of_compositions(name, tmp_path):
 def test_what_is_not_supported_says_so(estimator, y, message):
     with pytest.raises(UnsupportedModelError, match=message):
         loaded(fit(estimator, y))
+
+
+def test_a_positive_label_that_does_not_exist_is_named():
+    """The library raises for every row."""
+    whole = FixedThresholdClassifier(tree(3), threshold=0.3).fit(X, TWO)
+    whole.pos_label = "good"
+    with pytest.raises(UnsupportedModelError, match="pos_label='good', which is none of its labels"):
+        loaded(whole)
 
 
 @pytest.mark.parametrize("strategy", ["mean", "median", "quantile", "constant"])
