@@ -367,6 +367,12 @@ def test_quantiles_of_one_number(x, tmp_path):
         (RobustScaler(quantile_range=(0, 100), unit_variance=True), X, "RobustScaler divides by 0"),
         (HistGradientBoostingRegressor(max_iter=3), INFINITE, "a split at -infinity, as training data with infinities"),
         (SplineTransformer(extrapolation="continue"), X, "extrapolation='continue'"),
+        (SplineTransformer(), X * [1.0, 0.0, 1.0], "column 1 has knots that are equal or fall, as a constant column"),
+        (
+            cluster.AffinityPropagation(max_iter=2),
+            X,
+            "AffinityPropagation found no clusters, since it did not converge",
+        ),
         (SplineTransformer(2, degree=1, extrapolation="periodic", include_bias=False), X, "gives no column"),
         (KNNImputer(), GAPS * np.nan, "columns that were all missing in training"),
         (KNNImputer(metric=metrics.pairwise.nan_euclidean_distances), GAPS, "supported is 'nan_euclidean'"),

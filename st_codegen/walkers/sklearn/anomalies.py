@@ -94,6 +94,8 @@ def walk_clusters(fitted: Fitted, builder: GraphBuilder, value: int) -> Classifi
     ):  # of the machine that trained it; native code starts as many, however many
         fitted.estimator._n_threads = 1
     centres = fitted.floats("cluster_centers_", (None, builder.width(value)))
+    if not len(centres):
+        raise UnsupportedModelError(f"{fitted.kind} found no clusters, since it did not converge: more max_iter")
     near = negative_square_distances(builder, value, centres)
     return Classified(tuple(range(len(centres))), largest(builder, near))
 

@@ -387,7 +387,12 @@ def walk_splines(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
         own = Fitted(spline)
         # what native code takes; the public ones are what a function in the object makes of these
         inside = "_" if hasattr(spline, "_t") else ""
-        knots = _rising(own, "t", own.floats(f"{inside}t", (None,)))
+        knots = own.floats(f"{inside}t", (None,))
+        if np.any(np.diff(knots) <= 0):  # so `fit` leaves them where the column was constant
+            raise UnsupportedModelError(
+                f"SplineTransformer: column {number} has knots that are equal or fall, as a constant column and "
+                "quantiles of few numbers give them: leave it out, or take fewer n_knots or knots='uniform'"
+            )
         count = len(knots) - degree - 1
         spans.append((knots[degree], knots[count]))
         made = count - degree if mode == "periodic" else count
