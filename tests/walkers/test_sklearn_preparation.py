@@ -517,10 +517,8 @@ def test_the_bound_of_principal_components_covers_a_mean_that_cancels():
 def test_a_step_that_transforms_is_not_taken_for_one_that_predicts():
     model = fit(make_pipeline(RFE(linear_model.Ridge(), n_features_to_select=2), linear_model.Ridge()), X, SCORE)
     agrees(loaded(model), ROWS)
-    with pytest.raises(UnsupportedModelError, match="Birch is not supported"):
-        from sklearn.cluster import Birch
-
-        loaded(fit(make_pipeline(Birch(threshold=1.0), linear_model.Ridge()), X, SCORE))
+    with pytest.raises(UnsupportedModelError, match="Birch is compiled where it predicts, not as a step"):
+        loaded(fit(make_pipeline(cluster.Birch(threshold=1.0), linear_model.Ridge()), X, SCORE))
 
 
 def test_columns_apart_with_weights():
