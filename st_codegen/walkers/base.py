@@ -487,7 +487,8 @@ def is_known(package: str, name: str) -> bool:
 #: What does the work of a class that is not compiled, for messages.
 _NEAR = {
     "GaussianProcessClassifier": "SVC with kernel='rbf'",
-    "IterativeImputer": "SimpleImputer",
+    "IterativeImputer": "SimpleImputer and KNNImputer",
+    "SparsePCA": "PCA",
 }
 
 
