@@ -27,13 +27,13 @@ def test_a_class_that_is_not_supported_is_named_with_what_is_near(tmp_path):
     projections, pipeline = pytest.importorskip("sklearn.decomposition"), pytest.importorskip("sklearn.pipeline")
     from sklearn.preprocessing import StandardScaler
 
-    alone = save(tmp_path / "a", "kernel", projections.KernelPCA(2))
-    inside = save(tmp_path / "b", "kernel", pipeline.make_pipeline(StandardScaler(), projections.KernelPCA(2)))
+    alone = save(tmp_path / "a", "sparse", projections.SparsePCA(2))
+    inside = save(tmp_path / "b", "sparse", pipeline.make_pipeline(StandardScaler(), projections.SparsePCA(2)))
     for folder in (alone, inside):
         with pytest.raises(UnsupportedModelError) as caught:
             load(folder)
         assert str(caught.value) == (
-            f"{folder}: kernel.skops: scikit-learn's KernelPCA is not supported; near it: Nystroem and PCA; "
+            f"{folder}: sparse.skops: scikit-learn's SparsePCA is not supported; near it: PCA; "
             "`st-codegen models` lists what is"
         )
 

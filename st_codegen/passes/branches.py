@@ -39,7 +39,7 @@ def as_branches(model: ModelIR, may_grow: float = 1.0) -> ModelIR | None:
     if branched is None:
         return None
     ops[ensembles[0]] = branched
-    return without_unread(replace(model, ops=tuple(ops)))
+    return without_unread(replace(model, ops=tuple(ops)), answers=True)
 
 
 def _branched(rank: Rank, op: TreeEnsemble) -> BranchedTree | None:

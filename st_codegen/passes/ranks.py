@@ -42,7 +42,7 @@ def ranked(model: ir.ModelIR) -> ir.ModelIR | None:
         moved.append(len(ops))
     if not found:
         return None
-    return without_unread(dataclasses.replace(model, ops=tuple(ops)))
+    return without_unread(dataclasses.replace(model, ops=tuple(ops)), answers=True)
 
 
 @dataclass(frozen=True)

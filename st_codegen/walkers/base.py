@@ -487,12 +487,8 @@ def is_known(package: str, name: str) -> bool:
 #: What does the work of a class that is not compiled, for messages.
 _NEAR = {
     "GaussianProcessClassifier": "SVC with kernel='rbf'",
-    "KNNImputer": "SimpleImputer (KNNImputer searches all training rows for each missing value, others for each set of "
-    "missing columns)",
-    "IterativeImputer": "SimpleImputer",
-    "Birch": "KMeans",
-    "KernelPCA": "Nystroem and PCA",
-    "OutputCodeClassifier": "OneVsRestClassifier",
+    "IterativeImputer": "SimpleImputer and KNNImputer",
+    "SparsePCA": "PCA",
 }
 
 

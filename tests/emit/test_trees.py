@@ -7,7 +7,7 @@ import pytest
 
 from st_codegen.emit.blocks.model import Limits, model_block
 from st_codegen.errors import InputError
-from st_codegen.ir import Comparison, reference
+from st_codegen.ir import Comparison, Rank, RankColumn, TreeColumn, reference
 from st_codegen.passes.prune import pruned
 from st_codegen.passes.ranks import ranked
 from tests.emit.test_emitted import run
@@ -57,6 +57,17 @@ def test_a_tree_whose_nodes_all_equal_those_of_an_earlier_one_has_no_lines_of_it
     assert [group.label for group in nodes.groups] == ["roots", "tree 0"]
     x = np.random.default_rng(1).normal(size=(200, 3))
     assert np.array_equal(reference.evaluate(on_ranks, x), run(on_ranks, "iec", tmp_path, x))
+
+
+@pytest.mark.parametrize("target", ["iec", "twincat"])
+def test_ranks_that_no_tree_compares(target, tmp_path):
+    leaves = random_trees(np.random.default_rng(8), trees=2, splits=0, comparison=Comparison.LESS_OR_EQUAL)
+    on_ranks = ranked(model(leaves))
+    trees = dataclasses.replace(on_ranks.ops[1], columns=tuple(TreeColumn(number) for number in range(3)))
+    rank = Rank((0,), tuple(RankColumn(number, np.array([0.5])) for number in range(3)))
+    made = dataclasses.replace(on_ranks, ops=(rank, trees))
+    x = np.random.default_rng(1).normal(size=(20, 3))
+    assert np.array_equal(reference.evaluate(made, x), run(made, target, tmp_path, x))
 
 
 @pytest.mark.parametrize("target", ["iec", "twincat"])

@@ -47,6 +47,8 @@ OTHER_DATA = {
     "SparseCoder": "takes a dictionary",
     "FrozenEstimator": "is fitted before it is made",
 }
+#: skops does not write the tree of these.
+NO_SKOPS = {"Birch"}
 
 
 def built(name):
@@ -97,9 +99,10 @@ def test_an_estimator_is_compiled_or_refused_in_one_line(name, dtype, tmp_path):
         known = name in walks.of("sklearn") if hasattr(estimator, "predict") else is_known("sklearn", name)
         assert not known or "is not supported" not in str(error)
         return
-    skops.io.dump(estimator, tmp_path / "saved.skops")
-    saved = load_skops(tmp_path / "saved.skops", "m")
-    assert digest(saved.ir) == digest(from_estimator(estimator, "m").ir)
+    if name not in NO_SKOPS:
+        skops.io.dump(estimator, tmp_path / "saved.skops")
+        saved = load_skops(tmp_path / "saved.skops", "m")
+        assert digest(saved.ir) == digest(from_estimator(estimator, "m").ir)
     rows = x[:80]
     library = model.predict(rows)
     found, bound = reference.evaluate(model.ir, rows), bounds.difference_bound(model.ir, rows)

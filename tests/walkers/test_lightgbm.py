@@ -13,6 +13,8 @@ from hypothesis import strategies as st
 
 from st_codegen.errors import InputError, MissingExtraError
 from st_codegen.ir import Activation, Function, Operator, Scale, TreeEnsemble, reference
+from st_codegen.passes.domain import limit_inputs
+from st_codegen.proof import bounds
 from st_codegen.walkers.base import GraphBuilder, LoadedModel, walk_estimator
 from st_codegen.walkers.lightgbm import model as walker
 from st_codegen.walkers.objects import from_estimator
@@ -197,6 +199,21 @@ def test_trees_of_a_single_leaf(linear: bool, tmp_path: Path, assert_same: Any) 
     model = saved(train({"linear_tree": linear}, lgb.Dataset(x, np.full(len(x), 1.75)), 2), tmp_path)
     assert ensemble(model).n_nodes == ensemble(model).n_trees
     assert_same(model)
+
+
+def test_lines_in_leaves_that_grow_beyond_the_exponential_of_the_library_have_no_answer(tmp_path: Path) -> None:
+    x, y = table()
+    share = (y - y.min()) / np.ptp(y)
+    found = saved(train({"linear_tree": True, "objective": "cross_entropy_lambda"}, lgb.Dataset(x, share)), tmp_path)
+    rows = np.vstack(
+        [x[~np.isnan(x).any(axis=1)][:40], np.array([[1e12], [-1e12], [1e5], [-1e5]]) * np.ones(x.shape[1])]
+    )
+    made = limit_inputs(found.ir)
+    library, ours = found.predict(rows), reference.evaluate(made, rows)
+    answered = np.isfinite(ours)
+    assert answered[:40].all() and not np.isfinite(library).all()
+    assert np.all(np.isfinite(library[answered]))
+    assert np.all(np.abs(library - ours)[answered] <= bounds.difference_bound(made, rows)[answered])
 
 
 def test_custom_objective_with_several_outputs(tmp_path: Path, assert_same: Any) -> None:

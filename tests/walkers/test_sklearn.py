@@ -13,11 +13,12 @@ from sklearn.base import BaseEstimator  # noqa: E402
 from sklearn.compose import ColumnTransformer, TransformedTargetRegressor  # noqa: E402
 from sklearn.ensemble import (  # noqa: E402
     ExtraTreesRegressor,
+    GradientBoostingClassifier,
     GradientBoostingRegressor,
     HistGradientBoostingRegressor,
     RandomForestRegressor,
 )
-from sklearn.linear_model import ElasticNet, Lasso, LinearRegression, Ridge  # noqa: E402
+from sklearn.linear_model import ElasticNet, Lasso, LinearRegression, LogisticRegression, Ridge  # noqa: E402
 from sklearn.multioutput import MultiOutputRegressor  # noqa: E402
 from sklearn.neural_network import MLPRegressor  # noqa: E402
 from sklearn.pipeline import make_pipeline  # noqa: E402
@@ -58,6 +59,12 @@ EXACT = {
     "gradient boosting from zero": GradientBoostingRegressor(n_estimators=5, init="zero", random_state=0),
     "gradient boosting, huber": GradientBoostingRegressor(n_estimators=20, loss="huber", random_state=0),
     "gradient boosting, quantile": GradientBoostingRegressor(n_estimators=20, loss="quantile", random_state=0),
+    "gradient boosting from a tree": GradientBoostingRegressor(
+        n_estimators=9, init=DecisionTreeRegressor(max_depth=3), random_state=0
+    ),
+    "gradient boosting from boosting": GradientBoostingRegressor(
+        n_estimators=5, init=HistGradientBoostingRegressor(max_iter=4), loss="huber", random_state=0
+    ),
     "histogram boosting": HistGradientBoostingRegressor(max_iter=20, random_state=0),
     "histogram boosting, early stopping": HistGradientBoostingRegressor(
         max_iter=30, early_stopping=True, random_state=0
@@ -103,6 +110,10 @@ BOUNDED = {
     "poisson mlp": make_pipeline(
         StandardScaler(), MLPRegressor("poisson", hidden_layer_sizes=(5,), max_iter=60, random_state=0)
     ),
+    "trees from a line, which is computed in float32": GradientBoostingRegressor(
+        n_estimators=9, init=Ridge(), random_state=0
+    ),
+    "gradient boosting from a machine": GradientBoostingRegressor(n_estimators=4, init=SVR(), random_state=0),
     "linear": LinearRegression(),
     "ridge": Ridge(),
     "lasso": Lasso(alpha=1e-3),
@@ -295,12 +306,15 @@ class _Own(BaseEstimator):
             "numpy.clip with kw_args=.*: supported are two numbers",
         ),
         (make_pipeline(FunctionTransformer(lambda x: x), Ridge()), "func=<lambda>: a function that is not compiled"),
-        (GradientBoostingRegressor(init=LinearRegression()), "init=LinearRegression"),
+        (
+            GradientBoostingClassifier(n_estimators=2, init=LogisticRegression()),
+            "init=LogisticRegression: supported are",
+        ),
     ],
     ids=["own class", "precomputed", "tan", "limits in lists", "clip by a rule", "lambda", "init"],
 )
 def test_unsupported_models_are_named(estimator, reason):
-    y = Y
+    y = np.median(Y) < Y if isinstance(estimator, GradientBoostingClassifier) else Y
     x = X if getattr(estimator, "kernel", "") != "precomputed" else X @ X.T
     estimator.fit(x, y)
     with pytest.raises(UnsupportedModelError, match=reason):

@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("sklearn")
 
-from sklearn import cluster, covariance, ensemble, mixture, multiclass, multioutput
+from sklearn import cluster, covariance, ensemble, mixture, multiclass, multioutput, semi_supervised
 from sklearn.base import clone
 from sklearn.calibration import CalibratedClassifierCV
 from sklearn.dummy import DummyClassifier, DummyRegressor
@@ -102,6 +102,13 @@ WITHIN = {
     "stack of two": (ensemble.StackingClassifier([("a", tree(3)), ("b", SVC())], tree(2), cv=2, passthrough=True), TWO),
     "envelope": (covariance.EllipticEnvelope(random_state=0), None),
     "clusters": (cluster.KMeans(4, n_init=1, random_state=0), None),
+    "clusters of subclusters": (cluster.Birch(n_clusters=3, threshold=0.4), None),
+    "subclusters": (cluster.Birch(n_clusters=None, threshold=0.9), None),
+    "clusters by bisection": (cluster.BisectingKMeans(6, random_state=0), None),
+    "codes": (multiclass.OutputCodeClassifier(LogisticRegression(), code_size=2.0, random_state=0), WORDS),
+    "codes of trees": (multiclass.OutputCodeClassifier(tree(2), code_size=3.0, random_state=0), THREE),
+    "propagation": (semi_supervised.LabelPropagation(gamma=2.0), np.where(np.arange(len(X)) % 3, THREE, -1)),
+    "spreading": (semi_supervised.LabelSpreading("knn", n_neighbors=5), np.where(np.arange(len(X)) % 3, THREE, -1)),
     "clusters in batches": (cluster.MiniBatchKMeans(3, n_init=1, random_state=0), None),
     **{
         f"expected mixture, {kind}, {prior}": (
@@ -177,6 +184,25 @@ def test_other_compositions_lie_within_the_bound(name):
     assert len(np.unique(library[:, 0])) > 1
 
 
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    "name", ["clusters of subclusters", "clusters by bisection", "codes", "propagation", "spreading"]
+)
+def test_they_are_verified(name, tmp_path):
+    verified(loaded(fit(*WITHIN[name])), tmp_path, rows=100)
+
+
+def test_one_cluster_has_all_rows():
+    model = loaded(cluster.BisectingKMeans(1).fit(X))
+    assert not model.predict(X).any() and not reference.evaluate(model.ir, X).any()
+
+
+def test_rows_far_from_all_others_have_no_share_of_any_class(tmp_path):
+    model = loaded(fit(*WITHIN["propagation"]))
+    far = np.array([[200.0, 0.0, 0.0], [0.0, 0.0, 19.5]])
+    assert np.isnan(reference.evaluate(model.ir, far)).all()
+
+
 @pytest.mark.parametrize(
     "name",
     [
@@ -207,6 +233,11 @@ def test_the_text_of_compositions(name, tmp_path):
         (CalibratedClassifierCV(GaussianNB(), method="temperature", cv=2), TWO, "supported are 'sigmoid'"),
         (DummyClassifier(strategy="stratified"), TWO, "draws its answers at random"),
         (
+            ensemble.VotingClassifier([("a", SVC(probability=True)), ("b", tree(2))], voting="soft"),
+            TWO,
+            r"^SVC.probability=True.: its probabilities are not compiled; take CalibratedClassifierCV.SVC",
+        ),
+        (
             multioutput.ClassifierChain(GaussianNB(), chain_method="predict_log_proba"),
             LABELS,
             "by the predict_log_proba",
@@ -221,6 +252,14 @@ def test_the_text_of_compositions(name, tmp_path):
 def test_what_is_not_supported_says_so(estimator, y, message):
     with pytest.raises(UnsupportedModelError, match=message):
         loaded(fit(estimator, y))
+
+
+def test_a_positive_label_that_does_not_exist_is_named():
+    """The library raises for every row."""
+    whole = FixedThresholdClassifier(tree(3), threshold=0.3).fit(X, TWO)
+    whole.pos_label = "good"
+    with pytest.raises(UnsupportedModelError, match="pos_label='good', which is none of its labels"):
+        loaded(whole)
 
 
 @pytest.mark.parametrize("strategy", ["mean", "median", "quantile", "constant"])

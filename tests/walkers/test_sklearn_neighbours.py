@@ -102,6 +102,13 @@ def test_gaussian_processes(name, tmp_path):
     assert np.max(bound) < 1e-7
 
 
+@pytest.mark.parametrize("alpha", [1.0, 1e3, 1e5])
+def test_the_bound_of_a_rational_kernel_covers_the_sum_that_is_rounded_before_a_large_power(alpha):
+    kernel = gp.RationalQuadratic(1.3, alpha)
+    model = loaded(fit(GaussianProcessRegressor(kernel, optimizer=None, alpha=1e-9), X[:60], 1e3 * SCORE[:60]))
+    agrees(model, np.vstack([X, X[::-1, ::-1]]))
+
+
 def test_deviations_of_several_outputs_near_training_rows_and_in_a_pipeline(tmp_path):
     process = make_pipeline(StandardScaler(), GaussianProcessRegressor(normalize_y=True, optimizer=None))
     model = loaded(fit(process, X[:60], NUMBERS[:60]))

@@ -62,9 +62,10 @@ def test_a_part_of_an_estimator_is_not_called_the_class_that_is_missing(tmp_path
 
 
 def test_a_file_of_a_class_that_is_not_compiled_names_it(tmp_path):
-    cluster = pytest.importorskip("sklearn.cluster")
-    skops.dump(cluster.FeatureAgglomeration(1).fit(X), tmp_path / "m.skops")
-    with pytest.raises(UnsupportedModelError, match="scikit-learn's FeatureAgglomeration is not supported"):
+    manifold = pytest.importorskip("sklearn.manifold")
+    isomap = manifold.Isomap(n_neighbors=3, n_components=1)
+    skops.dump(isomap.fit(X), tmp_path / "m.skops")
+    with pytest.raises(UnsupportedModelError, match="scikit-learn's Isomap is not supported"):
         load(tmp_path)
 
 

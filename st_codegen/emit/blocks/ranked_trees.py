@@ -69,7 +69,8 @@ def lay_out_ranked(op: TreeEnsemble, step: Step, listing: Listing) -> None:
     cut = op.cut if isinstance(op, CutTrees) else op
     packed, comparisons = keys.slots > 1, depth_of(cut)
     if comparisons:  # where every tree is one leaf, nothing is compared
-        listing.locals("DINT", "nKey", *(["nSlot"] if packed else []))
+        listing.local("nKey", "DINT")
+    listing.loop("nSlot", keys.slots)  # and the ranks are kept all the same
     listing.locals("LREAL", "fX")
     narrow = op.leaf_value.shape[1] == 1
     if op.width > 1:
@@ -94,7 +95,9 @@ def lay_out_ranked(op: TreeEnsemble, step: Step, listing: Listing) -> None:
         slots=slots,
         nodes=[part["node"] for part in parts],
         factor=listing.number(step.table("SLOTS"), "DINT", str(keys.slots)) if packed else None,
-        mask=listing.number(step.table("SLOT_MASK"), "DWORD", f"DWORD#16#{keys.slots - 1:X}") if packed else None,
+        mask=listing.number(step.table("SLOT_MASK"), "DWORD", f"DWORD#16#{keys.slots - 1:X}")
+        if packed and comparisons
+        else None,
         leaf_key=listing.number(step.table("LEAF_KEY"), "DINT", str(keys.leaf)),
         last_rank=step.widths[0] - 1,
         wide=None if narrow else op.width,

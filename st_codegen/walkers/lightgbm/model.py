@@ -291,6 +291,9 @@ def _add(model: TextModel, builder: GraphBuilder, value: int, labels: tuple[Labe
     result = builder.add(_with_zero_band(ensemble, sparse=builder.is_sparse(value)))
     if is_class:
         return _classified(model, builder, result, labels)
+    if link is Function.SOFTPLUS and ensemble.linear is not None:
+        # log1p(exp(x)) in two steps, of which the first has no end: leaves that are lines may be as large as the inputs
+        return builder.function(builder.function(result, Function.EXP), Function.LOG1P)
     if link is not Function.IDENTITY:
         result = builder.function(result, link)
     return result

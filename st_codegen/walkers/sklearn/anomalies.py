@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
 from st_codegen.ir import FloatArray, SummationOrder
 from st_codegen.walkers.base import Classified, GraphBuilder, walks
-from st_codegen.walkers.classes import above, largest, last_below, softmax
+from st_codegen.walkers.classes import above, largest, last_below, softmax, whole_sums
 from st_codegen.walkers.fitted import Fitted
 from st_codegen.walkers.sklearn.linear import block_sums, negative_square_distances, squares
+from st_codegen.walkers.sklearn.pieces import add_pieces
 from st_codegen.walkers.sklearn.trees import TreeSum, add_float32_trees
+from st_codegen.walkers.sklearn.wrappers import constants
 
 _INLIERS = (-1, 1)
 
@@ -91,8 +94,61 @@ def walk_clusters(fitted: Fitted, builder: GraphBuilder, value: int) -> Classifi
     ):  # of the machine that trained it; native code starts as many, however many
         fitted.estimator._n_threads = 1
     centres = fitted.floats("cluster_centers_", (None, builder.width(value)))
+    if not len(centres):
+        raise UnsupportedModelError(f"{fitted.kind} found no clusters, since it did not converge: more max_iter")
     near = negative_square_distances(builder, value, centres)
     return Classified(tuple(range(len(centres))), largest(builder, near))
+
+
+@walks("Birch", finite=True, double="subcluster_centers_")
+def walk_subclusters(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
+    """The label of the nearest subcluster, the first of equal ones (`cluster/_birch.py: Birch._predict`)."""
+    centres = fitted.floats("subcluster_centers_", (None, builder.width(value)))
+    given = fitted.integers("subcluster_labels_", (len(centres),), low=-(2**31), high=2**31 - 1)
+    labels, codes = np.unique(given, return_inverse=True)
+    nearest = largest(builder, negative_square_distances(builder, value, centres))
+    knots, pieces = np.arange(float(len(centres))), np.zeros((len(centres) + 1, 1))
+    found = add_pieces(builder, nearest, [(knots, codes.astype(np.float64), pieces, math.nan)])
+    return Classified(tuple(labels.tolist()), found)
+
+
+@walks("BisectingKMeans", finite=True, double="cluster_centers_")
+def walk_bisections(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
+    """Down a tree to the nearer of two centres, of equal ones to the left (`_bisect_k_means.py: _predict_recursive`).
+
+    A leaf is reached where all decisions above it are its own: the number of those, less that of all above it, is 0
+    there and negative for every other leaf.
+    """
+    fitted.estimator._n_threads = 1  # as of KMeans
+    width, count = builder.width(value), fitted.integer("n_clusters", 1, 2**31 - 1)
+    moved = fitted.floats("_X_mean", (width,)) if hasattr(fitted.estimator, "_X_mean") else 0.0
+    centres: list[FloatArray] = []
+    paths: dict[int, list[tuple[int, float]]] = {}
+    waiting: list[tuple[Any, list[tuple[int, float]]]] = [(fitted.get("_bisecting_tree"), [])]
+    while waiting:
+        node, path = waiting.pop()
+        own = Fitted(node)
+        if own.get("left") is None:
+            paths[own.integer("label", 0, count - 1)] = path
+            continue
+        number = len(centres) // 2
+        if number >= count:
+            raise fitted.fail("_bisecting_tree", f"more than {count - 1} decisions")
+        for side in ("left", "right"):
+            centres.append(Fitted(own.get(side)).floats("center", (width,)) + moved)
+            waiting.append((own.get(side), [*path, (number, float(side == "right"))]))
+    if sorted(paths) != list(range(count)):
+        raise fitted.fail("_bisecting_tree", f"not {count} leaves")
+    if count == 1:
+        return Classified((0,), constants(builder, value, np.zeros(1)))
+    near = negative_square_distances(builder, value, np.array(centres))
+    left, right = (builder.select(np.arange(side, len(centres), 2), near) for side in (0, 1))
+    turns = above(builder, builder.combine(right, "-", left))
+    table, met = np.zeros((count, len(centres) // 2)), np.zeros(count)
+    for leaf, path in paths.items():
+        for number, turned in path:
+            table[leaf, number], met[leaf] = 2.0 * turned - 1.0, met[leaf] - turned
+    return Classified(tuple(range(count)), largest(builder, whole_sums(builder, turns, table, met)))
 
 
 @walks("GaussianMixture BayesianGaussianMixture", finite=True, double="precisions_cholesky_")

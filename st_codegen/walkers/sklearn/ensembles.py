@@ -26,6 +26,7 @@ from st_codegen.walkers.base import (
 )
 from st_codegen.walkers.classes import above, complement, label_of, labels_of, largest, shares_of, softmax, whole_sums
 from st_codegen.walkers.fitted import Fitted
+from st_codegen.walkers.sklearn.linear import negative_square_distances
 from st_codegen.walkers.sklearn.models import votes_and_confidences
 from st_codegen.walkers.sklearn.wrappers import constants
 
@@ -59,7 +60,12 @@ def _scattered(fitted: Fitted, part: Classified, value: int, labels: Sequence[La
 
 def _probability(part: Classified, estimator: Any) -> int:
     if part.probability is None:
-        raise UnsupportedModelError(f"{type(estimator).__name__} gives no probabilities, which the whole needs")
+        name = type(estimator).__name__
+        if hasattr(estimator, "predict_proba"):  # libsvm's are found by an iteration that ends early
+            raise UnsupportedModelError(
+                f"{name}(probability=True): its probabilities are not compiled; take CalibratedClassifierCV({name}())"
+            )
+        raise UnsupportedModelError(f"{name} gives no probabilities, which the whole needs")
     return part.probability
 
 
@@ -268,6 +274,16 @@ def walk_one_vs_one(fitted: Fitted, builder: GraphBuilder, value: int) -> Classi
         decision = builder.select([1], decision)
         return Classified(labels, above(builder, decision, cut), decision=decision)
     return Classified(labels, largest(builder, decision), decision=decision)
+
+
+@walks("OutputCodeClassifier", single=True)
+def walk_output_code(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
+    """The class whose code lies nearest to the scores (`multiclass.py: OutputCodeClassifier.predict`)."""
+    labels, parts = labels_of(fitted), fitted.items("estimators_")
+    codes = fitted.floats("code_book_", (len(labels), len(parts)))
+    found = [_one_of_the_rest(part, builder, value) for part in parts]
+    scores = builder.beside(*(_response(one, part, builder) for one, part in zip(found, parts, strict=True)))
+    return Classified(labels, largest(builder, negative_square_distances(builder, scores, codes)))
 
 
 @walks(

@@ -13,12 +13,25 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import MAX_DEVIATION_ROWS, Clip, Distances, Exceeds, FloatArray, Linear, NearestMean
-from st_codegen.walkers.base import Classified, Estimated, GraphBuilder, walks
-from st_codegen.walkers.classes import above, labels_of, largest
+from st_codegen.ir import (
+    MAX_DEVIATION_ROWS,
+    Clip,
+    Distances,
+    Exceeds,
+    FillMissing,
+    FloatArray,
+    Kernel,
+    KernelSum,
+    Linear,
+    NearestMean,
+)
+from st_codegen.walkers.base import Classified, Estimated, GraphBuilder, transforms, walks
+from st_codegen.walkers.classes import above, labels_of, largest, whole_sums
 from st_codegen.walkers.fitted import Fitted
 from st_codegen.walkers.sklearn.linear import block_sums, squares
+from st_codegen.walkers.sklearn.pieces import add_pieces, indicated, indicators, missing_value
 from st_codegen.walkers.sklearn.transforms import euclidean
+from st_codegen.walkers.sklearn.wrappers import constants
 
 #: Names of the Manhattan distance.
 _SUMS = ("manhattan", "cityblock", "l1")
@@ -143,6 +156,101 @@ def _within(fitted: Fitted, builder: GraphBuilder, distances: int, targets: Floa
     return builder.combine(total, "/", found)
 
 
+#: A sum of kernels below which exponentials lose their digits.
+_VANISHES = 1e-290
+
+
+@walks("LabelPropagation LabelSpreading", finite=True, double="X_")
+def walk_propagated(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
+    """The shares of the classes near a row (`semi_supervised/_label_propagation.py: predict_proba`)."""
+    labels = labels_of(fitted)
+    vectors = fitted.floats("X_", (None, builder.width(value)))
+    shares = fitted.floats("label_distributions_", (len(vectors), len(labels)))
+    if fitted.choice("kernel", {"rbf": True, "knn": False}):
+        gamma = fitted.number("gamma")
+        sums = builder.add(
+            KernelSum((value,), Kernel.RBF, vectors, shares.T, np.zeros(len(labels)), gamma, expands=True)
+        )
+    else:
+        near = Fitted(fitted.get("nn_fit"))
+        distances, count = _distances(near, builder, value)
+        nearest = near.integer("n_neighbors", 1, count)
+        if count != len(vectors):
+            raise near.fail("_fit_X", "not the training rows")
+        sums = builder.add(NearestMean((distances,), shares.T, nearest, divides=False))
+    total = builder.linear(sums, np.ones((1, len(labels))))
+    # of kernels that vanish nothing is left to divide by, in the library at a smaller number than in the block
+    vanishes = add_pieces(
+        builder, total, [(np.array([_VANISHES]), np.zeros(1), np.array([[math.inf], [0.0]]), math.nan)]
+    )
+    total = builder.select([0] * len(labels), builder.combine(total, "+", vanishes))
+    found = builder.combine(sums, "/", total)
+    return Classified(labels, largest(builder, found), found)
+
+
+#: A distance beyond all that are known, for rows that have no column in common with the one that is read.
+_FAR = 1e300
+
+
+@transforms("KNNImputer", double="_fit_X")
+def walk_nearest_imputer(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
+    """The mean over the nearest training rows that have a column, where it is missing (`impute/_knn.py: transform`).
+
+    Distances are those of the columns that both rows have, in proportion to their number (`metrics/pairwise.py:
+    nan_euclidean_distances`, whose terms cancel). A row without a column in common does not count; where none has one,
+    the mean of all training rows is taken.
+    """
+    width = builder.width(value)
+    if fitted.get("metric") != "nan_euclidean":
+        raise UnsupportedModelError("KNNImputer with a metric of its own: supported is 'nan_euclidean'")
+    weighted = fitted.get("weights") is not None and _inverse(fitted)
+    missing = missing_value(fitted, builder, value)
+    gaps = fitted.flags("_mask_fit_X", (None, width))
+    rows = fitted.floats_of("_fit_X", np.where(gaps, 0.0, fitted.get("_fit_X")), gaps.shape)
+    absent = indicators(builder, value, missing, range(width))
+    filled = builder.add(FillMissing((value,), np.zeros(width), None if math.isnan(missing) else missing))
+    squared, own = squares(builder, filled), np.sum(rows**2, axis=1)
+    terms, weights = [squared, filled, absent], [np.ones_like(rows), -2.0 * rows, -(rows**2)]
+    if gaps.any():
+        terms.append(squared)
+        weights.append(-gaps.astype(np.float64))
+    total = builder.linear(builder.beside(*terms), np.hstack(weights), own, bias_terms=own)
+    here = builder.scale(absent, "-", 1.0, reverse=True)
+    shared = whole_sums(builder, here, (~gaps).astype(np.float64), np.zeros(len(rows)))
+    mean = builder.scale(builder.combine(total, "/", builder.scale(shared, "max", 1.0)), "*", float(width))
+    known = above(builder, shared)
+    far = builder.chain(known, ("*", -_FAR), ("+", _FAR))
+    distances = builder.combine(_root(builder, mean), "+", far)
+    kept = np.flatnonzero(~gaps.all(axis=0))
+    if not len(kept):
+        raise UnsupportedModelError("KNNImputer of columns that were all missing in training")
+    found = []
+    for column in kept.tolist():
+        donors = np.flatnonzero(~gaps[:, column])
+        values, near = rows[donors, column], min(fitted.integer("n_neighbors", 1, 2**31 - 1), len(donors))
+        inputs = [builder.select(donors, distances), builder.select(donors, known)]
+        some = above(builder, whole_sums(builder, inputs[1], np.ones((1, len(donors))), np.zeros(1)))
+        none = builder.scale(some, "-", 1.0, reverse=True)
+        if weighted or not gaps.any():  # without gaps in training all distances are known, or none is
+            nearest = builder.add(NearestMean((inputs[0],), values[None, :], near, weighted))
+        else:
+            both = np.vstack([values, np.ones(len(donors))])
+            sums = builder.add(NearestMean(tuple(inputs), both, near, divides=False))
+            divisor = builder.combine(builder.select([1], sums), "+", none)
+            nearest = builder.combine(builder.select([0], sums), "/", divisor)
+        # NumPy adds the numbers of a column in an order of its own
+        doubt = len(donors) * np.finfo(np.float64).eps * np.mean(np.abs(values), keepdims=True)
+        usual = builder.scale(none, "*", float(np.mean(values)), doubt=doubt)
+        found.append(builder.combine(builder.combine(nearest, "*", some), "+", usual))
+    made = builder.combine(builder.beside(*found), "*", builder.select(kept, absent))
+    result = builder.combine(builder.select(kept, filled), "+", made)
+    if fitted.flag("keep_empty_features") and len(kept) < width:
+        places = np.full(width, len(kept))
+        places[kept] = np.arange(len(kept))
+        result = builder.select(places, result, constants(builder, value, np.zeros(1)))
+    return indicated(fitted, builder, value, missing, result)
+
+
 _KERNELS = tuple(
     "ConstantKernel DotProduct ExpSineSquared Matern Product RBF RationalQuadratic Sum WhiteKernel".split()
 )
@@ -173,10 +281,15 @@ def walk_gaussian_process(fitted: Fitted, builder: GraphBuilder, value: int) -> 
         variance = _combined(builder, "+", [builder.scale(known, "*", -1.0), prior])
         # the library sets what is negative to 0 before it scales: with factors of at least 0 that is the same number
         each = builder.scale(builder.select([0] * outputs, int(variance)), "*", factor**2)
-        positive = builder.add(Clip((each,), np.zeros(outputs), np.full(outputs, np.finfo(np.float64).max)))
-        return builder.function(positive, "sqrt")
+        return _root(builder, each)
 
     return Estimated(mean, deviation if len(vectors) <= MAX_DEVIATION_ROWS else None)
+
+
+def _root(builder: GraphBuilder, value: int) -> int:
+    """The square roots of numbers, of which those below 0 count as 0."""
+    ends = np.zeros(builder.width(value)), np.full(builder.width(value), np.finfo(np.float64).max)
+    return builder.function(builder.add(Clip((value,), *ends)), "sqrt")
 
 
 def _solving(fitted: Fitted, count: int) -> tuple[FloatArray, FloatArray]:
@@ -246,8 +359,9 @@ def _of_distance(fitted: Fitted, builder: GraphBuilder, value: int, vectors: Flo
         alpha = fitted.number("alpha")
         squared = builder.add(Distances((value,), vectors))
         scale = 2 * alpha * float(length[0]) ** 2
-        part = builder.scale(squared, "/", scale)
-        logarithm = builder.function(part, "log1p")
+        # the sum is rounded before its power is taken, which a large alpha makes as large
+        base = builder.chain(squared, ("/", scale), ("+", 1.0))
+        logarithm = builder.function(base, "log")
         return builder.function(builder.scale(logarithm, "*", -alpha), "exp")
     if fitted.kind == "ExpSineSquared":
         distance = euclidean(builder, value, vectors)

@@ -15,7 +15,17 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import AnyArray, Exceeds, FillMissing, FloatArray, Piecewise, Precision, Round
+from st_codegen.ir import (
+    AnyArray,
+    Exceeds,
+    FillMissing,
+    FloatArray,
+    Piecewise,
+    Precision,
+    Round,
+    Towards,
+    WholeNumber,
+)
 from st_codegen.walkers.base import GraphBuilder, transforms, walks
 from st_codegen.walkers.fitted import Fitted
 
@@ -54,7 +64,7 @@ def walk_binarizer(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     )
 
 
-def _missing_value(fitted: Fitted, builder: GraphBuilder, value: int) -> float:
+def missing_value(fitted: Fitted, builder: GraphBuilder, value: int) -> float:
     """The number that counts as missing; where it is not NaN, NaN is refused."""
     given = fitted.get("missing_values")
     if not isinstance(given, float | int | np.number):
@@ -66,7 +76,7 @@ def _missing_value(fitted: Fitted, builder: GraphBuilder, value: int) -> float:
     return math.nan
 
 
-def _indicators(builder: GraphBuilder, value: int, missing: float, columns: Any) -> int:
+def indicators(builder: GraphBuilder, value: int, missing: float, columns: Any) -> int:
     """1 in columns that are missing, else 0."""
     picked = builder.select(columns, value)
     here, nowhere = (np.array([missing]), np.zeros(1)) if not np.isnan(missing) else (np.zeros(0), np.zeros(0))
@@ -79,7 +89,7 @@ def _indicators(builder: GraphBuilder, value: int, missing: float, columns: Any)
 def walk_missing(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """Which columns are missing (`impute/_base.py: MissingIndicator.transform`)."""
     columns = fitted.integers("features_", (None,), low=0, high=builder.width(value) - 1)
-    missing = _missing_value(fitted, builder, value)
+    missing = missing_value(fitted, builder, value)
     if not len(columns):
         raise UnsupportedModelError("MissingIndicator without a column that was missing in training")
     if fitted.estimator.features == "missing-only" and fitted.flag("error_on_new"):
@@ -89,7 +99,7 @@ def walk_missing(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
             if not np.isnan(missing):
                 raise UnsupportedModelError("MissingIndicator with error_on_new and missing_values other than NaN")
             builder.refuse_nan(builder.select(others, value))
-    found = _indicators(builder, value, missing, columns)
+    found = indicators(builder, value, missing, columns)
     builder.sparse[found] = fitted.estimator.sparse is True
     return found
 
@@ -105,20 +115,25 @@ def walk_imputer(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
         raise UnsupportedModelError("SimpleImputer of columns that are no numbers")
     given = given.astype(np.float64)
     kept = np.arange(width) if fitted.estimator.keep_empty_features else np.flatnonzero(~np.isnan(given))
-    missing = _missing_value(fitted, builder, value)
+    missing = missing_value(fitted, builder, value)
     fill = fitted.floats_of("statistics_", given[kept].astype(kind), (len(kept),))
     if not len(kept):
         raise UnsupportedModelError("SimpleImputer of columns that were all missing in training")
     everything = np.array_equal(kept, np.arange(width))
     picked = value if everything else builder.select(kept, value)
     filled = builder.add(FillMissing((picked,), fill, None if np.isnan(missing) else missing))
+    return indicated(fitted, builder, value, missing, filled)
+
+
+def indicated(fitted: Fitted, builder: GraphBuilder, value: int, missing: float, filled: int) -> int:
+    """What an imputer makes, and behind it which columns were missing where the imputer adds that."""
     if not fitted.flag("add_indicator"):
         return filled
     inner = Fitted(fitted.get("indicator_"))
-    columns = inner.integers("features_", (None,), low=0, high=width - 1)
+    columns = inner.integers("features_", (None,), low=0, high=builder.width(value) - 1)
     if not len(columns):
         return filled
-    return builder.beside(filled, _indicators(builder, value, missing, columns))
+    return builder.beside(filled, indicators(builder, value, missing, columns))
 
 
 def _categories(fitted: Fitted, builder: GraphBuilder, value: int) -> list[tuple[FloatArray, bool]]:
@@ -351,12 +366,12 @@ def walk_splines(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """The basis splines of each column (`preprocessing/_polynomial.py: SplineTransformer.transform`)."""
     width, mode = builder.width(value), fitted.estimator.extrapolation
     degree = fitted.integer("degree", 0, 10)
-    if degree < {"constant": 1, "error": 1, "linear": 2}.get(mode, math.inf):
+    if degree < {"constant": 1, "error": 1, "periodic": 1, "linear": 2}.get(mode, math.inf):
         # how far the library's polynomials err where they go on without end is not derived; of degree 1 its lines
         # are not those of the splines
         raise UnsupportedModelError(
-            f"SplineTransformer with extrapolation={mode!r} and degree={degree}: supported are 'constant' and 'error' "
-            "with a degree from 1 on, and 'linear' with one from 2 on"
+            f"SplineTransformer with extrapolation={mode!r} and degree={degree}: supported are 'constant', 'error' and "
+            "'periodic' with a degree from 1 on, and 'linear' with one from 2 on"
         )
     if getattr(fitted.estimator, "handle_missing", "error") == "zeros":
         builder.refuse_magnitude(math.inf)
@@ -367,27 +382,70 @@ def walk_splines(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     columns: list[Column] = []
     repeated: list[int] = []
     lines: list[_Lines] = []
+    spans: list[tuple[float, float]] = []
     for number, spline in enumerate(fitted.items("bsplines_", width)):
         own = Fitted(spline)
         # what native code takes; the public ones are what a function in the object makes of these
         inside = "_" if hasattr(spline, "_t") else ""
-        knots = _rising(own, "t", own.floats(f"{inside}t", (None,)))
+        knots = own.floats(f"{inside}t", (None,))
+        if np.any(np.diff(knots) <= 0):  # so `fit` leaves them where the column was constant
+            raise UnsupportedModelError(
+                f"SplineTransformer: column {number} has knots that are equal or fall, as a constant column and "
+                "quantiles of few numbers give them: leave it out, or take fewer n_knots or knots='uniform'"
+            )
         count = len(knots) - degree - 1
+        spans.append((knots[degree], knots[count]))
+        made = count - degree if mode == "periodic" else count
         if own.integer("k", degree, degree) != degree or not np.array_equal(
-            own.floats(f"{inside}c", (count, None)), np.eye(count)
+            own.floats(f"{inside}c", (count, None)), np.eye(made)[np.arange(count) % made]
         ):
             raise own.fail("c", "not the basis")
-        kept = count if fitted.flag("include_bias") else count - 1
+        kept = made if fitted.flag("include_bias") else made - 1
         basis = _basis([Fraction(float(knot)) for knot in knots], degree)
+        if mode == "periodic":  # the last splines go on as the first ones
+            basis = [[sum(row[place:count:made], 0 * row[0]) for place in range(made)] for row in basis]
         columns += [_spline(knots[degree : count + 1], basis, place, mode, missing) for place in range(kept)]
         lines += [_lines(knots[degree : count + 1], basis, place) for place in range(kept)]
         repeated += [number] * kept
+    if not columns:
+        raise UnsupportedModelError("SplineTransformer gives no column")
+    if mode == "periodic":
+        value = _in_one_period(builder, value, np.array(spans))
     picked = builder.select(repeated, value)
     found = add_pieces(builder, picked, columns)
     if mode == "linear":
         found = _on_lines(builder, picked, found, lines)
     builder.sparse[found] = bool(getattr(fitted.estimator, "sparse_output", False))
     return found
+
+
+#: Periods beyond which a number is not led back.
+_PERIODS = 2.0**20
+
+
+def _in_one_period(builder: GraphBuilder, value: int, spans: FloatArray) -> int:
+    """Numbers moved by whole periods to between the two ends of each column, as `first + (x - first) % period`.
+
+    NumPy's remainder is exact but for the last addition of a period to a negative one, and so is this for a period of
+    few digits, such as 24: multiples of it are numbers, and a quotient that was rounded to the next whole number leaves
+    a negative rest, which is moved once more. Of other periods multiples are rounded. Numbers further than 2**20
+    periods away have no answer.
+    """
+    first, last = spans.T
+    period = last - first
+    whole = np.frexp(period)[0] * 2.0**33
+    short = whole == np.trunc(whole)
+    moved = builder.scale(value, "-", first)
+    turns = builder.add(WholeNumber((builder.scale(moved, "/", period),), len(period), Towards.BELOW))
+    within = np.array([-_PERIODS, _PERIODS]), np.zeros(2), np.array([[math.inf], [0.0], [math.inf]]), math.nan
+    turns = builder.combine(turns, "+", add_pieces(builder, turns, [within] * len(period)))
+    doubt = None if short.all() else np.where(short, 0.0, np.spacing(period))
+    rest = builder.combine(moved, "-", builder.scale(turns, "*", period, doubt=doubt))
+    reached = builder.add(Exceeds((rest,), np.zeros(len(period)), inclusive=True))
+    again = builder.scale(builder.scale(reached, "-", 1.0, reverse=True), "*", period)
+    # the library may come to lie beyond the last knot by a rounding, where its polynomials go on
+    end = np.where(first + period > last, first + period - last, 0.0)
+    return builder.scale(builder.combine(rest, "+", again), "+", first, doubt=end if end.any() else None)
 
 
 #: Coefficients of rising powers, an array of fractions.

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import Clip, Distances, Exceeds, FloatArray, Kernel, KernelSum
+from st_codegen.ir import Clip, Distances, Exceeds, FloatArray, Kernel, KernelSum, Linear, SummationOrder
 from st_codegen.walkers.base import GraphBuilder, transforms, walk_transform
 from st_codegen.walkers.fitted import SPARSE, Fitted
 from st_codegen.walkers.sklearn.linear import block_sums, squares
@@ -123,6 +123,86 @@ def walk_principal_components(fitted: Fitted, builder: GraphBuilder, value: int)
 
     builder.on_demand[columns] = error
     return columns
+
+
+@transforms("FactorAnalysis", finite=True, double="components_")
+def walk_factors(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
+    """The expected factors (`decomposition/_factor_analysis.py: transform`), which inverts a matrix at each call.
+
+    Any inverse C of A by triangles T, U with T.U = A, in any order of additions, has |C.A - 1| <= g.|C|.|T|.|U|, where
+    g is the relative error of some sums (Higham, Accuracy and Stability of Numerical Algorithms, chapter 14). Two of
+    them, of matrices that lie D apart, differ by 2.g.|C|.|T|.|U|.|C| + |C|.D.|C| and terms of the second order.
+    """
+    from scipy import linalg
+
+    width = builder.width(value)
+    components = fitted.floats("components_", (None, width))
+    noise = fitted.floats("noise_variance_", (width,))
+    if np.any(noise <= 0):
+        raise fitted.fail("noise_variance_", "not above 0")
+    weights, count = components / noise, len(components)
+    matrix = np.eye(count) + np.dot(weights, components.T)
+    inverse = linalg.inv(matrix)
+    rounding = 8 * (count + width + 4) * 2.0**-53
+    apart = rounding * (np.eye(count) + np.abs(weights) @ np.abs(components.T))
+    order, lower, upper = linalg.lu(matrix)
+    root = np.abs(linalg.cholesky(matrix, lower=True))
+    triangles = np.maximum(order @ np.abs(lower) @ np.abs(upper), root @ root.T)
+    size = np.abs(inverse)
+    doubt = size @ (2 * rounding * triangles + apart)
+    if np.max(np.sum(doubt, axis=1)) >= 0.01:
+        raise UnsupportedModelError("FactorAnalysis whose factors have no inverse in 64 bits: fewer n_components")
+    value = builder.linear(builder.scale(value, "-", fitted.floats("mean_", (width,))), weights)
+    return builder.add(Linear((value,), inverse.T, np.zeros(count), doubt=1.1 * (doubt @ size).T))
+
+
+@transforms("FeatureAgglomeration", trusts=("numpy.mean",), finite=True)
+def walk_pooled(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
+    """The mean of the columns of each group, added in their order (`cluster/_feature_agglomeration.py: transform`)."""
+    if fitted.get("pooling_func") is not np.mean:
+        raise UnsupportedModelError("FeatureAgglomeration with a pooling_func other than numpy.mean")
+    groups = fitted.integers("labels_", (builder.width(value),), low=0, high=builder.width(value) - 1)
+    sizes = np.bincount(groups)
+    if not sizes.all():
+        raise fitted.fail("labels_", "a group without columns")
+    own = (groups == np.arange(len(sizes))[:, None]).astype(np.float64)
+    return builder.scale(builder.linear(value, own, order=SummationOrder.SEQUENTIAL), "/", sizes.astype(np.float64))
+
+
+@transforms("KernelPCA", trusts=("sklearn.preprocessing._data.KernelCenterer",), finite=True, double="X_fit_")
+def walk_kernel_components(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
+    """Kernels with the training rows, less their means, weighted (`decomposition/_kernel_pca.py: transform`)."""
+    vectors = fitted.floats("X_fit_", (None, builder.width(value)))
+    count = len(vectors)
+    values = fitted.floats("eigenvalues_", (None,))
+    if np.any(values < 0):
+        raise fitted.fail("eigenvalues_", "a negative number")
+    weights = fitted.floats("eigenvectors_", (count, len(values)))
+    weights = np.where(values > 0, weights / np.sqrt(np.where(values > 0, values, 1.0)), 0.0)
+    kernels = _kernel_columns(fitted, builder, value, vectors)
+    centerer = Fitted(fitted.get("_centerer"))
+    mean = builder.scale(builder.linear(kernels, np.ones((1, count))), "/", float(count))
+    centred = builder.scale(kernels, "-", centerer.floats("K_fit_rows_", (count,)))
+    centred = builder.combine(centred, "-", builder.select(np.zeros(count, np.int32), mean))
+    return builder.linear(builder.scale(centred, "+", centerer.number("K_fit_all_")), weights.T)
+
+
+def _kernel_columns(fitted: Fitted, builder: GraphBuilder, value: int, vectors: FloatArray) -> int:
+    """The kernel with each vector as a column (`metrics/pairwise.py: linear_kernel`, `rbf_kernel` and the like)."""
+    kernel = fitted.choice("kernel", KERNELS)
+    if kernel is Kernel.RBF:
+        distances = builder.add(Distances((value,), vectors, expands=True))
+        return builder.function(builder.scale(distances, "*", -fitted.number("gamma_")), "exp")
+    products = builder.linear(value, vectors)
+    if kernel is Kernel.LINEAR:
+        return products
+    products = builder.chain(products, ("*", fitted.number("gamma_")), ("+", fitted.number("coef0")))
+    if kernel is Kernel.SIGMOID:
+        return builder.function(products, "tanh")
+    degree = fitted.number("degree")
+    if degree != int(degree) or not 1 <= degree <= 64:
+        raise UnsupportedModelError(f"{fitted.kind} with degree={degree}: supported are the whole numbers 1 .. 64")
+    return builder.function(products, "power", degree)
 
 
 @transforms("PolynomialFeatures", finite=True)

@@ -17,8 +17,19 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import FLOAT32_OVERFLOW, AnyArray, BoolArray, FloatArray, Int32Array, IntArray, Precision, TreeColumn
-from st_codegen.walkers.base import Classified, GraphBuilder, Walked, walks
+from st_codegen.ir import (
+    FLOAT32_OVERFLOW,
+    AnyArray,
+    BoolArray,
+    FloatArray,
+    Int32Array,
+    IntArray,
+    Precision,
+    Round,
+    SummationOrder,
+    TreeColumn,
+)
+from st_codegen.walkers.base import Classified, GraphBuilder, Walked, walk_estimator, walks
 from st_codegen.walkers.classes import above, complement, labels_of, largest, softmax
 from st_codegen.walkers.fitted import Fitted
 from st_codegen.walkers.forest import laid_out, side_by_side
@@ -75,42 +86,50 @@ def walk_class_trees(fitted: Fitted, builder: GraphBuilder, value: int) -> Walke
 
 def _boosted(fitted: Fitted, builder: GraphBuilder, value: int, count: int) -> int:
     """Initial value plus learning_rate * leaf, tree by tree (`_predict_regression_tree_inplace_fast_dense`)."""
-    trees = fitted.get("estimators_")
-    # native code adds the trees to an array of the initial values, and looks at the shape of neither
-    if not isinstance(trees, np.ndarray) or trees.ndim != 2 or trees.shape[1] != count or not len(trees):
-        raise fitted.fail("estimators_", f"not an array of {count} trees an iteration")
+    trees = _iterations(fitted, count)
     given = fitted.estimator._raw_predict_init(np.zeros((2, builder.width(value))))
     initial = fitted.floats_of("init_", given, (2, count))[0]
     rule = TreeSum(initial, fitted.number("learning_rate"))
     return add_float32_trees(builder, value, list(trees.ravel()), fitted, rule)
 
 
-def _starts_plainly(fitted: Fitted, usual: str) -> bool:
-    """Whether boosting starts from constants (else from 0). Raises UnsupportedModelError for other models."""
-    init = fitted.get("init_")
-    if isinstance(init, str):  # "zero"
-        return False
-    if type(init).__name__ != usual:
-        raise UnsupportedModelError(
-            f"{fitted.kind} with init={type(init).__name__}: only the default initial value and init='zero' are "
-            "supported; train without `init`, or put that model into a pipeline of its own"
-        )
-    return True
+def _iterations(fitted: Fitted, count: int) -> AnyArray:
+    """The trees (iterations, `count`), of which native code looks at no shape where it adds them to an array."""
+    trees = fitted.get("estimators_")
+    if not isinstance(trees, np.ndarray) or trees.ndim != 2 or trees.shape[1] != count or not len(trees):
+        raise fitted.fail("estimators_", f"not an array of {count} trees an iteration")
+    return trees
 
 
 @walks("GradientBoostingRegressor", trusts=_TREE, single=True)
 def walk_gradient_boosting(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
-    """The sum of the trees."""
-    plain = _starts_plainly(fitted, "DummyRegressor")
-    if plain:
-        Fitted(fitted.estimator.init_).floats("constant_", (1, 1))
-    return _boosted(fitted, builder, value, 1)
+    """The sum of the trees, which starts from a constant or from what another model gives for the row in float32."""
+    init = fitted.get("init_")
+    if isinstance(init, str):  # "zero"
+        return _boosted(fitted, builder, value, 1)
+    if type(init).__name__ == "DummyRegressor":
+        Fitted(init).floats("constant_", (1, 1))
+        return _boosted(fitted, builder, value, 1)
+    read = value if builder.is_single(value) else builder.add(Round((value,), builder.width(value)))
+    start = walk_estimator(init, builder, read)
+    trees = list(_iterations(fitted, 1).ravel())
+    if builder.width(start) != 1:
+        raise UnsupportedModelError(f"GradientBoostingRegressor with init={type(init).__name__} of several outputs")
+    # each tree by itself: what they are added to hangs on the row, and they are added to it in turn
+    rule = TreeSum(np.zeros(len(trees)), fitted.number("learning_rate"))
+    each = builder.beside(start, add_float32_trees(builder, value, trees, fitted, rule))
+    return builder.linear(each, np.ones((1, len(trees) + 1)), order=SummationOrder.SEQUENTIAL)
 
 
 @walks("GradientBoostingClassifier", trusts=_TREE, single=True)
 def walk_class_gradient_boosting(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """Scores are sums of trees; of two classes the second from 0 on (`_gb.py: predict`)."""
-    _starts_plainly(fitted, "DummyClassifier")
+    init = fitted.get("init_")
+    if not isinstance(init, str) and type(init).__name__ != "DummyClassifier":
+        raise UnsupportedModelError(
+            f"GradientBoostingClassifier with init={type(init).__name__}: supported are the default initial value and "
+            "init='zero'"
+        )
     labels = labels_of(fitted)
     count = len(labels) if len(labels) > 2 else 1
     raw = _boosted(fitted, builder, value, count)

@@ -58,6 +58,8 @@ def walk_threshold(fitted: Fitted, builder: GraphBuilder, value: int) -> Classif
         raise fitted.fail("classes_", "not the two labels of its estimator")
     tuned = fitted.kind == "TunedThresholdClassifierCV"
     positive = label_of(fitted.get("_curve_scorer")._get_pos_label() if tuned else fitted.get("pos_label"))
+    if positive is not None and positive not in labels:
+        raise UnsupportedModelError(f"{fitted.kind} with pos_label={positive!r}, which is none of its labels")
     place = 1 if positive is None else labels.index(positive)
     method = fitted.get("response_method")
     if method == "auto":
