@@ -440,7 +440,7 @@ def test_orders_that_do_not_reach_a_frequency_in_the_measured_speeds_are_said():
     values = {"frequency_Hz": 50.0, "damping_ratio": 0.02, "amplitude_deg": [1e-3, 1e-3]}
     resonance = piece_of(effect("structural_resonance", orders=[78, 240], **values), added=True)
     remarks = extrapolates(joint, resonance)
-    assert "orders 78 do not reach the frequency in the measured speeds" in remarks
+    assert "order 78 does not reach the frequency in the measured speeds" in remarks
 
 
 def test_runs_that_follow_each_other_are_as_alike_whatever_their_size():

@@ -292,7 +292,7 @@ amplitude_deg = [0.1]
         "'seating_torque_Nm' is missing",
         "order: 81 is no order of this effect: ratio, teeth and pins of [rig] give 40, 80",
         "unknown key 'phase'; did you mean 'phase_rad'?",
-        "an order stands there twice", "has 1 entries, orders has 2",
+        "an order stands there twice", "has 1 entry, orders has 2",
     ):  # fmt: skip
         assert part in message, part
 

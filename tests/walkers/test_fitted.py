@@ -193,7 +193,7 @@ CASES = {
     "knots that a function turns": (
         "splines",
         lambda m: vars(m.steps[0][1].bsplines_[0]).update(_asarray=np.abs, _t=-m.steps[0][1].bsplines_[0]._t),
-        r"BSpline.t",
+        r"knots that are equal or fall",
     ),
     "the intercept that predicts is another": ("svr", svr(_intercept_=lambda v: v + 1), r"SVR.intercept_: differs"),
     "an intercept too many": ("svr", svr(_intercept_=lambda v: np.append(v, 0)), r"shape \(2,\), expected \(1,\)"),

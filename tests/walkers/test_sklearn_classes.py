@@ -254,7 +254,7 @@ def test_several_outputs_that_do_not_fit_the_leaves_are_refused(kind, changes, m
         ({"threshold": np.nan}, "threshold: number 0 is nan, not finite"),
         ({"threshold": "low"}, "threshold: a str, expected numbers"),
         ({"response_method": "predict"}, "FixedThresholdClassifier by the predict of LogisticRegression"),
-        ({"pos_label": 7}, "the model is not as FixedThresholdClassifier makes it"),
+        ({"pos_label": 7}, "pos_label=7, which is none of its labels"),
     ],
 )
 def test_thresholds_that_were_changed_are_refused(changes, message):
