@@ -339,6 +339,8 @@ class Settings:
     cut: float = 5.0
     #: structure is an error of the estimate of the noise below this part of it (power)
     least_excess: float = 0.4
+    #: orders of which the middle one tells the noise of each of them, where few runs do not
+    orders_beside: int = 9
     #: a residual so many times the noise between the orders of its curves is more than that noise; the orders that tell
     #: how strong a slow wander within one turn is, which makes the low ones louder
     beyond_spectral: float = 2.0

@@ -395,7 +395,7 @@ def test_bad_files_are_left_out_when_asked_and_coarse_ones_hold_nobody_back(camp
     looked = " ".join(said["not_looked_at"])
     assert "was left out" in looked and "1 file with few samples" in looked
     # a quarter of 333 samples is 83: the rest of the campaign is still looked at up to 400
-    assert "orders above 83 of 1 files" in looked and "orders above 400" in looked
+    assert "orders above 83 of 1 file" in looked and "orders above 400" in looked
     assert said["verdict"] == "nothing_missing", said["unexplained"]
 
 
@@ -417,7 +417,7 @@ def test_an_order_that_few_samples_show_as_another_is_not_looked_at(tmp_path):
 
 def test_nothing_is_written_that_predicts_worse(monkeypatch):
     """No rig is good enough here, so that even a right one is taken back."""
-    monkeypatch.setattr(import_module("st_codegen.reconcile.run"), "SETTINGS", replace(SETTINGS, worse=0.0))
+    monkeypatch.setattr(import_module("st_codegen.reconcile.core"), "SETTINGS", replace(SETTINGS, worse=0.0))
     at, orders = grid(np.linspace(100, 1800, 8), 5), [0, 39, 40, 80]
     wave = 5e-4 * (at.torque_Nm / 1000 + 0.1)
     result = reconciled(RigModel(effects=part(MESH, orders).effects), at, orders, {80: wave})

@@ -88,13 +88,21 @@ def _scale_of(target: FitData) -> tuple[FloatArray, FloatArray]:
 
     That of contrasts is a median, of as many as there are runs: it tells as much as half of their real and imaginary
     parts would. Of a dozen runs it may be half of what it should be; what there is between the orders of a curve is in
-    an order as well, and known far better.
+    an order as well, and known far better. So is what the orders beside it have, where it is not louder than they are.
     """
-    parts = target.data.parts
-    spectral = target.data.spectral_deg
+    orders, own = target.data.orders, np.sqrt((target.sigma[target.good] ** 2).mean(axis=0))
+    spectral, known = target.data.spectral_deg, target.data.parts * int(target.good.sum()) / 2
     if spectral is not None and target.data.few_points:
-        return np.maximum(target.sigma, spectral), np.full(len(parts), np.inf)
-    return target.sigma, parts * int(target.good.sum()) / 2
+        return np.maximum(target.sigma, spectral), np.full(len(orders), np.inf)
+    waves = np.flatnonzero(orders > SETTINGS.wander_orders)
+    if len(waves) < SETTINGS.orders_beside:
+        return target.sigma, known
+    away = np.abs(orders[waves][:, None] - orders[waves])
+    beside = np.argsort(away, axis=1, kind="stable")[:, : SETTINGS.orders_beside]
+    usual = own.copy()
+    usual[waves] = np.median(own[waves][beside], axis=1)
+    usual_too = (orders > SETTINGS.wander_orders) & (own < SETTINGS.louder_speed * usual)
+    return target.sigma * np.maximum(1.0, usual / own), np.where(usual_too, np.inf, known)
 
 
 def is_lacking(target: FitData, residual: ComplexArray) -> BoolArray:
