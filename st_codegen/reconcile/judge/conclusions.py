@@ -276,7 +276,7 @@ def _with_errors_of_form(
     if peaks is not None:
         # the shape fails, so the errors of the fit say little: what the speeds of the peaks leave open counts
         frequency = piece.effect.scalar("frequency_Hz")
-        stderr["frequency_Hz"] = float(np.hypot(stderr["frequency_Hz"], spread(frequency, peaks)))
+        stderr["frequency_Hz"] = float(np.hypot(stderr.get("frequency_Hz", 0.0), spread(frequency, peaks)))
     if piece.effect.least_foreign:
         # a bump of another form is higher, or lower, than the bell by as much as its form differs
         share = np.sqrt(left_of_place(final, piece))

@@ -144,12 +144,12 @@ def _courses(
     gains = np.maximum(steps, trends)
     # where runs were made in any order of conditions, neighbours take a step for noise: what it leaves is the noise
     lefts = np.maximum(varying - gains, 1e-300)
-    scales = np.clip(lefts / all_numbers, 1e-6, 1.0)
+    # it is told by so many numbers, beside the means and what steps
+    known = np.maximum(all_numbers - 2.0 * parts * len(sums), 1.0)
+    scales = np.clip(lefts / known, 1e-6, 1.0)
     rest = _without_courses(sums, cuts, bends, steps >= trends)
     again = np.maximum(_steps(rest, count)[0], _ramps(rest, count, all_numbers)[0])
     degrees, tried = parts * len(sums), count + len(_shapes(count))
-    # what is left tells its noise by so many numbers, beside the means and what steps
-    known = np.maximum(all_numbers - 2.0 * degrees, 1.0)
     p_white, p_again = (_p_of_gains(one / scales, degrees, known) * tried for one in (gains, again))
     alone = _others_are_quiet(p_white, cuts, count) & (p_again > SETTINGS.p_wander)
     lags = _lags(target, sizes, numbers, place)

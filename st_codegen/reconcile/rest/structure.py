@@ -86,12 +86,13 @@ def _structure(target: FitData, residual: ComplexArray) -> ResidualStructure:
 def _scale_of(target: FitData) -> tuple[FloatArray, FloatArray]:
     """The noise by which a residual is tested, (n, K), and of how many degrees of freedom it is known, (K,).
 
-    That of contrasts is a median, of as many as there are runs: it tells as much as half of their real and imaginary
-    parts would. Of a dozen runs it may be half of what it should be; what there is between the orders of a curve is in
-    an order as well, and known far better. So is what the orders beside it have, where it is not louder than they are.
+    That of contrasts is a median, of as many as there are runs. By its variance it tells as much as the squares of 0.96
+    as many numbers do for waves (Rayleigh's distribution), and of 0.37 as many for the mean (the normal one). Of a
+    dozen runs it may be half of what it should be. What there is between the orders of a curve is in an order as well,
+    and known far better; so is what the orders beside it have, where it is not louder than they are.
     """
     orders, own = target.data.orders, np.sqrt((target.sigma[target.good] ** 2).mean(axis=0))
-    spectral, known = target.data.spectral_deg, target.data.parts * int(target.good.sum()) / 2
+    spectral, known = target.data.spectral_deg, np.where(orders == 0, 0.37, 0.96) * int(target.good.sum())
     if spectral is not None and target.data.few_points:
         return np.maximum(target.sigma, spectral), np.full(len(orders), np.inf)
     waves = np.flatnonzero(orders > SETTINGS.wander_orders)
@@ -139,6 +140,7 @@ def _between_levels(
     left = np.maximum((np.abs(z) ** 2).sum(axis=0) - explained, 1e-12) / np.maximum(parts * (rows - rank), 1)
     # noise that is larger than believed must not look like structure
     scale = np.maximum(left, 1.0)
+    known = np.where(left > 1.0, np.minimum(known, np.maximum(parts * (rows - rank), 1)), known)
     times = explained / scale / (parts * rank)
     p = np.array([f_tail(float(x), int(k * rank), float(n)) for x, k, n in zip(times, parts, known, strict=True)])
     return p, np.maximum(explained - parts * rank * scale, 0.0) / rows, scale

@@ -176,4 +176,4 @@ def test_the_bend_of_another_law_is_not_called_the_square_of_the_speed(tmp_path)
     assert "square_friction" not in said
     assert "dry_friction" in said
     if "square_friction" in result.chosen.names():  # it depends on the processor whether it is chosen
-        assert any("form of square friction" in text for text in signatures(result))
+        assert any("friction over speed is bent" in text for text in signatures(result))
