@@ -168,27 +168,32 @@ def _grouped(messages: list[str]) -> list[str]:
     What several files have alike is one line with their names; of many messages that differ in quoted names and numbers
     alone, the first with the count of the others is left.
     """
-    messages = _by_file(messages)
+    messages, files = _by_file(messages)
     kinds = [re.sub(r"'[^']*'|\d+", "*", message) for message in messages]
-    counts = Counter(kinds)
+    counts, all_of_kind = Counter(kinds), Counter[str]()
+    for kind, number in zip(kinds, files, strict=True):
+        all_of_kind[kind] += number
     shown: dict[tuple[str, int], str] = {}
     for number, (kind, message) in enumerate(zip(kinds, messages, strict=True)):
         if counts[kind] <= _MANY_ALIKE:
             shown[kind, number] = message
         elif (kind, 0) not in shown:
-            others = f"; and {counts[kind] - 1} more that differ in names and numbers only"
+            others = f"; and {all_of_kind[kind] - files[number]} more that differ in names and numbers only"
             shown[kind, 0] = message + others + _subjects(kind, kinds, messages)
     return list(shown.values())
 
 
-def _by_file(messages: list[str]) -> list[str]:
-    """The messages, where those that say the same of several files name the files first and are said once."""
-    alike: dict[str, list[str]] = {}
+def _by_file(messages: list[str]) -> tuple[list[str], list[int]]:
+    """The messages, where those that say the same of several files name the files and are said once; of how many."""
+    alike: dict[tuple[bool, str], list[str]] = {}
     for message in messages:
         subject, _, said = message.partition(": ")
-        is_file = said and PurePath(subject).suffix and "\n" not in subject and ", " not in subject
-        alike.setdefault(said if is_file else message, []).append(subject if is_file else "")
-    return [f"{_listed(files)}: {said}" if files[0] else said for said, files in alike.items()]
+        is_file = bool(said and PurePath(subject).suffix) and not any(mark in subject for mark in ("\n", ", ", "'"))
+        alike.setdefault((is_file, said if is_file else message), []).append(subject)
+    return (
+        [f"{_listed(files)}: {said}" if is_file else said for (is_file, said), files in alike.items()],
+        [len(files) for files in alike.values()],
+    )
 
 
 def _listed(names: list[str]) -> str:

@@ -73,10 +73,10 @@ def shared_out(
                 pool.shutdown(cancel_futures=True)
             return results
     if others > 0:
-        with contextlib.suppress(BrokenProcessPool):  # the end of a worker is no answer
+        with contextlib.suppress(BrokenProcessPool, ImportError):  # the end of a worker is no answer
             import joblib
 
-            parallel = joblib.Parallel(n_jobs=-1, batch_size=1, max_nbytes=None)
+            parallel = joblib.Parallel(n_jobs=others + 1, batch_size=1, max_nbytes=None)
             return [_unpacked(*made) for made in parallel(joblib.delayed(_packed)(work, item) for item in items)]
     results = []
     for number, item in enumerate(items):
@@ -120,15 +120,14 @@ def interruptible() -> Iterator[None]:
 def other_processors() -> int:
     """How many processors work may be shared out to beside the one of this process.
 
-    None where this process is a worker or a copy itself, where joblib is not installed, and where `LOKY_MAX_CPU_COUNT`
-    (or the system) leaves one.
+    None where this process is a worker or a copy itself, and where `LOKY_MAX_CPU_COUNT` (or the system) leaves one.
     """
     if _IS_COPY or multiprocessing.current_process().name != "MainProcess":
         return 0
     try:
         import joblib
     except ImportError:
-        return 0
+        return len(os.sched_getaffinity(0)) - 1 if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1) - 1
     return int(joblib.cpu_count()) - 1
 
 
@@ -138,8 +137,10 @@ def _in_copies(
     """What a function makes of each item, computed here and in copies of this process, which need no time to start.
 
     Each takes the next item when it is done with one. What a copy does not answer is computed here. No copy outlives
-    an interruption or a failure here.
+    an interruption. Of items that fail the first one is told, as without copies.
     """
+    import fcntl
+
     with contextlib.ExitStack() as opened:
         turns = opened.enter_context(os.fdopen(os.memfd_create("turns"), "w+b", buffering=0))
         answers = [opened.enter_context(os.fdopen(os.memfd_create("answers"), "w+b")) for _ in range(copies)]
@@ -147,7 +148,12 @@ def _in_copies(
         turns.seek(0)  # the place in a file is common to all copies
 
         def taken() -> Iterator[int]:
-            while number := turns.read(4):
+            while True:
+                fcntl.lockf(turns, fcntl.LOCK_EX)
+                number = turns.read(4)
+                fcntl.lockf(turns, fcntl.LOCK_UN)
+                if not number:
+                    return
                 yield int.from_bytes(number)
 
         def answer(file: IO[bytes]) -> None:
@@ -155,18 +161,22 @@ def _in_copies(
                 pickle.dump((number, _packed(work, items[number])), file)
                 file.flush()
 
-        children = [make_copy(partial(answer, file)) for file in answers]
-        found = {}
+        found: dict[int, _Result] = {}
+        children: list[int] = []
         try:
-            for number in taken():
-                begun(number, items[number])
-                found[number] = work(items[number])
-        except BaseException:
-            for child in children:
-                os.kill(child, signal.SIGKILL)
-            raise
+            for file in answers:
+                children.append(make_copy(partial(answer, file)))
+            with contextlib.suppress(Exception):  # told below, where it is the first one
+                for number in taken():
+                    begun(number, items[number])
+                    found[number] = work(items[number])
+            turns.seek(0, os.SEEK_END)  # where one fails, nobody begins another one
+            while children:
+                os.waitpid(children[-1], 0)
+                children.pop()
         finally:
             for child in children:
+                os.kill(child, signal.SIGKILL)
                 os.waitpid(child, 0)
         for file in answers:
             file.seek(0)

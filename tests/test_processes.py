@@ -164,6 +164,42 @@ def test_an_interruption_ends_the_copies_at_once(monkeypatch):
     assert processes.children(home) == before
 
 
+@pytest.mark.skipif(not processes.can_be_copied(), reason="no copies here")
+def test_an_interruption_of_who_waits_for_the_last_copy_ends_it(monkeypatch):
+    monkeypatch.setattr(joblib, "cpu_count", lambda: 2)
+    home = os.getpid()
+    before = processes.children(home)
+
+    def work(number):
+        time.sleep(6000 if os.getpid() != home else 0.3)
+
+    threading.Timer(1.5, os.kill, (home, signal.SIGINT)).start()
+    with pytest.raises(KeyboardInterrupt):
+        shared_out(work, range(2), is_large=True)
+    assert processes.children(home) == before
+
+
+def test_the_first_of_several_failures_is_told_wherever_it_was(monkeypatch):
+    monkeypatch.setattr(joblib, "cpu_count", lambda: 2)
+
+    def work(number):
+        time.sleep(0.0 if number else 0.5)
+        if number:
+            raise ValueError(number)
+
+    with pytest.raises(ValueError, match=r"^1$"):
+        shared_out(work, range(5), is_large=True)
+
+
+def test_no_item_is_taken_twice(monkeypatch, tmp_path):
+    monkeypatch.setattr(joblib, "cpu_count", lambda: 4)
+    file = os.open(tmp_path / "taken", os.O_CREAT | os.O_APPEND | os.O_WRONLY)
+    shared_out(lambda number: os.write(file, number.to_bytes(4)), range(5000), is_large=True)
+    os.close(file)
+    taken = np.frombuffer((tmp_path / "taken").read_bytes(), ">u4")
+    assert np.array_equal(np.sort(taken), np.arange(5000))
+
+
 def test_copies_share_no_work_out(monkeypatch):
     monkeypatch.setattr(joblib, "cpu_count", lambda: 2)
 

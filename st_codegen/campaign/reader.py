@@ -74,9 +74,8 @@ class Campaign:
         most = max(float(np.abs(curve.sums.spikes[2]).max()) for curve in spiky)
         files = sorted({curve.path.relative_to(self.folder).as_posix() for curve in spiky})
         return (
-            f"{sum(counts)} single samples of {counted(len(spiky), 'curve')}, at most {max(counts)} of one, that lie "
-            "up to "
-            f"{most:.2g} deg off those around them: {', '.join(files[:5])}{', ..' if len(files) > 5 else ''}"
+            f"{counted(sum(counts), 'single sample')} of {counted(len(spiky), 'curve')}, at most {max(counts)} of one, "
+            f"up to {most:.2g} deg off those around them: {', '.join(files[:5])}{', ..' if len(files) > 5 else ''}"
         )
 
     @property

@@ -10,6 +10,7 @@ import dataclasses
 import math
 import multiprocessing
 import os
+import select
 import signal
 import threading
 import warnings
@@ -26,6 +27,8 @@ from st_codegen.processes import can_be_copied, children, fork, how_it_ended, ma
 from st_codegen.threads import one_thread
 from st_codegen.walkers.base import LoadedModel, Predictor
 
+#: Seconds between two looks at whether who asks is still there.
+_WATCHED_EVERY_S = 0.02
 #: Seconds between two looks at a process that does not answer; one that slept all the time is ended.
 _PATIENCE_S = 10.0
 
@@ -78,8 +81,8 @@ def answers_to(model: LoadedModel, x: FloatArray, calls: float = math.inf) -> tu
     return answers, asked
 
 
-def _keep(connection: Connection, models: Sequence[LoadedModel]) -> None:
-    """Keep a process that answers until nobody asks any more; never returns.
+def _keep(connection: Connection, models: Sequence[LoadedModel], watched: int) -> None:
+    """Keep a process that answers until nobody asks any more, or `watched` is closed elsewhere; never returns.
 
     It has no thread beside its own, so that copies of it can be made safely as often as libraries end them, and is in a
     group of its own, so that the keys that interrupt a command reach the command alone.
@@ -88,7 +91,10 @@ def _keep(connection: Connection, models: Sequence[LoadedModel]) -> None:
         os.setpgid(0, 0)
         while True:
             child = make_copy(lambda: _serve(connection, models))
-            status = os.waitpid(child, 0)[1]
+            while not (ended := os.waitpid(child, os.WNOHANG))[0]:
+                if select.select([watched], [], [], _WATCHED_EVERY_S)[0]:
+                    os.killpg(0, signal.SIGKILL)  # who asked has ended: it may not have been able to say so
+            status = ended[1]
             if not status:
                 break
             connection.send(_Refusal(f"the library ended its process ({how_it_ended(status)})"))
@@ -122,33 +128,40 @@ def _answer(predict: Predictor, rows: FloatArray) -> Any:
 
 @dataclass(frozen=True)
 class _Link:
-    """The way to the process that answers, which one thread at a time may use, and the number of its keeper, or 0."""
+    """The way to the process that answers, which one thread at a time may use, and the number of its keeper, or 0.
+
+    `alive` is what this process alone holds open: the keeper ends when it is closed, whoever closes it.
+    """
 
     connection: Connection
     keeper: int
     lock: threading.Lock
+    alive: int = -1
 
     @classmethod
     def to(cls, models: Sequence[LoadedModel]) -> _Link:
         """The way to a new copy of this process, or to a thread."""
         ours, theirs = multiprocessing.Pipe()
-        keeper = 0
-        if can_be_copied():
-            keeper = fork()
-            if not keeper:
-                ours.close()
-                _keep(theirs, models)
-            with contextlib.suppress(OSError):  # the copy was quicker, or has ended
-                os.setpgid(keeper, keeper)
-            theirs.close()
-        else:
+        if not can_be_copied():
             threading.Thread(target=_answers, args=(theirs, models), daemon=True).start()
-        return cls(ours, keeper, threading.Lock())
+            return cls(ours, 0, threading.Lock())
+        watched, alive = os.pipe()
+        keeper = fork()
+        if not keeper:
+            ours.close()
+            os.close(alive)
+            _keep(theirs, models, watched)
+        with contextlib.suppress(OSError):  # the copy was quicker, or has ended
+            os.setpgid(keeper, keeper)
+        theirs.close()
+        os.close(watched)
+        return cls(ours, keeper, threading.Lock(), alive)
 
     def end(self) -> None:
         """End what answers; nobody waits for it any more."""
         self.connection.close()
         if self.keeper:
+            os.close(self.alive)
             with contextlib.suppress(OSError):
                 os.killpg(self.keeper, signal.SIGKILL)
             os.waitpid(self.keeper, 0)
@@ -175,14 +188,15 @@ class _Link:
 
 
 class _Links:
-    """The links of this process and of its copies to what answers, each made when it is first asked.
+    """The links of this process and of its copies to what answers: that of a copy is made when it first asks.
 
-    That of a copy ends with it: what answers finds its connection closed.
+    That of this process is made at once, so that what is opened later, such as a connection to a controller, is not
+    open in what answers. That of a copy ends with it.
     """
 
     def __init__(self, models: Sequence[LoadedModel]) -> None:
         self._models, self._lock = models, threading.Lock()
-        self._of_process: dict[int, _Link] = {}
+        self._of_process = {os.getpid(): _Link.to(models)}
 
     def ask(self, number: int, rows: FloatArray) -> Any:
         """The answer of a model, or a refusal."""

@@ -328,7 +328,7 @@ def verify(
     `budget` asks for the worst case of one cycle as well, from the emitted text, on the controller of a profile
     (`Budget`). It costs a walk over all paths of the text, seconds for a bundle; what does not fit fails the report.
 
-    `progress` is told of models as they are tried.
+    `progress` is told of models, and of the blocks around them by their target, as they are tried.
 
     `jobs` is how many models are tried at the same time (None: one a processor), in copies of this process or, where
     there are none, in threads. The report does not depend on it; each model that is tried takes memory for its rows.
@@ -377,17 +377,17 @@ def _reports(
     jobs: int | None,
 ) -> list[ModelReport]:
     """The reports of all models, in their order, and of the blocks around them."""
-    total = len(bundle.models)
-
-    def begun(number: int, task: _Task) -> None:
-        if progress is not None:
-            progress(min(number, total), total, task.name)
-
     # Predictors silence their warnings one by one, which is not safe in threads; here all are silent together
     with isolated(bundle.models) as models, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         around = list(_block_tasks(bundle, targets, seed))
         tasks = [_Task(model.ir.name, partial(_model_reports, model, targets, rows, seed)) for model in models]
+        total = len(around) + len(tasks)
+
+        def begun(number: int, task: _Task) -> None:
+            if progress is not None:
+                progress(number, total, task.name)
+
         # what takes longest begins first
         made = shared_out(_done, [*around, *tasks], is_large=True, at_once=jobs, can_travel=False, begun=begun)
     if progress is not None:

@@ -131,7 +131,7 @@ def test_a_campaign_says_what_it_leaves_out_and_reads_the_same_again(tmp_path):
     cache = tmp_path / "kept.parquet"
     first, again = (read_campaign(made, jobs=1, cache=cache) for _ in range(2))
     assert first.spikes == again.spikes
-    assert first.spikes.startswith("10 single samples of 5 curves, at most 2 of one, that lie up to 0.2 deg off those")
+    assert first.spikes.startswith("10 single samples of 5 curves, at most 2 of one, up to 0.2 deg off those")
     assert "100.0rpm/" in first.spikes or "100.0rpm100.0Nm25.0deg.csv" in first.spikes
     assert first.samples == 6 * 2 * 4000 and not read_campaign(clean, jobs=1).spikes
     tables = [one.table(one.fits(ORDERS)).coefficients for one in (first, again, read_campaign(clean, jobs=1))]

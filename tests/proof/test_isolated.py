@@ -3,6 +3,7 @@
 import contextlib
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -205,6 +206,37 @@ def test_each_copy_of_this_process_asks_one_of_its_own(model, monkeypatch):
     while any(Path(f"/proc/{process}").exists() for process in answering) and time.monotonic() < end:
         time.sleep(0.01)
     assert not [process for process in answering if Path(f"/proc/{process}").exists()]
+
+
+@on_linux
+def test_what_is_opened_later_is_not_open_in_what_answers(model):
+    """A connection to a controller was: closed here, it stayed open for the controller."""
+    with isolated([model]) as (one,):
+        ours, theirs = socket.socketpair()
+        one.predict(np.zeros((1, 3)))
+        ours.close()
+        theirs.settimeout(600)
+        assert theirs.recv(1) == b""
+        theirs.close()
+
+
+@on_linux
+def test_what_answers_a_copy_ends_with_it_even_while_it_computes(model):
+    told, tell = os.pipe()
+
+    def busy(rows):
+        os.write(tell, os.getpid().to_bytes(4))
+        time.sleep(6000)
+
+    with isolated([LoadedModel(model.ir, busy)]) as (one,):
+        copy = processes.make_copy(lambda: one.predict(np.zeros((1, 3))))
+        answering = int.from_bytes(os.read(told, 4))
+        os.kill(copy, signal.SIGKILL)
+        os.waitpid(copy, 0)
+        end = time.monotonic() + 600
+        while Path(f"/proc/{answering}").exists() and time.monotonic() < end:
+            time.sleep(0.01)
+        assert not Path(f"/proc/{answering}").exists()
 
 
 @on_linux

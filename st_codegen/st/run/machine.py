@@ -369,7 +369,9 @@ class GlobalVariables(_Named):
 
 
 def processors() -> int:
-    """How many processors this process may use."""
+    """How many processors this process may use: a copy of another one its own alone."""
+    if _IS_COPY:
+        return 1
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -378,5 +380,15 @@ def _threads() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(processors(), "structured-text")
 
 
-if hasattr(os, "register_at_fork"):  # a copy of this process has none of its threads
-    os.register_at_fork(after_in_child=_threads.cache_clear)
+#: Whether this process is a copy of another one, which computes at the same time.
+_IS_COPY = False
+
+
+def _in_a_copy() -> None:
+    global _IS_COPY  # noqa: PLW0603 - a fact of the process
+    _IS_COPY = True
+    _threads.cache_clear()  # it has none of the threads
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_in_a_copy)
