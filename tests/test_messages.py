@@ -38,6 +38,25 @@ def test_a_class_that_is_not_supported_is_named_with_what_is_near(tmp_path):
         )
 
 
+def test_lines_that_stand_for_several_files_count_them():
+    problems = Problems("campaign")
+    for row in range(12):
+        for file in ("a.csv", "b.csv", "c.csv"):
+            problems.add(f"{file}: row {row}: bad")
+    problems.add("no rows")
+    problems.add("d.csv: no rows")
+    problems.add("feature 'a.b': twice")
+    with pytest.raises(InputError) as caught:
+        problems.raise_if_any()
+    assert str(caught.value).splitlines() == [
+        "campaign: 39 problems",
+        "  - a.csv, b.csv and c.csv: row 0: bad; and 33 more that differ in names and numbers only",
+        "  - no rows",
+        "  - d.csv: no rows",
+        "  - feature 'a.b': twice",
+    ]
+
+
 def test_many_problems_of_one_kind_are_one_line():
     problems = Problems("graph.onnx")
     for number in range(48):

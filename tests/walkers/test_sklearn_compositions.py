@@ -106,6 +106,7 @@ WITHIN = {
     "subclusters": (cluster.Birch(n_clusters=None, threshold=0.9), None),
     "clusters by bisection": (cluster.BisectingKMeans(6, random_state=0), None),
     "codes": (multiclass.OutputCodeClassifier(LogisticRegression(), code_size=2.0, random_state=0), WORDS),
+    "a code of all": (multiclass.OutputCodeClassifier(LogisticRegression(), code_size=1.5, random_state=1), THREE),
     "codes of trees": (multiclass.OutputCodeClassifier(tree(2), code_size=3.0, random_state=0), THREE),
     "propagation": (semi_supervised.LabelPropagation(gamma=2.0), np.where(np.arange(len(X)) % 3, THREE, -1)),
     "spreading": (semi_supervised.LabelSpreading("knn", n_neighbors=5), np.where(np.arange(len(X)) % 3, THREE, -1)),

@@ -230,13 +230,14 @@ def _is_constant(estimator: Any) -> bool:
     return type(estimator).__name__ == "_ConstantPredictor"
 
 
-def _one_of_the_rest(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
-    """A classifier of a class against the rest (`multiclass.py: _fit_binary`)."""
+def _one_of_the_rest(estimator: Any, builder: GraphBuilder, value: int, low: int = 0) -> Classified:
+    """A classifier of a class against the rest (`multiclass.py: _fit_binary`), whose lower label is `low`."""
     if not _is_constant(estimator):
         return walk_classifier(estimator, builder, value)
-    answer = Fitted(estimator).integers("y_", (1,), low=0, high=1).astype(np.float64)
+    answer = Fitted(estimator).integers("y_", (1,), low=low, high=1).astype(np.float64)
     score = constants(builder, value, answer)
-    return Classified((0, 1), score, constants(builder, value, np.hstack([1.0 - answer, answer])), score)
+    probability = constants(builder, value, np.hstack([1.0 - answer, answer])) if low == 0 else None
+    return Classified((low, 1), score, probability, score)
 
 
 def _of_all(builder: GraphBuilder, probabilities: Sequence[int | None]) -> int | None:
@@ -281,7 +282,8 @@ def walk_output_code(fitted: Fitted, builder: GraphBuilder, value: int) -> Class
     """The class whose code lies nearest to the scores (`multiclass.py: OutputCodeClassifier.predict`)."""
     labels, parts = labels_of(fitted), fitted.items("estimators_")
     codes = fitted.floats("code_book_", (len(labels), len(parts)))
-    found = [_one_of_the_rest(part, builder, value) for part in parts]
+    # a code that all classes share is a constant: -1 or 1 of estimators with scores, else 0 or 1
+    found = [_one_of_the_rest(part, builder, value, low=-1) for part in parts]
     scores = builder.beside(*(_response(one, part, builder) for one, part in zip(found, parts, strict=True)))
     return Classified(labels, largest(builder, negative_square_distances(builder, scores, codes)))
 
