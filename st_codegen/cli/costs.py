@@ -78,9 +78,10 @@ def print_verdict(target: str, cost: ProjectCost, cycle_us: float | None) -> Non
     line = Text(f"{target}: {times} on {cost.profile.name}")
     if cycle_us is not None:
         line.append(f", budget {cycle_us:g} us: ")
-        line.append("fits", "green") if cost.fits(cycle_us) else line.append("DOES NOT FIT", "bold red")
+        fits = cost.fits(cycle_us)
+        line.append(cost.profile.judged(fits=fits), "green" if fits else "bold red")
     say(line)
-    if cost.profile.compute_factor == cost.profile.memory_factor == 1.0:
+    if not cost.profile.is_calibrated:
         console.print(f"{cost.profile.name} was not calibrated: the times are estimates (st-codegen calibrate)")
 
 

@@ -186,10 +186,10 @@ def _cost_section(target: str, cost: ProjectCost, cycle_us: float | None) -> Pag
     if cost.unbounded:
         text += f" This is no bound; what has none was counted once: {'; '.join(cost.unbounded)}."
     if cycle_us is not None:
-        text += f" Budget: {cycle_us:g} us: it {'fits' if cost.fits(cycle_us) else 'DOES NOT FIT'}."
+        text += f" Budget: {cycle_us:g} us: it {cost.profile.judged(fits=cost.fits(cycle_us))}."
     if len(parts) < len(cost.parts):
         text += f" Of {len(cost.parts)} units the {len(parts)} slowest are listed."
-    if cost.profile.compute_factor == cost.profile.memory_factor == 1.0:
+    if not cost.profile.is_calibrated:
         text += " The profile was not calibrated: the times are estimates."
 
     def bars(axes: Any) -> None:

@@ -56,6 +56,17 @@ class Profile:
         return cycles / self.machine["clock_MHz"]
 
     @property
+    def is_calibrated(self) -> bool:
+        """Whether times were measured on the machine, so that the profile's own are no more than a start."""
+        return not self.compute_factor == self.memory_factor == 1.0
+
+    def judged(self, *, fits: bool) -> str:
+        """What is said of a budget: that a cycle fits into it is an estimate until something was measured."""
+        if not fits:
+            return "DOES NOT FIT"
+        return "fits" if self.is_calibrated else "fits by estimate"
+
+    @property
     def estimates(self) -> tuple[str, ...]:
         """The names of the numbers that nobody has measured."""
         return tuple(name for name, source in self.sources.items() if source == "estimate")

@@ -65,7 +65,7 @@ def test_verification_has_a_page(lone_folder, tmp_path):
     assert "estimates" in text
     assert "Proved for every input: 1 of 1 text: of 1 the model&#39;s bits." in text
     assert re.search(r"<td>te</td><td>twincat</td><td>proved</td><td>all cells|sums of trees</td>", text)
-    assert "Budget: 1000 us: it fits." in text
+    assert "Budget: 1000 us: it fits by estimate." in text
     assert run("verify", lone_folder, "-g", tmp_path, "-n", 100, "--cycle-us", 0.1, "--html", page, "-q") == 1
     assert "The cycle DOES NOT FIT: twincat." in page.read_text(encoding="utf-8")
 
