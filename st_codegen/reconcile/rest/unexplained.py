@@ -357,6 +357,8 @@ def _signature(target: FitData, residual: ComplexArray, found: ResidualStructure
     said, amplitude = _sentence(replace(target, good=loud), r, order, shares, course, formula, is_told=is_told)
     if target.data.sorted_by and target.data.sorted_by in said and "when it was measured" not in said:
         said += ", or with the time if the runs were made in the order of their list"
+    if not _is_as_loud_in_all_runs(target, residual, found.significant):
+        said += ", which noise that is louder in some runs may look like"
     side = _side(target, r, noise)
     # where nothing tells the noise but what runs differ by, that holds what is looked for as well: so in the mean of a
     # table, and in orders of curves that are far from quiet ones
@@ -369,6 +371,23 @@ def _signature(target: FitData, residual: ComplexArray, found: ResidualStructure
     is_law = formula is not None and said.startswith(formula.text)
     text = f"{what} {said}; {size} over the runs{side}" if is_law else f"{what}: {size}, {said}{side}"
     return Signature(order, float(np.sqrt(power)), float(power), shares, direction, text, amplitude, formula, at_least)
+
+
+def _is_as_loud_in_all_runs(target: FitData, residual: ComplexArray, significant: BoolArray) -> bool:
+    """Whether noise is as loud in one run as in another, by the orders that keep no more than noise.
+
+    Of few points all orders are asked where these are too few: louder runs look like structure of most of them then. Of
+    curves each run's own noise is known. Of tables nobody knows it where too few orders tell.
+    """
+    waves = target.data.orders > 0
+    quiet = np.flatnonzero(~significant & waves)
+    if len(quiet) < SETTINGS.orders_beside and target.data.few_points:
+        quiet = np.flatnonzero(waves)
+    if target.data.spectral_deg is not None or target.data.angle_rad is not None or len(quiet) < SETTINGS.orders_beside:
+        return True
+    good = np.ix_(target.good, quiet)
+    loud = np.median(np.abs(residual[good]) / target.sigma[good], axis=1)
+    return bool(np.quantile(loud, 0.9) < SETTINGS.louder_speed * np.median(loud))
 
 
 def _direction(target: FitData, r: ComplexArray) -> str:
