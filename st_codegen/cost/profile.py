@@ -64,7 +64,9 @@ class Profile:
         """What is said of a budget: that a cycle fits into it is an estimate until something was measured."""
         if not fits:
             return "DOES NOT FIT"
-        return "fits" if self.is_calibrated else "fits by estimate"
+        # a calibration that could not tell the memory's factor leaves it at 1, or at the other one
+        told = self.is_calibrated and self.memory_factor not in (1.0, self.compute_factor)
+        return "fits" if told else "fits by estimate"
 
     @property
     def estimates(self) -> tuple[str, ...]:
