@@ -176,8 +176,9 @@ def _in_copies(
                 children.pop()
         finally:
             for child in children:
-                os.kill(child, signal.SIGKILL)
-                os.waitpid(child, 0)
+                with contextlib.suppress(ProcessLookupError, ChildProcessError):  # it was waited for
+                    os.kill(child, signal.SIGKILL)
+                    os.waitpid(child, 0)
         for file in answers:
             file.seek(0)
             with contextlib.suppress(EOFError, pickle.UnpicklingError):

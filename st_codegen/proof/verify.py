@@ -381,7 +381,7 @@ def _reports(
     with isolated(bundle.models) as models, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         around = list(_block_tasks(bundle, targets, seed))
-        tasks = [_Task(model.ir.name, partial(_model_reports, model, targets, rows, seed)) for model in models]
+        tasks = [_Task(model.ir.name, partial(_verify_model, model, targets, rows, seed)) for model in models]
         total = len(around) + len(tasks)
 
         def begun(number: int, task: _Task) -> None:
@@ -389,7 +389,10 @@ def _reports(
                 progress(number, total, task.name)
 
         # what takes longest begins first
-        made = shared_out(_done, [*around, *tasks], is_large=True, at_once=jobs, can_travel=False, begun=begun)
+        everything = [*around, *tasks]
+        made = shared_out(
+            lambda task: task.reports(), everything, is_large=True, at_once=jobs, can_travel=False, begun=begun
+        )
     if progress is not None:
         progress(total, total, "")
     return [report for reports in (*made[len(around) :], *made[: len(around)]) for report in reports]
@@ -401,10 +404,6 @@ class _Task:
 
     name: str
     reports: Callable[[], list[ModelReport]]
-
-
-def _done(task: _Task) -> list[ModelReport]:
-    return task.reports()
 
 
 def _block_tasks(bundle: Bundle, targets: dict[str, GeneratedCode], seed: int) -> Iterable[_Task]:
@@ -422,10 +421,6 @@ def _block_reports(checks: Callable[[], Iterable[BlockCheck]], target: str) -> l
     return [block_report(check, target) for check in checks()]
 
 
-def _model_reports(model: LoadedModel, targets: dict[str, GeneratedCode], rows: int, seed: int) -> list[ModelReport]:
-    return [_verify_model(model, targets, rows, seed)]
-
-
 def _is_worth_a_proof(model: ModelIR, count: int, rows: int) -> bool:
     """Whether trying all thresholds would take longer than to prove the text: rows times trees, against nodes."""
     ensembles = [op for op in model.ops if isinstance(op, TreeEnsemble)]
@@ -434,7 +429,7 @@ def _is_worth_a_proof(model: ModelIR, count: int, rows: int) -> bool:
     return count > rows and count * trees * _SECONDS_A_ROW > proving
 
 
-def _verify_model(model: LoadedModel, targets: dict[str, GeneratedCode], rows: int, seed: int) -> ModelReport:
+def _verify_model(model: LoadedModel, targets: dict[str, GeneratedCode], rows: int, seed: int) -> list[ModelReport]:
     ir = model.ir
     for code in targets.values():
         block_of(code.folder, ir)  # the model's, before anything takes time
@@ -443,7 +438,7 @@ def _verify_model(model: LoadedModel, targets: dict[str, GeneratedCode], rows: i
     if proved:
         # the text is the model's for all inputs: what is left to try is the library, on a sample of the rows
         x = probe_rows(ir, rows, seed, sampled=True)
-    return model_report(model, x, targets, proved=proved)
+    return [model_report(model, x, targets, proved=proved)]
 
 
 class RunsModels(Protocol):
