@@ -677,7 +677,7 @@ def test_no_pair_of_neighbours_comes_twice():
 
 @pytest.mark.parametrize("loud", [6.0, 1.0])
 def test_noise_that_is_louder_at_some_speeds_is_said_to_look_like_structure(loud):
-    """In tables nobody knows the noise of a run: 21 of 25 empty campaigns of 20 runs had orders that depend on speed."""
+    """In tables nobody knows the noise of a run: 21 of 25 campaigns of noise had orders that follow the speed."""
     said, orders = [], np.concatenate([[0], np.arange(20, 59)])
     for seed in range(5):
         random = np.random.default_rng(seed)
