@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 
-from st_codegen.errors import InputError
+from st_codegen.errors import InputError, counted
 from st_codegen.ir.arrays import AnyArray, FloatArray
 
 #: Values of this magnitude and above become infinite when rounded to float32 (the tie to even above FLT_MAX).
@@ -149,7 +149,7 @@ def require_finite(owner: Any, *names: str) -> None:
         if bad.size:
             value = np.ravel(getattr(owner, name))[bad[0]]
             raise InputError(
-                f"{type(owner).__name__}.{name}: {bad.size} coefficients are not finite "
+                f"{type(owner).__name__}.{name}: {counted(bad.size, 'coefficient')} not finite "
                 f"(first: number {bad[0]} is {value}); train the model again without NaN and infinite values"
             )
 

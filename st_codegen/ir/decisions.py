@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from st_codegen.errors import InputError
+from st_codegen.errors import InputError, counted
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.ir.base import ColumnFunction, Precision, ReadsWhole, freeze, require_finite
 
@@ -43,7 +43,7 @@ class Classes:
     def __post_init__(self) -> None:
         if not self.labels or len(set(self.labels)) < len(self.labels):
             raise InputError(
-                f"{len(self.labels)} labels, {len(set(self.labels))} of them different; the file is damaged"
+                f"{counted(len(self.labels), 'label')}, {len(set(self.labels))} of them different; the file is damaged"
             )
         if OutputKind.CLASS in self.kinds[1:] or self.kinds[:1] != (OutputKind.CLASS,):
             raise InputError("the first output of a classifier, and no other, is the number of its class")
@@ -66,7 +66,9 @@ class ArgMax(ReadsWhole):
 
     def __post_init__(self) -> None:
         if self.n_columns < 1 or not 0 <= self.merged <= max(self.merged, self.open_below) < math.inf:
-            raise InputError(f"ArgMax of {self.n_columns} columns, merged {self.merged}, open below {self.open_below}")
+            raise InputError(
+                f"ArgMax of {counted(self.n_columns, 'column')}, merged {self.merged}, open below {self.open_below}"
+            )
 
     @property
     def operand_width(self) -> int:

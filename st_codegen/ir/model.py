@@ -192,7 +192,8 @@ class ModelIR:
     def __repr__(self) -> str:
         """What it is in a line; the numbers of a model fill pages."""
         ops = ", ".join(dict.fromkeys(type(op).__name__ for op in self.ops))
-        return f"ModelIR({self.name!r}: {len(self.features)} features -> {ops} -> {len(self.outputs)} outputs)"
+        ends = counted(len(self.features), "feature"), counted(len(self.outputs), "output")
+        return f"ModelIR({self.name!r}: {ends[0]} -> {ops} -> {ends[1]})"
 
     @property
     def variables(self) -> tuple[str, ...]:

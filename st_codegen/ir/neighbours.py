@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from st_codegen.errors import InputError
+from st_codegen.errors import InputError, counted
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.ir.base import Precision, ReadsWhole, freeze, require_finite
 
@@ -63,7 +63,10 @@ class NearestMean(ReadsWhole):
         values = freeze(self, "values", np.float64, (None, None))
         require_finite(self, "values")
         if not 1 <= self.count <= values.shape[1] or len(self.inputs) > 2:
-            raise InputError(f"NearestMean: {self.count} of {values.shape[1]} columns, {len(self.inputs)} inputs")
+            raise InputError(
+                f"NearestMean: {self.count} of {counted(values.shape[1], 'column')}, "
+                f"{counted(len(self.inputs), 'input')}"
+            )
 
     @property
     def operand_width(self) -> int:

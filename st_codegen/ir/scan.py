@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from st_codegen.errors import InputError
+from st_codegen.errors import InputError, counted
 from st_codegen.ir.arrays import FloatArray, Int32Array
 from st_codegen.ir.base import Operation, ReadsColumns, check_columns, freeze, require_finite
 
@@ -39,7 +39,9 @@ class Scan(ReadsColumns):
                 raise InputError(f"Scan, operation {number} ({type(op).__name__}): reads what is not computed, or wide")
             op.check_operands(sum(widths))
         if self.body[-1].width != len(self.initial):
-            raise InputError(f"Scan: a state of {len(self.initial)} numbers, a round leaves {self.body[-1].width}")
+            raise InputError(
+                f"Scan: a state of {counted(len(self.initial), 'number')}, a round leaves {self.body[-1].width}"
+            )
 
     def check_operands(self, total: int) -> None:
         check_columns(self, (int(self.starts.min()), int(self.starts.max()) + self.columns - 1), total)

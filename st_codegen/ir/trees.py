@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.errors import InputError
+from st_codegen.errors import InputError, counted
 from st_codegen.ir.arrays import BoolArray, FloatArray, Int32Array, IntArray
 from st_codegen.ir.base import (
     Aggregate,
@@ -146,7 +146,7 @@ class TreeEnsemble(ReadsColumns):
         if not math.isfinite(self.divisor) or self.divisor == 0:
             raise InputError(f"TreeEnsemble.divisor: {self.divisor}")
         if values.shape[1] not in (1, len(base)):
-            raise InputError(f"TreeEnsemble: leaves of width {values.shape[1]} for {len(base)} outputs")
+            raise InputError(f"TreeEnsemble: leaves of width {values.shape[1]} for {counted(len(base), 'output')}")
         self._check_structure(nodes)
 
     def _check_structure(self, nodes: int) -> None:

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.errors import InputError, UnsupportedModelError, counted
 from st_codegen.ir import AnyArray, BoolArray, FloatArray, IntArray
 
 #: One length for each axis; None where any length will do.
@@ -119,7 +119,9 @@ class Fitted:
         if not isinstance(value, list | tuple):
             raise self.fail(name, f"{_kind_of(value)}, expected a list")
         if len(value) != count if count is not None else not value:
-            raise self.fail(name, f"{len(value)} entries, expected {'some' if count is None else count}")
+            raise self.fail(
+                name, f"{counted(len(value), 'entry', 'entries')}, expected {'some' if count is None else count}"
+            )
         return list(value)
 
     def choice(self, name: str, known: Mapping[str, _T]) -> _T:

@@ -80,7 +80,7 @@ def test_slope_and_magnitude_of_a_function_hold(op, data):
 
 @pytest.mark.parametrize("edge", [np.nan, np.inf])
 def test_edges_of_ranks_are_numbers(edge):
-    with pytest.raises(InputError, match=r"RankColumn\.edges: 1 coefficients are not finite"):
+    with pytest.raises(InputError, match=r"RankColumn\.edges: 1 coefficient not finite"):
         RankColumn(0, np.array([0.0, edge]))
 
 

@@ -245,14 +245,14 @@ def test_an_initializer_has_as_many_numbers_as_are_supported(tmp_path, monkeypat
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_coefficients_that_are_not_finite(tmp_path, value):
     bad = [1.0, value, 0.0]
-    assert "node 'the_node' (Add, opset 18): Scale.constant: 1 coefficients are not finite" in refused(
+    assert "node 'the_node' (Add, opset 18): Scale.constant: 1 coefficient not finite" in refused(
         single("Add", 3, [constant("C", bad)]), tmp_path
     )
     weights = np.where(np.eye(3) == 1, value, 0.0)
     message = refused(single("MatMul", 3, [constant("C", weights)]), tmp_path)
-    assert "node 'the_node' (MatMul, opset 18): Linear.weights: 3 coefficients are not finite" in message
+    assert "node 'the_node' (MatMul, opset 18): Linear.weights: 3 coefficients not finite" in message
     for attributes in ({"coefficients": bad}, {"coefficients": [0.0] * 3, "intercepts": [value]}):
-        assert "coefficients are not finite" in refused(ml("LinearRegressor", 3, **attributes), tmp_path)
+        assert "1 coefficient not finite" in refused(ml("LinearRegressor", 3, **attributes), tmp_path)
     assert "not finite" in refused(ml("Scaler", 3, offset=bad, scale=[1.0, 1.0, 1.0]), tmp_path)
     svm = {"kernel_type": "RBF", "kernel_params": [value, 0.0, 0.0], "n_supports": 1, "rho": [0.0]}
     message = refused(ml("SVMRegressor", 3, support_vectors=[0.0] * 3, coefficients=[1.0], **svm), tmp_path)
@@ -277,7 +277,7 @@ LISTS = {
     "one_class: a detector of outliers": ("SVMRegressor", {"one_class": 1}),
     "rho has 2 entries": ("SVMRegressor", {"rho": [0.0, 1.0]}),
     "coefficients has 2 entries, expected 3": ("SVMRegressor", {"rho": [0.0], "coefficients": [1.0, 2.0]}),
-    "coefficients has 1 entries, expected 2": (
+    "coefficients has 1 entry, expected 2": (
         "SVMRegressor",
         {"rho": [0.0], "coefficients": [1.0], "n_supports": 2, "support_vectors": [0.0] * 3},
     ),
@@ -327,7 +327,7 @@ def test_operands_of_the_wrong_kind(tmp_path):
     assert "drops axes [1] of shape (1, 3)" in message("Squeeze", [constant("C", [1], np.int64)])
     assert "inserts axes [0, 0] twice" in message("Unsqueeze", [constant("C", [0, 0], np.int64)])
     assert "min is float32 of shape (3,), expected one float32" in message("Clip", [constant("C", [0.0] * 3)])
-    assert "Clip.lower: 3 coefficients are not finite" in message("Clip", [constant("C", np.nan)])
+    assert "Clip.lower: 3 coefficients not finite" in message("Clip", [constant("C", np.nan)])
     training = [constant("ratio", 0.5), constant("on", True, bool)]
     assert "Dropout in training mode; export the model for inference" in message("Dropout", training)
 

@@ -15,14 +15,14 @@ REFUSALS = {
     "aggregate_function MEDIAN: known are": {"aggregate_function": "MEDIAN"},
     "n_targets is 0": {"n_targets": 0},
     r"nodes_values has 2 entries, expected 3": {"nodes_values": [0.0, 0.0]},
-    r"nodes_modes has 1 entries, expected 3": {"nodes_modes": ["LEAF"]},
+    r"nodes_modes has 1 entry, expected 3": {"nodes_modes": ["LEAF"]},
     "nodes_modes: 'BRANCH_XX' is not known": {"nodes_modes": ["BRANCH_XX", "LEAF", "LEAF"]},
-    "nodes_missing_value_tracks_true has 1 entries": {"nodes_missing_value_tracks_true": [1]},
+    "nodes_missing_value_tracks_true has 1 entry": {"nodes_missing_value_tracks_true": [1]},
     "tree 0, node 0: the threshold is nan": {"nodes_values": [np.nan, 0.0, 0.0]},
     "tree 0, node 0: the threshold is -inf": {"nodes_values": [-np.inf, 0.0, 0.0]},
-    "leaf_value: 1 coefficients are not finite": {"target_weights": [np.inf, 0.0]},
+    "leaf_value: 1 coefficient not finite": {"target_weights": [np.inf, 0.0]},
     "base_values has 2 entries, expected 0 or 1": {"base_values": [1.0, 2.0]},
-    "base: 1 coefficients are not finite": {"base_values": [np.nan]},
+    "base: 1 coefficient not finite": {"base_values": [np.nan]},
     "tree 0, node 0: nodes_truenodeids names node 9": {"nodes_truenodeids": [9, 0, 0]},
     "tree 0, node 0 reads feature 5 of 1": {"nodes_featureids": [5, 0, 0]},
     "tree 0, node 0 reads feature -1 of 1": {"nodes_featureids": [-1, 0, 0]},
@@ -63,7 +63,7 @@ REFUSALS = {
     "both nodes_values and nodes_values_as_tensor": {
         "nodes_values_as_tensor": build.constant("values", [0.0, 0.0, 0.0])
     },
-    "nodes_values_as_tensor is float64 of 1 dimensions for float32 inputs": {
+    "nodes_values_as_tensor is float64 of 1 dimension for float32 inputs": {
         "nodes_values": None,
         "nodes_values_as_tensor": build.constant("values", [0.0, 0.0, 0.0], np.float64),
     },
@@ -95,7 +95,7 @@ ENSEMBLE_REFUSALS = {
     r"nodes_truenodeids\[0\] is 5, expected 0 to 1": {"nodes_truenodeids": [5]},
     r"tree_roots\[0\] is 1, expected 0 to 0": {"tree_roots": [1]},
     r"leaf_targetids\[1\] is 4": {"leaf_targetids": [0, 4]},
-    "leaf_weights has 1 entries, expected 2": {"leaf_weights": build.constant("weights", [0.0])},
+    "leaf_weights has 1 entry, expected 2": {"leaf_weights": build.constant("weights", [0.0])},
     "node 0: 2 splits or trees lead to this node": {"tree_roots": [0, 0]},
     "membership_values has 1 sets for 0 MEMBER nodes": {"membership_values": build.constant("members", [1.0])},
     "is empty: there are no trees": {"tree_roots": None, "nodes_featureids": [0]},

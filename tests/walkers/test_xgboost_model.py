@@ -251,24 +251,24 @@ def test_damaged_vector_leaves_are_refused(changes: dict[str, Any], message: str
         ({PARAM + "num_feature": "x" * 99}, "learner_model_param.num_feature: '" + "x" * 40 + "', expected"),
         ({PARAM + "num_feature": "DROP"}, "learner.learner_model_param.num_feature: missing"),
         ({PARAM + "num_target": "99999999999"}, "learner_model_param.num_target: '99999999999', expected"),
-        ({PARAM + "base_score": "[]"}, "learner_model_param.base_score: 0 numbers for 1 outputs"),
-        ({PARAM + "base_score": "[1,2]"}, "learner_model_param.base_score: 2 numbers for 1 outputs"),
+        ({PARAM + "base_score": "[]"}, "learner_model_param.base_score: 0 numbers for 1 output"),
+        ({PARAM + "base_score": "[1,2]"}, "learner_model_param.base_score: 2 numbers for 1 output"),
         ({PARAM + "base_score": "[nan]"}, "learner_model_param.base_score: not a list of numbers"),
         ({PARAM + "base_score": str(2**63)}, "learner_model_param.base_score: not a list of numbers"),
         ({PARAM + "base_score": "1e39"}, "learner_model_param.base_score: number 0 is inf"),
         ({PARAM + "base_score": 0.5}, "learner_model_param.base_score: not a string"),
         ({"learner__objective__name": 1}, "learner.objective.name: not a string"),
-        ({"learner__feature_names": ["a"]}, "learner.feature_names: 1 entries for 2 features"),
+        ({"learner__feature_names": ["a"]}, "learner.feature_names: 1 entry for 2 features"),
         ({"learner__feature_types": ["q", "q", "c"]}, "learner.feature_types: 3 entries for 2 features"),
         ({"learner__feature_names": [1, 2]}, "learner.feature_names: not a list of strings"),
         ({"learner__attributes": {"best_iteration": 1}}, "learner.attributes.best_iteration: not a string"),
         ({BOOSTER + "name": "forest"}, "gradient_booster.name: 'forest'; supported: dart, gblinear, gbtree"),
         ({BOOSTER + "name": "dart"}, "learner.gradient_booster.gbtree: missing"),
         ({BOOSTER + "name": "gblinear"}, PLACE + "weights: missing"),
-        ({BOOSTER + "name": "gblinear", BOOSTER + "model": {"weights": [1]}}, "weights: 1 numbers, expected 3"),
+        ({BOOSTER + "name": "gblinear", BOOSTER + "model": {"weights": [1]}}, "weights: 1 number, expected 3"),
         ({MODEL + "trees": {}}, PLACE + "trees: not a list of objects"),
         ({MODEL + "trees": [[]]}, PLACE + "trees: not a list of objects"),
-        ({MODEL + "gbtree_model_param": {"num_trees": "2"}}, PLACE + "trees: 1 trees, num_trees says 2"),
+        ({MODEL + "gbtree_model_param": {"num_trees": "2"}}, PLACE + "trees: 1 tree, num_trees says 2"),
         ({MODEL + "gbtree_model_param": {"num_trees": "0"}, MODEL + "trees": []}, "trees: the model has no trees"),
         ({MODEL + "tree_info": [1]}, PLACE + "tree_info: number 0 is 1, expected 0 .. 0"),
         ({MODEL + "iteration_indptr": [0, 2]}, PLACE + "iteration_indptr: number 1 is 2, expected 0 .. 1"),
@@ -283,14 +283,14 @@ def test_damaged_documents_are_refused(changes: dict[str, Any], message: str, lo
 
 def test_rounds_of_older_files_must_be_whole(load: Any) -> None:
     parameters = {"num_trees": "1", "num_parallel_tree": "2"}
-    with pytest.raises(InputError, match="trees: 1 trees are no whole number of rounds of 2"):
+    with pytest.raises(InputError, match="trees: rounds of 2 do not divide 1 tree"):
         load(document(**{MODEL + "iteration_indptr": "DROP", MODEL + "gbtree_model_param": parameters}))
 
 
 @pytest.mark.parametrize("value", ["1", "-1", "x", "9" * 30])
 def test_best_iteration_outside_the_rounds_is_refused(value: str, load: Any) -> None:
     attributes = {"scikit_learn": "{}", "best_iteration": value}
-    with pytest.raises(InputError, match=rf"attributes\.best_iteration: '{value}' in a model of 1 rounds"):
+    with pytest.raises(InputError, match=rf"attributes\.best_iteration: '{value}' in a model of 1 round"):
         load(document(learner__attributes=attributes))
 
 

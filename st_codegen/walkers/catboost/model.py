@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.errors import InputError, UnsupportedModelError, counted
 from st_codegen.ir import Feature, FloatArray, Label, Precision, Source, TreeColumn, TreeEnsemble
 from st_codegen.walkers.base import Classified, GraphBuilder, LoadedModel, Walked
 from st_codegen.walkers.classes import above, complement, largest, numbers_of, softmax
@@ -125,7 +125,10 @@ def _tree(tree: dict[str, Any], missing: list[bool], outputs: int) -> ParsedTree
     splits = tree["splits"] or []
     values = np.array(tree["leaf_values"], np.float64).reshape(-1, outputs)
     if len(splits) > _MAX_DEPTH or len(values) != 2 ** len(splits):
-        raise InputError(f"a tree of {len(splits)} splits with {len(values)} leaves; the model file is damaged")
+        raise InputError(
+            f"a tree of {counted(len(splits), 'split')} with "
+            f"{counted(len(values), 'leaf', 'leaves')}; the model file is damaged"
+        )
     if kinds := {str(split["split_type"]) for split in splits} - {"FloatFeature"}:
         raise UnsupportedModelError(f"splits of {', '.join(sorted(kinds))}; train on numbers alone")
     first = len(values) - 1  # of the leaves, behind all splits
@@ -177,7 +180,9 @@ def _labels(info: dict[str, Any], count: int) -> tuple[Label, ...]:
     if expected is None:
         raise UnsupportedModelError(f"labels of the type {kind}; use numbers or text")
     if len(names) != count or not all(isinstance(label, str | int | float) for label in names):
-        raise InputError(f"{len(names)} labels for {count} classes; the model file is damaged")
+        raise InputError(
+            f"{counted(len(names), 'label')} for {counted(count, 'class', 'classes')}; the model file is damaged"
+        )
     return tuple(expected(label) for label in names)
 
 

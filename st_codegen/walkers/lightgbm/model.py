@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.errors import InputError, UnsupportedModelError, errors_name, extra_package
+from st_codegen.errors import InputError, UnsupportedModelError, counted, errors_name, extra_package
 from st_codegen.ir import Feature, FloatArray, Function, Label, NanRule, Precision, Source, TreeColumn, TreeEnsemble
 from st_codegen.walkers.base import (
     BoosterPredictor,
@@ -273,7 +273,9 @@ def _add(model: TextModel, builder: GraphBuilder, value: int, labels: tuple[Labe
     `labels` are those of an LGBMClassifier; a booster of classes numbers them 0, 1, ..
     """
     if builder.width(value) != model.n_features:
-        raise InputError(f"the model has {model.n_features} features, its input {builder.width(value)} columns")
+        raise InputError(
+            f"the model has {counted(model.n_features, 'feature')}, its input {counted(builder.width(value), 'column')}"
+        )
     objective, *_ = model.objective or ("custom",)
     is_class = objective in (_BINARY, _SOFTMAX, _ONE_AGAINST_REST) or (labels and objective != "custom")
     link = Function.IDENTITY if is_class else _link(model)
@@ -309,8 +311,8 @@ def _classified(model: TextModel, builder: GraphBuilder, raw: int, labels: tuple
     of_one = objective in (_BINARY, "cross_entropy", "xentropy")
     if len(labels) != count or of_one != (model.n_outputs == 1) or not (of_one or objective in _SEVERAL):
         raise UnsupportedModelError(
-            f"objective '{' '.join(model.objective)}' with {model.n_outputs} trees an iteration for "
-            f"{len(labels)} classes"
+            f"objective '{' '.join(model.objective)}' with {counted(model.n_outputs, 'tree')} an iteration for "
+            f"{counted(len(labels), 'class', 'classes')}"
         )
     decision = None if model.average_output else raw  # the raw scores of a random forest are the sums, not the mean
     if objective == _SOFTMAX:
@@ -349,7 +351,7 @@ def _link(model: TextModel) -> Function:
             f"objective '{' '.join(model.objective)}' is not known; supported: {', '.join(OBJECTIVES)}"
         )
     if model.n_outputs > 1 and objective != "custom":
-        raise UnsupportedModelError(f"objective '{objective}' with {model.n_outputs} trees an iteration")
+        raise UnsupportedModelError(f"objective '{objective}' with {counted(model.n_outputs, 'tree')} an iteration")
     if "sqrt" in words and objective in _SQUARED:
         return Function.SIGNED_SQUARE
     return _LINKS[objective]

@@ -15,7 +15,7 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from st_codegen.errors import InputError, errors_name
+from st_codegen.errors import InputError, counted, errors_name
 from st_codegen.ir import FloatArray, IntArray
 from st_codegen.walkers.forest import CategorySets, LeafModels, ParsedTree
 from st_codegen.walkers.limits import MAX_COLUMNS, Things, check_count, check_json
@@ -95,7 +95,7 @@ def parse(stream: BinaryIO) -> TextModel:
         line, fields = _read_tree(lines, line, len(trees), sizes)
         trees.append(_tree(fields, n_features, f"tree {len(trees)}"))
     if sizes is not None and len(trees) != len(sizes):
-        raise InputError(f"the file ends after {len(trees)} of {len(sizes)} trees")
+        raise InputError(f"the file ends after {len(trees)} of {counted(len(sizes), 'tree')}")
     if not trees:
         raise InputError("the model has no trees")
     boosting, categories = _read_tail(lines)
@@ -183,7 +183,7 @@ def _read_tree(
 def _check_size(number: int, sizes: IntArray, used: int, length: int) -> None:
     """LightGBM finds trees by `tree_sizes`; after the last tree some versions leave one more empty line."""
     if number >= len(sizes):
-        raise InputError(f"tree_sizes: {len(sizes)} entries, but there are more trees")
+        raise InputError(f"tree_sizes: {counted(len(sizes), 'entry', 'entries')}, but there are more trees")
     size = int(sizes[number])
     if not (used <= size <= length if number == len(sizes) - 1 else size == length):
         raise InputError(
@@ -232,7 +232,7 @@ def _count_outputs(header: dict[str, bytes], n_trees: int) -> int:
             f"num_tree_per_iteration: {n_outputs} for num_class {n_classes}; they must be equal, 1 or more"
         )
     if n_trees % n_outputs:
-        raise InputError(f"num_tree_per_iteration: {n_trees} trees are not a multiple of {n_outputs}")
+        raise InputError(f"num_tree_per_iteration: {n_outputs} does not divide {counted(n_trees, 'tree')}")
     return n_outputs
 
 
@@ -350,14 +350,14 @@ def _words(fields: dict[str, bytes], name: str, count: int) -> tuple[str, ...]:
         raise InputError(f"{name}: more than {MAX_COLUMNS} features are not supported")
     words = tuple(word for word in text.split(" ") if word)
     if count < 1 or len(words) != count:
-        raise InputError(f"{name}: {len(words)} entries, max_feature_idx says {count}")
+        raise InputError(f"{name}: {counted(len(words), 'entry', 'entries')}, max_feature_idx says {count}")
     return words
 
 
 def _integer(fields: dict[str, bytes], name: str, where: str) -> int:
     values = _integers(_field(fields, name, where), f"{where}, {name}")
     if len(values) != 1:
-        raise InputError(f"{where}, {name}: {len(values)} numbers, expected one")
+        raise InputError(f"{where}, {name}: {counted(len(values), 'number')}, expected one")
     if abs(values[0]) >= 2**31:
         raise InputError(f"{where}, {name}: {values[0]} is beyond 32 bits")
     return int(values[0])
@@ -436,4 +436,4 @@ def _check_characters(text: bytes, where: str) -> None:
 
 def _check_count(values: NDArray[np.generic], count: int, where: str) -> None:
     if len(values) != count:
-        raise InputError(f"{where}: {len(values)} numbers, expected {count}")
+        raise InputError(f"{where}: {counted(len(values), 'number')}, expected {count}")

@@ -10,7 +10,7 @@ import numpy as np
 import onnx
 import onnx.numpy_helper
 
-from st_codegen.errors import InputError, UnsupportedModelError, errors_name
+from st_codegen.errors import InputError, UnsupportedModelError, counted, errors_name
 from st_codegen.ir import AnyArray, FloatArray, IntArray
 
 #: IntArray in one tensor of the file.
@@ -191,17 +191,17 @@ class GraphNode:
     def integers(self, name: str, *counts: int) -> IntArray:
         """An attribute of type INTS; where counts are given, it has one of these lengths."""
         listed = self.attributes[name].ints if name in self.attributes else ()
-        return np.fromiter(listed, np.int64, counted(name, len(listed), *counts))
+        return np.fromiter(listed, np.int64, checked_length(name, len(listed), *counts))
 
     def floats(self, name: str, *counts: int) -> FloatArray:
         """An attribute of type FLOATS, which are float32 numbers, as float64; of one of the lengths that are given."""
         listed = self.attributes[name].floats if name in self.attributes else ()
-        return np.fromiter(listed, np.float64, counted(name, len(listed), *counts))
+        return np.fromiter(listed, np.float64, checked_length(name, len(listed), *counts))
 
     def texts(self, name: str, *counts: int) -> list[str]:
         """An attribute of type STRINGS, of one of the lengths that are given."""
         listed = self.attributes[name].strings if name in self.attributes else ()
-        counted(name, len(listed), *counts)
+        checked_length(name, len(listed), *counts)
         return [_decoded(name, text) for text in listed]
 
     def tensor(self, name: str) -> AnyArray | None:
@@ -212,13 +212,13 @@ class GraphNode:
             return read_tensor(self.attributes[name].t)
 
 
-def counted(name: str, length: int, *counts: int) -> int:
+def checked_length(name: str, length: int, *counts: int) -> int:
     """The length of a list; raises InputError where it is none of the counts that are given."""
     if counts and length not in counts:
         expected = " or ".join(map(str, sorted(set(counts))))
         raise InputError(
-            f"{name} has {length} entries, expected {expected}; the model file is damaged, or its exporter lost "
-            "columns; compile the native model"
+            f"{name} has {counted(length, 'entry', 'entries')}, expected {expected}; the model file is damaged, or its "
+            "exporter lost columns; compile the native model"
         )
     return length
 

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from st_codegen import ir
-from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.errors import InputError, UnsupportedModelError, counted
 from st_codegen.ir.arrays import AnyArray, FloatArray
 from st_codegen.walkers.onnx.elementwise import as_number, refuse_made_nan
 from st_codegen.walkers.onnx.file import GraphNode
@@ -84,7 +84,7 @@ def _float32_row(call: NodeCall) -> Tensor:
 def _linear_regressor(call: NodeCall) -> Operand:
     tensor, targets = _float32_row(call), call.node.integer("targets", 1)
     if targets < 1:
-        raise InputError(f"{targets} targets, expected 1 or more; the model file is damaged")
+        raise InputError(f"{counted(targets, 'target')}, expected 1 or more; the model file is damaged")
     transform = read_post_transform(call.node.text("post_transform", "NONE"), targets)
     weights = call.node.floats("coefficients", targets * tensor.size).reshape(targets, tensor.size)
     bias = call.node.floats("intercepts", 0, targets)
@@ -214,7 +214,9 @@ def _imputer(call: NodeCall) -> Operand:
     tensor, walk = one_row(call.computed()), call.walk
     fills, replaced = call.node.floats("imputed_value_floats"), call.node.number("replaced_value_float")
     if len(fills) not in (1, tensor.size) or not np.all(np.isfinite(fills)):
-        raise InputError(f"{len(fills)} imputed values, or such that are not finite, for {tensor.size} columns")
+        raise InputError(
+            f"{counted(len(fills), 'imputed value')}, or such that are not finite, for {counted(tensor.size, 'column')}"
+        )
     fills = np.broadcast_to(fills, tensor.size)
     if math.isinf(replaced):  # no number that has an answer is infinite
         walk.refuse_special(tensor)
@@ -263,7 +265,9 @@ def _label_encoder(call: NodeCall) -> Operand:
     values: list[ir.Label] = [*node.texts("values_strings"), *node.integers("values_int64s").tolist()]
     values = values or [float(value) for value in node.floats("values_floats")]
     if not keys or len(keys) != len(values) or not set(choice.labels) <= set(keys):
-        raise UnsupportedModelError(f"{len(keys)} keys and {len(values)} values, or not for all labels")
+        raise UnsupportedModelError(
+            f"{counted(len(keys), 'key')} and {counted(len(values), 'value')}, or not for all labels"
+        )
     known = dict(zip(keys, values, strict=True))
     return replace(choice, labels=tuple(known[label] for label in choice.labels))
 
@@ -274,7 +278,8 @@ def _encoded_numbers(call: NodeCall) -> Tensor:
     keys, values, default = (_listed(call.node, word) for word in ("keys", "values", "default"))
     if not len(keys) or len(keys) != len(values) or len(default) != 1 or keys.dtype != tensor.dtype or tensor.given:
         raise UnsupportedModelError(
-            f"{len(keys)} keys of {keys.dtype} and {len(values)} values for numbers of {tensor.dtype}; "
+            f"{counted(len(keys), 'key')} of {keys.dtype} and "
+            f"{counted(len(values), 'value')} for numbers of {tensor.dtype}; "
             "lists of numbers of one length are supported, and keys of the type of what is read"
         )
     if not np.all(np.isfinite(keys)):

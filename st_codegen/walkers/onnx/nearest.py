@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from st_codegen.errors import InputError, Problems, UnsupportedModelError
+from st_codegen.errors import InputError, Problems, UnsupportedModelError, counted
 from st_codegen.walkers.onnx.graph import NodeCall, Result, operator, read_initializers, run_nodes
 from st_codegen.walkers.onnx.operands import ConstantOperand, PickedOperand, Tensor
 
@@ -54,7 +54,7 @@ def _top(call: NodeCall) -> Result:
     if call.node.integer("largest", 1) or not call.node.integer("sorted", 1) or tensor.shape[-1] != tensor.size:
         raise UnsupportedModelError("the largest, or without order, or of several rows; the nearest of one are walked")
     if len(count) != 1 or not 1 <= count[0] <= tensor.size:
-        raise InputError(f"k is {count} for {tensor.size} numbers; the model file is damaged")
+        raise InputError(f"k is {count} for {counted(tensor.size, 'number')}; the model file is damaged")
     shape = (*tensor.shape[:-1], count[0])
     value = call.walk.settle_finite(tensor)
     found = call.walk.computed(value, (tensor.size,), tensor.dtype)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.errors import InputError, UnsupportedModelError, counted
 from st_codegen.ir import AnyArray, FloatArray, IntArray, Label, Precision
 
 #: Columns of one computed tensor, and features of one model.
@@ -201,7 +201,7 @@ def one_row(tensor: Tensor) -> Tensor:
 def axis_of(axis: int, rank: int) -> int:
     """An axis counted from the front; raises InputError where there is none."""
     if not -rank <= axis < max(rank, 1):
-        raise InputError(f"axis {axis} of a tensor with {rank} dimensions; the model file is damaged")
+        raise InputError(f"axis {axis} of a tensor with {counted(rank, 'dimension')}; the model file is damaged")
     return axis % rank if rank else 0
 
 

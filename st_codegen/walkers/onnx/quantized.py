@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen import ir
-from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.errors import InputError, UnsupportedModelError, counted
 from st_codegen.ir.arrays import AnyArray, FloatArray
 from st_codegen.walkers.onnx.elementwise import equals
 from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, Result, operator
@@ -158,7 +158,9 @@ def _sums(call: NodeCall, a: int, a_zero: int, b: int, b_zero: int) -> Tensor:
         raise UnsupportedModelError(f"multiplies shapes {left.shape} and {weights.shape}; one row is supported")
     zero = call.constant(b_zero, "the zero point of the weights")
     if zero is not None and zero.size not in (1, weights.shape[1]):
-        raise InputError(f"zero points of shape {zero.shape} for {weights.shape[1]} columns; the model file is damaged")
+        raise InputError(
+            f"zero points of shape {zero.shape} for {counted(weights.shape[1], 'column')}; the model file is damaged"
+        )
     _check_pairs(weights)
     own = weights.astype(np.float64) - (0.0 if zero is None else zero.astype(np.float64).ravel())
     if 255.0 * np.max(np.sum(np.abs(own), axis=0)) >= 2.0**31:

@@ -12,7 +12,7 @@ import numpy as np
 
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import AnyArray, BoolArray, FloatArray, IntArray
-from st_codegen.walkers.onnx.file import GraphNode, counted
+from st_codegen.walkers.onnx.file import GraphNode, checked_length
 from st_codegen.walkers.onnx.forest import (
     MAX_ID,
     Forest,
@@ -114,7 +114,7 @@ def _required_tensor(attributes: GraphNode, name: str, dtype: np.dtype[Any], tot
         raise InputError(f"{name} is missing; the model file is damaged")
     if tensor.dtype != dtype:
         raise UnsupportedModelError(f"{name} is {tensor.dtype}, expected {dtype}, the type that goes with the input")
-    counted(name, tensor.size, total)
+    checked_length(name, tensor.size, total)
     return np.ravel(tensor)
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from st_codegen import ir
-from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.errors import InputError, UnsupportedModelError, counted
 from st_codegen.ir.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from st_codegen.ir.preorder import Preorder, preorder
 from st_codegen.walkers.onnx.equality import check_merges, merge_equality_chains
@@ -264,7 +264,8 @@ def _leaf_values(forest: Forest, flat: Preorder) -> tuple[FloatArray, IntArray]:
         return leaf_value, target
     if rows * n_targets > MAX_LEAF_VALUES:
         raise UnsupportedModelError(
-            f"{rows} leaves with {n_targets} numbers each: at most {MAX_LEAF_VALUES} leaf values; "
+            f"{counted(rows, 'leaf', 'leaves')} with {counted(n_targets, 'number')} each: at most "
+            f"{MAX_LEAF_VALUES} leaf values; "
             "export one model for each target"
         )
     largest = float(np.finfo(forest.number_type).max)

@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.errors import InputError, UnsupportedModelError, counted
 from st_codegen.ir import Aggregate, BoolArray, FloatArray, IntArray
-from st_codegen.walkers.onnx.file import GraphNode, counted
+from st_codegen.walkers.onnx.file import GraphNode, checked_length
 from st_codegen.walkers.onnx.forest import (
     MAX_ID,
     Forest,
@@ -99,10 +99,11 @@ def numbers(attributes: GraphNode, name: str, number_type: NumberType, *counts: 
         raise InputError(f"both {name} and {name}_as_tensor are given; keep one of them")
     if tensor.dtype != number_type or tensor.ndim != 1:
         raise UnsupportedModelError(
-            f"{name}_as_tensor is {tensor.dtype} of {tensor.ndim} dimensions for {np.dtype(number_type)} inputs; "
+            f"{name}_as_tensor is {tensor.dtype} of {counted(tensor.ndim, 'dimension')} for "
+            f"{np.dtype(number_type)} inputs; "
             "onnxruntime takes a vector of the type of the input only"
         )
-    counted(name, len(tensor), *counts)
+    checked_length(name, len(tensor), *counts)
     return tensor.astype(np.float64)
 
 

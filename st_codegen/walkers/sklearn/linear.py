@@ -11,7 +11,7 @@ from functools import reduce
 
 import numpy as np
 
-from st_codegen.errors import UnsupportedModelError
+from st_codegen.errors import UnsupportedModelError, counted
 from st_codegen.ir import Clip, Distances, Exceeds, FloatArray, Precision
 from st_codegen.walkers.base import Classified, GraphBuilder, Walked, walk_estimator, walks
 from st_codegen.walkers.classes import above, complement, labels_of, largest, shares_of, softmax, whole_sums
@@ -88,7 +88,10 @@ def walk_linear_classifier(fitted: Fitted, builder: GraphBuilder, value: int) ->
     scores = _weighted_sum(fitted, builder, value)
     count, precision = builder.width(scores), builder.precision(scores)
     if count != (len(labels) if len(labels) > 2 else 1):
-        raise UnsupportedModelError(f"{fitted.kind} with {count} scores for {len(labels)} classes: train one for each")
+        raise UnsupportedModelError(
+            f"{fitted.kind} with {counted(count, 'score')} for "
+            f"{counted(len(labels), 'class', 'classes')}: train one for each"
+        )
     logistic = fitted.kind in ("LogisticRegression", "LogisticRegressionCV", "LinearDiscriminantAnalysis")
     loss = fitted.estimator.loss if fitted.kind == "SGDClassifier" else ""
     probability = None
@@ -118,7 +121,7 @@ def _most_likely(fitted: Fitted, builder: GraphBuilder, scores: int) -> Classifi
     """The first of the largest log-likelihoods; probabilities are their exponentials, divided by the sum."""
     labels = labels_of(fitted)
     if builder.width(scores) != len(labels):
-        raise fitted.fail("classes_", f"{len(labels)} labels, {builder.width(scores)} scores")
+        raise fitted.fail("classes_", f"{counted(len(labels), 'label')}, {counted(builder.width(scores), 'score')}")
     return Classified(labels, largest(builder, scores), softmax(builder, scores))
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from st_codegen.errors import UnsupportedModelError
+from st_codegen.errors import UnsupportedModelError, counted
 from st_codegen.ir import FloatArray, Function, KernelSum, Precision
 from st_codegen.walkers.base import Classified, GraphBuilder, Walked, walks
 from st_codegen.walkers.classes import (
@@ -165,7 +165,9 @@ def walk_mlp(fitted: Fitted, builder: GraphBuilder, value: int) -> Walked:
     if getattr(fitted.get("_label_binarizer"), "y_type_", "") == "multilabel-indicator":
         return above(builder, value, 0.5)
     if count != (len(labels) if len(labels) > 2 else 1) or (count > 1) != (fitted.get("out_activation_") == "softmax"):
-        raise UnsupportedModelError(f"MLPClassifier with {count} outputs for {len(labels)} labels: train one for each")
+        raise UnsupportedModelError(
+            f"MLPClassifier with {counted(count, 'output')} for {counted(len(labels), 'label')}: train one for each"
+        )
     if count > 1:
         return Classified(labels, largest(builder, value), value)
     return Classified(labels, above(builder, value, 0.5), complement(builder, value, builder.precision(value)))

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.errors import UnsupportedModelError
+from st_codegen.errors import UnsupportedModelError, counted
 from st_codegen.ir import (
     FLOAT32_OVERFLOW,
     AnyArray,
@@ -70,7 +70,7 @@ def walk_class_trees(fitted: Fitted, builder: GraphBuilder, value: int) -> Walke
     fitted.integer("n_outputs_", len(given), len(given))
     own = np.arange(max(sizes)) < np.array(sizes)[:, None]
     if any(tree.tree_.value.shape[1:] != own.shape for tree in trees):
-        raise fitted.fail("tree_", f"leaves that do not hold {own.size} numbers")
+        raise fitted.fail("tree_", f"leaves that do not hold {counted(own.size, 'number')}")
     leaves = [tree.tree_.value[:, own] for tree in trees]
     shares = add_float32_trees(builder, value, trees, fitted, TreeSum(divisor=len(trees), leaves=leaves))
     found, start = [], 0
@@ -213,7 +213,7 @@ def _structure(tree: Fitted, width: int) -> Any:
         raise tree.fail("tree_", "not a tree of scikit-learn")
     tree.integers("n_features_in_", (), low=width, high=width)
     if structure.n_features != width:
-        raise tree.fail("tree_", f"splits of {structure.n_features} features, expected {width}")
+        raise tree.fail("tree_", f"splits of {counted(structure.n_features, 'feature')}, expected {width}")
     return structure
 
 

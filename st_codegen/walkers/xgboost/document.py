@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.errors import InputError, UnsupportedModelError, counted
 from st_codegen.ir import BoolArray, FloatArray, Int32Array, IntArray
 from st_codegen.walkers.forest import CategorySets, ParsedTree
 from st_codegen.walkers.limits import MAX_COLUMNS, check_json
@@ -99,7 +99,8 @@ def loads(data: bytes, *, binary: bool) -> BoosterModel:
     n_outputs = max(parameters.integer("num_class", 0), parameters.integer("num_target", 0, default=1), 1)
     if max(n_features, n_outputs) > MAX_COLUMNS:
         raise UnsupportedModelError(
-            f"{parameters.path}num_feature, num_target: {n_features} features and {n_outputs} outputs; "
+            f"{parameters.path}num_feature, num_target: "
+            f"{counted(n_features, 'feature')} and {counted(n_outputs, 'output')}; "
             f"more than {MAX_COLUMNS} are not supported"
         )
     booster = learner.section("gradient_booster")
@@ -208,7 +209,7 @@ class DocumentPart:
         if not isinstance(values, np.ndarray):
             raise self.fail(name, "not a list of numbers")
         if count is not None and len(values) != count:
-            raise self.fail(name, f"{len(values)} numbers, expected {count}")
+            raise self.fail(name, f"{counted(len(values), 'number')}, expected {count}")
         if whole and not np.all((values == np.trunc(values)) & (np.abs(values) <= _INT32)):
             raise self.fail(name, "a number that is no 32-bit integer")
         return values.astype(np.float64)
@@ -241,7 +242,7 @@ def _base_score(parameters: DocumentPart, n_outputs: int) -> FloatArray:
     scores = DocumentPart({"base_score": values if isinstance(values, list) else [values]}, parameters.path)
     result = scores.floats("base_score", len(scores.get("base_score")))
     if len(result) not in (1, n_outputs):
-        raise parameters.fail("base_score", f"{len(result)} numbers for {n_outputs} outputs")
+        raise parameters.fail("base_score", f"{counted(len(result), 'number')} for {counted(n_outputs, 'output')}")
     return np.broadcast_to(result, n_outputs).copy()
 
 
@@ -251,7 +252,7 @@ def _texts(section: DocumentPart, name: str, count: int) -> tuple[str, ...] | No
     if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
         raise section.fail(name, "not a list of strings")
     if texts and len(texts) != count:
-        raise section.fail(name, f"{len(texts)} entries for {count} features")
+        raise section.fail(name, f"{counted(len(texts), 'entry', 'entries')} for {counted(count, 'feature')}")
     return tuple(texts) or None
 
 
@@ -277,7 +278,7 @@ def _forest(model: DocumentPart, n_features: int, n_outputs: int) -> dict[str, A
     sections = model.sections("trees")
     n_trees = parameters.integer("num_trees", 0)
     if n_trees != len(sections):
-        raise model.fail("trees", f"{len(sections)} trees, num_trees says {n_trees}")
+        raise model.fail("trees", f"{counted(len(sections), 'tree')}, num_trees says {n_trees}")
     if not sections:
         raise model.fail("trees", "the model has no trees")
     ids = [section.integer("id", 0) for section in sections]
@@ -318,7 +319,7 @@ def _round_starts(model: DocumentPart, parameters: DocumentPart, n_trees: int, o
         return starts
     size = max(parameters.integer("num_parallel_tree", 0, default=1), 1) * (int(outputs.max()) + 1)
     if n_trees % size:
-        raise model.fail("trees", f"{n_trees} trees are no whole number of rounds of {size}")
+        raise model.fail("trees", f"rounds of {size} do not divide {counted(n_trees, 'tree')}")
     return np.arange(0, n_trees + 1, size)
 
 

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen import ir
-from st_codegen.errors import InputError, UnsupportedModelError, errors_name, extra_package
+from st_codegen.errors import InputError, UnsupportedModelError, counted, errors_name, extra_package
 from st_codegen.ir.arrays import AnyArray, Float32Array, FloatArray
 from st_codegen.walkers.base import (
     BoosterPredictor,
@@ -212,7 +212,7 @@ def _best_round(model: BoosterModel) -> int | None:
     text = model.attributes["best_iteration"]
     rounds = len(model.round_starts) - 1
     if not text.isdecimal() or len(text) > 9 or int(text) >= rounds:
-        raise InputError(f"learner.attributes.best_iteration: '{text[:40]}' in a model of {rounds} rounds")
+        raise InputError(f"learner.attributes.best_iteration: '{text[:40]}' in a model of {counted(rounds, 'round')}")
     return int(text)
 
 
@@ -372,7 +372,9 @@ def _caller(way: _Path) -> str:
 def _add(model: BoosterModel, builder: GraphBuilder, value: int, way: _Path) -> Walked:
     """Add the booster and what its objective makes of the margin."""
     if builder.width(value) != model.n_features:
-        raise InputError(f"the model has {model.n_features} features, its input {builder.width(value)} columns")
+        raise InputError(
+            f"the model has {counted(model.n_features, 'feature')}, its input {counted(builder.width(value), 'column')}"
+        )
     known = _CLASSES if way.classifier else _LINKS | _CLASSES
     if model.objective not in known:
         raise UnsupportedModelError(
@@ -420,7 +422,7 @@ def _several_labels(model: BoosterModel, builder: GraphBuilder, raw: int, way: _
     """Of several labels a row 0 or 1 for each (`XGBClassifier.predict`), or their probabilities (`Booster.predict`)."""
     if model.objective != "binary:logistic":
         raise UnsupportedModelError(
-            f"objective '{model.objective}' with {model.n_outputs} outputs: train one for each of them"
+            f"objective '{model.objective}' with {counted(model.n_outputs, 'output')}: train one for each of them"
         )
     if way.classifier:
         return above(builder, raw, last_below(_is_second, np.float32))
