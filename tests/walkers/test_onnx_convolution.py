@@ -124,6 +124,15 @@ def test_poolings(tmp_path, name):
     assert loaded.ir.exact == (op_type == "MaxPool")
 
 
+@pytest.mark.parametrize("op_type", ["AveragePool", "MaxPool"])
+def test_poolings_with_dilations_that_are_padded_by_themselves_are_refused(tmp_path, op_type):
+    """onnxruntime pads for a kernel without dilations: it gives less than the standard says."""
+    options = {"kernel_shape": [1, 2], "dilations": [2, 2], "opset": 22}
+    with pytest.raises(UnsupportedModelError, match=r"auto_pad with dilations \[2, 2\]; export the model with pads"):
+        build.load(one(op_type, (None, 1, 6, 7), auto_pad="SAME_UPPER", **options), tmp_path)
+    agree(build.load(one(op_type, (None, 1, 6, 7), pads=[0, 1, 0, 1], **options), tmp_path), rows(42))
+
+
 @pytest.mark.parametrize("op_type", ["GlobalAveragePool", "GlobalMaxPool"])
 @pytest.mark.parametrize("shape", [(None, 3, 6), (None, 2, 3, 3)])
 def test_poolings_of_all(tmp_path, op_type, shape):

@@ -369,6 +369,39 @@ def test_whether_inputs_are_missing(tmp_path, elem_type):
     assert verified(compiled(loaded), tmp_path / "text", rows=300).exact
 
 
+@DTYPES
+@pytest.mark.parametrize(
+    "sides", [{}, {"detect_negative": 0}, {"detect_positive": 0}, {"detect_negative": 0, "detect_positive": 0}]
+)
+def test_whether_computed_numbers_are_infinite(tmp_path, elem_type, sides):
+    """Products that overflow are; infinite inputs have no answer."""
+    nodes = [
+        helper.make_node("Mul", ["X", "X"], ["S"]),
+        helper.make_node("Mul", ["S", "X"], ["C"]),
+        helper.make_node("IsInf", ["C"], ["T"], **sides),
+        helper.make_node("Where", ["T", "zero", "X"], ["Y"]),
+    ]
+    given = [constant("zero", 0.0, np.float32 if elem_type == FLOAT else np.float64)]
+    model = graph_model(nodes, [info("X", (None, 3), elem_type)], [info("Y", None, elem_type)], given)
+    loaded = build.load(model, tmp_path)
+    x = np.vstack([rows(np.random.default_rng(9)), [[1e20, -1e15, 2.0], [1e120, -1e101, -3.0]]])
+    agree(loaded, x)
+    assert not loaded.ir.accepts_nan
+    assert verified(compiled(loaded), tmp_path / "text", rows=300).exact
+
+
+@pytest.mark.parametrize("kind", [TensorProto.INT8, TensorProto.INT32, INT64])
+@pytest.mark.parametrize("to", [TensorProto.INT32, INT64])
+def test_integer_inputs_that_are_cast_to_integers_lose_their_fractions(tmp_path, kind, to):
+    nodes = [helper.make_node("Cast", ["X"], ["I"], to=to), helper.make_node("Cast", ["I"], ["Y"], to=DOUBLE)]
+    loaded = build.load(graph_model(nodes, [info("X", (None, 3), kind)], [info("Y", None, DOUBLE)]), tmp_path)
+    x = np.array([[1.5, -1.5, 0.0], [-0.5, 0.5, -0.0], [2.0**31, 7.0, -3.0], [-(2.0**31), 2.0**31 - 1, 2.0**24 + 1]])
+    x = x[reference.valid_rows(loaded.ir, x)]
+    assert len(x) == (2 if to == TensorProto.INT32 else 4)
+    np.testing.assert_array_equal(reference.evaluate(loaded.ir, x), loaded.predict(x))
+    assert verified(compiled(loaded), tmp_path / "text", rows=300).exact
+
+
 @pytest.mark.parametrize("op_type", ["Imputer", "IsNaN"])
 def test_nan_that_a_graph_makes_is_not_looked_for(tmp_path, op_type):
     """Such rows have no answer in the block, and had it that an imputer gives them in the library."""

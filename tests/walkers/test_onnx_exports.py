@@ -22,6 +22,7 @@ from sklearn.ensemble import (
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, WhiteKernel
 from sklearn.linear_model import Lasso, LinearRegression, LogisticRegression, Ridge, SGDOneClassSVM
+from sklearn.multioutput import MultiOutputClassifier
 from sklearn.naive_bayes import BernoulliNB, CategoricalNB
 from sklearn.neighbors import KNeighborsClassifier, KNeighborsRegressor, LocalOutlierFactor
 from sklearn.neural_network import MLPRegressor
@@ -195,6 +196,19 @@ def test_a_graph_of_local_outliers_is_refused_with_the_file_to_take_instead(tmp_
     model = LocalOutlierFactor(4, novelty=True).fit(X[:60].astype(np.float64))
     with pytest.raises(UnsupportedModelError, match=r"LocalOutlierFactor as \.skops"):
         build.load(export(model, target_opset={"": 17, "ai.onnx.ml": 3}), tmp_path)
+
+
+@pytest.mark.parametrize("tensor_type", [FloatTensorType, DoubleTensorType])
+def test_labels_of_several_outputs(tmp_path, tensor_type):
+    """Numbers, as of the trained model; the list of their probabilities is left out."""
+    labels = np.column_stack([SINGLE > 0, np.digitize(SINGLE, [-0.5, 0.8]) + 3])
+    model = MultiOutputClassifier(LogisticRegression()).fit(X.astype(np.float64), labels)
+    loaded = build.load(export(model, tensor_type), tmp_path)
+    assert loaded.ir.outputs == ("out1", "out2") and loaded.ir.classes is None
+    assert any("probabilities is left out" in note for note in loaded.ir.source.notes)
+    ours = reference.evaluate(loaded.ir, ROWS)
+    assert np.all(np.abs(ours - loaded.predict(ROWS)) <= difference_bound(loaded.ir, ROWS))
+    assert np.mean(ours == model.predict(ROWS)) > 0.99
 
 
 @pytest.mark.parametrize("name", COLUMNS)

@@ -206,6 +206,7 @@ def test_clip(tmp_path, elem_type):
     if elem_type == FLOAT:
         assert_equal_bits(build.load(single("Clip", 3, [low], opset=11), tmp_path), rows(3))
         assert_equal_bits(build.load(single("Clip", 3, opset=9, min=-0.25, max=0.1), tmp_path), rows(3))
+        assert_equal_bits(build.load(single("Clip", 3, opset=9, min=0.0, max=np.inf), tmp_path), rows(3))
 
 
 @DTYPES

@@ -46,6 +46,7 @@ def windows(steps=STEPS, n=60):
 
 CASES = {
     "RNN": {},
+    "RNN near 0": {"biases": False, "scale": 1e-3, "output": "Y"},
     "RNN relu": {"activations": ["Relu"], "scale": 0.3},
     "RNN start": {"initial": True},
     "GRU": {"linear_before_reset": 1},

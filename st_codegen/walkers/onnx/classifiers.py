@@ -13,11 +13,11 @@ from typing import Literal
 import numpy as np
 
 from st_codegen import ir
-from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.errors import InputError, UnsupportedModelError, counted
 from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray
 from st_codegen.walkers.classes import above, largest, pair_coefficients, pair_votes, whole_sums
 from st_codegen.walkers.onnx.elementwise import equals
-from st_codegen.walkers.onnx.file import GraphNode
+from st_codegen.walkers.onnx.file import GraphNode, plain
 from st_codegen.walkers.onnx.forest import Forest, NumberType
 from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, Result, operator
 from st_codegen.walkers.onnx.ml import kernel_sum, transformed, trees
@@ -37,7 +37,7 @@ def _labels(node: GraphNode, integers: str) -> tuple[ir.Label, ...]:
     """The labels of a classifier, texts before integers."""
     labels: list[ir.Label] = [*node.texts("classlabels_strings")] or [*node.integers(integers).tolist()]
     if len(labels) < 2:
-        raise UnsupportedModelError(f"{len(labels)} labels, a classifier has two or more")
+        raise UnsupportedModelError(f"{counted(len(labels), 'label')}, a classifier has two or more")
     return tuple(labels)
 
 
@@ -227,6 +227,14 @@ def _zip_map(call: NodeCall) -> Operand:
     tensor = one_row(call.computed())
     call.walk.zipped[call.node.proto.output[0]] = _labels(call.node, "classlabels_int64s")
     return tensor
+
+
+@operator("SequenceConstruct", 11)
+def _sequence(call: NodeCall) -> Result:
+    """Left out: a list of tensors, as the probabilities of each output of a MultiOutputClassifier."""
+    name = plain(call.node.proto.output[0])
+    call.walk.notes.append(f"{name} is left out, a list of tensors: what is to be computed is an output by itself")
+    return (None,)
 
 
 def _number_of_the(best: Literal["largest", "smallest"], *versions: int) -> None:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.errors import InputError, UnsupportedModelError, counted
 from st_codegen.ir import AnyArray, BoolArray, Function, IntArray, Operator, Scale, SlidingLinear
 from st_codegen.walkers.onnx.file import GraphNode
 from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, operator
@@ -62,7 +62,8 @@ def _steps(node: GraphNode, rank: int, kernel: Sequence[int]) -> tuple[list[int]
     whole = [*given, *strides, *dilations]
     if len(whole) != 3 * rank or len(pads) != 2 * rank or min(whole) < 1 or min(pads) < 0 or max(whole + pads) > 2**16:
         raise InputError(
-            f"kernel_shape {given}, strides {strides}, dilations {dilations}, pads {pads} for {rank} dimensions; "
+            f"kernel_shape {given}, strides {strides}, dilations {dilations}, pads {pads} "
+            f"for {counted(rank, 'dimension')}; "
             "the model file is damaged"
         )
     return given, strides, dilations, pads
@@ -75,6 +76,8 @@ def _window(call: NodeCall, lengths: Sequence[int], kernel: Sequence[int]) -> _W
     reach = [(length - 1) * step + 1 for length, step in zip(given, dilations, strict=True)]
     kind = node.text("auto_pad", "NOTSET")
     if kind in ("SAME_UPPER", "SAME_LOWER"):
+        if max(dilations) > 1:  # onnxruntime pads for a kernel without them, which leaves places out
+            raise UnsupportedModelError(f"auto_pad with dilations {dilations}; export the model with pads")
         needed = [
             max((-(-length // step) - 1) * step + wide - length, 0)
             for length, step, wide in zip(lengths, strides, reach, strict=True)
@@ -195,7 +198,7 @@ def _convolved(
     if groups > _MAX_GROUPS:
         raise UnsupportedModelError(f"a convolution in {groups} groups; at most {_MAX_GROUPS} are supported")
     if bias is not None and bias.shape != (outputs,):
-        raise InputError(f"a bias of shape {bias.shape} for {outputs} outputs; the model file is damaged")
+        raise InputError(f"a bias of shape {bias.shape} for {counted(outputs, 'output')}; the model file is damaged")
     if kernel.shape[2:] != window.kernel:
         raise InputError(f"kernel_shape {list(window.kernel)} of a kernel of shape {kernel.shape}")
     check_size([outputs, *window.places])
@@ -301,7 +304,9 @@ def _batch_normalization(call: NodeCall) -> Operand:
     channels = tensor.shape[1] if len(tensor.shape) > 1 else 1
     scale, bias, mean, variance = (np.asarray(array) for array in given)
     if any(array.shape != (channels,) or array.dtype != tensor.dtype for array in (scale, bias, mean, variance)):
-        raise InputError(f"scale, bias, mean and variance are not {channels} numbers of the type of the input each")
+        raise InputError(
+            f"scale, bias, mean and variance are not {counted(channels, 'number')} of the type of the input each"
+        )
     with np.errstate(all="ignore"):
         factor = scale * (1 / np.sqrt(variance + tensor.dtype.type(call.node.number("epsilon", 1e-5))))
         added = bias - mean * factor
@@ -328,7 +333,7 @@ def _instance_normalization(call: NodeCall) -> Operand:
     if len(tensor.shape) < 3 or tensor.shape[0] != 1:
         raise UnsupportedModelError(f"a tensor of shape {tensor.shape} (for one row); (1, channels, ..) is supported")
     if any(operand.shape != (tensor.shape[1],) or operand.dtype != tensor.dtype for operand in (scale, bias)):
-        raise InputError(f"scale and bias are not {tensor.shape[1]} numbers of the type of the input each")
+        raise InputError(f"scale and bias are not {counted(tensor.shape[1], 'number')} of the type of the input each")
     rows = replace(tensor.moved(lambda array: array.reshape(tensor.shape[1], -1)), special=False)
     mean = mean_of(walk, rows)
     centred = combined(walk, Operator.SUBTRACT, rows, mean.moved(lambda array: array[:, None]))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import reduce
 from operator import itemgetter
 
 import numpy as np
@@ -373,6 +374,18 @@ def _is_nan(call: NodeCall) -> Operand:
         walk.builder.add(Piecewise((value,), start, none, none, np.zeros((tensor.size, 1)), missing)),
         tensor.shape,
     )
+
+
+@operator("IsInf", 10, 20)
+def _is_infinite(call: NodeCall) -> Operand:
+    """Whether a computed number is beyond the largest of its type; infinite inputs are refused."""
+    tensor, walk = call.computed(), call.walk
+    value, most = walk.settle_finite(tensor), np.full(tensor.size, np.finfo(tensor.dtype).max)
+    sides = [sign for sign, name in ((1.0, "positive"), (-1.0, "negative")) if call.node.integer(f"detect_{name}", 1)]
+    found = [walk.builder.add(Exceeds((walk.builder.scale(value, "*", sign),), most)) for sign in sides]
+    if not found:
+        return ConstantOperand(np.zeros(tensor.shape, TRUTH))
+    return _truths(walk, reduce(lambda one, other: walk.builder.combine(one, "+", other), found), tensor.shape)
 
 
 def _logical(operand: Operand) -> Tensor:

@@ -14,7 +14,7 @@ from functools import partial, reduce
 import numpy as np
 
 from st_codegen import ir
-from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.errors import InputError, UnsupportedModelError, counted
 from st_codegen.ir import reference
 from st_codegen.ir.arrays import AnyArray, FloatArray
 from st_codegen.walkers.onnx.between import arithmetic_of, as_between, as_doubted, function_of, sum_of
@@ -309,7 +309,9 @@ def _gemm_sum(call: NodeCall, row: Tensor, weights: FloatArray, added: Tensor, a
     try:
         spread = added.moved(lambda array: np.broadcast_to(array, shape))
     except ValueError:
-        raise InputError(f"C has shape {added.shape} for {len(weights)} columns; the model file is damaged") from None
+        raise InputError(
+            f"C has shape {added.shape} for {counted(len(weights), 'column')}; the model file is damaged"
+        ) from None
     value = np.repeat([call.walk.settle(row), call.walk.settle(spread)], [row.size, spread.size])
     column = np.concatenate([np.arange(row.size), np.arange(spread.size)])
     whole = Tensor(value, column, row.dtype, special=row.special or added.special)
@@ -328,7 +330,9 @@ def _gemm_bias(call: NodeCall, row: Tensor, width: int) -> FloatArray:
     try:
         spread = np.broadcast_to(constant, (1, width)).ravel()
     except ValueError:
-        raise InputError(f"C has shape {constant.shape} for {width} columns; the model file is damaged") from None
+        raise InputError(
+            f"C has shape {constant.shape} for {counted(width, 'column')}; the model file is damaged"
+        ) from None
     with np.errstate(all="ignore"):
         return np.asarray(spread * np.array(call.node.number("beta", 1.0), row.dtype), np.float64)
 
@@ -414,7 +418,7 @@ def _clip(call: NodeCall) -> Operand:
     bounds = [float(limits.min), float(limits.max)]
     for number, name in enumerate(("min", "max")):
         if call.node.version < 11:
-            bounds[number] = call.node.number(name, bounds[number])
+            bounds[number] = float(np.clip(call.node.number(name, bounds[number]), limits.min, limits.max))
             continue
         bound = call.constant(number + 1, name)
         if bound is not None:

@@ -32,9 +32,17 @@ def _sums(body: GraphBuilder, value: int, weights: FloatArray, biases: FloatArra
 
 
 def _rnn(w: FloatArray, r: FloatArray, b: FloatArray, _linear_first: bool, function: Function) -> GraphBuilder:
-    """h = f(W x + R h + b)."""
+    """h = f(W x + R h + b), where tanh(y) is 2 / (1 + exp(-2 y)) - 1, which loses digits near 0
+    (core/providers/cpu/rnn/rnn_activation_functors.h).
+    """
     body = GraphBuilder(w.shape[2] + r.shape[1])
-    body.function(_sums(body, 0, np.hstack([w[0], r[0]]), b[:, 0]), function, precision=_SINGLE)
+    given = _sums(body, 0, np.hstack([w[0], r[0]]), b[:, 0])
+    if function is not Function.TANH:
+        body.function(given, function, precision=_SINGLE)
+        return body
+    twice = body.scale(given, "*", 2.0, precision=_SINGLE)
+    share = body.function(twice, Function.LOGISTIC, precision=_SINGLE)
+    body.scale(body.scale(share, "*", 2.0, precision=_SINGLE), "-", 1.0, precision=_SINGLE)
     return body
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import onnx
 
-from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.errors import InputError, UnsupportedModelError, counted
 from st_codegen.ir import AnyArray, Exceeds, Piecewise
 from st_codegen.walkers.onnx.between import as_between, joined_constants
 from st_codegen.walkers.onnx.elementwise import choice_of, is_not_zero
@@ -106,7 +106,9 @@ def _converted_tensor(walk: GraphWalk, tensor: Tensor, dtype: np.dtype[Any]) -> 
         return walk.as_type(tensor, dtype)
     if dtype not in INTEGERS:
         raise UnsupportedModelError("casts numbers to text; leave the cast out")
-    return tensor if tensor.given else as_integers(walk, tensor, dtype)
+    if tensor.given:  # the numbers of an input, which may have fractions
+        tensor = replace(tensor, dtype=FLOAT64, given=False)
+    return as_integers(walk, tensor, dtype)
 
 
 def as_integers(walk: GraphWalk, tensor: Tensor, dtype: np.dtype[Any]) -> Tensor:
@@ -195,7 +197,7 @@ def _reshaped(operand: Operand, shape: Sequence[int]) -> Operand:
         return operand.moved(lambda array: array.reshape(tuple(shape)))
     except ValueError:
         raise InputError(
-            f"{math.prod(operand.shape)} numbers (of one row, shape {operand.shape}) do not fill the shape "
+            f"{counted(math.prod(operand.shape), 'number')} (of one row, shape {operand.shape}) do not fill the shape "
             f"{list(shape)}; export the model with a symbolic batch dimension"
         ) from None
 
@@ -245,7 +247,7 @@ def _transpose(call: NodeCall) -> Operand:
     operand, order = call.required(), call.node.integers("perm").tolist()
     order = order or list(reversed(range(len(operand.shape))))
     if sorted(order) != list(range(len(operand.shape))):
-        raise InputError(f"perm {order} for {len(operand.shape)} dimensions; the model file is damaged")
+        raise InputError(f"perm {order} for {counted(len(operand.shape), 'dimension')}; the model file is damaged")
     return operand.moved(lambda array: array.transpose(order))
 
 
@@ -322,7 +324,10 @@ def _pad(call: NodeCall) -> Operand:
     rank = len(operand.shape)
     axes = call.integers(3, "axes") or list(range(rank))
     if len(pads) != 2 * len(axes) or (filler is not None and filler.size != 1):
-        raise InputError(f"pads {pads} for {len(axes)} axes, or not one number to fill with; the model file is damaged")
+        raise InputError(
+            f"pads {pads} for {counted(len(axes), 'axis', 'axes')}, or not one number "
+            f"to fill with; the model file is damaged"
+        )
     around = dict.fromkeys(range(rank), (0, 0))
     for number, axis in enumerate(axes):
         around[axis_of(axis, rank)] = pads[number], pads[number + len(axes)]
@@ -408,7 +413,9 @@ def labelled(labels: Operand, choice: LabelOperand) -> LabelOperand:
         raise UnsupportedModelError("picks by a computed position; only a constant list of labels can be picked from")
     listed = np.ravel(labels.array).tolist()
     if not all(isinstance(at, int) and 0 <= at < len(listed) for at in choice.labels):
-        raise InputError(f"picks from {len(listed)} numbers by positions beyond them, on which onnxruntime fails")
+        raise InputError(
+            f"picks from {counted(len(listed), 'number')} by positions beyond them, on which onnxruntime fails"
+        )
     kind = None if labels.dtype.kind == "O" else labels.dtype
     return replace(choice, labels=tuple(listed[int(at)] for at in choice.labels), number_type=kind)
 
@@ -499,7 +506,10 @@ def _split(call: NodeCall) -> Result:
     if 0 in sizes and not isinstance(operand, ConstantOperand):
         raise UnsupportedModelError(f"parts of {sizes}, of which one has no columns; leave it out of the graph")
     if len(sizes) != count or sum(sizes) != length or min(sizes) < 0:
-        raise InputError(f"parts of {sizes} for {count} outputs and {length} columns; the model file is damaged")
+        raise InputError(
+            f"parts of {sizes} for {counted(count, 'output')} and "
+            f"{counted(length, 'column')}; the model file is damaged"
+        )
     ends = np.cumsum(sizes)
     return tuple(
         operand.moved(partial(np.take, indices=np.arange(end - size, end), axis=axis))
