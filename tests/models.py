@@ -303,6 +303,7 @@ SMALL_MODELS = {
     ),
     "nearest of one": model(Distances((0,), VECTORS), NearestMean((1,), [[1.0, 2.0, -1.5]], 1, inverse=True)),
     "median": model(WeightedMedian((0,), [0.5, 0.25, 0.3])),
+    "median in float32": model(WeightedMedian((0,), np.float32([0.1, 0.7, 0.6]), Precision.FLOAT32)),
     "median of one": model(Select((0,), [1]), WeightedMedian((1,), [0.5])),
     "clip": model(Clip((0,), [-1.0, 0.0, -2.0], [1.0, 0.5, 2.0])),
     "exceeds": model(Exceeds((0,), [0.5, 0.0, -1.0])),

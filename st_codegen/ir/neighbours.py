@@ -81,11 +81,12 @@ class NearestMean(ReadsWhole):
 class WeightedMedian(ReadsWhole):
     """The smallest column up to which, in rising order, half of the `weights` are reached.
 
-    The weights are added in that order; of equal columns libraries add in any order.
+    The weights are added in that order, in `precision`; of equal columns libraries add in any order.
     """
 
     inputs: tuple[int, ...]
     weights: FloatArray
+    precision: Precision = Precision.FLOAT64
     width: ClassVar[int] = 1
     exact: ClassVar[bool] = False
 

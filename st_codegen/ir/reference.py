@@ -296,11 +296,18 @@ def _(op: ir.NearestMean, operands: list[FloatArray]) -> FloatArray:
     return np.where(np.isnan(x + factors).any(axis=1, keepdims=True), np.nan, total / divisor if op.divides else total)
 
 
+def weights_reached(op: ir.WeightedMedian, order: IntArray) -> FloatArray:
+    """The sums of the weights up to each column in an order, of which every one is rounded."""
+    precise = op.precision is ir.Precision.FLOAT64
+    sums = np.cumsum(op.weights[order], axis=1, dtype=np.float64 if precise else np.float32)
+    return sums.astype(np.float64)
+
+
 @apply.register
 def _(op: ir.WeightedMedian, operands: list[FloatArray]) -> FloatArray:
     x = operands[0]
     order = np.argsort(x, axis=1, kind="stable")
-    reached = np.cumsum(op.weights[order], axis=1)
+    reached = weights_reached(op, order)
     place = np.argmax(reached >= 0.5 * reached[:, -1:], axis=1)
     return np.take_along_axis(x, np.take_along_axis(order, place[:, None], axis=1), axis=1)
 

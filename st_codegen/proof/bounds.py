@@ -529,10 +529,10 @@ def _range_of_mean(
 def _(op: ir.WeightedMedian, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     x, moved = operands[0], np.max(given[0], axis=1)
     order = np.argsort(x, axis=1, kind="stable")
-    rising, reached = np.take_along_axis(x, order, axis=1), np.cumsum(op.weights[order], axis=1)
+    rising, reached = np.take_along_axis(x, order, axis=1), reference.weights_reached(op, order)
     unsure = (moved > 0) | np.any(np.diff(rising, axis=1) == 0, axis=1)
     # another order of additions than this one reaches half of the weights before or behind it
-    slack = np.where(unsure, 4 * gamma(len(op.weights), ir.Precision.FLOAT64) * reached[:, -1], 0.0)[:, None]
+    slack = np.where(unsure, 4 * gamma(len(op.weights), op.precision) * reached[:, -1], 0.0)[:, None]
     half = 0.5 * reached[:, -1:]
     first = np.argmax(reached + slack >= half, axis=1)
     last = np.where(np.any(reached - slack >= half, axis=1), np.argmax(reached - slack >= half, axis=1), x.shape[1] - 1)

@@ -371,7 +371,7 @@ def test_leaves_that_set_some_labels_only(tmp_path):
         build.load(build.classifier([some], (0, 1)), tmp_path)
     with pytest.raises(UnsupportedModelError, match="label 'good' is not set by all leaves of any tree"):
         build.load(build.classifier([some], TEXTS[:3]), tmp_path)
-    with pytest.raises(UnsupportedModelError, match="1 labels, a classifier has two or more"):
+    with pytest.raises(UnsupportedModelError, match="1 label, a classifier has two or more"):
         build.load(build.classifier([Branch("LEQ", 0, 0.0, leaf(1.0), leaf(2.0))], (3,)), tmp_path)
     positive = Branch("LEQ", 0, 0.0, Leaf({0: 1.0}), Leaf({1: 2.0}))
     x = build.special_rows(1, [0.0], np.random.default_rng(0))

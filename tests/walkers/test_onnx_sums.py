@@ -13,6 +13,7 @@ from tests.walkers.onnx_builders import assert_within_bound, constant, graph_mod
 
 pytestmark = pytest.mark.usefixtures("tried_in_place")
 RNG = np.random.default_rng(0)
+KEPT = ("numbers", "own")
 
 
 def whole(*nodes, columns=6, initializers=(), lengths=(2, 3)):
@@ -162,3 +163,29 @@ def test_attention(tmp_path):
     weights = [constant(name, RNG.normal(size=(3, 3))) for name in "QK"]
     loaded = build.load(whole(*attention(), initializers=weights), tmp_path)
     assert_within_bound(loaded, rows(6, spread=2.0))
+
+
+@pytest.mark.parametrize("reduction", ["ReduceSum", "ReduceMean"])
+@pytest.mark.parametrize(("opset", "largest"), [(10, {}), (17, {}), (17, {"largest": 1}), (17, {"largest": 0})])
+def test_sums_of_the_largest(tmp_path, opset, largest, reduction):
+    """And of the smallest; of equal numbers those that stand first, with what stands at their places."""
+    axes = ["axes"] if reduction == "ReduceSum" and opset > 12 else []
+    nodes = [
+        helper.make_node("TopK", ["X", "k"], ["numbers", "places"], axis=1, **largest),
+        helper.make_node("Gather", ["W", "places"], ["own"]),
+        *(helper.make_node(reduction, [name, *axes], [f"{name}Y"], **({} if axes else {"axes": [1]})) for name in KEPT),
+    ]
+    given = [constant("k", [3], np.int64), constant("W", [0.5, -2.0, 3.0, 7.0, 0.25]), constant("axes", [1], np.int64)]
+    model = graph_model(nodes, [info("X", (None, 5))], [info(f"{name}Y", None) for name in KEPT], given, opset=opset)
+    x = np.vstack([rows(5), np.round(rows(5, spread=0.5))])
+    assert_within_bound(build.load(model, tmp_path), x)
+
+
+def test_the_largest_along_the_axis_of_the_batch_are_refused(tmp_path):
+    nodes = [
+        helper.make_node("TopK", ["X", "k"], ["numbers", "places"], axis=0),
+        helper.make_node("ReduceSum", ["numbers"], ["Y"]),
+    ]
+    model = graph_model(nodes, [info("X", (1, 5))], [info("Y", None)], [constant("k", [1], np.int64)])
+    with pytest.raises(UnsupportedModelError, match="of several rows"):
+        build.load(model, tmp_path)

@@ -575,6 +575,7 @@ def _(op: ir.WeightedMedian, step: Step, listing: Listing) -> None:
         used=f"abUsed{step.number}",
         order=f"anOrder{step.number}",
         last=columns - 1,
+        single=op.precision is ir.Precision.FLOAT32,
         weights=listing.table(step.table("MEDIAN_WEIGHT"), "LREAL", op.weights),
     )
 

@@ -29,6 +29,7 @@ from st_codegen.walkers.onnx.operands import (
     BetweenOperand,
     ConstantOperand,
     LabelOperand,
+    MedianOperand,
     Operand,
     PickedOperand,
     Tensor,
@@ -318,8 +319,16 @@ def _run_node(
 _EACH = frozenset("Abs Add Cast Div Equal Greater Identity Less Max Min Mul Neg Not Pow Reciprocal Sqrt Sub".split())
 
 
+#: Operators of which exporters make a weighted median; others read no step of it.
+MEDIAN_STEPS = ("CumSum", "ArrayFeatureExtractor", "Mul", "Less", "Cast", "ArgMin", "GatherElements")
+
+
 def _handled(rule: Rule, call: NodeCall) -> Result:
     """The result of a node; of elements that are picked that of all of which they may be."""
+    if call.node.op_type not in (*MEDIAN_STEPS, "Reshape"):
+        for operand in call.operands:
+            if isinstance(operand, MedianOperand):
+                require_tensor(operand)
     picks = [operand for operand in call.operands if isinstance(operand, PickedOperand)]
     if not picks or call.node.op_type not in _EACH:
         return rule.handler(call)

@@ -6,11 +6,34 @@ has its rows; of equal numbers TopK takes the first (core/providers/cpu/math/top
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 
 from st_codegen.errors import InputError, Problems, UnsupportedModelError, counted
-from st_codegen.walkers.onnx.graph import NodeCall, Result, operator, read_initializers, run_nodes
-from st_codegen.walkers.onnx.operands import ConstantOperand, PickedOperand, Tensor
+from st_codegen.ir import Operator, Precision, Scale, WeightedMedian
+from st_codegen.walkers.onnx import classifiers, elementwise, ml, operators, shapes, sums  # noqa: F401  (rules that medians add to)
+from st_codegen.walkers.onnx.graph import (
+    MEDIAN_STEPS,
+    RULES,
+    GraphWalk,
+    Handler,
+    NodeCall,
+    Result,
+    operator,
+    read_initializers,
+    run_nodes,
+)
+from st_codegen.walkers.onnx.operands import (
+    FLOAT32,
+    ConstantOperand,
+    MedianOperand,
+    Operand,
+    PickedOperand,
+    Tensor,
+    axis_of,
+)
 
 #: Operators that compute each row by itself where the rows of a constant stand in place of the rows of a batch.
 _BY_ROWS = frozenset({"Identity", "Sub", "Abs", "Pow", "ReduceSum", "ReduceSumSquare"})
@@ -51,12 +74,97 @@ def _scan(call: NodeCall) -> Result:
 @operator("TopK", 10, 11, 24)
 def _top(call: NodeCall) -> Result:
     tensor, count = call.computed(), call.integers(1, "k") or []
-    if call.node.integer("largest", 1) or not call.node.integer("sorted", 1) or tensor.shape[-1] != tensor.size:
-        raise UnsupportedModelError("the largest, or without order, or of several rows; the nearest of one are walked")
+    axis = axis_of(call.node.integer("axis", -1), len(tensor.shape))
+    if not call.node.integer("sorted", 1) or tensor.shape[axis : axis + 1] != (tensor.size,):
+        raise UnsupportedModelError("without order, or of several rows; the first of one row are walked")
     if len(count) != 1 or not 1 <= count[0] <= tensor.size:
         raise InputError(f"k is {count} for {counted(tensor.size, 'number')}; the model file is damaged")
-    shape = (*tensor.shape[:-1], count[0])
+    shape = (*tensor.shape[:axis], count[0], *tensor.shape[axis + 1 :])
     value = call.walk.settle_finite(tensor)
     found = call.walk.computed(value, (tensor.size,), tensor.dtype)
+    largest = call.node.version < 11 or call.node.integer("largest", 1)
     numbers = ConstantOperand(np.arange(tensor.size, dtype=np.int64))
-    return tuple(PickedOperand(value, count[0], whole, shape) for whole in (found, numbers))
+    picked = _turned(call, value) if largest else value
+    return tuple(PickedOperand(picked, count[0], whole, shape) for whole in (found, numbers))
+
+
+def _turned(call: NodeCall, value: int) -> int:
+    """The value whose smallest numbers stand where the largest of a value stand, of equal ones the first, too."""
+    builder = call.walk.builder
+    made = builder.ops[value - 1] if value else None
+    if isinstance(made, Scale) and made.operator is Operator.MULTIPLY and np.all(made.constant == -1.0):
+        return made.inputs[0]
+    return builder.scale(value, "*", -1.0)
+
+
+# --- the weighted median of an AdaBoostRegressor, as skl2onnx writes it ----------------------------------------------
+
+
+def _sums(call: NodeCall, given: PickedOperand) -> Operand | None:
+    """The sums of the weights of all, added one after another (core/providers/cpu/math/cumsum.cc)."""
+    axis = call.integers(1, "axis") or []
+    weighs = isinstance(given.whole, ConstantOperand) and given.dtype == FLOAT32 and not np.any(given.whole.array < 0)
+    turned = call.node.integer("exclusive") or call.node.integer("reverse")
+    along = [given.shape[axis_of(one, len(given.shape))] for one in axis]
+    if not weighs or turned or along != [given.count] or given.count < math.prod(given.whole.shape):
+        return None
+    return MedianOperand(given, "sums", given.shape, given.dtype)
+
+
+def _are_places(picked: PickedOperand, of: PickedOperand) -> bool:
+    """Whether what is picked are the positions of the columns whose weights another one has."""
+    places = picked.whole.array if isinstance(picked.whole, ConstantOperand) else np.zeros(0)
+    return (picked.value, picked.count) == (of.value, of.count) and np.array_equal(places, np.arange(of.count))
+
+
+def _median_step(call: NodeCall) -> Operand | None:
+    """What an operator makes of the step before it; None where that leads to no median."""
+    first, second = call.required(), call.optional(1)
+    fixed = next((np.ravel(one.array).tolist() for one in (first, second) if isinstance(one, ConstantOperand)), None)
+    found: Operand | None = None
+    match call.node.op_type, first, second:
+        case "CumSum", PickedOperand(), _:
+            found = _sums(call, first)
+        case "ArrayFeatureExtractor", MedianOperand(step="sums"), _ if fixed == [first.picked.count - 1]:
+            found = replace(first, step="whole", shape=(1, 1))
+        case "Mul", MedianOperand(step="whole"), _ if fixed == [0.5]:
+            found = replace(first, step="half")
+        case "Less", MedianOperand(step="sums"), MedianOperand(step="half") if first.picked is second.picked:
+            found = replace(first, step="below")
+        case "Cast", MedianOperand(step="below"), _:
+            found = first
+        case "ArgMin", MedianOperand(step="below"), _ if not call.node.integer("select_last_index"):
+            found = replace(first, step="first", shape=(1, 1))
+        case "GatherElements", PickedOperand(), MedianOperand(step="first") if _are_places(first, second.picked):
+            found = replace(second, step="column")
+        case "GatherElements", Tensor(), MedianOperand(step="column"):
+            found = _median(call.walk, first, second.picked)
+    return found
+
+
+def _median(walk: GraphWalk, tensor: Tensor, picked: PickedOperand) -> Tensor | None:
+    """The column of a tensor with which half of the weights are reached, where its own order is that of the weights."""
+    if walk.settle(tensor) != picked.value or not isinstance(picked.whole, ConstantOperand):
+        return None
+    return walk.computed(
+        WeightedMedian((picked.value,), picked.whole.array.ravel(), Precision.FLOAT32), (1, 1), tensor.dtype
+    )
+
+
+def _with_medians(usual: Handler) -> Handler:
+    """A rule that also walks the steps of a weighted median."""
+
+    def handler(call: NodeCall) -> Result:
+        if not any(isinstance(operand, MedianOperand | PickedOperand) for operand in call.operands):
+            return usual(call)
+        found = _median_step(call)
+        if found is None and any(isinstance(operand, MedianOperand) for operand in call.operands):
+            raise UnsupportedModelError("sums of what TopK picks, other than for the weighted median of all of it")
+        return usual(call) if found is None else found
+
+    return handler
+
+
+for _name in MEDIAN_STEPS:
+    _key = ("ai.onnx.ml" if _name == "ArrayFeatureExtractor" else "", _name)
+    RULES[_key] = replace(RULES[_key], handler=_with_medians(RULES[_key].handler))

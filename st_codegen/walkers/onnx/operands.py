@@ -121,6 +121,24 @@ class PickedOperand:
 
 
 @dataclass(frozen=True)
+class MedianOperand:
+    """What exporters compute of the numbers that are `picked`, weights of all columns in rising order, for a median.
+
+    `step` says what: the sums of the weights up to each, that of all, half of it, whether a sum lies below that, the
+    first that does not, the column that this is.
+    """
+
+    picked: PickedOperand
+    step: str
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+
+    def moved(self, move: Callable[[AnyArray], AnyArray]) -> MedianOperand:
+        """The result of an operator that changes the shape only."""
+        return replace(self, shape=self.picked.moved(move).shape)
+
+
+@dataclass(frozen=True)
 class BetweenOperand:
     """Constants that the graph computes itself, each in its own way in each library: all lie between these numbers."""
 
@@ -137,7 +155,7 @@ class BetweenOperand:
         return replace(self, low=move(self.low), high=move(self.high))
 
 
-Operand = ConstantOperand | Tensor | LabelOperand | PickedOperand | BetweenOperand
+Operand = ConstantOperand | Tensor | LabelOperand | PickedOperand | MedianOperand | BetweenOperand
 
 
 def together(parts: Sequence[Tensor], join: Callable[[Sequence[AnyArray]], AnyArray]) -> Tensor:
@@ -170,6 +188,8 @@ def require_tensor(operand: Operand) -> Tensor:
         )
     if isinstance(operand, PickedOperand):
         raise UnsupportedModelError("reads what TopK picks; sums and means of it are supported")
+    if isinstance(operand, MedianOperand):
+        raise UnsupportedModelError("reads sums of what TopK picks; the weighted median of all of it is supported")
     if isinstance(operand, LabelOperand):
         raise UnsupportedModelError("computes with labels of classes; they can be chosen among and cast only")
     return operand

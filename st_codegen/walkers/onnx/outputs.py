@@ -15,7 +15,15 @@ from st_codegen.walkers.base import Classified
 from st_codegen.walkers.classes import largest
 from st_codegen.walkers.onnx.file import plain, printable, type_name
 from st_codegen.walkers.onnx.graph import GraphWalk
-from st_codegen.walkers.onnx.operands import TRUTH, BetweenOperand, ConstantOperand, LabelOperand, PickedOperand, Tensor
+from st_codegen.walkers.onnx.operands import (
+    TRUTH,
+    BetweenOperand,
+    ConstantOperand,
+    LabelOperand,
+    MedianOperand,
+    PickedOperand,
+    Tensor,
+)
 from st_codegen.walkers.onnx.ranges import are_shares
 from st_codegen.walkers.onnx.session import Reader, read_label, read_largest, read_map
 
@@ -73,7 +81,7 @@ def _checked(walk: GraphWalk, info: onnx.ValueInfoProto, problems: Problems) -> 
             raise UnsupportedModelError(f"the output '{name}' is a constant; remove it from the graph")
         if isinstance(operand, Tensor) and info.name not in walk.zipped:
             _check_type(info, name, operand)
-        if isinstance(operand, PickedOperand):
+        if isinstance(operand, PickedOperand | MedianOperand):
             raise UnsupportedModelError(
                 f"the output '{name}' is what TopK picks; only sums and means of that are supported"
             )

@@ -27,6 +27,7 @@ from st_codegen.walkers.onnx.operands import (
     BetweenOperand,
     ConstantOperand,
     LabelOperand,
+    MedianOperand,
     Operand,
     PickedOperand,
     Tensor,
@@ -82,7 +83,7 @@ def _converted(call: NodeCall, dtype: np.dtype[Any]) -> Operand:
     operand = call.required()
     if isinstance(operand, LabelOperand):
         return _cast_labels(operand, dtype)
-    if isinstance(operand, PickedOperand):
+    if isinstance(operand, PickedOperand | MedianOperand):
         raise UnsupportedModelError("casts what TopK picks")
     if isinstance(operand, BetweenOperand):
         raise UnsupportedModelError("casts a constant that the graph computes by functions")
