@@ -278,3 +278,26 @@ def added_up(op: TreeEnsemble, of_tree: FloatArray) -> FloatArray:
     if of_tree.shape[1] == 1:
         return np.asarray(np.bincount(op.tree_output, of_tree[:, 0], minlength=op.width), np.float64)
     return np.asarray(np.sum(of_tree, axis=0), np.float64)
+
+
+#: How the numbers of trees become one, and what that starts from.
+_AGGREGATES = {
+    Aggregate.SUM: (np.add, 0.0),
+    Aggregate.MINIMUM: (np.minimum, math.inf),
+    Aggregate.MAXIMUM: (np.maximum, -math.inf),
+}
+
+
+def ends_of(op: TreeEnsemble) -> tuple[FloatArray, FloatArray]:
+    """The smallest and the largest number of each output, but for rounding, where no leaf is linear."""
+    join, start = _AGGREGATES[op.aggregate]
+    found = []
+    for extreme in (np.minimum, np.maximum):
+        of_tree = of_each_tree(op, extreme, op.leaf_value)
+        total = np.full(op.width, start)
+        if of_tree.shape[1] > 1:
+            total = join.reduce(of_tree, axis=0)
+        else:
+            join.at(total, op.tree_output, of_tree[:, 0])
+        found.append((total + op.base) / op.divisor)
+    return found[0], found[1]

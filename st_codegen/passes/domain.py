@@ -17,7 +17,7 @@ from st_codegen import ir
 from st_codegen.errors import InputError
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.ir.base import EXPONENTIALS
-from st_codegen.ir.trees import of_each_tree
+from st_codegen.ir.trees import added_up, ends_of, of_each_tree
 
 #: Limits tried for the arguments of exponentials, largest first: e**690 is about 1e299, e**88 about 1.7e38.
 _EXP_LIMITS = {
@@ -308,11 +308,9 @@ def _(op: ir.TreeEnsemble, operands: list[FloatArray]) -> tuple[float, FloatArra
         np.add.at(linear, np.repeat(np.arange(len(linear)), np.diff(op.linear.start)), products)
         value = np.maximum(value, linear[:, None])
     of_tree = of_each_tree(op, np.maximum, value)
-    total = np.abs(op.base)
-    if value.shape[1] > 1:
-        total = total + np.sum(of_tree, axis=0)
-    else:
-        np.add.at(total, op.tree_output, of_tree[:, 0])
+    total = np.abs(op.base) + added_up(op, of_tree)
+    if op.aggregate is not ir.Aggregate.SUM:  # a leaf without a number has a very large one, which is never chosen
+        total = np.maximum(*map(np.abs, ends_of(op)))
     ceiling = _LARGEST[op.sum_precision]
     bound = total / abs(op.divisor)
     return (float(np.max(total)) if np.max(total) <= ceiling else math.inf), np.broadcast_to(bound, (op.width,))

@@ -8,9 +8,12 @@ from dataclasses import replace
 import numpy as np
 import onnx
 import pytest
+from onnx import TensorProto, helper
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import Comparison, Precision, Round, TreeEnsemble
+from st_codegen.ir import Comparison, Precision, Round, TreeEnsemble, reference
+from tests.classifiers import loaded as compiled
+from tests.classifiers import verified
 from tests.walkers import onnx_builders as build
 from tests.walkers.onnx_builders import DOUBLE, FLOAT, Branch, Leaf, assert_equal_bits, leaf
 
@@ -229,10 +232,23 @@ def test_averages_divide_before_the_base_is_added(tmp_path):
 def test_extremes_of_partial_leaves(tmp_path, aggregate):
     partial = Branch("LEQ", 0, 0.0, Leaf({0: -1.0}), Leaf({1: 5.0}))
     model = build.regressor([partial, leaf(2.0, 3.0)], n_targets=2, aggregate_function=aggregate)
-    assert_equal_bits(build.load(model, tmp_path), [[-1.0], [1.0], [np.nan]])
+    loaded = build.load(model, tmp_path)
+    assert_equal_bits(loaded, [[-1.0], [1.0], [np.nan]])
+    assert verified(compiled(loaded), tmp_path / "text", rows=100).exact
     for trees in ([partial], [Leaf({1: 2.0})]):
         with pytest.raises(UnsupportedModelError, match="target 0 is not set by all leaves of any tree"):
             build.load(build.regressor(trees, n_targets=2, aggregate_function=aggregate), tmp_path)
+
+
+def test_the_largest_of_trees_is_not_their_sum(tmp_path):
+    """It may be no integer of 32 bits where the sum is one; such rows have no answer."""
+    trees = [Branch("LEQ", 0, 0.0, leaf(3e9), leaf(2.0)), Branch("LEQ", 0, 0.0, leaf(-3e9), leaf(-3e9))]
+    model = build.regressor(trees, aggregate_function="MAX")
+    model.graph.node.append(helper.make_node("Cast", ["Y"], ["Z"], to=TensorProto.INT32))
+    model.graph.output[0].CopyFrom(build.info("Z", None, TensorProto.INT32))
+    loaded = build.load(model, tmp_path)
+    ours = reference.evaluate(loaded.ir, np.array([[-1.0], [1.0]]))
+    np.testing.assert_array_equal(ours, [[np.nan], [2.0]])
 
 
 def test_targets_that_no_leaf_sets_are_zero_or_refused(tmp_path):

@@ -390,6 +390,8 @@ def _activation(function: ir.Function, name: str, *versions: int, alpha: float |
         if function is ir.Function.SOFTPLUS and tensor.dtype == FLOAT64:
             raise UnsupportedModelError("onnxruntime's double version overflows above 709; cast the input to float")
         parameter = 1.0 if alpha is None else call.node.number("alpha", alpha)
+        # onnxruntime makes a Where of it for doubles, which may give 0 for -0
+        call.walk.builder.open_zeros |= function is ir.Function.LEAKY_RELU and tensor.dtype == FLOAT64
         return apply_activation(call.walk, tensor, function, parameter)
 
     operator(name, *versions)(handler)

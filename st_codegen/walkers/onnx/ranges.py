@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from st_codegen import ir
-from st_codegen.ir.trees import of_each_tree
+from st_codegen.ir.trees import ends_of
 from st_codegen.walkers.base import GraphBuilder
 from st_codegen.walkers.onnx.graph import GraphWalk
 from st_codegen.walkers.onnx.operands import FLOAT32, Tensor
@@ -83,7 +83,8 @@ def _range(builder: GraphBuilder, value: int, column: int) -> tuple[float, float
         low, high = _range(builder, op.inputs[0], column)
         return float(op.constant[column]) - high, float(op.constant[column]) - low
     if isinstance(op, ir.TreeEnsemble):
-        return _range_of_trees(op, column)
+        low, high = ends_of(op)
+        return float(low[column]), float(high[column])
     shares = isinstance(op, ir.Softmax) and not op.logarithm
     shares |= isinstance(op, ir.Activation) and op.function is ir.Function.LOGISTIC
     if isinstance(op, ir.Normalize):
@@ -110,11 +111,3 @@ def _magnitude(builder: GraphBuilder, value: int, column: int) -> float:
     if op.operator in (ir.Operator.ADD, ir.Operator.SUBTRACT):
         return sum(sizes)
     return math.prod(sizes) if op.operator is ir.Operator.MULTIPLY else max(sizes)
-
-
-def _range_of_trees(op: ir.TreeEnsemble, column: int) -> tuple[float, float]:
-    width = op.leaf_value.shape[1]
-    taken = op.tree_output == column if width < op.width or op.width == 1 else np.ones(op.n_trees, np.bool_)
-    at = column if width == op.width else 0
-    ends = (of_each_tree(op, extreme, op.leaf_value) for extreme in (np.minimum, np.maximum))
-    return tuple(float(np.sum(end[taken, at]) + op.base[column]) / op.divisor for end in ends)  # type: ignore
