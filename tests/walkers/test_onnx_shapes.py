@@ -102,9 +102,6 @@ def test_whole_numbers_that_graphs_compute_of_constants(tmp_path):
     model = graph_model(nodes, [info("X", (None, 6), DOUBLE)], [info("Y", None, DOUBLE)], given)
     loaded = build.load(model, tmp_path)
     assert np.array_equal(loaded.ir.ops[-1].weights, np.tril(np.ones((6, 6)), -1).T)
-    nodes = [make("Trilu", ["X", "diagonal"], ["Y"])]
-    with pytest.raises(UnsupportedModelError, match="a triangle of numbers that are computed"):
-        moved(tmp_path, nodes, given)
     with pytest.raises(InputError, match="a step of 0"):
         nodes = [make("Range", ["from", "from", "from"], ["at"]), make("Gather", ["X", "at"], ["Y"], axis=1)]
         moved(tmp_path, nodes, given)
@@ -326,3 +323,74 @@ def test_a_diagonal_of_the_shape_of_the_input(tmp_path):
         helper.make_node("Flatten", ["P"], ["Y"], axis=0),
     ]
     assert moved(tmp_path, nodes, [constant("shape", [2, 3], np.int64)]) == [0.0, 1.0, 0.0, 0.0, 0.0, 5.0]
+
+
+def assert_moved(tmp_path, node, shape, given=(), opset=18):
+    """Columns of a tensor of a shape, and constants among them, as onnxruntime moves them."""
+    shapes = [constant("shape", shape, np.int64), constant("row", [1, -1], np.int64)]
+    nodes = [
+        helper.make_node("Reshape", ["X", "shape"], ["G"]),
+        helper.make_node(node[0], ["G", *node[1]], ["P"], **node[2]),
+        helper.make_node("Reshape", ["P", "row"], ["Y"]),
+    ]
+    columns = int(np.prod(shape))
+    model = graph_model(nodes, [info("X", (1, columns))], [info("Y", None)], [*shapes, *given], opset=opset)
+    assert_equal_bits(build.load(model, tmp_path), rows(columns))
+
+
+@pytest.mark.parametrize("upper", [0, 1])
+@pytest.mark.parametrize("diagonal", [-1, 0, 1, 3])
+def test_triangles_of_computed_numbers(tmp_path, upper, diagonal):
+    given = [constant("diagonal", diagonal, np.int64)]
+    assert_moved(tmp_path, ("Trilu", ["diagonal"], {"upper": upper}), (1, 2, 3, 3), given)
+
+
+@pytest.mark.parametrize("axis", [1, -2])
+def test_elements_that_are_scattered_over_others(tmp_path, axis):
+    given = [constant("places", [[[2, -3], [0, 1]]], np.int64), constant("parts", [[[0.5, 1.5], [2.5, 3.5]]])]
+    assert_moved(tmp_path, ("ScatterElements", ["places", "parts"], {"axis": axis}), (1, 3, 2), given)
+
+
+@pytest.mark.parametrize(("places", "parts"), [([[0, -1]], [[0.5, 1.5]]), ([[0, 1, 1], [0, 2, -2]], [0.5, 1.5])])
+def test_parts_that_are_scattered_over_others(tmp_path, places, parts):
+    given = [constant("places", places, np.int64), constant("parts", parts)]
+    assert_moved(tmp_path, ("ScatterND", ["places", "parts"], {}), (1, 3, 2), given)
+
+
+@pytest.mark.parametrize(
+    ("places", "attributes", "message"),
+    [
+        ([[0, 0]], {}, "several elements for one position"),
+        ([[0, 1]], {"reduction": "add"}, "the reduction add"),
+        ([[0, 9]], {}, "beyond those of shape"),
+    ],
+)
+def test_elements_that_cannot_be_scattered_are_refused(tmp_path, places, attributes, message):
+    given = [constant("places", places, np.int64), constant("parts", [[0.5, 1.5]])]
+    with pytest.raises(InputError, match=message):
+        assert_moved(tmp_path, ("ScatterElements", ["places", "parts"], {"axis": 1, **attributes}), (1, 3), given)
+
+
+WAYS = ("asymmetric", "half_pixel", "pytorch_half_pixel", "align_corners")
+NEAREST = ("floor", "ceil", "round_prefer_floor", "round_prefer_ceil")
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("nearest", NEAREST)
+@pytest.mark.parametrize("scales", [(2.0, 3.0), (0.5, 1.0), (1.3, 0.85), (1.0, 1.05)])
+def test_the_nearest_of_other_sizes(tmp_path, way, nearest, scales):
+    options = {"mode": "nearest", "coordinate_transformation_mode": way, "nearest_mode": nearest}
+    given = [constant("none", []), constant("scales", [1.0, 1.0, *scales])]
+    assert_moved(tmp_path, ("Resize", ["none", "scales"], options), (1, 2, 4, 6), given)
+    lengths = [int(length * scale) for length, scale in zip((4, 6), scales, strict=True)]
+    sizes = [constant("none", []), constant("sizes", [1, 2, *lengths], np.int64)]
+    assert_moved(tmp_path, ("Resize", ["none", "none", "sizes"], options), (1, 2, 4, 6), sizes, opset=13)
+
+
+def test_other_sizes_of_which_rounding_decides_or_that_are_interpolated_are_refused(tmp_path):
+    """28 / 1 lies in the middle of two elements, by float before it."""
+    given = [constant("none", []), constant("sizes", [1, 1], np.int64)]
+    with pytest.raises(UnsupportedModelError, match="lies between two of 28 elements along axis 1"):
+        assert_moved(tmp_path, ("Resize", ["none", "none", "sizes"], {"nearest_mode": NEAREST[3]}), (1, 28), given)
+    with pytest.raises(UnsupportedModelError, match="the mode linear by half_pixel; of all axes, the nearest by"):
+        assert_moved(tmp_path, ("Resize", ["none", "none", "sizes"], {"mode": "linear"}), (1, 28), given)

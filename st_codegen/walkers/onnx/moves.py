@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 import numpy as np
 
-from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.errors import InputError, UnsupportedModelError, counted
 from st_codegen.ir import AnyArray
+from st_codegen.walkers.onnx.file import printable
 from st_codegen.walkers.onnx.graph import NodeCall, operator
 from st_codegen.walkers.onnx.operands import (
     FLOAT32,
@@ -20,6 +24,7 @@ from st_codegen.walkers.onnx.operands import (
     axis_of,
     check_size,
 )
+from st_codegen.walkers.onnx.shapes import mixed
 
 
 def _block(call: NodeCall, operand: Operand) -> int:
@@ -124,3 +129,116 @@ def _eye_like(call: NodeCall) -> Operand:
         raise UnsupportedModelError("a diagonal of other than two dimensions, or with a type of its own")
     check_size(operand.shape, MAX_FOLDED)
     return ConstantOperand(np.eye(*operand.shape, k=call.node.integer("k", 0), dtype=operand.dtype))
+
+
+@operator("Trilu", 14)
+def _triangle(call: NodeCall) -> Operand:
+    """The elements on one side of a diagonal, zeros on the other."""
+    operand, diagonal = call.required(), call.integers(1, "the diagonal") or [0]
+    if len(operand.shape) < 2 or operand.dtype.kind not in "fib":
+        raise InputError(f"a triangle of shape {operand.shape} of {operand.dtype}; the model file is damaged")
+    side = np.triu if call.node.integer("upper", 1) else np.tril
+    if isinstance(operand, ConstantOperand):
+        return operand.moved(lambda array: side(array, diagonal[0]))
+    own = side(np.ones(operand.shape, np.bool_), diagonal[0])
+    size = math.prod(operand.shape)
+    zero = ConstantOperand(np.zeros(1, operand.dtype))
+    return mixed(call.walk, [operand, zero], np.where(own, np.arange(size).reshape(operand.shape), size))
+
+
+def _scatter(call: NodeCall) -> Operand:
+    """The first input, of which elements or parts at constant positions are those of the third."""
+    operand, positions, parts = call.required(), call.positions(), call.required(2)
+    shape, reduction = operand.shape, call.node.text("reduction", "none")
+    if reduction != "none":
+        raise UnsupportedModelError(f"the reduction {printable(reduction)}; add what is to be added with Add")
+    axis, taken = 0, positions.ndim == len(shape) and positions.shape == parts.shape
+    if call.node.op_type == "ScatterElements":
+        axis = axis_of(call.node.integer("axis"), len(shape))
+        lengths, depth = np.array(shape[axis : axis + 1]), 1
+        pairs = enumerate(zip(positions.shape, shape, strict=False))
+        taken = taken and all(length <= most for at, (length, most) in pairs if at != axis)
+        each = positions[..., None]
+    else:
+        depth = positions.shape[-1] if positions.ndim else 0
+        taken = 1 <= depth <= len(shape) and parts.shape == (*positions.shape[:-1], *shape[depth:])
+        lengths, each = np.array(shape[:depth]), positions
+    if not taken or np.any((each < -lengths) | (each >= lengths)):
+        raise InputError(f"positions of shape {positions.shape}, or beyond those of shape {shape}, for {parts.shape}")
+    each = np.where(each < 0, each + lengths, each)
+    size = math.prod(shape)
+    places, new = np.arange(size).reshape(shape), size + np.arange(math.prod(parts.shape)).reshape(parts.shape)
+    if call.node.op_type == "ScatterElements":
+        at: list[AnyArray] = list(np.indices(positions.shape, sparse=True))
+        at[axis] = each[..., 0]
+        places[tuple(at)] = new
+    else:
+        places[tuple(np.moveaxis(each, -1, 0))] = new
+    if np.sum(places >= size) < new.size:
+        raise UnsupportedModelError("several elements for one position, of which the standard leaves open which counts")
+    return mixed(call.walk, [operand, parts], places)
+
+
+operator("ScatterElements", 11, 13, 16, 18)(_scatter)
+operator("ScatterND", 11, 13, 16, 18)(_scatter)
+
+
+#: Where a place of the result lies in the input: (place, scale, length of the result, length of the input).
+_COORDINATES: dict[str, Callable[[AnyArray, Any, int, int], AnyArray]] = {
+    "asymmetric": lambda at, scale, _new, _old: at / scale,
+    "half_pixel": lambda at, scale, _new, _old: (at + at.dtype.type(0.5)) / scale - at.dtype.type(0.5),
+    "pytorch_half_pixel": lambda at, scale, new, old: (
+        _COORDINATES["half_pixel"](at, scale, new, old) if new > 1 else np.zeros_like(at)
+    ),
+    "align_corners": lambda at, _scale, new, old: (
+        at * at.dtype.type(old - 1) / at.dtype.type(new - 1) if new > 1 else np.zeros_like(at)
+    ),
+}
+#: Which whole number is next.
+_NEXT: dict[str, Callable[[AnyArray], AnyArray]] = {
+    "floor": np.floor,
+    "ceil": np.ceil,
+    "round_prefer_floor": lambda at: np.ceil(at.astype(np.float64) - 0.5),
+    "round_prefer_ceil": lambda at: np.floor(at.astype(np.float64) + 0.5),
+}
+
+
+@operator("Resize", 11, 13, 18, 19)
+def _resize(call: NodeCall) -> Operand:
+    """The nearest elements along each axis (core/providers/cpu/tensor/upsample.cc)."""
+    node, operand = call.node, call.required()
+    mode, way = node.text("mode", "nearest"), node.text("coordinate_transformation_mode", "half_pixel")
+    stretched = node.text("keep_aspect_ratio_policy", "stretch") == "stretch"
+    if mode != "nearest" or way not in _COORDINATES or "axes" in node or node.integer("antialias") or not stretched:
+        raise UnsupportedModelError(
+            f"the mode {printable(mode)} by {printable(way)}; of all axes, the nearest by {', '.join(_COORDINATES)} "
+            "is supported"
+        )
+    nearest, given = node.text("nearest_mode", "round_prefer_floor"), call.constant(2, "the scales")
+    sizes, shape = call.integers(3, "the sizes"), operand.shape
+    if sizes is None and given is not None and len(given) == len(shape) and np.all(given > 0):
+        scales = given.astype(np.float64).tolist()
+        sizes = [int(np.float32(n) * np.float32(scale)) for n, scale in zip(shape, scales, strict=True)]
+    elif sizes is not None and len(sizes) == len(shape) and min(sizes) > 0:
+        scales = [new / old for new, old in zip(sizes, shape, strict=True)]
+    else:
+        raise InputError(f"scales or sizes are missing for shape {shape}; the model file is damaged")
+    if nearest not in _NEXT:
+        raise InputError(f"nearest_mode {printable(nearest)} is not known; the model file is damaged")
+    check_size(sizes, MAX_COLUMNS if isinstance(operand, Tensor) else MAX_FOLDED)
+    if tuple(sizes) == shape:  # then onnxruntime copies, whatever the scales
+        return operand
+    for axis, (new, old, scale) in enumerate(zip(sizes, shape, scales, strict=True)):
+        if scale == 1.0:
+            continue
+        exact, rounded = (
+            _COORDINATES[way](np.arange(new, dtype=kind), kind(scale), new, old) for kind in (np.float64, np.float32)
+        )
+        places, others = (np.clip(_NEXT[nearest](at), 0, old - 1).astype(np.int64) for at in (exact, rounded))
+        if not np.array_equal(places, others):
+            raise UnsupportedModelError(
+                f"lies between two of {counted(old, 'element')} along axis {axis}, where rounding to float decides; "
+                "export the model with other sizes"
+            )
+        operand = operand.moved(partial(np.take, indices=places, axis=axis))
+    return operand

@@ -83,8 +83,8 @@ def _range(builder: GraphBuilder, value: int, column: int) -> tuple[float, float
         low, high = _range(builder, op.inputs[0], column)
         return float(op.constant[column]) - high, float(op.constant[column]) - low
     if isinstance(op, ir.TreeEnsemble):
-        low, high = ends_of(op)
-        return float(low[column]), float(high[column])
+        smallest, largest = ends_of(op)
+        return float(smallest[column]), float(largest[column])
     shares = isinstance(op, ir.Softmax) and not op.logarithm
     shares |= isinstance(op, ir.Activation) and op.function is ir.Function.LOGISTIC
     if isinstance(op, ir.Normalize):

@@ -12,7 +12,7 @@ import numpy as np
 import onnx
 
 from st_codegen.errors import InputError, UnsupportedModelError, counted
-from st_codegen.ir import AnyArray, Exceeds, Piecewise
+from st_codegen.ir import AnyArray, Exceeds, IntArray, Piecewise
 from st_codegen.walkers.onnx.between import as_between, joined_constants
 from st_codegen.walkers.onnx.elementwise import choice_of, is_not_zero
 from st_codegen.walkers.onnx.file import type_name
@@ -173,14 +173,6 @@ def _range(call: NodeCall) -> Operand:
     return ConstantOperand(np.arange(start, limit, step).astype(np.asarray(ends[0]).dtype))
 
 
-@operator("Trilu", 14)
-def _triangle(call: NodeCall) -> Operand:
-    operand, diagonal = call.required(), call.integers(1, "the diagonal") or [0]
-    if not isinstance(operand, ConstantOperand) or operand.array.ndim < 2:
-        raise UnsupportedModelError("a triangle of numbers that are computed; multiply them by a constant one")
-    return operand.moved(partial(np.triu if call.node.integer("upper", 1) else np.tril, k=diagonal[0]))
-
-
 @operator("Reshape", 5, 14, 19, *_SHAPE_VERSIONS)
 def _reshape(call: NodeCall) -> Operand:
     operand = call.required()
@@ -311,10 +303,16 @@ def _where(call: NodeCall) -> Operand:
     shape = np.broadcast_shapes(condition.shape, *(side.shape for side in sides))
     check_size(shape)
     size = math.prod(shape)
-    flat = [side.moved(lambda array: np.broadcast_to(array, shape).reshape(size)) for side in sides]
-    places = np.arange(size) + np.where(np.broadcast_to(condition.array, shape).ravel(), 0, size)
+    flat = [side.moved(lambda array: np.broadcast_to(array, shape)) for side in sides]
+    places = np.arange(size).reshape(shape) + np.where(condition.array, 0, size)
     call.walk.builder.open_zeros |= any(isinstance(side, Tensor) for side in sides)
-    return joined(call.walk, flat, 0).moved(lambda array: array[places].reshape(shape))
+    return mixed(call.walk, flat, places)
+
+
+def mixed(walk: GraphWalk, parts: Sequence[Operand], places: IntArray) -> Operand:
+    """Elements of all parts, by their places where these are laid end to end."""
+    lists = [part.moved(np.ravel) for part in parts]
+    return joined(walk, lists, 0).moved(lambda array: array[places])
 
 
 @operator("Pad", 2, 11, 13, 18, 19, *_SHAPE_VERSIONS[1:])
