@@ -30,7 +30,7 @@ SLIDING = ir.SlidingLinear((0,), [[1.0]], [0.0], [0], [0])
         (TREE, {"left": [1, 0]}, r"TreeEnsemble\.left: shape \(2,\), expected \(3,\)"),
         (TREE, {"sum_precision": ir.Precision.FLOAT32, "base": [0.1]}, "is no float32"),
         (TREE, {"divisor": 0.0}, r"TreeEnsemble\.divisor: 0\.0"),
-        (TREE, {"leaf_value": [[1.0, 2.0], [3.0, 4.0]]}, "leaves of width 2 for 1 outputs"),
+        (TREE, {"leaf_value": [[1.0, 2.0], [3.0, 4.0]]}, "leaves of width 2 for 1 output"),
         (TREE, {"roots": [1]}, "not a rising list that starts at node 0"),
         (TREE, {"split": [1, -1, -1]}, "a column that does not exist"),
         (TREE, {"left": [0, 0, 0]}, "a child lies before its parent or outside its tree"),
@@ -84,7 +84,7 @@ SLIDING = ir.SlidingLinear((0,), [[1.0]], [0.0], [0], [0])
         (CUBIC, {"at": [0.0, np.nan]}, "a value or a coefficient is no number"),
         (SCAN, {"starts": []}, "no operations, or no rounds"),
         (SCAN, {"columns": 2}, r"operation 0 \(Linear\): reads what is not computed, or wide"),
-        (SCAN, {"body": (ir.Linear((0,), [[1.0, 1.0]] * 2, [0.0] * 2),)}, "a state of 1 numbers, a round leaves 2"),
+        (SCAN, {"body": (ir.Linear((0,), [[1.0, 1.0]] * 2, [0.0] * 2),)}, "a state of 1 number, a round leaves 2"),
     ],
 )
 def test_what_cannot_be_is_refused(made, changes, message):

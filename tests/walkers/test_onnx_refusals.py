@@ -79,7 +79,7 @@ def test_unknown_operators_domains_and_types_are_listed_together(tmp_path):
     assert message.startswith("model.onnx: 5 problems\n")
     assert "operator Det (opset 18) is not supported: node 'hard', the node of 'b'" in message
     assert "operator com.microsoft.FusedGelu (opset unknown) is not supported: node 'fused'" in message
-    assert "node 'narrowing' (Cast, opset 18): casts to FLOAT16; FLOAT and DOUBLE are supported" in message
+    assert "node 'narrowing' (Cast, opset 18): casts to FLOAT16; FLOAT, DOUBLE, INT32" in message
     assert "node 'post' (LinearRegressor, opset 3): post_transform SOFTMAX of one target: onnxruntime" in message
     assert "supported operators: " in message
     assert "reader" not in message

@@ -387,6 +387,12 @@ def test_the_nearest_of_other_sizes(tmp_path, way, nearest, scales):
     assert_moved(tmp_path, ("Resize", ["none", "none", "sizes"], options), (1, 2, 4, 6), sizes, opset=13)
 
 
+@pytest.mark.parametrize("scales", [(2.0, 3.0), (0.5, 1.0), (1.3, 0.85)])
+def test_the_nearest_of_other_sizes_in_the_oldest_version(tmp_path, scales):
+    given = [constant("scales", [1.0, 1.0, *scales])]
+    assert_moved(tmp_path, ("Resize", ["scales"], {"mode": "nearest"}), (1, 2, 4, 6), given, opset=10)
+
+
 def test_other_sizes_of_which_rounding_decides_or_that_are_interpolated_are_refused(tmp_path):
     """28 / 1 lies in the middle of two elements, by float before it."""
     given = [constant("none", []), constant("sizes", [1, 1], np.int64)]

@@ -156,8 +156,7 @@ def _scatter(call: NodeCall) -> Operand:
     if call.node.op_type == "ScatterElements":
         axis = axis_of(call.node.integer("axis"), len(shape))
         lengths, depth = np.array(shape[axis : axis + 1]), 1
-        pairs = enumerate(zip(positions.shape, shape, strict=False))
-        taken = taken and all(length <= most for at, (length, most) in pairs if at != axis)
+        taken = taken and all(positions.shape[at] <= most for at, most in enumerate(shape) if at != axis)
         each = positions[..., None]
     else:
         depth = positions.shape[-1] if positions.ndim else 0
@@ -203,18 +202,20 @@ _NEXT: dict[str, Callable[[AnyArray], AnyArray]] = {
 }
 
 
-@operator("Resize", 11, 13, 18, 19)
+@operator("Resize", 10, 11, 13, 18, 19)
 def _resize(call: NodeCall) -> Operand:
     """The nearest elements along each axis (core/providers/cpu/tensor/upsample.cc)."""
     node, operand = call.node, call.required()
-    mode, way = node.text("mode", "nearest"), node.text("coordinate_transformation_mode", "half_pixel")
+    oldest = node.version == 10  # up by the element before, down by the one behind
+    way = "asymmetric" if oldest else node.text("coordinate_transformation_mode", "half_pixel")
+    mode = node.text("mode", "nearest")
     stretched = node.text("keep_aspect_ratio_policy", "stretch") == "stretch"
     if mode != "nearest" or way not in _COORDINATES or "axes" in node or node.integer("antialias") or not stretched:
         raise UnsupportedModelError(
             f"the mode {printable(mode)} by {printable(way)}; of all axes, the nearest by {', '.join(_COORDINATES)} "
             "is supported"
         )
-    nearest, given = node.text("nearest_mode", "round_prefer_floor"), call.constant(2, "the scales")
+    nearest, given = node.text("nearest_mode", "round_prefer_floor"), call.constant(1 if oldest else 2, "the scales")
     sizes, shape = call.integers(3, "the sizes"), operand.shape
     if sizes is None and given is not None and len(given) == len(shape) and np.all(given > 0):
         scales = given.astype(np.float64).tolist()
@@ -231,6 +232,8 @@ def _resize(call: NodeCall) -> Operand:
     for axis, (new, old, scale) in enumerate(zip(sizes, shape, scales, strict=True)):
         if scale == 1.0:
             continue
+        if oldest:
+            nearest = "ceil" if scale < 1.0 else "floor"
         exact, rounded = (
             _COORDINATES[way](np.arange(new, dtype=kind), kind(scale), new, old) for kind in (np.float64, np.float32)
         )

@@ -69,7 +69,8 @@ def _dropout(call: NodeCall) -> Operand:
 def _cast(call: NodeCall) -> Operand:
     target = _CASTS.get(call.node.integer("to"))
     if target is None:
-        raise UnsupportedModelError(f"casts to {type_name(call.node.integer('to'))}; FLOAT and DOUBLE are supported")
+        kind = type_name(call.node.integer("to"))
+        raise UnsupportedModelError(f"casts to {kind}; FLOAT, DOUBLE, INT32, INT64 and BOOL are supported")
     return _converted(call, np.dtype(target))
 
 
