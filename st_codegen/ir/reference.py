@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from functools import singledispatch
+from functools import cached_property, singledispatch
 
 import numpy as np
 
 from st_codegen import ir
-from st_codegen.ir.arrays import BoolArray, FloatArray, Int32Array, IntArray
+from st_codegen.ir.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from st_codegen.ir.base import COS_REACH
 
 #: What evaluates an operation on its operands, each (rows, width).
@@ -391,39 +391,51 @@ class TreeEvaluator:
         if column.categorical:
             self.code[number] = np.where(missing, column.n_categories + 1, category_code(column, value))
 
+    @cached_property
+    def _following(self) -> IntArray:
+        """The right and the left child of each node, one behind the other; a leaf is followed by itself."""
+        op = self.op
+        children = np.column_stack([op.right, op.left]).astype(np.int64)
+        leaves = np.flatnonzero(op.split < 0)
+        children[leaves] = leaves[:, None]
+        return children.ravel()
+
     def leaves(self, tree: int) -> IntArray:
         """The leaf node that each row reaches in a tree, shape (rows,)."""
-        op = self.op
-        node = np.full(self.value.shape[1], op.roots[tree], np.int64)
-        active = np.arange(len(node)) if op.split[op.roots[tree]] >= 0 else np.zeros(0, np.int64)
-        while active.size:
-            here = node[active]
-            go_left = self.goes_left(here, op.split[here], active)
-            here = np.where(go_left, op.left[here], op.right[here])
-            node[active] = here
-            active = active[op.split[here] >= 0]
-        return node
+        found = np.full(self.value.shape[1], self.op.roots[tree], np.int64)
+        node, row = found, np.arange(len(found))
+        while True:
+            column = self.op.split.take(node)
+            on_the_way = np.count_nonzero(column >= 0)
+            if 4 * on_the_way <= 3 * len(row):  # to leave rows behind takes longer than to move them on the spot
+                found[row] = node
+                if not on_the_way:
+                    return found
+                left = np.flatnonzero(column >= 0)
+                node, row, column = node.take(left), row.take(left), column.take(left)
+            goes_left = self.goes_left(node, np.maximum(column, 0), row)
+            node = self._following.take(2 * node + goes_left)
 
-    def goes_left(self, node: IntArray, column: Int32Array, row: IntArray) -> BoolArray:
-        """Whether splits send rows left: node by node, with the column that each reads."""
+    def goes_left(self, node: AnyArray, column: AnyArray, row: AnyArray) -> BoolArray:
+        """Whether splits send rows left: node by node, with the column that each reads; of leaves nothing is said."""
         op = self.op
-        value = self.value[column, row]
-        threshold = op.threshold[node]
-        go_left = value < threshold if op.comparison is ir.Comparison.LESS else value <= threshold
+        at = np.multiply(column, self.value.shape[1], dtype=np.int64) + row
+        value, threshold = self.value.take(at), op.threshold.take(node)
+        goes_left = value < threshold if op.comparison is ir.Comparison.LESS else value <= threshold
         if self.any_infinite:
-            go_left |= threshold == np.inf
+            goes_left |= threshold == np.inf
         if self.any_missing:
-            go_left = np.where(self.missing[column, row], op.missing_left[node], go_left)
+            goes_left = np.where(self.missing.take(at), op.missing_left.take(node), goes_left)
         if op.has_categories:
-            at = np.flatnonzero(np.array([c.categorical for c in op.columns])[column])
-            go_left[at] = op.category_left[op.category_row[node[at]] + self.code[column[at], row[at]]]
-        return np.asarray(go_left, np.bool_)
+            coded = np.flatnonzero(np.array([c.categorical for c in op.columns])[column] & (op.split.take(node) >= 0))
+            goes_left[coded] = op.category_left[op.category_row[node[coded]] + self.code.take(at[coded])]
+        return np.asarray(goes_left, np.bool_)
 
     def leaf_values(self, tree: int) -> FloatArray:
         """What a tree gives each row, shape (rows, width of a leaf)."""
         op = self.op
-        leaf = op.leaf[self.leaves(tree)]
-        value: FloatArray = op.leaf_value[leaf]
+        leaf = op.leaf.take(self.leaves(tree))
+        value: FloatArray = op.leaf_value.take(leaf, axis=0)
         if op.linear is None:
             return value
         linear = op.linear
