@@ -491,7 +491,8 @@ def model_report(
         got = np.where(result.valid[:, None], result.values, np.nan)
         arithmetic = arithmetic_of(code.folder.name)
         answered = usable & arithmetic.answers(ir, limited)
-        allowed = np.where(answered[:, None], arithmetic.bound(ir, limited), 0.0)
+        same = arithmetic.bound is bounds.text_bound and not ir.is_real  # and need not be derived once more
+        allowed = np.where(answered[:, None], bound if same else arithmetic.bound(ir, limited), 0.0)
         report.must_be_exact &= not np.any(allowed)
         near = allowed[inside & np.isfinite(allowed).all(axis=1), numbers:]
         report.bound = max(report.bound, float(np.max(near, initial=0.0)))

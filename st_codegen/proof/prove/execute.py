@@ -297,11 +297,11 @@ class Executor(ValueOperations):
 
     def _slots(self, variable: t.Variable, items: list[object], index: Value, mask: Value) -> Value:
         space, (positions,) = self.joined([index], mask)
-        reached = np.unique(positions[self._active(mask, space)])
+        reached = positions[self._active(mask, space)]
         if np.any((reached < 0) | (reached >= len(items))):
             raise NotProvedError("an index out of range")
         items = list(items)
-        for place in reached.tolist():
+        for place in np.flatnonzero(np.bincount(reached)).tolist():
             if items[place] is NOTHING:
                 items[place] = self._initial(variable, place)
         return Slots(space, Lanes(space, positions), items)

@@ -254,7 +254,7 @@ class ValueOperations(Joining):
         last = np.full(space.lanes, LOWEST - 1, np.int64)
         nan = np.zeros(space.lanes, np.bool_)
         below = np.zeros(space.lanes, np.bool_)
-        for number in np.unique(index[active]).tolist():
+        for number in np.flatnonzero(np.bincount(index[active])).tolist():
             lanes = np.flatnonzero(active & (index == number))
             item = slots.items[number]
             if is_scalar(item):
@@ -359,11 +359,6 @@ def _changeovers(operator: str, item: AxisValue, thresholds: FloatArray) -> tupl
     """
     axis = item.axis
     item.held_alike()
-    distinct, back = np.unique(thresholds, return_inverse=True)
-
-    def beyond(limits: FloatArray) -> Callable[[FloatArray, IntArray], BoolArray]:
-        return lambda x, places: np.asarray(COMPARE[operator](x, limits[places]), np.bool_)
-
     while True:
         order = item.in_order()
         if order is None:
@@ -372,15 +367,16 @@ def _changeovers(operator: str, item: AxisValue, thresholds: FloatArray) -> tupl
         sign = -1 if falling else 1
         name = FLIPPED[operator] if falling else operator
         side: Literal["left", "right"] = "left" if name in ("LT", "GE") else "right"
-        count = np.searchsorted(first, sign * distinct, side=side)  # lanes that begin below the threshold
+        limits = sign * thresholds
+        count = np.searchsorted(first, limits, side=side)  # lanes that begin below the threshold
         lane = np.maximum(count - 1, 0)
-        ends_beyond = last[lane] >= sign * distinct if side == "left" else last[lane] > sign * distinct
+        ends_beyond = last[lane] >= limits if side == "left" else last[lane] > limits
         open_ = (count > 0) & ends_beyond
         if not np.any(open_):
             break
-        item.cut_lanes(lanes[lane[open_]], beyond(distinct[open_]))
-    end = np.where(count > 0, axis.ends[lanes[np.maximum(count - 1, 0)]], LOWEST - 1)
-    nan = COMPARE[operator](item.lift().constant[-1], distinct)
-    below = np.full(len(distinct), name in ("LT", "LE"))
-    back = np.ravel(back)
-    return end[back], below[back], np.asarray(nan)[back]
+        distinct, at = np.unique(thresholds[open_], return_index=True)
+        compare = COMPARE[operator]
+        item.cut_lanes(lanes[lane[open_][at]], lambda x, places, d=distinct: np.asarray(compare(x, d[places]), np.bool_))
+    end = np.where(count > 0, axis.ends[lanes[lane]], LOWEST - 1)
+    nan = np.asarray(COMPARE[operator](item.lift().constant[-1], thresholds))
+    return end, np.full(len(thresholds), name in ("LT", "LE")), nan

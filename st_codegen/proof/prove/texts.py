@@ -36,7 +36,7 @@ _EXACT |= {f"{narrow}_TO_DINT" for narrow in ("SINT", "USINT", "INT", "UINT")}
 #: Attributes that change no value; others may keep it over a restart, or let something else write it.
 _HARMLESS = {"hide", "linkalways", "no_check", "qualified_only", "strict"}
 #: What ends a line, and so a comment, for some compilers only.
-_LINE_ENDS = re.compile("[\x0b\x0c\x1c-\x1e\x85\u2028\u2029]|\r(?!\n)")
+_LINE_ENDS = "\x0b\x0c\x1c\x1d\x1e\x85\u2028\u2029"
 
 
 def check_text(code: GeneratedCode, block: str) -> None:
@@ -55,7 +55,7 @@ def check_text(code: GeneratedCode, block: str) -> None:
             raise NotProvedError(f"{problem}: a conversion that is left to the compiler")
     names = {Path(file).name for file in files}
     for path in code.folder.rglob("*"):
-        if path.name in names and _LINE_ENDS.search(path.read_bytes().decode("utf-8", "replace")):
+        if path.name in names and _has_other_line_ends(path.read_bytes().decode("utf-8", "replace")):
             raise NotProvedError(f"{path.name}: a character that ends a line for some compilers only")
     for scanned in code.source.scans:
         if scanned.segment.file in files:
@@ -65,9 +65,14 @@ def check_text(code: GeneratedCode, block: str) -> None:
             raise NotProvedError(f"{variable.position}: {variable.name} has an address, or survives a restart")
 
 
+def _has_other_line_ends(text: str) -> bool:
+    return any(end in text for end in _LINE_ENDS) or text.count("\r") != text.count("\r\n")
+
+
 def _check_scanned(scanned: Scanned) -> None:
     """Raise NotProvedError for conversions, comments and pragmas that compilers read differently."""
-    for found in _CONVERSION.finditer(scanned.segment.text):
+    segment = scanned.segment
+    for found in (match for span in segment.spans for match in _CONVERSION.finditer(segment.text, *span)):
         if found[0].upper() not in _EXACT:
             where = scanned.segment.position(found.start())
             raise NotProvedError(f"{where}: {found[0]}: what the type does not hold, compilers convert differently")
