@@ -59,7 +59,7 @@ def projects() -> None:
     """Prove the golden projects, the example bundle and the classifiers of the tests; print a table."""
     from tests.proof.prove import test_prove_classes as classifiers
 
-    print("| project | proved | how | not proved | confirmed by the checker | s |\n|---|---|---|---|---|---|")
+    print("| project | with a proof | how | without | confirmed by the checker | s |\n|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as out:
         example = ROOT / "examples" / "rv160n" / "models"
         for target in ("twincat", "iec"):

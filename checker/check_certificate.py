@@ -1010,7 +1010,7 @@ if __name__ == "__main__":
         print(f"rejected: {type(error).__name__}: {error}")
         sys.exit(1)
     if done == every:
-        print(f"accepted: all {every} entries are confirmed")
+        print("accepted: the only entry is confirmed" if every == 1 else f"accepted: all {every} entries are confirmed")
         sys.exit(0)
-    print(f"accepted in part only: {done} of {every} entries are confirmed, {every - done} are not")
+    print(f"accepted in part only; entries confirmed: {done} of {every}")
     sys.exit(3)

@@ -276,7 +276,7 @@ def draw_terminal(folder: Path) -> str:
             continue
         style = 'class="text" font-weight="600"' if line.startswith("$") else 'class="text"'
         shown = escape(line)
-        for word in ("exact", "proved"):
+        for word in ("equal bits", "proved"):
             shown = shown.replace(f" {word} ", f' <tspan class="good" font-weight="600">{word}</tspan> ')
         parts.append(
             f'<text {style} x="{margin}" y="{margin + 12 + number * step}" xml:space="preserve" '

@@ -221,7 +221,7 @@ def test_estimators_are_compiled_from_memory(tmp_path):
     pages = [value._repr_html_() for value in shown[:3]]
     assert all(page.startswith("<table>") and "forest" in page for page in pages)
     assert "FB_Forest" in pages[1]
-    assert "exact" in pages[2]
+    assert "equal bits" in pages[2]
 
 
 def test_an_estimator_from_memory_is_copied(tmp_path):

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from st_codegen.project.bundle import Bundle
     from st_codegen.proof.prove.prove import ProveReport
     from st_codegen.proof.review import ModelChange, Review, Sweep
-    from st_codegen.proof.verify import VerifyReport
+    from st_codegen.proof.verify_report import VerifyReport
 
 #: Outputs whose curves a page shows: those that moved most.
 _MOST_DRAWN = 12
@@ -116,21 +116,6 @@ def _but_for(report: VerifyReport) -> str:
     return f", but for {' and '.join(parts)}" if parts else ""
 
 
-def _proved_for_every_input(proof: ProveReport) -> str:
-    """What was proved of how many texts: the model's bits, its expression, or that no call of a block fails."""
-    from st_codegen.proof.prove.arithmetic import METHOD
-    from st_codegen.proof.prove.tree_proof import CELLS, SUMS, TAIL
-
-    kinds = {"the model's bits": (CELLS, SUMS), "the model's expression": (METHOD, TAIL), "that no call fails": ()}
-    counts = dict.fromkeys(kinds, 0)
-    for result in (result for result in proof.results if result.is_proved):
-        kind = next((kind for kind, methods in kinds.items() if result.method in methods), "that no call fails")
-        counts[kind] += 1
-    text = f"Proved for every input: {sum(counts.values())} of {counted(len(proof.results), 'text')}"
-    said = ", ".join(f"of {count} {kind}" for kind, count in counts.items() if count)
-    return f"{text}{': ' if said else ''}{said}."
-
-
 def verify_sections(
     report: VerifyReport, proof: ProveReport, bundle: Bundle, generated: Path
 ) -> tuple[str, list[PageSection]]:
@@ -143,7 +128,7 @@ def verify_sections(
     )
     if report.over_budget:
         summary += f"\n\nThe cycle DOES NOT FIT: {', '.join(report.over_budget)}."
-    summary += f"\n\n{_proved_for_every_input(proof)}"
+    summary += f"\n\nFor every input, {proof.summary}."
     rows = [(m.name, m.n, m.max_abs_err, m.bound, m.max_ulp, m.verdict, ", ".join(m.targets)) for m in report.models]
     columns = ("model", "rows", "largest error", "allowed", "ulp", "result", "targets")
     strong = {(row, 5) for row, model in enumerate(report.models) if not model.passed}
@@ -169,9 +154,9 @@ def verify_sections(
 def _proof_section(proof: ProveReport) -> PageSection:
     """The verdicts on the text for every input, and why some are no proof."""
     text = (
-        "The text was executed on all inputs at once. Where it is proved, trees that compare inputs give the model's "
-        "bits, and of other models the text computes the expression; how far that lies from the library at most is the "
-        "bound, where one is known. docs/proof.md says what is assumed."
+        "The text was executed on all inputs at once. Proved: it gives the model's bits. Same expression: it computes "
+        "the model's operations one by one; how far that lies from the library at most is the bound, where one is "
+        "known. Never fails: no call of the block stops the controller. docs/proof.md says what is assumed."
     )
     others = [sentence(result) for result in proof.results if not result.is_proved]
     strong = {(number, 2) for number, result in enumerate(proof.results) if not result.is_proved}

@@ -58,11 +58,12 @@ def command(
     """Prove that the generated text computes what MODELS demand, for every float64 input.
 
     The text is executed on intervals and boxes of inputs, which together are all inputs: NaN, infinities, denormals and
-    both zeros included. Of trees and tables it gives the model's bits; "trees" counts a tree once for each output that
-    it adds to. Of models without trees it computes the model's expression, operation by operation, and nothing in it
-    can fail; "bound" is how far that lies from the library at most, anywhere in the declared ranges. docs/proof.md says
-    what is assumed and what is not covered. Exit code 0 when every model is proved, 1 when one is refuted (an input is
-    named for which the executed text differs) or not covered.
+    both zeros included. "proved": it gives the model's bits, as of trees and tables; "trees" counts a tree once for
+    each output that it adds to. "same expression": it computes the model's operations one by one, and none can fail;
+    "bound" is how far that lies from the library at most, anywhere in the declared ranges. "never fails": no call of a
+    block around models stops a controller. docs/proof.md says what is assumed and what is not covered. Exit code 0 when
+    every text has one of these words, 1 when one is refuted (an input is named for which the executed text differs) or
+    not proved.
     """
     from st_codegen.proof.prove.certificate import certificate
     from st_codegen.proof.prove.prove import prove
@@ -90,13 +91,11 @@ def command(
 
 
 def _table(report: ProveReport) -> Table:
-    from st_codegen.proof.prove.prove import Verdict
-
     numbers = (f">{name}" for name in VERDICT_COLUMNS[4:])
-    table = table_of("the generated text for all inputs", *VERDICT_COLUMNS[:4], *numbers)
-    colours = {Verdict.PROVED: "green", Verdict.REFUTED: "bold red", Verdict.NOT_PROVED: "yellow"}
+    table = table_of(f"the generated text for all inputs, {report.summary}", *VERDICT_COLUMNS[:4], *numbers)
+    colours = {"refuted": "bold red", "not proved": "yellow"}
     for model, target, verdict, *others in verdict_rows(report):
-        table.add_row(model, target, Text(verdict, colours[Verdict(verdict)]), *others)
+        table.add_row(model, target, Text(verdict, colours.get(verdict, "green")), *others)
     return table
 
 
@@ -110,11 +109,11 @@ def verdict_rows(report: ProveReport) -> Iterator[tuple[str, ...]]:
         counts = [f"{count:,}" if count else "" for count in (result.trees, result.boxes, result.operations)]
         bound = f"{max(result.bound):.2g}" if result.bound else "no range known" if result.operations else ""
         bound = "none known" if bound == "inf" else bound
-        yield result.model, result.target, result.verdict.value, result.method, *counts, bound
+        yield result.model, result.target, result.words, result.method, *counts, bound
 
 
 def sentence(result: ProofResult) -> str:
-    """Why a model is not proved, and the input that refutes it if there is one."""
+    """Why there is no proof of a text, and the input that refutes it if there is one."""
     text = f"{result.model}, {result.target}: {result.verdict.value}: {result.reason}"
     found = result.counterexample
     if found is None:

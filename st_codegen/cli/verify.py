@@ -32,7 +32,7 @@ from st_codegen.files.text import write_text
 
 if TYPE_CHECKING:
     from st_codegen.project.bundle import Bundle
-    from st_codegen.proof.verify import ModelReport, VerifyReport
+    from st_codegen.proof.verify_report import ModelReport, VerifyReport
 
 
 @click.command(
@@ -155,10 +155,13 @@ def _write_page(path: Path, given: GivenModels, generated: Path, report: VerifyR
 
 
 def _print_remarks(report: VerifyReport, bundle: Bundle, rows: int) -> None:
-    """What was proved instead of tried, which ranges are guesses, and where other numbers of rows than asked for."""
-    proved = [model.name for model in report.models if model.proved]
-    if proved:
-        say(f"proved for all inputs, and compared with the library on a sample of rows: {', '.join(proved)}")
+    """What `prove` answers for instead of rows, which ranges are guesses, and where not as many rows as asked for."""
+    followed: dict[str, list[str]] = {}
+    for model in report.models:
+        followed.setdefault(model.proof, []).append(model.name)
+    for words, names in followed.items():
+        if words:
+            say(f"{words} for all inputs, and compared with the library on a sample of rows: {', '.join(names)}")
     if report.guessed:
         say(report.guessed)
     models = {ir.name for ir in bundle.irs}

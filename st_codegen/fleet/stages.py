@@ -223,10 +223,9 @@ class _Stages:
         report = prove(self._bundle, generated)
         content = certificate(self._bundle, self.folder / PLACES[TRAIN], generated, report)
         write_text(self.folder / PLACES[CHECK], json.dumps(content, indent=1, sort_keys=True) + "\n")
-        proved = sum(result.is_proved for result in report.results)
         return {
             "passed": report.proved,
-            "how": f"{proved} of {len(report.results)} proved",
+            "how": report.summary,
             "not_proved": {r.model: r.reason for r in report.results if not r.is_proved},
         }
 

@@ -23,10 +23,10 @@ from st_codegen.live.live_report import BlockTimes, LiveReport, OtherBits
 from st_codegen.live.rows import ChosenRows, comparison_rows
 from st_codegen.processes import Progress
 from st_codegen.project.bundle import Bundle
+from st_codegen.proof.agreement import block_report, model_report
 from st_codegen.proof.arithmetic import arithmetic_of
 from st_codegen.proof.isolated import isolated
 from st_codegen.proof.runner import BlockResult, GeneratedCode, target_folders
-from st_codegen.proof.verify import block_report, model_report
 from st_codegen.st import Project
 from st_codegen.st.check.flow import all_reached
 from st_codegen.st.tree import StandardCall

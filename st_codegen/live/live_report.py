@@ -7,7 +7,7 @@ from typing import Any
 
 from st_codegen.errors import counted
 from st_codegen.live.controller import SOFT_PLC, UNKNOWN
-from st_codegen.proof.verify import ModelReport, guesses
+from st_codegen.proof.verify_report import ModelReport, guesses
 from st_codegen.report import PageSection, PageTable
 
 

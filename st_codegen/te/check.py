@@ -67,8 +67,8 @@ def harmonics(
 ) -> HarmonicSet:
     """Amplitudes and phases that the models predict at operating points `x` (rows, features)."""
     by_name = {model.name: model for model in models}
-    own = {output.model for output in te.outputs if output.direction is direction}
-    values = {name: evaluate(by_name[name], x) for name in own}
+    asked = {output.model for output in te.outputs if output.direction is direction}
+    values = {name: evaluate(by_name[name], x) for name in asked}
     errors = {name: bound(by_name[name], x) for name in values}
     zero = np.zeros(len(x))
     columns = []

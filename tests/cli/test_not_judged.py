@@ -5,7 +5,8 @@ import pytest
 
 from st_codegen.driver import generate
 from st_codegen.project.bundle import load
-from st_codegen.proof.verify import ModelReport, verify
+from st_codegen.proof.verify import verify
+from st_codegen.proof.verify_report import ModelReport
 from tests.cli.helpers import run
 
 RANGE = '[[input]]\nfeature = "f{}"\nmin = {}\nmax = {}\n'
@@ -80,12 +81,12 @@ def test_of_refused_rows_outside_the_range_it_is_said_how_many_the_library_was_a
     (tmp_path / "models" / "st-codegen.toml").write_text(RANGE.format(0, 0.0, 10.0))
     generate(load(tmp_path / "models"), "iec", tmp_path / "out")
     (all_asked,) = verify(load(tmp_path / "models"), tmp_path / "out", rows=300).models
-    monkeypatch.setattr("st_codegen.proof.verify._ASKED", 1)
+    monkeypatch.setattr("st_codegen.proof.agreement._ASKED", 1)
     (few_asked,) = verify(load(tmp_path / "models"), tmp_path / "out", rows=300).models
     assert all_asked.refused_outside == few_asked.refused_outside > few_asked.asked_outside
     assert ModelReport("m", refused_outside=9, asked_outside=4, silent_outside=2).not_judged == (
-        "of 9 rows of numbers outside the range of inputs, which the block refuses, the library was asked 4 and "
-        "has an answer to 2"
+        "the block refuses 9 rows of numbers outside the range of inputs: to 2 of the 4 of them that it was asked the "
+        "library has an answer"
     )
 
 

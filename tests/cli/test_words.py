@@ -8,7 +8,7 @@ from st_codegen.cli.verify import _codes
 from st_codegen.live.live_report import BlockTimes, LiveReport
 from st_codegen.proof.prove.counterexample import Counterexample
 from st_codegen.proof.prove.prove import ProofResult, Verdict
-from st_codegen.proof.verify import Disagreement, ModelReport, VerifyReport
+from st_codegen.proof.verify_report import Disagreement, ModelReport, VerifyReport
 
 OFF = Disagreement("library and iec", (0.5,), (1.0,), (2.0,), 0.0)
 

@@ -23,7 +23,7 @@ from st_codegen.live.live_report import LiveReport, record_of, record_sections, 
 from st_codegen.live.plc import PlcState
 from st_codegen.live.rows import _around, comparison_rows
 from st_codegen.passes.choose import Layout, Options
-from st_codegen.proof.verify import ModelReport
+from st_codegen.proof.verify_report import ModelReport
 from tests.cli.helpers import run
 from tests.live.conftest import Running, soft_plc
 
@@ -42,7 +42,7 @@ def compared(models, folder, running, **settings):
 def test_all_agree_and_the_record_says_so(models, lone, lone_plc, tmp_path):
     report = compared(models, lone[1], lone_plc, rows=1200)
     assert report.passed
-    assert [(model.name, model.verdict, model.max_ulp) for model in report.models] == [("te", "exact", 0)]
+    assert [(model.name, model.verdict, model.max_ulp) for model in report.models] == [("te", "equal bits", 0)]
     assert report.differs == {}
     assert report.sent >= 1200
     (rows, tried, constants) = report.rows["FB_Te"]

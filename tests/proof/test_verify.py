@@ -14,8 +14,10 @@ from st_codegen.passes.choose import Layout
 from st_codegen.passes.domain import limit_inputs
 from st_codegen.project.bundle import Bundle, load
 from st_codegen.project.purpose import BlockCheck
+from st_codegen.proof.agreement import block_report, ulps_between
 from st_codegen.proof.probes import operating_range
-from st_codegen.proof.verify import _merged, block_report, ulps_between, verify
+from st_codegen.proof.verify import verify
+from st_codegen.proof.verify_report import merged
 from st_codegen.walkers.base import LoadedModel
 from tests.changes import change_once
 from tests.models import model, random_trees
@@ -151,7 +153,7 @@ def test_rows_without_an_answer_are_counted_and_not_called_exact_alone(missing, 
     report = verify(bundle, tmp_path, rows=300)
     (found,) = report.models
     assert report.passed == found.passed == (missing != "all")
-    assert found.verdict == ("FAILED" if missing == "all" else "exact")
+    assert found.verdict == ("FAILED" if missing == "all" else "equal bits")
     assert found.nothing_compared == ("no row that was tried" in found.not_judged) == (missing == "all")
     assert bool(found.unanswered) == ("no finite answer to them either" in found.not_judged) == (missing != "none")
     assert (found.asked, found.silent) == (found.unanswered, 0)
@@ -172,7 +174,7 @@ def test_what_the_library_answers_and_the_block_refuses_is_said(tmp_path):
     bundle = Bundle((LoadedModel(roots, library),), None)
     generate(bundle, "iec", tmp_path)
     (found,) = verify(bundle, tmp_path, rows=300).models
-    assert found.passed and found.verdict == "exact where it answers"
+    assert found.passed and found.verdict == "equal bits where it answers"
     assert 0 < found.silent == found.asked < found.unanswered
     row, answer = found.silent_example
     assert min(map(abs, row)) < 0.5 and answer == [7.0] * 3
@@ -316,7 +318,7 @@ def test_a_block_that_answers_nothing_does_not_pass():
 
 def test_what_the_models_refuse_needs_no_bound():
     report = _block([[1.0, np.nan], [np.nan, np.nan]], [[1.0, np.nan], [np.nan, np.nan]], [[0.0, np.nan]] * 2)
-    assert report.must_be_exact and not report.unbounded and report.verdict == "exact"
+    assert report.must_be_exact and not report.unbounded and report.verdict == "equal bits"
 
 
 def test_the_bound_of_a_failure_is_that_of_the_number_that_is_wrong():
@@ -326,5 +328,5 @@ def test_the_bound_of_a_failure_is_that_of_the_number_that_is_wrong():
 
 def test_a_block_that_one_target_need_not_have_to_the_bit_passes_with_both():
     exact, near = _block([[1.0]], [[1.0]], [[0.0]]), _block([[1.0]], [[1.1]], [[0.5]])
-    (merged,) = _merged([exact, near])
-    assert (merged.passed, merged.verdict) == (True, "within bound")
+    (both,) = merged([exact, near])
+    assert (both.passed, both.verdict) == (True, "within bound")

@@ -29,7 +29,7 @@ from st_codegen.proof.prove.terms import Term, Terms, Value
 from st_codegen.st import Project
 from st_codegen.st import tree as t
 
-METHOD = "the model's expression"
+EXPRESSION = "the model's expression"
 
 #: Said of a block whose bValid is FALSE for all inputs.
 NEVER = "the block has no answer to any input (bValid is always FALSE): there are no numbers to compare"
@@ -65,7 +65,7 @@ def prove_arithmetic(model: ModelIR, project: Project, block: str, outputs: tupl
     else:
         raise min(differences, key=lambda difference: difference.apart)
     _check_all_inputs(model, project, block, outputs)
-    return Findings(METHOD, operations=operations, bound=range_bound(model))
+    return Findings(EXPRESSION, operations=operations, bound=range_bound(model))
 
 
 def _is_the_same(model: ModelIR, on_grid: ModelIR) -> bool:

@@ -357,8 +357,12 @@ def _changeovers(operator: str, item: AxisValue, thresholds: FloatArray) -> tupl
     Returns the last key before the change, the decision up to it, and that for NaN; None for a value that neither rises
     nor falls. Cuts the axis at these places.
     """
-    axis = item.axis
+    axis, compare = item.axis, COMPARE[operator]
     item.held_alike()
+
+    def beyond(limits: FloatArray) -> Callable[[FloatArray, IntArray], BoolArray]:
+        return lambda x, places: np.asarray(compare(x, limits[places]), np.bool_)
+
     while True:
         order = item.in_order()
         if order is None:
@@ -375,8 +379,7 @@ def _changeovers(operator: str, item: AxisValue, thresholds: FloatArray) -> tupl
         if not np.any(open_):
             break
         distinct, at = np.unique(thresholds[open_], return_index=True)
-        compare = COMPARE[operator]
-        item.cut_lanes(lanes[lane[open_][at]], lambda x, places, d=distinct: np.asarray(compare(x, d[places]), np.bool_))
+        item.cut_lanes(lanes[lane[open_][at]], beyond(distinct))
     end = np.where(count > 0, axis.ends[lanes[lane]], LOWEST - 1)
-    nan = np.asarray(COMPARE[operator](item.lift().constant[-1], thresholds))
+    nan = np.asarray(compare(item.lift().constant[-1], thresholds))
     return end, np.full(len(thresholds), name in ("LT", "LE")), nan

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
 
 from st_codegen.emit.blocks.self_check import INTACT
 from st_codegen.emit.output import block_of
+from st_codegen.errors import counted
 from st_codegen.files.html_text import html_table
 from st_codegen.ir import ModelIR, TreeEnsemble
 from st_codegen.processes import Progress
 from st_codegen.project.bundle import Bundle
 from st_codegen.proof.probes import probe_rows
-from st_codegen.proof.prove.arithmetic import prove_arithmetic
+from st_codegen.proof.prove.arithmetic import EXPRESSION, prove_arithmetic
 from st_codegen.proof.prove.axis import NotProvedError
 from st_codegen.proof.prove.blocks import prove_block
 from st_codegen.proof.prove.counterexample import Counterexample, counterexample, edge_rows, of_expressions
 from st_codegen.proof.prove.disagree import OtherExpressionError
 from st_codegen.proof.prove.texts import check_interface, check_text
-from st_codegen.proof.prove.tree_proof import BlockRun, Difference, TreeProof
+from st_codegen.proof.prove.tree_proof import CELLS, SUMS, TAIL, BlockRun, Difference, TreeProof
 from st_codegen.proof.runner import GeneratedCode, target_folders
 
 #: Rows that are executed where a text differs behind numbers that are computed of several inputs.
@@ -27,11 +29,18 @@ _PROBES = 5000
 
 
 class Verdict(StrEnum):
-    """What was found for a model."""
+    """What was found for a text, as certificates say it; PROVED: there is a proof, of what its words say."""
 
     PROVED = "proved"
     REFUTED = "refuted"
     NOT_PROVED = "not proved"
+
+
+#: What a proof is of, in words (docs/architecture.md): of equal bits for all inputs, of the model's operations one by
+#: one for all inputs, of a block around models that no call stops.
+EQUAL_BITS, SAME_EXPRESSION, NEVER_FAILS = "proved", "same expression", "never fails"
+_AROUND = "invariant of a call"
+_WORDS = {SUMS: EQUAL_BITS, CELLS: EQUAL_BITS, EXPRESSION: SAME_EXPRESSION, TAIL: SAME_EXPRESSION, _AROUND: NEVER_FAILS}
 
 
 @dataclass(frozen=True)
@@ -61,23 +70,32 @@ class ProofResult:
     def is_proved(self) -> bool:
         return self.verdict is Verdict.PROVED
 
+    @property
+    def words(self) -> str:
+        """What a line of a table says: the verdict, and of a proof what it shows."""
+        return _WORDS[self.method] if self.is_proved else self.verdict.value
+
 
 @dataclass(frozen=True, repr=False)
 class ProveReport:
-    """All verdicts; `proved`: each of them is a proof."""
+    """All verdicts; `proved`: there is a proof for each text."""
 
     results: tuple[ProofResult, ...] = field(default=())
 
     def __repr__(self) -> str:
-        return f"ProveReport({self._count()} proved)"
+        return f"ProveReport({self.summary})"
 
-    def _count(self) -> str:
-        return f"{sum(result.is_proved for result in self.results)} of {len(self.results)}"
+    @property
+    def summary(self) -> str:
+        """How many texts there are, and how many of them have which words."""
+        order = (EQUAL_BITS, SAME_EXPRESSION, NEVER_FAILS, *Verdict)
+        counts = Counter(sorted((result.words for result in self.results), key=order.index))
+        said = ", ".join(f"{count} {words}" for words, count in counts.items())
+        return f"{counted(len(self.results), 'text')}: {said}" if said else "no texts"
 
     def _repr_html_(self) -> str:
-        rows = [(r.model, r.target, r.block, r.verdict.value, r.reason or r.method) for r in self.results]
-        head = ("model", "target", "block", "verdict", "by")
-        return html_table(f"{self._count()} texts proved to equal their model for all inputs", head, rows)
+        rows = [(r.model, r.target, r.block, r.words, r.reason or r.method) for r in self.results]
+        return html_table(f"For all inputs, {self.summary}", ("model", "target", "block", "verdict", "by"), rows)
 
     @property
     def proved(self) -> bool:
@@ -125,7 +143,7 @@ def _prove_around(block: str, code: GeneratedCode, bundle: Bundle, models: list[
         proof = prove_block(code.project, block, members)
     except NotProvedError as error:
         return replace(result, reason=str(error))
-    return replace(result, verdict=Verdict.PROVED, method="invariant of a call", claims=proof.claims)
+    return replace(result, verdict=Verdict.PROVED, method=_AROUND, claims=proof.claims)
 
 
 def _left_out(model: ModelIR, folder: Path) -> ProofResult:

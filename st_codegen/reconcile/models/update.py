@@ -13,7 +13,8 @@ from st_codegen.errors import GeneratedCodeError, InputError, Problems
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.processes import Progress
 from st_codegen.project.bundle import Bundle, load
-from st_codegen.proof.verify import VerifyReport, verify
+from st_codegen.proof.verify import verify
+from st_codegen.proof.verify_report import VerifyReport
 from st_codegen.reconcile.models.bundle_files import write_updated
 from st_codegen.reconcile.models.terms import Decision, decide
 from st_codegen.reconcile.result import Reconciliation

@@ -32,7 +32,7 @@ from st_codegen.driver import generate
 from st_codegen.ir import Output
 from st_codegen.passes.choose import Layout, Options
 from st_codegen.project.bundle import Bundle
-from st_codegen.proof.prove.arithmetic import METHOD
+from st_codegen.proof.prove.arithmetic import EXPRESSION
 from st_codegen.proof.prove.prove import Verdict, prove
 from st_codegen.proof.prove.tree_proof import SUMS, TAIL
 from st_codegen.walkers.base import LoadedModel
@@ -75,7 +75,7 @@ def proved(model, folder, layout=Layout.AUTO, target="iec"):
 @pytest.mark.parametrize("name", EXPRESSIONS)
 def test_the_label_is_the_decision_of_the_model_s_expression(name, tmp_path):
     result = proved(fitted(*EXPRESSIONS[name]), tmp_path)
-    assert (result.verdict, result.method, result.reason) == (Verdict.PROVED, METHOD, "")
+    assert (result.verdict, result.method, result.reason) == (Verdict.PROVED, EXPRESSION, "")
     assert result.operations > 0 and result.bound == ()
 
 

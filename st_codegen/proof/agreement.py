@@ -1,0 +1,225 @@
+"""Answers held against each other, row by row: of the library, of the reference, and of what runs the text."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from st_codegen.emit.blocks.model import refused_where
+from st_codegen.emit.output import block_of
+from st_codegen.ir import AnyArray, BoolArray, FloatArray, IntArray, ModelIR, TreeEnsemble, reference
+from st_codegen.passes.jumps import largest_jump, unsure_columns
+from st_codegen.project.purpose import BlockCheck
+from st_codegen.proof import bounds
+from st_codegen.proof.arithmetic import arithmetic_of
+from st_codegen.proof.isolated import LibraryRefusesError, answers_to
+from st_codegen.proof.probes import RangeSource, operating_range, range_source
+from st_codegen.proof.runner import BlockResult
+from st_codegen.proof.verify_report import Disagreement, ModelReport, OpenRow
+from st_codegen.walkers.base import LoadedModel
+
+#: How often a library is asked about rows that the block refuses.
+_ASKED = 48
+
+
+class RunsModels(Protocol):
+    """What computes a model by generated text: the engine here, or a controller."""
+
+    folder: Path
+
+    def run_model(self, block: str, x: FloatArray, outputs: Sequence[int]) -> BlockResult:
+        """Call a model's block once for each row of `x` (see `GeneratedCode.run_model`)."""
+
+
+def model_report(
+    model: LoadedModel, x: FloatArray, targets: Mapping[str, RunsModels], *, proof: str = ""
+) -> ModelReport:
+    """Compare the library, the reference and what runs the text, by the name it has in the report, row by row."""
+    ir = model.ir
+    blocks = {name: block_of(code.folder, ir) for name, code in targets.items()}
+    expected = reference.evaluate(ir, x)
+    usable = np.all(np.isfinite(expected), axis=1)
+    limited = reference.limited(ir, x)
+    bound = np.where(usable[:, None], bounds.difference_bound(ir, limited), 0.0)
+    report = ModelReport(ir.name, n=len(x), proof=proof, must_be_exact=ir.exact)
+    report.guessed = [feature.name for feature in ir.features if range_source(feature) is RangeSource.GUESS]
+    library = np.full_like(expected, np.nan)
+    try:
+        library[usable] = model.predict(limited[usable])
+    except LibraryRefusesError as refusal:
+        report.refusal, report.exact, report.targets, report.n = str(refusal), False, list(targets), 0
+        return report
+    _note_open_rows(report, ir, x, library, expected, bound)
+    report.unbounded = int(np.sum(~np.all(np.isfinite(bound), axis=1)))
+    lower, upper = operating_range(ir)
+    inside = np.all((x >= lower) & (x <= upper), axis=1)
+    report.unanswered, report.nothing_compared = int(np.sum(inside & ~usable)), not np.any(usable)
+    _ask_to_refused(report, model, limited, ~usable & np.all(np.isfinite(limited), axis=1), inside)
+    inside &= usable
+    numbers = 0 if ir.classes is None else 1  # the first output that has a size
+    near = bound[inside, numbers:]
+    report.bound = float(np.max(near[np.isfinite(near)], initial=0.0))
+    said, report.refused_where = expected[inside, numbers:], refused_where(ir)
+    report.vague = _vague(said, near)
+    report.jump = largest_jump(ir)
+    if report.jump:
+        report.jump_width = _jump_width(ir, limited[inside])
+    _compare(report, "library and reference", x, library, expected, bound)
+    for name, code in targets.items():
+        report.targets.append(name)
+        block, outputs = blocks[name]
+        result = code.run_model(block, x, outputs)
+        got = np.where(result.valid[:, None], result.values, np.nan)
+        arithmetic = arithmetic_of(code.folder.name)
+        answered = usable & arithmetic.answers(ir, limited)
+        same = arithmetic.bound is bounds.text_bound and not ir.is_real  # and need not be derived once more
+        allowed = np.where(answered[:, None], bound if same else arithmetic.bound(ir, limited), 0.0)
+        report.must_be_exact &= not np.any(allowed)
+        near = allowed[inside & np.isfinite(allowed).all(axis=1), numbers:]
+        report.bound = max(report.bound, float(np.max(near, initial=0.0)))
+        report.vague = max(report.vague, _vague(said, allowed[inside, numbers:]))
+        _compare(report, f"reference and {name}", x, np.where(answered[:, None], expected, np.nan), got, allowed)
+        report.exact &= not np.any(library[answered] != got[answered])
+        report.zero_signs = max(report.zero_signs, _other_zeros(library[answered], got[answered]))
+        near = inside & answered & result.valid
+        _measure(report, x, library[:, numbers:], got[:, numbers:], near, is_real=ir.is_real)
+    return report
+
+
+def _ask_to_refused(
+    report: ModelReport, model: LoadedModel, x: FloatArray, refused: BoolArray, inside: BoolArray
+) -> None:
+    """Note to how many of the rows that the block refuses the library has an answer."""
+    answers, asked = np.full((len(x), len(model.ir.outputs)), np.nan), np.zeros(len(x), np.bool_)
+    rows = np.flatnonzero(refused)
+    rows = rows[np.argsort(inside[rows], kind="stable")]  # the last ones are asked first
+    answers[rows], asked[rows] = answers_to(model, x[rows], _ASKED)
+    answered = asked & np.isfinite(answers).all(axis=1)
+    report.asked, report.silent = int(np.sum(asked & inside)), int(np.sum(answered & inside))
+    outside = (refused & ~inside, asked & ~inside, answered & ~inside)
+    report.refused_outside, report.asked_outside, report.silent_outside = map(int, map(np.sum, outside))
+    if report.silent:
+        first = int(np.argmax(answered & inside))
+        report.silent_example = x[first].tolist(), answers[first].tolist()
+
+
+def _vague(values: FloatArray, bound: FloatArray) -> int:
+    """Rows on which the bound of an output, (n, outputs), is finite and larger than all that it spans on these.
+
+    One that is the same on all rows is held against its size.
+    """
+    if not len(values):
+        return 0
+    spans = np.ptp(values, axis=0)
+    sizes = np.where(spans > 0.0, spans, np.abs(values[0]))
+    return int(np.sum(((bound > sizes) & np.isfinite(bound)).any(axis=1)))
+
+
+def _jump_width(model: ModelIR, x: FloatArray) -> float:
+    """How far the numbers that trees compare behind inexact operations may lie from the library's, on some rows."""
+    found = bounds.differences(model, x)
+    width = 0.0
+    for op in model.ops:
+        if isinstance(op, TreeEnsemble):
+            given = np.hstack([found[value] for value in op.inputs])
+            columns = [op.columns[number].column for number in unsure_columns(model, op)]
+            width = max(width, float(np.max(given[:, columns], initial=0.0)))
+    return width
+
+
+def _note_open_rows(
+    report: ModelReport, model: ModelIR, x: FloatArray, library: FloatArray, expected: FloatArray, bound: FloatArray
+) -> None:
+    if model.classes is None:
+        return
+    rows = np.flatnonzero((bound[:, 0] > 0) & np.isfinite(library[:, 0]))
+    report.open_rows = len(rows)
+    labels = model.classes.labels
+    report.open_examples = [
+        OpenRow(tuple(map(float, x[row])), labels[int(library[row, 0])], labels[int(expected[row, 0])])
+        for row in rows[:3]
+    ]
+
+
+def _compare(
+    report: ModelReport, between: str, x: FloatArray, expected: FloatArray, got: FloatArray, bound: FloatArray
+) -> None:
+    """Note the first rows on which two answers differ by more than the bound, or only one of them is an answer."""
+    same = (expected == got) | (np.isnan(expected) & np.isnan(got))
+    with np.errstate(invalid="ignore"):
+        near = (np.abs(expected - got) <= bound) | np.isinf(bound)
+    differs = ~(same | near)
+    for row in np.flatnonzero(differs.any(axis=1))[:3]:
+        report.failures.append(
+            Disagreement(
+                between,
+                tuple(map(float, x[row])),
+                tuple(map(float, expected[row])),
+                tuple(map(float, got[row])),
+                float(np.max(bound[row, differs[row]])),
+            )
+        )
+
+
+def _other_zeros(expected: FloatArray, got: FloatArray) -> int:
+    """Rows with a zero on both sides whose signs differ: equal numbers, of which a division by them would tell."""
+    differ = (expected == 0.0) & (got == 0.0) & (np.signbit(expected) != np.signbit(got))
+    return int(differ.any(axis=1).sum())
+
+
+def _measure(
+    report: ModelReport, x: FloatArray, library: FloatArray, got: FloatArray, rows: BoolArray, *, is_real: bool = False
+) -> None:
+    """Largest error of the emitted text against the library on some rows."""
+    if not rows.any() or not library.shape[1]:
+        return
+    error = np.max(np.abs(library[rows] - got[rows]), axis=1)
+    worst = int(np.argmax(error))
+    report.max_ulp = max(report.max_ulp, int(np.max(ulps_between(library[rows], got[rows], single=is_real))))
+    if report.worst_input is None or error[worst] > report.max_abs_err:
+        report.worst_input = [float(value) for value in x[rows][worst]]
+    report.max_abs_err = max(report.max_abs_err, float(error[worst]))
+
+
+def ulps_between(a: FloatArray, b: FloatArray, *, single: bool = False) -> IntArray:
+    """How many representable numbers lie from `a` to `b`; 0 for equal numbers, +0 and -0 included.
+
+    Counts float32 numbers when all of `a` are such or `single` says so, else float64 numbers. Distances from 2**62 on
+    are given as 2**62.
+    """
+    with np.errstate(over="ignore"):
+        single = single or np.array_equal(a, a.astype(np.float32))
+    first, second = (_in_order(value.astype(np.float32) if single else value) for value in (a, b))
+    near = np.abs(first.astype(np.float64) - second.astype(np.float64)) < 2.0**62
+    distance = np.abs(np.where(near, first, 0) - np.where(near, second, 0))
+    return np.where(near, distance, np.int64(2**62))
+
+
+def _in_order(value: AnyArray) -> IntArray:
+    """Integers that are in the order of the numbers, one apart for neighbours."""
+    contiguous = np.ascontiguousarray(value)
+    if value.dtype == np.float64:
+        bits, lowest = contiguous.view(np.int64), -(2**63)
+    else:
+        bits, lowest = contiguous.view(np.int32).astype(np.int64), -(2**31)
+    return np.where(bits < 0, lowest - bits, bits)
+
+
+def block_report(check: BlockCheck, target: str) -> ModelReport:
+    """A block around the models against the models that it is made of."""
+    # what the models refuse has no bound, and needs none
+    limits = np.where(np.isnan(check.expected), 0.0, check.bound)
+    known = np.isfinite(limits)
+    bound = float(np.max(limits[known], initial=0.0))
+    report = ModelReport(check.block, n=len(check.inputs), bound=bound, targets=[target])
+    report.must_be_exact, report.unbounded = not np.any(limits), int(np.sum(~known.all(axis=1)))
+    _compare(report, f"models and {target}", check.inputs, check.expected, check.got, check.bound)
+    answered = np.all(np.isfinite(check.expected) & np.isfinite(check.got), axis=1)
+    report.nothing_compared = not np.any(np.isfinite(check.expected) & np.isfinite(check.got))
+    report.exact = bool(np.array_equal(check.expected, check.got, equal_nan=True))
+    report.zero_signs = _other_zeros(check.expected, check.got)
+    _measure(report, check.inputs, check.expected, check.got, answered)
+    return report
