@@ -104,6 +104,42 @@ class Reader:
             self._child = None
 
 
+@contextmanager
+def read_meanwhile(generated: Path) -> Iterator[None]:
+    """Have a copy of this process read generated text while the block loads models.
+
+    It only spares time: what is wrong with the text, or with the copy, is found when the text is read here.
+    """
+    if not (can_be_copied() and other_processors()):
+        yield
+        return
+    with os.fdopen(os.memfd_create("read"), "w+b") as file:
+
+        def read() -> None:
+            from st_codegen.proof.runner import target_folders
+            from st_codegen.st.syntax.source import pass_on, read_ahead
+
+            for folder in target_folders(generated):
+                for path in sorted(folder.rglob("*")):
+                    read_ahead(path)
+            pass_on(file)
+            file.flush()
+
+        child = make_copy(read)
+        try:
+            yield
+        except BaseException:
+            os.kill(child, signal.SIGKILL)
+            raise
+        finally:
+            status = os.waitpid(child, 0)[1]
+        if not status:
+            from st_codegen.st.syntax.source import take_over
+
+            file.seek(0)
+            take_over(file)
+
+
 #: Who reads all that is written, where `one_reader` says so.
 _ONE: ContextVar[Reader | None] = ContextVar("_ONE", default=None)
 

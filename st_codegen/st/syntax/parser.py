@@ -67,13 +67,16 @@ class _Reserved:
 
 
 @cache
+def _grammar() -> str:
+    return (files("st_codegen.st.syntax") / "grammar.lark").read_text(encoding="utf-8")
+
+
+@cache
 def _lark() -> Lark:
-    grammar = (files("st_codegen.st.syntax") / "grammar.lark").read_text(encoding="utf-8")
     reserved = _Reserved()
-    words = (line.partition(": ") for line in grammar.splitlines() if line.endswith('"i'))
-    reserved.always_accept = tuple(name for name, _, _ in words if name not in _SOFT)
+    reserved.always_accept = _reserved_names()
     return Lark(
-        grammar,
+        _grammar(),
         parser="lalr",
         lexer="contextual",
         start=list(STARTS),
@@ -89,11 +92,16 @@ def get_ready() -> None:
     parse_segment(Segment(_USUAL, "usual"))
 
 
+def _reserved_names() -> tuple[str, ...]:
+    """What the grammar calls the words that cannot be names."""
+    words = (line.partition(": ") for line in _grammar().splitlines() if line.endswith('"i'))
+    return tuple(name for name, _, _ in words if name not in _SOFT)
+
+
 @cache
 def reserved_words() -> frozenset[str]:
     """The words that cannot be names, upper case."""
-    postlex = _lark().options.postlex
-    return frozenset(name.lstrip("_") for name in (postlex.always_accept if postlex is not None else ()))
+    return frozenset(name.lstrip("_") for name in _reserved_names())
 
 
 def parse_segment(segment: Segment, start: str = "file") -> Any:

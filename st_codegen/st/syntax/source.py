@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import gc
+import pickle
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 
 from st_codegen.errors import InputError
 from st_codegen.st.errors import Position, Problem, StSyntaxError
@@ -58,6 +61,20 @@ def read_ahead(path: Path) -> None:
         with contextlib.suppress(StSyntaxError, InputError):
             content = _content(path)
             _AHEAD[path.as_posix()] = content, _read_one(path.as_posix(), content)
+
+
+def pass_on(file: IO[bytes]) -> None:
+    """Write what was read ahead for another process of this program."""
+    pickle.dump(_AHEAD, file, 5)
+
+
+def take_over(file: IO[bytes]) -> None:
+    """Read what another process of this program passed on, as if it had been read ahead here."""
+    gc.disable()  # which would look through millions of new objects, of which none is garbage
+    try:
+        _AHEAD.update(pickle.load(file))
+    finally:
+        gc.enable()
 
 
 def _files(paths: Iterable[Path | str]) -> Iterator[Path]:
