@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
@@ -34,16 +35,36 @@ class RunsModels(Protocol):
         """Call a model's block once for each row of `x` (see `GeneratedCode.run_model`)."""
 
 
+@dataclass(frozen=True)
+class _Answers:
+    """What is known of rows `x` before any text runs, of which the model takes the `limited` numbers.
+
+    `usable`: the reference has an answer, `expected`; `bound`: how far the library's may lie from it. `inside`: usable,
+    and in the operating range. `sizes`: the outputs that have a size, which the number of a class has not.
+    """
+
+    model: ModelIR
+    x: FloatArray
+    limited: FloatArray
+    expected: FloatArray
+    library: FloatArray
+    usable: BoolArray
+    inside: BoolArray
+    bound: FloatArray
+
+    @property
+    def sizes(self) -> slice:
+        return slice(0 if self.model.classes is None else 1, None)
+
+
 def model_report(
     model: LoadedModel, x: FloatArray, targets: Mapping[str, RunsModels], *, proof: str = ""
 ) -> ModelReport:
     """Compare the library, the reference and what runs the text, by the name it has in the report, row by row."""
     ir = model.ir
     blocks = {name: block_of(code.folder, ir) for name, code in targets.items()}
-    expected = reference.evaluate(ir, x)
+    expected, limited = reference.evaluate(ir, x), reference.limited(ir, x)
     usable = np.all(np.isfinite(expected), axis=1)
-    limited = reference.limited(ir, x)
-    bound = np.where(usable[:, None], bounds.difference_bound(ir, limited), 0.0)
     report = ModelReport(ir.name, n=len(x), proof=proof, must_be_exact=ir.exact)
     report.guessed = [feature.name for feature in ir.features if range_source(feature) is RangeSource.GUESS]
     library = np.full_like(expected, np.nan)
@@ -52,41 +73,52 @@ def model_report(
     except LibraryRefusesError as refusal:
         report.refusal, report.exact, report.targets, report.n = str(refusal), False, list(targets), 0
         return report
-    _note_open_rows(report, ir, x, library, expected, bound)
-    report.unbounded = int(np.sum(~np.all(np.isfinite(bound), axis=1)))
     lower, upper = operating_range(ir)
     inside = np.all((x >= lower) & (x <= upper), axis=1)
     report.unanswered, report.nothing_compared = int(np.sum(inside & ~usable)), not np.any(usable)
+    report.refused_where = refused_where(ir)
     _ask_to_refused(report, model, limited, ~usable & np.all(np.isfinite(limited), axis=1), inside)
-    inside &= usable
-    numbers = 0 if ir.classes is None else 1  # the first output that has a size
-    near = bound[inside, numbers:]
-    report.bound = float(np.max(near[np.isfinite(near)], initial=0.0))
-    said, report.refused_where = expected[inside, numbers:], refused_where(ir)
-    report.vague = _vague(said, near)
-    report.jump = largest_jump(ir)
-    if report.jump:
-        report.jump_width = _jump_width(ir, limited[inside])
-    _compare(report, "library and reference", x, library, expected, bound)
+    bound = np.where(usable[:, None], bounds.difference_bound(ir, limited), 0.0)
+    answers = _Answers(ir, x, limited, expected, library, usable, inside & usable, bound)
+    _hold_library(report, answers)
     for name, code in targets.items():
-        report.targets.append(name)
         block, outputs = blocks[name]
-        result = code.run_model(block, x, outputs)
-        got = np.where(result.valid[:, None], result.values, np.nan)
-        arithmetic = arithmetic_of(code.folder.name)
-        answered = usable & arithmetic.answers(ir, limited)
-        same = arithmetic.bound is bounds.text_bound and not ir.is_real  # and need not be derived once more
-        allowed = np.where(answered[:, None], bound if same else arithmetic.bound(ir, limited), 0.0)
-        report.must_be_exact &= not np.any(allowed)
-        near = allowed[inside & np.isfinite(allowed).all(axis=1), numbers:]
-        report.bound = max(report.bound, float(np.max(near, initial=0.0)))
-        report.vague = max(report.vague, _vague(said, allowed[inside, numbers:]))
-        _compare(report, f"reference and {name}", x, np.where(answered[:, None], expected, np.nan), got, allowed)
-        report.exact &= not np.any(library[answered] != got[answered])
-        report.zero_signs = max(report.zero_signs, _other_zeros(library[answered], got[answered]))
-        near = inside & answered & result.valid
-        _measure(report, x, library[:, numbers:], got[:, numbers:], near, is_real=ir.is_real)
+        _hold_text(report, answers, name, code.folder.name, code.run_model(block, x, outputs))
     return report
+
+
+def _hold_library(report: ModelReport, answers: _Answers) -> None:
+    """Note how library and reference agree, and what the bound leaves open between them."""
+    model, bound, inside = answers.model, answers.bound, answers.inside
+    _note_open_rows(report, answers)
+    report.unbounded = int(np.sum(~np.all(np.isfinite(bound), axis=1)))
+    near = bound[inside, answers.sizes]
+    report.bound = float(np.max(near[np.isfinite(near)], initial=0.0))
+    report.vague = _vague(answers.expected[inside, answers.sizes], near)
+    report.jump = largest_jump(model)
+    if report.jump:
+        report.jump_width = _jump_width(model, answers.limited[inside])
+    _compare(report, "library and reference", answers.x, answers.library, answers.expected, bound)
+
+
+def _hold_text(report: ModelReport, answers: _Answers, name: str, target: str, result: BlockResult) -> None:
+    """Note how far what the text of a target computed agrees with reference and library."""
+    model, library, sizes, arithmetic = answers.model, answers.library, answers.sizes, arithmetic_of(target)
+    report.targets.append(name)
+    got = np.where(result.valid[:, None], result.values, np.nan)
+    answered = answers.usable & arithmetic.answers(model, answers.limited)
+    same = arithmetic.bound is bounds.text_bound and not model.is_real  # and need not be derived once more
+    allowed = np.where(answered[:, None], answers.bound if same else arithmetic.bound(model, answers.limited), 0.0)
+    report.must_be_exact &= not np.any(allowed)
+    near = allowed[answers.inside & np.isfinite(allowed).all(axis=1), sizes]
+    report.bound = max(report.bound, float(np.max(near, initial=0.0)))
+    report.vague = max(report.vague, _vague(answers.expected[answers.inside, sizes], allowed[answers.inside, sizes]))
+    wanted = np.where(answered[:, None], answers.expected, np.nan)
+    _compare(report, f"reference and {name}", answers.x, wanted, got, allowed)
+    report.exact &= not np.any(library[answered] != got[answered])
+    report.zero_signs = max(report.zero_signs, _other_zeros(library[answered], got[answered]))
+    rows = answers.inside & answered & result.valid
+    _measure(report, answers.x, library[:, sizes], got[:, sizes], rows, is_real=model.is_real)
 
 
 def _ask_to_refused(
@@ -130,14 +162,14 @@ def _jump_width(model: ModelIR, x: FloatArray) -> float:
     return width
 
 
-def _note_open_rows(
-    report: ModelReport, model: ModelIR, x: FloatArray, library: FloatArray, expected: FloatArray, bound: FloatArray
-) -> None:
-    if model.classes is None:
+def _note_open_rows(report: ModelReport, answers: _Answers) -> None:
+    """Note the rows of a classifier whose label the bound leaves open, and the first of them."""
+    if answers.model.classes is None:
         return
-    rows = np.flatnonzero((bound[:, 0] > 0) & np.isfinite(library[:, 0]))
+    x, library, expected = answers.x, answers.library, answers.expected
+    rows = np.flatnonzero((answers.bound[:, 0] > 0) & np.isfinite(library[:, 0]))
     report.open_rows = len(rows)
-    labels = model.classes.labels
+    labels = answers.model.classes.labels
     report.open_examples = [
         OpenRow(tuple(map(float, x[row])), labels[int(library[row, 0])], labels[int(expected[row, 0])])
         for row in rows[:3]

@@ -36,11 +36,15 @@ NEVER = "the block has no answer to any input (bValid is always FALSE): there ar
 _PATH: Path = ("BLOCK",)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Findings:
-    """How a model was proved, how large that was and how far it may lie from its library, as in `ProofResult`."""
+    """What a proof found: `method` says how, `trees` and `boxes`, or an expression's `operations`, how large it was.
 
-    method: str
+    `bound`: how far an expression may lie from the library's answer anywhere in the declared range, for each output;
+    empty where no range is declared. `claims`: what else holds, as in every call of a block around models.
+    """
+
+    method: str = ""
     trees: int = 0
     boxes: int = 0
     operations: int = 0
@@ -65,7 +69,7 @@ def prove_arithmetic(model: ModelIR, project: Project, block: str, outputs: tupl
     else:
         raise min(differences, key=lambda difference: difference.apart)
     _check_all_inputs(model, project, block, outputs)
-    return Findings(EXPRESSION, operations=operations, bound=range_bound(model))
+    return Findings(method=EXPRESSION, operations=operations, bound=range_bound(model))
 
 
 def _is_the_same(model: ModelIR, on_grid: ModelIR) -> bool:

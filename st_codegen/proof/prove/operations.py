@@ -33,6 +33,24 @@ from st_codegen.st.types import Elementary, Type
 _FLOAT = {"ADD": "add", "SUB": "sub", "MUL": "mul", "DIV": "div", "MIN": "min", "MAX": "max"}
 
 
+def _quotient(a: IntArray, b: IntArray) -> IntArray:
+    """Towards zero, as IEC 61131-3 has it."""
+    return np.abs(a) // np.abs(b) * np.sign(a) * np.sign(b)
+
+
+#: Operations on int64 numbers.
+_INTEGER: dict[str, Callable[[IntArray, IntArray], IntArray]] = {
+    "ADD": np.add,
+    "SUB": np.subtract,
+    "MUL": np.multiply,
+    "DIV": _quotient,
+    "MOD": lambda a, b: a - _quotient(a, b) * b,
+    "AND": np.bitwise_and,
+    "OR": np.bitwise_or,
+    "XOR": np.bitwise_xor,
+}
+
+
 #: Names a value that differs from box to box when it enters a sum: a leaf of a tree.
 Recogniser = Callable[[Lanes | Slots], Term]
 
@@ -62,38 +80,7 @@ class ValueOperations(Joining):
                     self._require_known(side, mask)
                 return self._logic(operator, left, right)
             raise NotProvedError(f"{operator} of truth values")
-        lower, upper = (
-            (kind.lower, kind.upper) if isinstance(kind, Elementary) and kind.is_integral else (-(2**31), 2**31 - 1)
-        )
-        upper = min(upper, 2**62)
-
-        def integers(a: AnyArray, b: AnyArray, active: BoolArray) -> AnyArray:
-            a, b = a.astype(np.int64), b.astype(np.int64)
-            if operator in ("DIV", "MOD"):
-                if np.any((b == 0) & active):
-                    raise NotProvedError("a division by zero")
-                b = np.where(b == 0, 1, b)
-                quotient = np.abs(a) // np.abs(b) * np.sign(a) * np.sign(b)
-                result = quotient if operator == "DIV" else a - quotient * b
-            else:
-                compute = {
-                    "ADD": np.add,
-                    "SUB": np.subtract,
-                    "MUL": np.multiply,
-                    "AND": np.bitwise_and,
-                    "OR": np.bitwise_or,
-                    "XOR": np.bitwise_xor,
-                }
-                if operator not in compute:
-                    raise NotProvedError(f"{operator} is not followed")
-                if operator == "MUL" and np.any((np.abs(a).astype(np.float64) * np.abs(b) > 2.0**61) & active):
-                    raise NotProvedError("an integer overflows")
-                result = compute[operator](a, b)
-            if np.any(((result < lower) | (result > upper)) & active):
-                raise NotProvedError("an integer overflows")
-            return np.asarray(result)
-
-        return self._elementwise(integers, [left, right], mask)
+        return self._elementwise(_integers(operator, kind), [left, right], mask)
 
     def _float(self, name: str, values: list[Value], mask: Value) -> Value:
         """A floating point operation: on constants and on chains of one input as it is, else as an expression."""
@@ -336,6 +323,30 @@ class ValueOperations(Joining):
             # in all boxes: the condition may be one on inputs that are refused
             return self._elementwise(truncated(kind), arguments, True)
         raise NotProvedError(f"{name} is not followed")
+
+
+def _integers(operator: str, kind: Type | None) -> Callable[..., AnyArray]:
+    """An operation on integers of a type (DINT where it has none), on numbers of lanes."""
+    lower, upper = -(2**31), 2**31 - 1
+    if isinstance(kind, Elementary) and kind.is_integral:
+        lower, upper = kind.lower, min(kind.upper, 2**62)
+
+    def result(a: AnyArray, b: AnyArray, active: BoolArray) -> AnyArray:
+        a, b = a.astype(np.int64), b.astype(np.int64)
+        if operator not in _INTEGER:
+            raise NotProvedError(f"{operator} is not followed")
+        if operator in ("DIV", "MOD"):
+            if np.any((b == 0) & active):
+                raise NotProvedError("a division by zero")
+            b = np.where(b == 0, 1, b)
+        if operator == "MUL" and np.any((np.abs(a).astype(np.float64) * np.abs(b) > 2.0**61) & active):
+            raise NotProvedError("an integer overflows")
+        found = np.asarray(_INTEGER[operator](a, b))
+        if np.any(((found < lower) | (found > upper)) & active):
+            raise NotProvedError("an integer overflows")
+        return found
+
+    return result
 
 
 def truncated(kind: Elementary) -> Callable[..., AnyArray]:

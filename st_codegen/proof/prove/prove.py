@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from st_codegen.ir import ModelIR, TreeEnsemble
 from st_codegen.processes import Progress
 from st_codegen.project.bundle import Bundle
 from st_codegen.proof.probes import probe_rows
-from st_codegen.proof.prove.arithmetic import EXPRESSION, prove_arithmetic
+from st_codegen.proof.prove.arithmetic import EXPRESSION, Findings, prove_arithmetic
 from st_codegen.proof.prove.axis import NotProvedError
 from st_codegen.proof.prove.blocks import prove_block
 from st_codegen.proof.prove.counterexample import Counterexample, counterexample, edge_rows, of_expressions
@@ -44,26 +44,15 @@ _WORDS = {SUMS: EQUAL_BITS, CELLS: EQUAL_BITS, EXPRESSION: SAME_EXPRESSION, TAIL
 
 
 @dataclass(frozen=True)
-class ProofResult:
-    """The verdict for one model in one target.
-
-    `method` says how it was reached; `trees` and `boxes`, or the `operations` of an expression, how large it was.
-    `bound`: how far an expression may lie from the library's answer anywhere in the declared range, for each output;
-    empty where no range is declared. `claims`: what holds in every call of a block around models (`model` is its name).
-    """
+class ProofResult(Findings):
+    """The verdict for one model in one target, or for a block around models (`model` is its name)."""
 
     model: str
     target: str
     block: str
     verdict: Verdict
     reason: str = ""
-    method: str = ""
     outputs: tuple[int, ...] = ()
-    trees: int = 0
-    boxes: int = 0
-    operations: int = 0
-    bound: tuple[float, ...] = ()
-    claims: tuple[str, ...] = ()
     counterexample: Counterexample | None = None
 
     @property
@@ -80,7 +69,7 @@ class ProofResult:
 class ProveReport:
     """All verdicts; `proved`: there is a proof for each text."""
 
-    results: tuple[ProofResult, ...] = field(default=())
+    results: tuple[ProofResult, ...] = ()
 
     def __repr__(self) -> str:
         return f"ProveReport({self.summary})"

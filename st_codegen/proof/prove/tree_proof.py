@@ -164,7 +164,7 @@ class TreeProof:
                 self.fixed[key] = constant
                 stream.pop()
         if points is None:
-            raise Difference("the text adds more trees than the model has", self._some_points(value))
+            raise Difference("the text adds more trees than the model has", _some_points(value.space))
         (number, tree_number, _), rows = points
         raise Difference(f"a sum of the text has another term than tree {tree_number} of operation {number}", rows)
 
@@ -234,18 +234,17 @@ class TreeProof:
 
     def _constant(self, key: TreeKey) -> float | None:
         """The value of a tree that is the same for all inputs of the domain."""
-        space = Space(self._axes())
-        leaves = self.side.ensembles[key[0]].leaves(space, key[1])
+        _, leaves = self._reached(key)
         values = [self._leaf(key, row) for row in np.unique(leaves.value).tolist()]
         first = values[0]
         if isinstance(first, Term) or not all(same_number(value, first) for value in values):
             return None
         return float(first)
 
-    @staticmethod
-    def _some_points(value: Lanes | Slots) -> FloatArray:
-        space = value.space.copy()
-        return space.points(np.arange(min(space.lanes, 1000)))
+    def _reached(self, key: TreeKey) -> tuple[Space, Lanes]:
+        """Boxes of all inputs that the model takes, and the leaf of a tree in each."""
+        space = Space(self._axes())
+        return space, self.side.ensembles[key[0]].leaves(space, key[1])
 
     # --- the outputs ------------------------------------------------------------------------------------------------
 
@@ -258,7 +257,7 @@ class TreeProof:
         if not any(isinstance(value, Term) for value in values):
             by_cells = [True] * len(values)
         if all(by_cells):
-            found = Findings(CELLS)
+            found = Findings(method=CELLS)
             self._check_valid(valid)
         else:
             found = self._check_terms(values, by_cells, valid)
@@ -297,7 +296,7 @@ class TreeProof:
             for key in reversed(stream):
                 constant = self._constant(key)
                 if constant is None:
-                    raise Difference(f"the text leaves out tree {key[1]}", self._all_leaves(key))
+                    raise Difference(f"the text leaves out tree {key[1]}", _some_points(self._reached(key)[0]))
                 self.fixed[key] = constant
         terms, inputs = self.run.executor.terms, self.run.executor.inputs
         start: Value = valid
@@ -328,10 +327,10 @@ class TreeProof:
             size = f"by up to {jump:.3g}" if np.isfinite(jump) else "by an amount of which no bound is known"
             claim = _BESIDE_A_THRESHOLD.format(size=size)
             unbounded = (np.inf,) * len(self.outputs)
-            return Findings(TAIL, operations=operations, bound=unbounded, claims=(claim,))
+            return Findings(method=TAIL, operations=operations, bound=unbounded, claims=(claim,))
         if not linear and not inputs.computed and all(isinstance(op, Select | Scale) and op.exact for op in tail):
-            return Findings(SUMS)
-        return Findings(TAIL, operations=operations, bound=range_bound(self.model))
+            return Findings(method=SUMS)
+        return Findings(method=TAIL, operations=operations, bound=range_bound(self.model))
 
     def _inputs(self) -> SearchedInputs:
         """What stands for the leaves of expressions on rows of inputs."""
@@ -424,11 +423,6 @@ class TreeProof:
             if np.any((got != wanted) & self.side.domain.lanes_within(axis)):
                 raise NotProvedError(f"bInRange is not what the range of '{feature.name}' demands")
 
-    def _all_leaves(self, key: tuple[int, int, int]) -> FloatArray:
-        space = Space(self._axes())
-        self.side.ensembles[key[0]].leaves(space, key[1])
-        return space.points(np.arange(min(space.lanes, 1000)))
-
     def _check_cells(self, output: int, value: Value) -> None:
         """In every box of the text and of the model together one evaluation of the model decides."""
         if not self._decided_in_cells():
@@ -462,6 +456,10 @@ class TreeProof:
 
 def _ensembles(model: ModelIR) -> dict[int, TreeEnsemble]:
     return {number: op for number, op in enumerate(model.ops, 1) if isinstance(op, TreeEnsemble)}
+
+
+def _some_points(space: Space) -> FloatArray:
+    return space.points(np.arange(min(space.lanes, 1000)))
 
 
 def _truths(axis: InputAxis, condition: AxisValue | None) -> BoolArray:
