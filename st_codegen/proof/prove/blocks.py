@@ -21,7 +21,7 @@ from st_codegen.passes.domain import magnitudes
 from st_codegen.proof.prove.axis import NotProvedError
 from st_codegen.proof.prove.intervals import LARGEST, Interval, hull
 from st_codegen.proof.prove.symbolic import Held, Path, Summary, Symbolic, anything
-from st_codegen.proof.prove.terms import Term, Terms, Value
+from st_codegen.proof.prove.terms import Term, Terms, Value, arguments_of
 from st_codegen.st import Project
 from st_codegen.st import tree as t
 from st_codegen.st.types import ArrayType, BlockType, Elementary, Type
@@ -236,11 +236,11 @@ def _slews(project: Project, block: str, run: Symbolic) -> tuple[Slew, ...]:
 
 
 def _step_of(run: Symbolic, value: Held) -> Value | None:
-    upper = _arguments(value, "min")
-    lower = _arguments(upper[0], "max") if upper else None
+    upper = arguments_of(value, "min")
+    lower = arguments_of(upper[0], "max") if upper else None
     if not upper or not lower:
         return None
-    added, taken = _arguments(upper[1], "add"), _arguments(lower[1], "sub")
+    added, taken = arguments_of(upper[1], "add"), arguments_of(lower[1], "sub")
     if not added or not taken or added[0] is not taken[0] or added[1] is not taken[1]:
         return None
     last, step = added
@@ -250,19 +250,15 @@ def _step_of(run: Symbolic, value: Held) -> Value | None:
 
 def _target(run: Symbolic, value: Held) -> Value | None:
     """L where the number that an output moves towards is MIN(MAX(x, -L), L) with L of zero or more."""
-    moved = _arguments(value, "min")
-    limited = _arguments(moved[0], "max") if moved else None
+    moved = arguments_of(value, "min")
+    limited = arguments_of(moved[0], "max") if moved else None
     target = limited[0] if limited else None
-    upper = _arguments(target, "min")
-    lower = _arguments(upper[0], "max") if upper else None
-    mirrored = _arguments(lower[1], "neg") if lower else None
+    upper = arguments_of(target, "min")
+    lower = arguments_of(upper[0], "max") if upper else None
+    mirrored = arguments_of(lower[1], "neg") if lower else None
     if not upper or not mirrored or mirrored[0] is not upper[1] or run.terms.interval(upper[1])[0] < 0:
         return None
     return upper[1]
-
-
-def _arguments(value: Held, operation: str) -> tuple[Value, ...] | None:
-    return value.arguments if isinstance(value, Term) and value.operation == operation else None
 
 
 def _text(value: object, names: Mapping[str, str]) -> str:

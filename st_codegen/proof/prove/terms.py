@@ -46,6 +46,11 @@ Value = bool | int | float | Term
 Side = Value | Callable[[], Value]
 
 
+def arguments_of(value: object, operation: str) -> tuple[Value, ...] | None:
+    """The operands of a term that is such an operation; None for another value."""
+    return value.arguments if isinstance(value, Term) and value.operation == operation else None
+
+
 def _name(value: object) -> object:
     if isinstance(value, Term):
         return id(value)
@@ -223,19 +228,15 @@ class Terms:
             self.interval(value)[0] >= 0 for value in summands
         ):
             return 2.0  # a part of a sum of what is not negative
-        if isinstance(bottom, Term) and isinstance(top, Term) and top.operation == "mul":
-            one, other = top.arguments
+        product, apart, logarithm = arguments_of(top, "mul"), arguments_of(bottom, "sub"), arguments_of(bottom, "ln")
+        if product is not None:
+            one, other = product
+            size = max(map(abs, self.interval(one)[:2]))
             # log(u) * x / (u - 1) with u = 1 + x: |x / (u - 1)| <= 2, and (u - 1) * x / log(u) with u = exp(x)
-            if bottom.operation == "sub" and bottom.arguments[1] == 1.0:
-                u = bottom.arguments[0]
-                if isinstance(u, Term) and u is self._seen("add", 1.0, other) and one is self._seen("ln", u):
-                    low, high, _ = self.interval(top.arguments[0])
-                    return 2.0 * max(abs(low), abs(high))
-            if bottom.operation == "ln":
-                u = bottom.arguments[0]
-                if isinstance(u, Term) and u is self._seen("exp", other) and one is self._seen("sub", u, 1.0):
-                    low, high, _ = self.interval(top.arguments[0])
-                    return 4.0 * max(abs(low), abs(high))
+            if apart is not None and apart[1] == 1.0 and apart[0] is self._seen("add", 1.0, other):
+                return 2.0 * size if one is self._seen("ln", apart[0]) else None
+            if logarithm is not None and logarithm[0] is self._seen("exp", other):
+                return 4.0 * size if one is self._seen("sub", logarithm[0], 1.0) else None
         return None
 
     def _guarded_quotient(self, top: Term | None, bottom: Term | None) -> float | None:
@@ -566,35 +567,25 @@ def _facts(operation: str, arguments: tuple[Value, ...]) -> tuple[bool, bool]:
 def _largest_of(value: Value) -> set[Value]:
     """The numbers of which a value is the largest, as a chain of IF x > largest THEN largest := x."""
     found: set[Value] = set()
-    while isinstance(value, Term) and value.operation == "if":
-        condition, one, other = value.arguments
-        pair = condition.arguments if isinstance(condition, Term) else ()
-        if not isinstance(condition, Term) or (condition.operation, *map(_name, pair)) not in (
-            ("GT", _name(one), _name(other)),
-            ("LT", _name(other), _name(one)),
-        ):
+    while (choice := arguments_of(value, "if")) is not None:
+        condition, one, other = choice
+        pair = arguments_of(condition, "GT") or (arguments_of(condition, "LT") or ())[::-1]
+        if tuple(map(_name, pair)) != (_name(one), _name(other)):
             break
         found.add(one)
         value = other
     return {*found, value}
 
 
-def _exponent(value: Value) -> tuple[Value, Value] | None:
+def _exponent(value: Value) -> tuple[Value, ...] | None:
     """(x, largest) of IF x - largest > c THEN exp(x - largest) ELSE 0, rounded to REAL or not, with c below zero."""
-    if not isinstance(value, Term) or value.operation != "if" or value.arguments[2] != 0.0:
+    condition, power, otherwise = arguments_of(value, "if") or (None, None, None)
+    (power,) = arguments_of(power, "single") or (power,)
+    (apart,) = arguments_of(power, "exp") or (None,)
+    compared, cut = arguments_of(condition, "GT") or (None, None)
+    if otherwise != 0.0 or apart is None or compared is not apart or not isinstance(cut, float) or cut >= 0:
         return None
-    condition, power, _ = value.arguments
-    if isinstance(power, Term) and power.operation == "single":
-        power = power.arguments[0]
-    if not isinstance(power, Term) or power.operation != "exp":
-        return None
-    apart = power.arguments[0]
-    if not isinstance(apart, Term) or apart.operation != "sub":
-        return None
-    if not isinstance(condition, Term) or condition.operation != "GT" or condition.arguments[0] is not apart:
-        return None
-    cut = condition.arguments[1]
-    return apart.arguments if isinstance(cut, float) and cut < 0 else None
+    return arguments_of(apart, "sub")
 
 
 def _summands(term: Value) -> list[Value]:
