@@ -25,7 +25,6 @@ from st_codegen.emit.targets import TARGETS, FilePlan, Target, target_named
 from st_codegen.errors import InputError, TargetError, counted
 from st_codegen.files.html_text import html_table
 from st_codegen.files.made_by import VERSION
-from st_codegen.files.temporary import temporary_folder
 from st_codegen.files.text import make_folder
 from st_codegen.ir import AnyArray, FloatArray, KernelSum, ModelIR, TreeEnsemble
 from st_codegen.passes.choose import Choices, CostFunction, Layout, Options, simple_cost
@@ -264,10 +263,9 @@ def predict(
 ) -> dict[str, AnyArray]:
     """Predict every model for columns of inputs (see `proof.predict.predict`).
 
-    `Engine.ST` generates the project for TwinCAT into a temporary folder first.
+    `Evaluator.ST` generates the project for TwinCAT into a temporary folder first.
     """
     from st_codegen.proof import predict as predictions
-    from st_codegen.proof.runner import GeneratedCode
 
     if engine is Evaluator.REFERENCE:
         return predictions.predict(bundle, columns, predictions.by_reference, table=table)
@@ -276,10 +274,12 @@ def predict(
             return predictions.predict(
                 dataclasses.replace(bundle, models=models), columns, predictions.by_library, table=table
             )
-    with temporary_folder(Path(tempfile.gettempdir())) as folder:
-        # no controller has to hold this text: no table is too large
-        made = generate(bundle, "twincat", folder, max_array=_UNLIMITED, options=Options(data_bytes=_UNLIMITED))
-        return predictions.predict(bundle, columns, predictions.by_text(GeneratedCode(made.folder)), table=table)
+    target = target_named("twincat")
+    # no controller has to hold this text: no table is too large
+    wishes = Wishes(max_array=_UNLIMITED, options=Options(data_bytes=_UNLIMITED), relayout=True)
+    with _staged(bundle, target, None, CompileSettings.of(target, wishes), Path(), is_read=False) as staged:
+        code = check_emitted(staged.stage, target.dialect, portable=target.is_portable)
+        return predictions.predict(bundle, columns, predictions.by_text(code), table=table)
 
 
 @dataclass(frozen=True)
@@ -353,25 +353,31 @@ class _Staged:
 
 @contextmanager
 def _staged(
-    models: Bundle | Path | str, target: Target, out: Path | None, settings: CompileSettings, folder: Path
+    models: Bundle | Path | str,
+    target: Target,
+    out: Path | None,
+    settings: CompileSettings,
+    folder: Path,
+    *,
+    is_read: bool = True,
 ) -> Iterator[_Staged]:
     """Load, compile, plan and print below `out`, or in the system's temporary folder; `folder` has an earlier run's.
 
-    What the caller does with the printed files is the last step.
+    What the caller does with the printed files is the last step; it reads them itself where they are not `is_read`.
     """
     bundle = models if isinstance(models, Bundle) else load(models)
     before = {} if settings.relayout else output.read_manifest(folder).facts[output.CHOICES]
     compiled, purpose = _compiled(bundle, target, settings, _earlier(before))
     cuts = _earlier_cuts(before, settings.limits.max_array)
     is_large = sum(decision.candidates[0].cost.table_bytes for decision in compiled.decisions) > _LARGE_TABLES
-    with reader(is_large=is_large) as other:  # who gets ready while the text is planned
+    with reader(is_large=is_read and is_large) as other:  # who gets ready while the text is planned
         plans = _planned(bundle, compiled, purpose, target, settings, cuts)
         files = print_plans(target, plans)
         known = facts(bundle, compiled, purpose, plans, settings.limits.max_array)
         if out is not None:
             make_folder(out)
         with output.staged(out or Path(tempfile.gettempdir()), files, known, other.tell) as stage:
-            if not other.finds_in_order(stage, target.dialect, portable=target.is_portable):
+            if is_read and not other.finds_in_order(stage, target.dialect, portable=target.is_portable):
                 check_emitted(stage, target.dialect, portable=target.is_portable)
             yield _Staged(stage, compiled, purpose, known)
 

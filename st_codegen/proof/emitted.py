@@ -12,18 +12,23 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from st_codegen.errors import DefectError, GeneratedCodeError
 from st_codegen.processes import can_be_copied, make_copy, other_processors
+
+if TYPE_CHECKING:
+    from st_codegen.proof.runner import GeneratedCode
 
 #: Problems that a message lists.
 _NAMED = 5
 
 
-def check_emitted(folder: Path, dialect: str, *, portable: bool) -> None:
+def check_emitted(folder: Path, dialect: str, *, portable: bool) -> GeneratedCode:
     """Read the text of a folder as a strict compiler would, and look for what no generated text may have.
 
-    `portable`: the text claims to be of the portable subset as a whole. Raises DefectError that lists what is wrong.
+    `portable`: the text claims to be of the portable subset as a whole. Returns the text; raises DefectError that lists
+    what is wrong.
     """
     from st_codegen.proof.runner import GeneratedCode
     from st_codegen.st.check.portable import single_rounds, violations_in
@@ -39,6 +44,7 @@ def check_emitted(folder: Path, dialect: str, *, portable: bool) -> None:
         shown = [f"  - {problem}" for problem in problems[:_NAMED]]
         shown += [f"  - and {len(problems) - _NAMED} more"] if len(problems) > _NAMED else []
         raise DefectError("\n".join(["st-codegen wrote text that it must not write, please report this:", *shown]))
+    return code
 
 
 class Reader:
