@@ -22,8 +22,8 @@ from st_codegen.proof.prove.values import (
     Conditional,
     Kept,
     Value,
+    by_input,
     is_scalar,
-    parts_of,
 )
 
 
@@ -151,7 +151,7 @@ class Joining:
         if operator == "AND" and all(isinstance(value, AxisValue | All) for value in (left, right)):
             parts: dict[int, AxisValue] = {}
             for value in (left, right):
-                for axis, part in parts_of(value).items():
+                for axis, part in by_input(value).items():
                     known = parts.get(axis)
                     parts[axis] = part if known is None else self._where_on_axis(part.axis, part, known, False)
             return next(iter(parts.values())) if len(parts) == 1 else All(parts)

@@ -25,7 +25,7 @@ from st_codegen.proof.prove.range_bound import range_bound
 from st_codegen.proof.prove.sums import TreeKey, TreeTerms, column_of, rows_of
 from st_codegen.proof.prove.terms import Term, Terms
 from st_codegen.proof.prove.terms import Value as Number
-from st_codegen.proof.prove.values import All, Conditional, Kept, Value
+from st_codegen.proof.prove.values import Conditional, Kept, Value, by_input
 from st_codegen.proof.runner import GeneratedCode
 
 #: How a proof was reached.
@@ -397,7 +397,7 @@ class TreeProof:
 
     def _conditions_on_inputs(self, value: Value) -> dict[int, AxisValue]:
         """A condition by input: none may tell what a number is that has an axis of its own in front of the trees."""
-        parts = _condition_parts(value)
+        parts = by_input(value)
         if any(feature >= len(self.model.features) for feature in parts):
             raise NotProvedError("bValid or bInRange depends on a number that is computed in front of the trees")
         return parts
@@ -467,19 +467,8 @@ def _truths(axis: InputAxis, condition: AxisValue | None) -> BoolArray:
     return np.ones(axis.lanes, np.bool_) if condition is None else condition.lift().constant.astype(np.bool_)
 
 
-def _condition_parts(value: Value) -> dict[int, AxisValue]:
-    """A condition by input. Raises NotProvedError for another one."""
-    if value is True:
-        return {}
-    if isinstance(value, AxisValue):
-        return {value.axis.feature: value}
-    if isinstance(value, All):
-        return dict(value.parts)
-    raise NotProvedError("bValid or bInRange is not followed")
-
-
 def _same_condition(one: Value, other: Value) -> bool:
-    first, second = _condition_parts(one), _condition_parts(other)
+    first, second = by_input(one), by_input(other)
     return set(first) == set(second) and all(
         np.array_equal(first[key].lift().constant, second[key].lift().constant) for key in first
     )

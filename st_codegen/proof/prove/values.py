@@ -63,9 +63,12 @@ def is_scalar(value: Value) -> bool:
     return isinstance(value, bool | int | float)
 
 
-def parts_of(value: Value) -> dict[int, AxisValue]:
-    """The parts of a condition by the number of the input that each one asks about."""
-    if isinstance(value, All):
-        return dict(value.parts)
-    assert isinstance(value, AxisValue)
-    return {value.axis.feature: value}
+def by_input(condition: Value) -> dict[int, AxisValue]:
+    """The parts of a condition by the number of the input that each one asks about; none of one that always holds."""
+    if condition is True:
+        return {}
+    if isinstance(condition, AxisValue):
+        return {condition.axis.feature: condition}
+    if isinstance(condition, All):
+        return dict(condition.parts)
+    raise NotProvedError("a condition that does not ask about inputs one by one is not followed")
