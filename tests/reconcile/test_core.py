@@ -174,6 +174,19 @@ def test_standard_errors_of_the_joint_fit_are_those_of_repeated_data():
     assert 0.6 < np.mean(errors) / np.std(found) < 1.8
 
 
+def test_no_error_is_below_that_of_independent_runs():
+    """Two clusters have a covariance of rank two: an amplitude was 126 of its standard errors from the true one."""
+    at, true = grid(2, 4, 1), RIG.effects[2].values["amplitude_deg"]
+    distances = []
+    for seed in range(20):
+        result = fit(*started(RIG, observed(RIG, at, seed=seed)))
+        held = np.linalg.cholesky(np.linalg.inv(result.inverse))
+        assert np.linalg.eigvalsh(held.T @ result.covariance @ held).min() > 1.0 - 1e-6
+        found = result.state.model().effects[2].values["amplitude_deg"]
+        distances.append((found - true) / standard_errors(result, 2)["amplitude_deg"])
+    assert np.abs(distances).max() < 4.0
+
+
 def test_errors_grow_where_the_form_is_wrong_and_keep_their_correlations():
     """Torques beyond the rig's own law: each level left out moves the stiffness farther than noise does."""
     at = grid(5, 5, 2)

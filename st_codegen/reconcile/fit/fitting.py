@@ -95,14 +95,14 @@ class Fit:
         g = by_group(self.normal.gradient, self.target.groups.clusters)
         g = g[np.abs(g).sum(axis=1) > 0]
         count = len(g)
-        middle = g.T @ g * (count / max(count - 1, 1))
-        sandwich = self.inverse @ middle @ self.inverse
-        plain = self.inverse
-        # few clusters underestimate: never below what independent runs would give
-        factor = np.sqrt(np.maximum(1.0, np.diag(plain) / np.maximum(np.diag(sandwich), 1e-300)))
-        found: FloatArray = sandwich * factor[:, None] * factor[None, :]
-        # what no run pulls at has no sandwich at all
-        np.fill_diagonal(found, np.maximum(np.diag(found), np.diag(plain)))
+        # few clusters underestimate, and fewer than coordinates say nothing of some directions at all: in none of them
+        # is it below what independent runs would give
+        size = np.sqrt(np.diag(self.inverse))
+        root = np.linalg.cholesky(self.inverse / size[:, None] / size[None, :]) * size[:, None]
+        pulled = g @ root
+        ratio, directions = np.linalg.eigh(pulled.T @ pulled * (count / max(count - 1, 1)))
+        spread = root @ directions
+        found: FloatArray = (spread * np.maximum(ratio, 1.0)) @ spread.T
         return found
 
     @cached_property
