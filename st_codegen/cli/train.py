@@ -87,7 +87,7 @@ def command(
     Each direction is split, faulty runs are found in the training part, all families are cross-validated, and for each
     order the best pair of models is chosen whose worst-case cost fits.
     """
-    from st_codegen.campaign.harmonic_table import write_table
+    from st_codegen.campaign.harmonic_table import joined, write_table
     from st_codegen.emit.literals import identifier
     from st_codegen.training.export import check_place, write_bundle
     from st_codegen.training.learn import LearningPlan, bundle_head, check_learnable, learn, only_exportable
@@ -112,7 +112,7 @@ def command(
         for direction in measured.table.directions():
             with progress_bar(f"{direction}: fits", quiet=quiet) as progress:
                 lessons.append(learn(measured.table, direction, plan, store, where, progress))
-    head = bundle_head(measured.table, name, reduction_ratio)
+    head = bundle_head(joined([lesson.learned_from for lesson in lessons]), name, reduction_ratio)
     write_bundle(out, head, [model for lesson in lessons for model in lesson.models], form)
     if table_out:
         write_table(measured.table, table_out)
@@ -130,7 +130,7 @@ def _print(lessons: list[Lesson], head: BundleHead, out: Path, faulty_are: str) 
         console.print(_summary(lesson, faulty_are))
     for feature, value in head.constant().items():
         console.print(
-            f"{feature} was {plain_number(value)} in all runs: the blocks compute with {plain_number(value)}, "
+            f"{feature} was {plain_number(value)} in all runs learned from: the blocks compute with {plain_number(value)}, "
             "and bInRange is FALSE at any other value"
         )
     console.print(f"{out}: {counted(sum(len(lesson.models) for lesson in lessons), 'model')}")

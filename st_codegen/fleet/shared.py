@@ -30,7 +30,7 @@ from st_codegen.rig.model import read_rig
 from st_codegen.te.bundle_file import BUNDLE_FILE, LARGEST_FACTOR
 from st_codegen.threads import one_thread
 from st_codegen.training.export import bundle_text, write_bundle
-from st_codegen.training.learn import LearningPlan, bundle_head, play_deg
+from st_codegen.training.learn import LearningPlan, bundle_head
 from st_codegen.training.measured import Measured, measured_table
 from st_codegen.training.search import LEARNERS, Backend, spread, versions
 from st_codegen.training.shared import held_out_points, learn_shared
@@ -186,12 +186,12 @@ def _learned(axes: Sequence[FleetAxis], tables: dict[str, HarmonicTable], folder
     points = held_out_points(tables, options.test_share, options.seed)
     with FitStore(None) as store:
         lesson = learn_shared(tables, axis_plan(options), points, store, Backend(1))
-    ends = np.concatenate([table.conditions for table in tables.values()])
+    ends = np.concatenate([rows.conditions for rows in lesson.learned_from.values()])
     ranges = np.stack([ends.min(axis=0), ends.max(axis=0)], 1)
     ratios = {axis.name: _ratio(axis) for axis in axes}
     heads = {
-        name: replace(bundle_head(table, name, ratios[name]), ranges=ranges, play_deg=play_deg(table))
-        for name, table in tables.items()
+        name: replace(bundle_head(rows, name, ratios[name]), ranges=ranges)
+        for name, rows in lesson.learned_from.items()
     }
     write_bundle(
         folder, replace(next(iter(heads.values())), name="shared", play_deg=None), lesson.models, options.format

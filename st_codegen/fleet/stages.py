@@ -16,7 +16,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from st_codegen.campaign.harmonic_table import HarmonicTable
+from st_codegen.campaign.harmonic_table import HarmonicTable, joined
 from st_codegen.driver import generate
 from st_codegen.errors import InputError
 from st_codegen.files.folders import write_texts
@@ -176,7 +176,8 @@ class _Stages:
             if shared.get("shared", {}).get("taken"):
                 return left_out | shared
             lessons = [learn(table, direction, plan, store, alone) for direction in table.directions()]
-        head = bundle_head(table, self.axis.name, self._rig.constants.reduction_ratio)
+        learned_from = joined([lesson.learned_from for lesson in lessons])
+        head = bundle_head(learned_from, self.axis.name, self._rig.constants.reduction_ratio)
         models = [model for lesson in lessons for model in lesson.models]
         write_bundle(self.folder / PLACES[TRAIN], head, models, self.options.format)
         return {

@@ -3,12 +3,14 @@
 Each row is predicted from all the others by a smooth function of the operating point (kernel ridge regression, whose
 leave-one-out errors have a closed form), for every order's cosine and sine part. An error is put in relation to its own
 expected size and to the scatter of the rows of the same speed. One bad number makes an outlier; a run is faulty where
-most of its numbers are off together: where the *median* of its relative errors over all orders is too large. A faulty
+most of its numbers are off together: where the *median* of its relative errors over all orders is too large, and too
+large for chance, which makes more of few numbers. A faulty
 run spoils the prediction of its neighbours, so the worst is taken out and the others are judged again.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,8 +19,19 @@ import numpy.typing as npt
 from st_codegen.campaign.harmonic_table import HarmonicTable
 from st_codegen.ir.arrays import BoolArray, FloatArray
 
-#: median relative error from which a run is faulty; normal numbers have 0.67, and a run is 1 to 20 numbers
+#: median relative error from which a run is faulty at the least; normal numbers have 0.67, and a run is 1 to 20 numbers
 LIMIT = 3.0
+#: chance that any sound run of a direction is called faulty, of independent normal numbers
+FALSE_ALARM = 0.01
+RULE = (
+    "Runs of the training part of which most numbers are far from what a smooth function of the others says: by "
+    f"{LIMIT:g} robust standard deviations at the least, and farther where few numbers or runs tell. Where all are "
+    f"sound, about {FALSE_ALARM:.0%} of all campaigns lose a run of a direction, if the numbers scatter about such a "
+    "function normally and independently of each other; those with long tails lose more."
+)
+#: what a median of absolute values tells of a standard deviation, by the root of the mean square (Rousseeuw and Croux,
+#: Alternatives to the median absolute deviation, 1993)
+_EFFICIENCY = 0.3675
 #: an order of which a number is off by more is named
 _OFF = 3.5
 #: how far the smooth function reaches (rpm, N m, degC): shorter in speed where structures resonate
@@ -51,11 +64,13 @@ def faulty_runs(table: HarmonicTable) -> Faulty:
         return Faulty(rows, score, tuple(orders))
     while rows.sum() < _MOST * count:
         kept = np.flatnonzero(~rows)
-        relative, owner = relative_errors(table.rows(kept))
-        median = np.median(relative, axis=1)
+        part = table.rows(kept)
+        relative, owner = relative_errors(part)
+        median = np.quantile(relative, 0.5, axis=1, method="inverted_cdf")  # more than half are as large
         score[kept] = median
-        worst = int(np.argmax(median))
-        if median[worst] <= LIMIT:
+        beyond = median - _limits(part.speed_rpm, len(owner))
+        worst = int(np.argmax(beyond))
+        if beyond[worst] <= 0.0:
             break
         rows[kept[worst]] = True
         orders[kept[worst]] = tuple(dict.fromkeys(map(int, owner[relative[worst] > _OFF])))
@@ -92,12 +107,32 @@ def _left_out(x: FloatArray, y: FloatArray, lengths: tuple[float, ...]) -> Float
     return errors
 
 
+def _limits(speed: FloatArray, numbers: int) -> FloatArray:
+    """The median from which each row (n,) is faulty: beyond it lies one of `FALSE_ALARM` of all directions by chance.
+
+    Of independent normal numbers in units of a scatter that is known as well as its rows tell it: Student's t.
+    """
+    from scipy import special
+
+    more_than_half = numbers // 2 + 1
+    chance = special.betaincinv(more_than_half, numbers - more_than_half + 1, FALSE_ALARM / len(speed))
+    freedom = np.empty(len(speed))
+    for rows in _told_together(speed):
+        freedom[rows] = _EFFICIENCY * rows.sum()
+    return np.asarray(np.maximum(LIMIT, -special.stdtrit(freedom, chance / 2.0)), np.float64)
+
+
 def _scatter(error: FloatArray, group: FloatArray) -> FloatArray:
     """Robust size (1.4826 * median of absolute values) of each column's errors, by group where it is large enough."""
-    tiny = np.finfo(np.float64).tiny
-    size = np.broadcast_to(np.maximum(1.4826 * np.median(np.abs(error), axis=0), tiny), error.shape).copy()
-    for value in np.unique(group):
-        rows = group == value
-        if rows.sum() >= _LEAST_ROWS:
-            size[rows] = np.maximum(1.4826 * np.median(np.abs(error[rows]), axis=0), tiny)
+    size = np.empty_like(error)
+    for rows in _told_together(group):
+        size[rows] = np.maximum(1.4826 * np.median(np.abs(error[rows]), axis=0), np.finfo(np.float64).tiny)
     return size
+
+
+def _told_together(group: FloatArray) -> Iterator[BoolArray]:
+    """Which rows (n,) tell a scatter together: all, then those of each group that is large enough."""
+    yield np.ones(len(group), np.bool_)
+    for value in np.unique(group):
+        if (rows := group == value).sum() >= _LEAST_ROWS:
+            yield rows

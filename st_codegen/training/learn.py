@@ -69,8 +69,8 @@ class Lesson:
     """One direction: the search, what was chosen, how good it is on points kept apart, and the final models.
 
     The final models are learned anew from all runs: `test_errors` are those of models learned without the points.
-    costs_us: by order, worst case of the final models; intervals: by order, of the complex MAE (deg) over repeated
-    splits, where there were any.
+    learned_from: the rows of these, faulty ones left out; costs_us: by order, their worst case; intervals: by order, of
+    the complex MAE (deg) over repeated splits, where there were any.
     """
 
     direction: Direction
@@ -80,6 +80,7 @@ class Lesson:
     choice: Choice
     test_errors: Mapping[int, Errors]
     models: tuple[FittedModel, ...]
+    learned_from: HarmonicTable
     costs_us: Mapping[int, float]
     intervals: Mapping[int, ConfidenceInterval] = field(default_factory=dict)
 
@@ -147,7 +148,7 @@ def learn(
     errors = {s.order: errors_of(s.order, s.test, test.column(s.order)) for s in choice.solutions}
     costs = {s.order: costs_us(model for model in models if model.order == s.order) for s in choice.solutions}
     intervals = repeated(rows, choice, plan, store, backend, progress) if plan.repeats else {}
-    return Lesson(direction, faulty, train, searched, choice, errors, models, costs, intervals)
+    return Lesson(direction, faulty, train, searched, choice, errors, models, every, costs, intervals)
 
 
 def chosen_models(
@@ -212,13 +213,14 @@ def repeated(
     progress: Progress | None = None,
 ) -> dict[int, ConfidenceInterval]:
     """Complex MAE of the chosen solutions over random splits, faulty runs found anew in each training part."""
-    tests, tasks = [], []
+    tests, tasks, share = [], [], 0.0
     for repeat in range(plan.repeats):
         settings = replace(plan.settings, seed=plan.settings.seed + 1 + repeat)
         is_test = split_rows(rows, LearningPlan(settings, plan.test_share))
         train, test = rows.rows(~is_test), rows.rows(is_test)
         good = train if plan.keep_faulty else train.rows(~faulty_runs(train).rows)
         tests.append(test)
+        share = max(share, len(test) / len(good))
         for solution in choice.solutions:
             tasks += _tasks(good, test.conditions, solution, plan.settings)
     outcomes = iter(run_tasks(tasks, store, backend, progress))
@@ -227,7 +229,7 @@ def repeated(
         for solution in choice.solutions:
             predicted = _combined(solution, outcomes)
             errors[solution.order].append(errors_of(solution.order, predicted, test.column(solution.order)).complex_mae)
-    return {order: interval(values) for order, values in errors.items()}
+    return {order: interval(values, share) for order, values in errors.items()}
 
 
 def predictions(
@@ -260,19 +262,23 @@ def _combined(solution: Solution, outcomes: Iterator[FitOutcome]) -> ComplexArra
     return combined(solution.order, solution.kind, parts)
 
 
-def interval(errors: Sequence[float]) -> ConfidenceInterval:
-    """Mean and 95 % confidence interval by Student's t; splits overlap, so that it is a little too narrow."""
-    from scipy import stats
+def interval(errors: Sequence[float], share: float) -> ConfidenceInterval:
+    """Mean and 95 % confidence interval of the errors of random splits, by Student's t.
+
+    share: test rows for each training row. Splits have rows in common, so that more of them tell the error no better
+    than one set of test rows does (Nadeau and Bengio, Inference for the Generalization Error, 2003, section 3).
+    """
+    from scipy import special
 
     count = len(errors)
     if count < 2:
         return ConfidenceInterval(float(np.mean(errors)), math.inf)
-    half_width = stats.t.ppf(0.975, count - 1) * np.std(errors, ddof=1) / math.sqrt(count)
+    half_width = special.stdtrit(count - 1, 0.975) * np.std(errors, ddof=1) * math.sqrt(1.0 / count + share)
     return ConfidenceInterval(float(np.mean(errors)), float(half_width))
 
 
 def bundle_head(table: HarmonicTable, name: str, reduction_ratio: float) -> BundleHead:
-    """Name, ratio, the ranges of the features in a table, and the play where it shows one."""
+    """Name, ratio, the ranges of the features in the rows learned from, and the play where they show one."""
     ranges = np.stack([table.conditions.min(axis=0), table.conditions.max(axis=0)], 1)
     return BundleHead(name, reduction_ratio, ranges, play_deg(table))
 
@@ -281,8 +287,11 @@ def play_deg(table: HarmonicTable) -> float | None:
     """Mean backward less mean forward of runs without load, at their lowest speed, deg.
 
     By a straight line over the speed through all pairs of runs. None where there are fewer than four pairs, or where
-    it is less than three of its standard errors.
+    chance would make it as large as often as three standard deviations of a normal number: by Student's t, since few
+    pairs tell their scatter badly.
     """
+    from scipy import special
+
     if 0 not in table.orders:
         return None
     means: list[dict[tuple[float, ...], float]] = [{}, {}]
@@ -298,9 +307,11 @@ def play_deg(table: HarmonicTable) -> float | None:
     gap = np.array([means[1][at] - means[0][at] for at in pairs])
     columns = np.stack([np.ones_like(speed), speed - speed.min()], 1)[:, : 1 + bool(np.ptp(speed))]
     found, *_ = np.linalg.lstsq(columns, gap, rcond=None)
-    scatter = float(((gap - columns @ found) ** 2).sum()) / (len(pairs) - columns.shape[1])
+    freedom = len(pairs) - columns.shape[1]
+    scatter = float(((gap - columns @ found) ** 2).sum()) / freedom
     error = math.sqrt(scatter * float(np.linalg.inv(columns.T @ columns)[0, 0]))
-    return float(found[0]) if 3.0 * error < found[0] <= LARGEST_PLAY else None
+    least = special.stdtrit(freedom, special.ndtr(3.0)) * error
+    return float(found[0]) if least < found[0] <= LARGEST_PLAY else None
 
 
 def only_exportable(settings: SearchSettings, form: str) -> SearchSettings:

@@ -10,6 +10,7 @@ import numpy as np
 
 from st_codegen.report import COLOURS, PageSection, PageTable, page
 from st_codegen.report.picture import panels as side_by_side
+from st_codegen.training.faulty import RULE
 from st_codegen.training.learn import Lesson
 from st_codegen.training.measured import Measured
 from st_codegen.training.study import Solution
@@ -89,10 +90,8 @@ def _faulty_section(lesson: Lesson) -> PageSection:
         for orders in (lesson.faulty.orders[row],)
     ]
     columns = ("speed, rpm", "torque, N m", "oil, degC", "score", "orders that are off")
-    text = "Runs of the training part whose numbers are far from what their neighbours say."
-    return PageSection(
-        f"Faulty runs, {lesson.direction}: {len(rows)}", text, PageTable(columns, rows) if rows else None
-    )
+    title = f"Faulty runs, {lesson.direction}: {len(rows)}"
+    return PageSection(title, RULE, PageTable(columns, rows) if rows else None)
 
 
 def _pictures(lesson: Lesson) -> PageSection:

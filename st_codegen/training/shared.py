@@ -35,11 +35,12 @@ _ROUNDS = 10
 class SharedLesson:
     """Models of several axes, and by name of the axis its corrections and what they leave on the runs held out.
 
-    errors: mean square of the transmission error that is left of each held-out run, float64 (runs,), deg^2.
+    learned_from: by axis, the rows that the models are learned from, faulty ones left out; errors: mean square of the transmission error that is left of each held-out run, float64 (runs,), deg^2.
     """
 
     models: tuple[FittedModel, ...]
     corrections: Mapping[str, tuple[AxisCorrection, ...]]
+    learned_from: Mapping[str, HarmonicTable]
     errors: Mapping[str, FloatArray]
 
 
@@ -96,6 +97,7 @@ def learn_shared(
         raise InputError("the axes differ in their orders or directions: they cannot share models")
     models: list[FittedModel] = []
     corrections: dict[str, tuple[AxisCorrection, ...]] = dict.fromkeys(tables, ())
+    rows: dict[str, list[HarmonicTable]] = {name: [] for name in tables}
     errors: dict[str, list[FloatArray]] = {name: [] for name in tables}
     for direction in directions.pop():
         parts = {name: _Part.of(table.direction(direction), plan, points) for name, table in tables.items()}
@@ -103,8 +105,14 @@ def learn_shared(
         models += own_models
         for name, (correction, error) in own.items():
             corrections[name] += correction
+            rows[name].append(parts[name].every)
             errors[name].append(error)
-    return SharedLesson(tuple(models), corrections, {name: np.concatenate(own) for name, own in errors.items()})
+    return SharedLesson(
+        tuple(models),
+        corrections,
+        {name: joined(own) for name, own in rows.items()},
+        {name: np.concatenate(own) for name, own in errors.items()},
+    )
 
 
 @dataclass(frozen=True)

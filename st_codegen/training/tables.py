@@ -15,6 +15,7 @@ from st_codegen.files.folders import write_texts
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.report import COLOURS, PageSection, PageTable, figures, page
 from st_codegen.training.families import FAMILIES, Learner
+from st_codegen.training.faulty import RULE
 from st_codegen.training.paper import CHOSEN, QUANTITIES, ErrorRow, PaperComparison
 
 COLUMNS = ("order", "quantity", "family", "ours_mae", "ours_rmse", "paper_mae", "paper_rmse")
@@ -207,12 +208,8 @@ def _faulty_section(comparison: PaperComparison) -> PageSection:
         ]
         for row in found
     ]
-    text = (
-        "Found by robust statistics on the training part alone: most numbers of the run are far from what its "
-        "neighbours say."
-    )
     columns = ("speed, rpm", "torque, N m", "oil, degC", "score", "orders that are off")
-    return PageSection(f"Faulty runs left out: {len(found)}", text, PageTable(columns, runs))
+    return PageSection(f"Faulty runs left out: {len(found)}", RULE, PageTable(columns, runs))
 
 
 def _gain_section(comparison: PaperComparison) -> PageSection:
