@@ -130,8 +130,8 @@ def _print(lessons: list[Lesson], head: BundleHead, out: Path, faulty_are: str) 
         console.print(_summary(lesson, faulty_are))
     for feature, value in head.constant().items():
         console.print(
-            f"{feature} was {plain_number(value)} in all runs learned from: the blocks compute with {plain_number(value)}, "
-            "and bInRange is FALSE at any other value"
+            f"{feature} was {plain_number(value)} in all runs learned from: the blocks compute with "
+            f"{plain_number(value)}, and bInRange is FALSE at any other value"
         )
     console.print(f"{out}: {counted(sum(len(lesson.models) for lesson in lessons), 'model')}")
 

@@ -32,18 +32,20 @@ _AT_ONCE = 2_000_000
 
 @dataclass(frozen=True)
 class Campaigns:
-    """What the campaigns of an axis say, the oldest first; the last is the newest."""
+    """What the campaigns of an axis say, the oldest first; the last is the newest. measured: a hash of its numbers."""
 
     axis: str
     type: str
     estimates: tuple[tuple[Estimate, ...], ...]
+    measured: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Spread:
     """A parameter over the axes of a type: median, robust standard deviation, median of the standard errors.
 
-    values, distances: by axis; limit: the distance from which an axis stands out, None where nothing is said.
+    values, distances: by axis; limit: the distance from which an axis stands out. Of fewer than `LEAST_AXES` there is
+    no deviation, distance or limit.
     """
 
     type: str
@@ -51,7 +53,7 @@ class Spread:
     key: str
     unit: str
     median: float
-    deviation: float
+    deviation: float | None
     stderr: float
     values: Mapping[str, float]
     distances: Mapping[str, float]
@@ -78,7 +80,7 @@ class Rare:
 
 @dataclass(frozen=True)
 class Growth:
-    """A parameter by which an effect grew since the last campaign; before: None where the effect was not there.
+    """A parameter by which an effect grew since the last campaign; before: None where that did not find the effect.
 
     history: its values in all campaigns, the oldest first; times: the growth in standard errors of the difference.
     """
@@ -117,9 +119,9 @@ def compare(fleet: Sequence[Campaigns]) -> FleetComparison:
     """Compare axes of a type with each other, and each with its own earlier campaigns."""
     types = {kind: [axis for axis in fleet if axis.type == kind] for kind in dict.fromkeys(axis.type for axis in fleet)}
     spreads = [spread for kind, axes in types.items() for spread in _spreads(kind, axes)]
-    level = FALSE_ALARM / max(1, sum(len(spread.values) >= LEAST_AXES for spread in spreads))
+    level = FALSE_ALARM / max(1, sum(spread.deviation is not None for spread in spreads))
     limited = [
-        replace(spread, limit=limit_of(len(spread.values), level)) if len(spread.values) >= LEAST_AXES else spread
+        spread if spread.deviation is None else replace(spread, limit=limit_of(len(spread.values), level))
         for spread in spreads
     ]
     rare = [one for kind, axes in types.items() if len(axes) >= LEAST_AXES for one in _rare(kind, axes)]
@@ -129,11 +131,11 @@ def compare(fleet: Sequence[Campaigns]) -> FleetComparison:
 
 
 def _copies(fleet: Sequence[Campaigns]) -> tuple[str, ...]:
-    """The axes with a campaign whose estimates are those of another one to the bit: measurements never are."""
-    owners: dict[tuple[Estimate, ...], list[str]] = {}
+    """The axes with a campaign whose measured numbers are those of another one to the bit."""
+    owners: dict[str, list[str]] = {}
     for axis in fleet:
-        for found in filter(None, axis.estimates):
-            owners.setdefault(found, []).append(axis.axis)
+        for measured in axis.measured:
+            owners.setdefault(measured, []).append(axis.axis)
     return tuple(dict.fromkeys(name for names in owners.values() if len(names) > 1 for name in names))
 
 
@@ -148,13 +150,14 @@ def _spreads(kind: str, axes: Sequence[Campaigns]) -> list[Spread]:
     for (effect, key), own in sorted(found.items()):
         values = np.array([one.value for one in own.values()])
         errors = np.array([one.stderr for one in own.values()], np.float64)
-        median = float(np.median(values))
-        deviation = 1.4826 * float(np.median(np.abs(values - median)))
-        unit = np.sqrt(deviation**2 + errors**2)
-        distances = np.divide(values - median, unit, out=np.zeros(len(unit)), where=unit > 0)
-        stderr = float(np.median(errors))
+        median, stderr = float(np.median(values)), float(np.median(errors))
+        deviation, far = None, {}
+        if len(own) >= LEAST_AXES:
+            deviation = 1.4826 * float(np.median(np.abs(values - median)))
+            unit = np.sqrt(deviation**2 + errors**2)
+            distances = np.divide(values - median, unit, out=np.zeros(len(unit)), where=unit > 0)
+            far = dict(zip(own, distances.tolist(), strict=True))
         by_axis = dict(zip(own, values.tolist(), strict=True))
-        far = dict(zip(own, distances.tolist(), strict=True))
         spreads.append(
             Spread(kind, effect, key, next(iter(own.values())).unit, median, deviation, stderr, by_axis, far)
         )
@@ -228,7 +231,11 @@ def _not_looked_at(
             f"parameters that the campaigns do not measure (standard error above the value): {', '.join(vague)}"
         )
     unsure = dict.fromkeys(
-        f"{one.effect} {one.key}" for axis in fleet for one in axis.estimates[-1] if one.stderr is None
+        f"{one.effect} {one.key}"
+        for axis in fleet
+        for found_then in axis.estimates[-2:]
+        for one in found_then
+        if one.stderr is None
     )
     if unsure:
         found.append(f"parameters without a standard error, in the axes where they have none: {', '.join(unsure)}")

@@ -35,8 +35,8 @@ RULE_OF_GROWTH = (
     "Rule: an effect has grown where its size is larger than in the last reconciled campaign before, in the order of "
     "the file, by more than the limit, in standard errors of the difference; what became smaller is not named. Where "
     f"nothing grew, this names something in {FALSE_ALARM:.0%} of all fleets or fewer, if the standard errors are right "
-    "and the errors of both campaigns normally distributed. What was not found before has no such rate: it may have "
-    "been there, too small to be found."
+    "and the errors of both campaigns normally distributed. What that campaign did not find has no such rate: it may "
+    "have been there, too small to be found."
 )
 
 
@@ -107,9 +107,9 @@ class FleetReport:
         if compared.growth_limit is not None:
             parts.append(f"With effects that have grown: {_named(grown)}.")
         if new:
-            parts.append(f"With effects that were not found before: {_named(new)}.")
+            parts.append(f"With effects that their last campaign before did not find: {_named(new)}.")
         if compared.copies:
-            parts.append(f"Campaigns with the numbers of another one, as copies have them: {_named(compared.copies)}.")
+            parts.append(f"Campaigns with the very numbers of another one, as copies have: {_named(compared.copies)}.")
         return " ".join(parts)
 
     def _effects_csv(self) -> str:
@@ -215,7 +215,9 @@ class FleetReport:
             limit = compared.growth_limit
             text = RULE_OF_GROWTH + ("" if limit is None else f" The limit is {limit:.3g}.")
             history = ("axis", "effect", "parameter", "campaigns, the oldest first", "unit", "standard errors")
-            sections.append(_listed("What has grown, or was not found before", text, history, grown))
+            sections.append(
+                _listed("What has grown, or was not found in the last campaign before", text, history, grown)
+            )
         return sections
 
     def _shared(self) -> dict[str, dict[str, Any]]:
@@ -259,8 +261,8 @@ class FleetReport:
         )
         text = (
             "Every parameter with all others free, over the axes that have the effect. The robust standard deviation "
-            "is 1.4826 times the median absolute deviation, errors of measuring included; the standard error beside it "
-            "is the median over the axes."
+            "is 1.4826 times the median absolute deviation, errors of measuring included; there is none of fewer than "
+            f"{LEAST_AXES} axes, whose deviations are chance. The standard error beside it is the median over the axes."
         )
         return [PageSection("Spread", text, PageTable(columns, rows), self._pictures())]
 
@@ -289,8 +291,9 @@ _COLUMNS = ("axis", "type", "models", "text", "verdict", "found", "gap before", 
 def _campaigns(axis: FleetAxis, result: AxisResult) -> Campaigns:
     """What the campaigns of an axis say; those of before that failed are left out."""
     stages = [*(f"{EARLIER} {number}" for number in range(1, len(axis.earlier) + 1)), RECONCILE]
-    done = [tuple(_estimates(result, stage)) for stage in stages if stage in result.facts]
-    return Campaigns(axis.name, axis.type, tuple(done))
+    done = [stage for stage in stages if stage in result.facts]
+    measured = tuple(result.facts[stage]["measured"] for stage in done)
+    return Campaigns(axis.name, axis.type, tuple(tuple(_estimates(result, stage)) for stage in done), measured)
 
 
 def _estimates(result: AxisResult, stage: str) -> list[Estimate]:

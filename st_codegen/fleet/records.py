@@ -6,6 +6,9 @@ import csv
 import hashlib
 import json
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from st_codegen.errors import StCodegenError
 from st_codegen.files.text import file_sha256
@@ -17,6 +20,11 @@ LIBRARIES = ("numpy", "scipy", "scikit-learn", "lightgbm", "xgboost-cpu", "skops
 def sha256_of(*texts: str) -> str:
     """The SHA-256 of some texts, in their order."""
     return hashlib.sha256(json.dumps(texts).encode()).hexdigest()
+
+
+def content_of(*arrays: Any) -> str:
+    """The SHA-256 of the bytes of some arrays, in their order."""
+    return sha256_of(*(np.ascontiguousarray(array).tobytes().hex() for array in arrays))
 
 
 def content_hash(path: Path) -> str:

@@ -24,7 +24,7 @@ from st_codegen.files.made_by import MADE_BY, VERSION
 from st_codegen.files.text import make_folder, read_text, write_text
 from st_codegen.fleet.axes import FleetAxis, TextCheck
 from st_codegen.fleet.estimates import estimates
-from st_codegen.fleet.records import LIBRARIES, content_hash, failure, file_hashes, sha256_of
+from st_codegen.fleet.records import LIBRARIES, content_hash, content_of, failure, file_hashes, sha256_of
 from st_codegen.fleet.shared import axis_plan, axis_table, copy_models, shared_part
 from st_codegen.project.bundle import load
 from st_codegen.proof.prove.certificate import certificate
@@ -237,6 +237,7 @@ class _Stages:
         result = reconcile_files(self._rig, measured, catalogue(), accept=accepted, skip_bad=options.skip_bad)
         write_texts(self.folder / place, report_texts(result, next_runs(result)))
         return {
+            "measured": content_of(result.data.at.axes, result.data.at.sign, result.data.orders, result.data.values),
             "verdict": result.verdict,
             "effects": list(dict.fromkeys(claim.piece.effect.name for claim in result.conclusions.claims)),
             "gap": asdict(result.held_out),

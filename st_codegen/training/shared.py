@@ -35,7 +35,8 @@ _ROUNDS = 10
 class SharedLesson:
     """Models of several axes, and by name of the axis its corrections and what they leave on the runs held out.
 
-    learned_from: by axis, the rows that the models are learned from, faulty ones left out; errors: mean square of the transmission error that is left of each held-out run, float64 (runs,), deg^2.
+    learned_from: by axis, the rows that the models are learned from, faulty ones left out; errors: mean square of the
+    transmission error that is left of each held-out run, float64 (runs,), deg^2.
     """
 
     models: tuple[FittedModel, ...]

@@ -72,7 +72,7 @@ def test_equal_values_are_no_deviation_of_zero():
 
 def test_of_few_axes_nothing_is_said():
     found = compare(fleet([*normal(LEAST_AXES - 2), 50.0]))
-    assert [spread.limit for spread in found.spreads] == [None]
+    assert [(spread.limit, spread.deviation, spread.distances) for spread in found.spreads] == [(None, None, {})]
     assert found.spreads[0].outliers == ()
     assert "7 axes, fewer than 8: nothing can be said" in found.not_looked_at[0]
     assert compare([]).spreads == ()
@@ -156,11 +156,12 @@ def test_axes_without_an_earlier_campaign_are_named():
 
 
 def test_a_campaign_that_is_there_twice_is_told():
-    axes = fleet([*normal(9), 1.0])
+    """By what was measured: a stiffness that no load shows is the rig's in all campaigns."""
+    own = ((estimate(1.0),),)
+    axes = [Campaigns(f"r{number}", "t", own, (str(number),)) for number in range(9)]
     assert compare(axes).copies == ()
-    assert compare([*axes, Campaigns("copy", "t", axes[3].estimates)]).copies == ("r3", "copy")
-    assert compare([Campaigns("r", "t", ((estimate(1.0),), (estimate(1.0),)))]).copies == ("r",)
-    assert compare([Campaigns("r", "t", ((),)), Campaigns("q", "t", ((),))]).copies == ()  # nothing is no copy
+    assert compare([*axes, Campaigns("copy", "t", own, ("3",))]).copies == ("r3", "copy")
+    assert compare([Campaigns("r", "t", own * 2, ("1", "1"))]).copies == ("r",)
 
 
 def test_parameters_without_a_standard_error_are_not_compared_and_named():

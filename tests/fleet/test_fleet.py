@@ -90,7 +90,7 @@ def test_growth_is_named(done):
     assert growth == {("worn", "output_shaft_eccentricity", "amplitude_deg")}
     page = (done / "fleet.html").read_text()
     for part in (
-        "What has grown, or was not found before: 1",
+        "What has grown, or was not found in the last campaign before: 1",
         "odd.csv",
         "nothing can be said of who",
         "What was not looked at",

@@ -31,6 +31,7 @@ def result(number):
     if number == 6:
         found.append(Estimate("cycloid_tooth_error of order 39", "amplitude_deg", 1e-3, 1e-5, "deg", 1, False, True))
     reconciled = {
+        "measured": str(number),
         "verdict": "explained",
         "effects": ["cycloid_tooth_error"] if number == 6 else [],
         "gap": {"before": 2e-3, "after": 1e-3, "noise_floor": 1e-3},
@@ -105,15 +106,17 @@ def test_an_effect_that_was_not_found_before_is_not_said_to_have_grown():
     tooth = Estimate("cycloid_tooth_error of order 39", "amplitude_deg", 1e-3, 1e-5, "deg", 1, False, True)
     facts = {"verdict": "explained", "effects": [], "gap": {}}
     before, now = (
-        {"estimates": [asdict(one) for one in found]} | facts for found in ([play], [replace(play, value=0.301), tooth])
+        {"estimates": [asdict(one) for one in found], "measured": str(number)} | facts
+        for number, found in enumerate(([play], [replace(play, value=0.301), tooth]))
     )
     axis = FleetAxis("r", "small", Path("c"), (Path("b"),), Path("rig.toml"), AxisOptions())
     report = FleetReport.of([axis], {"r": AxisResult({CHECK: {"passed": True}, "earlier 1": before, RECONCILE: now})})
-    assert "With effects that have grown: none. With effects that were not found before: 1 (r)." in report.summary()
-    assert "What has grown, or was not found before: 1" in report.html()
+    said = "With effects that have grown: none. With effects that their last campaign before did not find: 1 (r)."
+    assert said in report.summary()
+    assert "What has grown, or was not found in the last campaign before: 1" in report.html()
 
 
 def test_copies_are_told_in_short():
     axes = [FleetAxis(name, "small", Path(name), (), Path("rig.toml"), AxisOptions()) for name in "ab"]
     report = FleetReport.of(axes, dict.fromkeys("ab", result(0)))
-    assert report.summary().endswith("Campaigns with the numbers of another one, as copies have them: 2 (a, b).")
+    assert report.summary().endswith("Campaigns with the very numbers of another one, as copies have: 2 (a, b).")

@@ -25,7 +25,15 @@ from tests.fleet.conftest import DEFAULTS, fleet_file, write_campaign
 SIZES = {"few": 1.05, "like": 0.95, "third": 1.0}
 
 
-FACTS = {"verdict": "explained", "effects": [], "gap": {}, "cannot_show": [], "not_looked_at": [], "estimates": []}
+FACTS = {
+    "measured": "",
+    "verdict": "explained",
+    "effects": [],
+    "gap": {},
+    "cannot_show": [],
+    "not_looked_at": [],
+    "estimates": [],
+}
 
 
 def axes_text(*names):
