@@ -162,7 +162,7 @@ def _table(title: str, result: MotionStudy, rows: list[dict[str, Any]]) -> Table
     numbers = (">RMS before", ">after", ">gone", ">max before", ">after", ">gone", ">latency")
     table = table_of(title, "case", *numbers)
     for entry, outcome in zip(rows, result.outcomes, strict=True):
-        cells = [label(outcome)]
+        cells = [label(result, outcome)]
         for kind in ("rms", "max"):
             cells += [f"{entry[f'{kind}_{when}']:.5f}" for when in ("before", "after")]
             gone = entry[f"{kind}_reduction"]

@@ -71,10 +71,12 @@ def row(study: MotionStudy, outcome: MotionOutcome) -> dict[str, Any]:
     }
 
 
-def label(outcome: MotionOutcome) -> str:
-    """The orders, the law, the tasks and the lead of a case, as a label of a curve."""
+def label(study: MotionStudy, outcome: MotionOutcome) -> str:
+    """The orders, the law, the tasks and the lead of a case, as a label of a curve that no other case has."""
     case = outcome.case
-    orders = f"{len(case.orders)} orders" if len(case.orders) > 4 else "orders " + " ".join(map(str, case.orders))
+    alike = {other.case.orders for other in study.outcomes if len(other.case.orders) == len(case.orders)}
+    is_counted = len(case.orders) > 4 and len(alike) == 1
+    orders = f"{len(case.orders)} orders" if is_counted else "orders " + " ".join(map(str, case.orders))
     lead = f", lead {case.lead_s * 1e6:.0f} us" if case.lead_s else ""
     load = "" if case.load == "none" else f", load {case.load}"
     return f"{orders}, {case.law}, {case.form}{lead}{load}{', ahead' if case.ahead else ''}"
@@ -82,7 +84,7 @@ def label(outcome: MotionOutcome) -> str:
 
 def remarks(study: MotionStudy) -> list[str]:
     """Where the blocks did not do what a case is called after."""
-    return [f"{label(outcome)}: {outcome.refused}" for outcome in study.outcomes if outcome.refused]
+    return [f"{label(study, outcome)}: {outcome.refused}" for outcome in study.outcomes if outcome.refused]
 
 
 def write(study: MotionStudy, out: Path, *, recording: bool = False) -> None:
@@ -190,7 +192,7 @@ def _table(study: MotionStudy) -> PageTable:
     for o in study.outcomes:
         rows.append(
             (
-                label(o),
+                label(study, o),
                 f"{o.before.rms:.5f} deg",
                 f"{o.after.rms:.5f} deg",
                 _percent(o.before.rms, o.after.rms),
@@ -233,7 +235,7 @@ def _error_picture(study: MotionStudy) -> str:
         before = study.outcomes[0].error_before_deg
         axes.plot(time[thin], before[thin], color="#999999", linewidth=1.0, label="not compensated")
         for outcome in study.outcomes[:6]:
-            axes.plot(time[thin], outcome.error_after_deg[thin], linewidth=0.8, label=label(outcome))
+            axes.plot(time[thin], outcome.error_after_deg[thin], linewidth=0.8, label=label(study, outcome))
         axes.legend(fontsize=7, loc="best")
 
     return figure(draw, xlabel="time in s", ylabel="error of the output in deg", size_cm=(18, 9))

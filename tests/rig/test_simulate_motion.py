@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 import subprocess
+from types import SimpleNamespace
 
 import pytest
 
@@ -14,7 +15,9 @@ pytest.importorskip("matplotlib")
 from st_codegen.cli.choices import DIALECTS
 from st_codegen.cli.main import main
 from st_codegen.errors import InputError
-from st_codegen.rig import study
+from st_codegen.rig import motion_files, study
+from st_codegen.rig.motion import CompensationCase
+from st_codegen.rig.tasks import TaskForm
 from tests.browser import faults
 from tests.rig.conftest import LINEAR_RIG
 
@@ -42,6 +45,18 @@ def out(files, linear_folder):
         main([*arguments(files, linear_folder), *wanted])
     assert caught.value.code == 0
     return files / "out"
+
+
+def test_no_two_cases_of_a_study_have_one_label():
+    """Sets of five orders and more are counted, and those of one size are listed."""
+    cases = [((1, 2, 3, 4, 5), 0.0), ((1, 2, 3, 4, 6), 0.0), (tuple(range(9)), 0.0), ((1, 39), 0.0)]
+    outcomes = [
+        SimpleNamespace(case=CompensationCase(orders, "full", TaskForm.ONE, lead_s=lead)) for orders, lead in cases
+    ]
+    names = [motion_files.label(SimpleNamespace(outcomes=outcomes), outcome) for outcome in outcomes]
+    assert names == [
+        "orders 1 2 3 4 5, full, one", "orders 1 2 3 4 6, full, one", "9 orders, full, one", "orders 1 39, full, one",
+    ]  # fmt: skip
 
 
 def test_rows_curves_and_a_recording(out):
