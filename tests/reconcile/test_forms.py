@@ -218,6 +218,7 @@ def test_heights_of_a_resonance_are_said_at_loads_and_directions_of_both():
     claim = SimpleNamespace(stderr={"backward_amplitude_deg[156]": 0.0})
     assert _heights(claim, sides, at) == ", at least 4 times as high forward as backward"
     assert _heights(SimpleNamespace(stderr={"backward_amplitude_deg[156]": 1e-3}), sides, at) == ""
+    assert _heights(SimpleNamespace(stderr={}), sides, at) == "", "a bound wants an error"
     follows = effect("structural_resonance", amplitude_deg=(1e-3,), slope_deg_per_kNm=(2e-3,), **shape)
     assert _heights(claim, follows, at) == (
         ", on a line over the load 0.003 deg high at 1000 N m and 0.001 deg at 0 N m (of all its orders)"

@@ -19,7 +19,7 @@ from st_codegen.reconcile.mistakes import sensors
 from st_codegen.reconcile.mistakes.each_run import _most_gain, ramps
 from st_codegen.reconcile.mistakes.examine import examine
 from st_codegen.reconcile.mistakes.sensors import hidden_wrong_angle
-from st_codegen.reconcile.mistakes.single_runs import _block
+from st_codegen.reconcile.mistakes.single_runs import _Asked, _block, _other_label
 from st_codegen.reconcile.mistakes.votes import PowerSums, expected_of, noise_power, told_power
 from st_codegen.reconcile.rest.unexplained import Signature, _with_hums
 from st_codegen.rig.effects import Conditions, catalogue
@@ -483,6 +483,28 @@ def test_wrong_labels_are_left_out_and_named():
     assert found <= set(chosen.tolist()), "no run with its own label is called wrong"
     # a label of nearly the same conditions makes no difference
     assert len(found) >= 14
+
+
+def test_a_label_of_one_direction_is_none_of_a_run_with_both():
+    """What it would leave of one curve was compared with what other labels leave of two."""
+    at = Conditions.of(
+        np.array([1.0, -1.0, 1.0, -1.0, 1.0]), np.array([100.0, 100.0, 200.0, 200.0, 300.0]), np.zeros(5), np.zeros(5)
+    )
+    known = np.array([[0.0], [0.0], [1.0], [1.0], [2.0]], np.complex128)
+    values = np.array([[2.0], [2.0], [1.0], [1.0], [2.0]], np.complex128)
+    asked = _Asked(
+        Observations(at, labels(at), np.array([1]), values), RIG, np.ones(1, bool), values, known, np.ones((5, 1))
+    )
+    loss, row = _other_label(asked, np.array([0, 1]))
+    assert (loss, at.speed_rpm[row]) == (2.0, 200.0)
+    # two runs of one label leave no more than one of them
+    twice = _Asked(
+        asked.data.rows(np.array([0, 1, 2, 3, 2, 3])),
+        RIG,
+        asked.sure,
+        *(part[[0, 1, 2, 3, 2, 3]] for part in (values, known, asked.weight)),
+    )
+    assert _other_label(twice, np.array([0, 1]))[0] == 2.0
 
 
 def test_a_block_of_runs_with_a_factor_is_left_out():

@@ -30,9 +30,9 @@ class Other:
 class Claim:
     """An effect that is missing in the rig: its piece, evidence, and equally good names.
 
-    share: of the gap (power) that the effect explains; own_gap: RMS (deg) of the gap of its orders alone, before and
-    after all changes; peaks: the frequencies (Hz) between which the peaks of a resonance's orders put it, where their
-    shape is not that of one oscillator; counted: how many names of this kind were true, of how many, if that is known.
+    share: of the gap (power) that the effect explains; peaks: the frequencies (Hz) between which the peaks of a
+    resonance's orders put it, where their shape is not that of one oscillator; counted: how many names of this kind
+    were true, of how many, if that is known.
     """
 
     piece: Piece
@@ -41,7 +41,6 @@ class Claim:
     alternatives: tuple[str, ...]
     others: tuple[Other, ...]
     share: float
-    own_gap: tuple[float, float]
     extrapolates: tuple[str, ...]
     peaks: tuple[float, float] | None = None
     counted: tuple[int, int] | None = None

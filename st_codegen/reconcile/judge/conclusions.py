@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from st_codegen.reconcile.data.observations import rms_deg
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.state import OFFSET, Piece, State
 from st_codegen.reconcile.judge.claims import SOMETHING_ELSE, Claim, Conclusions, Other, Retuned
@@ -247,7 +246,6 @@ def _claim(
         alternatives=(*names, *((SOMETHING_ELSE,) if is_open else ())),
         others=others,
         share=_share(rig, final, piece),
-        own_gap=_own_gap(rig, final, piece),
         extrapolates=(
             *extrapolates(joint, piece),
             *of_its_shape(piece, peaks),
@@ -354,18 +352,6 @@ def _share(rig: RigModel, final: Fit, piece: Piece) -> float:
     gap, own = final.target.residual(rig)[good], final.explained(piece.effect)[good]
     along = float(((gap * own.conj()).real / parts).sum())
     return float(np.clip(along / max(float((np.abs(gap) ** 2 / parts).sum()), 1e-300), 0.0, 1.0))
-
-
-def _own_gap(rig: RigModel, final: Fit, piece: Piece) -> tuple[float, float]:
-    """RMS of what the old and the new rig leave at the orders of a piece; at all where the data are over the angle."""
-    data, good = final.target.data, final.target.good
-    own = np.isin(data.orders, piece.effect.touched_orders())
-    columns = own if data.angle_rad is None and own.any() else np.ones_like(own)
-    before, after = (
-        rms_deg(residual[good][:, columns], data.orders[columns])
-        for residual in (final.target.residual(rig), final.residual)
-    )
-    return before, after
 
 
 def _as_good(smaller: Fit, joint: Fit, number: int, known: Catalogue) -> tuple[Other, ...]:

@@ -181,8 +181,7 @@ def _judged(
     share = float(np.clip(1 - (after**2 - sigma**2) / max(before**2 - sigma**2, 1e-300), 0, 1)) if found else 0.0
     claim = retuned = None
     if found and own is None:
-        piece, gap = Piece(effect, frozenset(effect.values), True), (before / ratio, after / ratio)
-        claim = Claim(piece, stderr, evidence, (), (), share, gap, ())
+        claim = Claim(Piece(effect, frozenset(effect.values), True), stderr, evidence, (), (), share, ())
     elif found and own is not None:
         retuned = Retuned(own, effect, stderr, p)
     final = after if found else before

@@ -325,17 +325,13 @@ def _by_one_condition(asked: _Asked, rows: IntArray, key: str) -> float:
 
 
 def _other_label(asked: _Asked, rows: IntArray) -> tuple[float, int] | None:
-    """The least loss of a run under any label of the campaign, and a row that carries it."""
-    total: dict[tuple[float, float, float], tuple[float, int]] = {}
+    """The least loss of a run under any label that has all of its directions, and a row that carries it."""
     at = asked.data.at
+    of_each: list[dict[tuple[float, ...], tuple[float, int]]] = []
     for row in rows:
         same = np.flatnonzero(at.sign == at.sign[row])
         losses = (asked.weight[row] * np.abs(asked.values[row] - asked.known[same]) ** 2).sum(axis=1)
-        for other, value in zip(same, losses, strict=True):
-            point = (float(at.speed_rpm[other]), float(at.torque_Nm[other]), float(at.temperature_C[other]))
-            before = total.get(point, (0.0, int(other)))[0]
-            if point not in total or row == rows[0]:
-                total[point] = (float(value), int(other))
-            else:
-                total[point] = (before + float(value), int(other))
-    return min(total.values()) if total else None
+        points = zip(*(axis[same].tolist() for axis in at.axes), strict=True)
+        of_each.append(dict(zip(points, zip(losses.tolist(), same.tolist(), strict=True), strict=True)))
+    common = [point for point in of_each[0] if all(point in own for own in of_each)]
+    return min(((sum(own[point][0] for own in of_each), of_each[-1][point][1]) for point in common), default=None)

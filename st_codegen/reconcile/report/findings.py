@@ -63,7 +63,7 @@ def findings(result: Reconciliation, ahead: NextRuns | None = None) -> list[Find
             _how_sure(claim),
             _todo(effect, ahead),
             claim.share if effect.stage is Stage.AXIS else None,
-            claim.own_gap,
+            _own_gap(result, effect),
             form_text(claim, result),
         )
         entries.append((finding, _added(effect)))

@@ -403,7 +403,9 @@ def _resonance(effect: Effect, result: Reconciliation) -> str:
         where = _where_measured(effect, at)
     stderr = next((c.stderr for c in result.conclusions.claims if c.piece.effect is effect), {})
     moves = [
-        f"by {frequency * effect.scalar(key):+.1f} +- {frequency * stderr.get(key, 0.0):.1g} Hz {per}"
+        f"by {frequency * effect.scalar(key):+.1f}"
+        + (f" +- {frequency * stderr[key]:.1g}" if key in stderr else "")
+        + f" Hz {per}"
         for key, per in slopes
         if abs(effect.scalar(key)) > CLEARLY * stderr.get(key, 0.0)
     ]
@@ -456,9 +458,9 @@ def _heights(claim: Claim, effect: StructuralResonance, at: Conditions) -> str:
         front = BACKWARD * (quiet == "backward")
         load = float(np.abs(at.torque_Nm).max()) / 1000.0
         units = {f"{front}amplitude_deg": 1.0, f"{front}{LOAD_PART}": load}
-        errors = [error * units.get(key.partition("[")[0], 0.0) for key, error in claim.stderr.items()]
+        errors = [error * units[own] for key, error in claim.stderr.items() if (own := key.partition("[")[0]) in units]
         times = high / max(low + CLEARLY * math.hypot(*errors), 1e-300)
-        if times > _TIMES_OF_ONE_SIDE:
+        if errors and times > _TIMES_OF_ONE_SIDE:
             found += f", at least {math.floor(min(times, _MOST_TIMES))} times as high {loud} as {quiet}"
     return found
 
