@@ -169,10 +169,10 @@ class GivenModels:
 
     def load(self, outputs: Outputs, *, real: bool) -> Bundle:
         """The models with such outputs of classifiers, computed in LREAL or in REAL."""
-        from st_codegen.project.bundle import load
+        from st_codegen.project.bundle import load, pickles_left_out
 
         with progress_bar("loading", quiet=self.quiet) as progress:
-            return load(
+            bundle = load(
                 self.models,
                 trust_pickle=self.trust_pickle,
                 outputs=outputs,
@@ -181,6 +181,9 @@ class GivenModels:
                 block_name=self.block_name,
                 real=real,
             )
+        if self.trust_pickle and (left_out := pickles_left_out(self.models, bundle)):
+            say(f"--trust-pickle: leave_out of st-codegen.toml leaves out {', '.join(left_out)}")
+        return bundle
 
     def load_generated(self, generated: Path) -> Bundle:
         """The models with the outputs and the numbers (LREAL, REAL) that text was generated with."""

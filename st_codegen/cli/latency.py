@@ -21,9 +21,11 @@ Examples:
   st-codegen latency --fast 250 --slow 500 --order 240 --json""",
 )
 @click.option(
-    "--fast", type=Number(), required=True, metavar="US", help="Cycle time of the task with encoder and axes."
+    "--fast", type=Number(min=0.1), required=True, metavar="US", help="Cycle time of the task with encoder and axes."
 )
-@click.option("--slow", type=Number(), metavar="US", help="Cycle time of a slower task between reading and correcting.")
+@click.option(
+    "--slow", type=Number(min=0.1), metavar="US", help="Cycle time of a slower task between reading and correcting."
+)
 @click.option("--slow-offset", type=Number(), default=0.0, metavar="US", help="Start of its first cycle.")
 @click.option("--fast-run", type=Number(), default=0.0, metavar="US", help="Time of one run, for --exchange end.")
 @click.option("--slow-run", type=Number(), default=0.0, metavar="US", help="Time of one run, for --exchange end.")

@@ -25,7 +25,7 @@ from st_codegen.processes import Progress
 from st_codegen.project.configuration import CONFIGURATION_FILE, Configuration, read_configuration
 from st_codegen.project.purpose import Purpose
 from st_codegen.walkers.base import LoadedModel
-from st_codegen.walkers.files import known_formats, load_model, suffixes
+from st_codegen.walkers.files import PICKLES, known_formats, load_model, suffixes
 from st_codegen.walkers.objects import from_estimator
 
 
@@ -195,6 +195,12 @@ def _loaded(
         configuration.check_used(features, problems)
     problems.raise_if_any()
     return Bundle(finished, configuration=configuration)
+
+
+def pickles_left_out(folder: Path, bundle: Bundle) -> list[str]:
+    """The pickles in a folder that its configuration leaves out: those are not read, whoever trusts them."""
+    files = sorted(folder.iterdir()) if folder.is_dir() else []
+    return [one.name for one in files if one.suffix.lower() in PICKLES and bundle.configuration.leaves_out(one)]
 
 
 def _from_memory(estimators: Mapping[str, Any], outputs: Outputs) -> Bundle:

@@ -52,12 +52,12 @@ _ADVICE = {
     ".pmml": "save the model itself, as .skops or .onnx",
 }
 _SKOPS = ".skops"
-_PICKLES = (".joblib", ".pkl", ".pickle")
+PICKLES = (".joblib", ".pkl", ".pickle")
 
 
 def suffixes() -> tuple[str, ...]:
     """The suffixes of all files that are read as models."""
-    return (*(suffix for known in FORMATS.values() for suffix in known.suffixes), _SKOPS, *_PICKLES)
+    return (*(suffix for known in FORMATS.values() for suffix in known.suffixes), _SKOPS, *PICKLES)
 
 
 def known_formats() -> str:
@@ -88,7 +88,7 @@ def load_model(path: Path, name: str, *, trust_pickle: bool = False) -> LoadedMo
 
 def _loaded(path: Path, name: str, *, trust_pickle: bool) -> LoadedModel:
     suffix = path.suffix.lower()
-    if suffix in _PICKLES:
+    if suffix in PICKLES:
         return load_pickle(path, name, trusted=trust_pickle)
     if suffix == _SKOPS:
         return load_skops(path, name)

@@ -278,6 +278,16 @@ def test_init_writes_what_the_files_know_and_the_result_compiles(tmp_path, capsy
     assert "# ours" not in (folder / "st-codegen.toml").read_text(encoding="utf-8")
 
 
+def test_trust_does_not_reach_what_is_left_out_and_that_is_said(lone_folder, tmp_path, capsys):
+    """`init` leaves pickles out that nobody trusted then, and `generate --trust-pickle` went on without them."""
+    (lone_folder / "old.pkl").write_bytes(b"x")
+    assert run("init", lone_folder) == 0
+    assert run(lone_folder, "--out", tmp_path / "out") == 0
+    assert "old.pkl" not in capsys.readouterr().err.split("complete names")[-1]
+    assert run(lone_folder, "--out", tmp_path / "out", "--trust-pickle", "-q") == 0
+    assert "--trust-pickle: leave_out of st-codegen.toml leaves out old.pkl" in capsys.readouterr().err
+
+
 def test_a_range_of_a_file_is_that_of_the_model_trained_last(lone_folder, capsys):
     assert run("init", lone_folder) == 0
     assert "trained" not in (lone_folder / "st-codegen.toml").read_text(encoding="utf-8")
