@@ -11,7 +11,18 @@ import click
 from rich.table import Table
 
 from st_codegen.cli.choices import MODEL_FORMS
-from st_codegen.cli.console import FILE, FOLDER, PLACE, Number, Whole, console, progress_bar, quiet_option, table_of
+from st_codegen.cli.console import (
+    FILE,
+    FOLDER,
+    PLACE,
+    Number,
+    Whole,
+    console,
+    progress_bar,
+    quiet_option,
+    say,
+    table_of,
+)
 from st_codegen.cli.training import search_options
 from st_codegen.errors import InputError, counted
 from st_codegen.files.number_text import parse_whole, plain_number
@@ -128,6 +139,8 @@ def _print(lessons: list[Lesson], head: BundleHead, out: Path, faulty_are: str) 
     """What was learned, and what is the same in all runs."""
     for lesson in lessons:
         console.print(_summary(lesson, faulty_are))
+        if remark := lesson.remark():
+            say(remark)
     for feature, value in head.constant().items():
         console.print(
             f"{feature} was {plain_number(value)} in all runs learned from: the blocks compute with "
@@ -161,6 +174,7 @@ def _facts(lesson: Lesson) -> dict[str, Any]:
                 "families": [candidate.family for candidate in solution.candidates],
                 "parameters": [dict(candidate.params) for candidate in solution.candidates],
                 "validation_complex_mae_deg": solution.errors.complex_mae,
+                "constant_complex_mae_deg": lesson.constant_mae(solution.order),
                 "test_complex_mae_deg": lesson.test_errors[solution.order].complex_mae,
                 "test_amplitude_mae_deg": lesson.test_errors[solution.order].amplitude_mae,
                 "test_phase_mae_rad": lesson.test_errors[solution.order].phase_mae if solution.order else None,

@@ -89,6 +89,23 @@ class Lesson:
         """Worst case of one evaluation of all final models."""
         return sum(self.costs_us.values())
 
+    def constant_mae(self, order: int) -> float:
+        """The complex MAE (deg) at the points kept apart of the mean of the rows that were learned from."""
+        truth = self.study.test.column(order)
+        constant = np.full(len(truth), self.study.learn.column(order).mean())
+        return errors_of(order, constant, truth).complex_mae
+
+    def remark(self) -> str:
+        """Of which orders the models are no better than a constant; empty where there are none."""
+        orders = [order for order, own in self.test_errors.items() if own.complex_mae >= self.constant_mae(order)]
+        if not orders:
+            return ""
+        listed = f"{', '.join(map(str, orders))} of {counted(len(self.study.test), 'run')} kept apart"
+        return (
+            f"{self.direction}, order{'s' * (len(orders) > 1)} {listed}: no better predicted than by the mean of the "
+            "runs learned from"
+        )
+
 
 def check_learnable(table: HarmonicTable) -> None:
     """Raise one InputError where a direction has too few operating points, or numbers are too large to be learned."""

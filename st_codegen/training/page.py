@@ -67,19 +67,23 @@ def _models_section(lesson: Lesson) -> PageSection:
                 errors.amplitude_mae,
                 errors.phase_mae if solution.order else "",
                 errors.complex_mae,
+                lesson.constant_mae(solution.order),
                 *spread,
                 f"{lesson.costs_us[solution.order]:.1f}",
             )
         )
     repeated = ("complex, repeated splits (95 %)",) if lesson.intervals else ()
-    errors_of = ("amplitude MAE, deg", "phase MAE, rad", "complex MAE, deg", *repeated)
+    errors_of = ("amplitude MAE, deg", "phase MAE, rad", "complex MAE, deg", "of a constant", *repeated)
     columns = ("order", "models", *errors_of, "worst case, us")
     text = (
         f"Chosen by cross-validation on {len(lesson.study.learn)} runs, errors on {len(lesson.study.test)} at "
         "operating points that were kept apart. The models of the bundle were learned again from the runs of both that "
         "are not left out as faulty, so that of themselves no error is known. Their worst case: "
-        f"{lesson.cost_us:.0f} us (an estimate for models as trained; a table of cells takes less)."
+        f"{lesson.cost_us:.0f} us (an estimate for models as trained; a table of cells takes less). Of a constant: "
+        "what the mean of the runs learned from leaves at the points kept apart."
     )
+    if remark := lesson.remark():
+        text += f"\n\n{remark[0].upper()}{remark[1:]}."
     return PageSection(f"Models, {lesson.direction}", text, PageTable(columns, rows))
 
 

@@ -192,6 +192,23 @@ def test_learned_models_predict_points_kept_apart(lessons):
         assert forward.intervals[order].half_width > 0
 
 
+def test_that_nothing_was_learned_is_said():
+    """An order of noise had an error like any other, and nothing beside it."""
+    sound, random = a_table(noise=1e-6), np.random.default_rng(2)
+    coefficients = np.array(sound.coefficients)
+    coefficients[:, 2] = random.standard_normal((len(sound), 2)) @ [1e-4, 1e-4j]
+    rows = replace(sound, coefficients=coefficients)
+    settings = replace(
+        SETTINGS, candidates=tuple(c for c in SETTINGS.candidates if c.family == "DT") or SETTINGS.candidates[:1]
+    )
+    with FitStore(None) as store:
+        lesson = learn(rows, rows.directions()[0], LearningPlan(settings), store, Backend(1))
+    noise = sound.orders[2]
+    assert lesson.test_errors[noise].complex_mae >= lesson.constant_mae(noise)
+    assert lesson.remark().startswith(f"forward, order {noise} of ")
+    assert "no better predicted than by the mean of the runs" in lesson.remark()
+
+
 def test_parts_are_chosen_where_phases_wrap():
     table = a_table(torques=15)
     coefficients = np.array(table.coefficients)
