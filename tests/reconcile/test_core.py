@@ -17,6 +17,7 @@ from st_codegen.reconcile.data.checks import check
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations, labels
 from st_codegen.reconcile.fit.fitting import fit
+from st_codegen.reconcile.fit.normal import inverse, root_of_inverse
 from st_codegen.reconcile.fit.propagation import Propagation
 from st_codegen.reconcile.fit.state import State, piece_of
 from st_codegen.reconcile.fit.target import FitData, groups_of
@@ -185,6 +186,15 @@ def test_no_error_is_below_that_of_independent_runs():
         found = result.state.model().effects[2].values["amplitude_deg"]
         distances.append((found - true) / standard_errors(result, 2)["amplitude_deg"])
     assert np.abs(distances).max() < 4.0
+
+
+def test_the_root_of_an_inverse_is_told_where_rounding_leaves_nothing():
+    size = np.array([1e-9, 1.0, 1e8])
+    whole = np.array([[2.0, 0.5, 0.1], [0.5, 1.0, 0.3], [0.1, 0.3, 1.0]]) * np.outer(size, size)
+    root = root_of_inverse(whole)
+    assert root @ root.T == pytest.approx(inverse(whole), rel=1e-7)
+    alike = np.ones((3, 3)) * np.outer(size, size)
+    assert np.isfinite(root_of_inverse(alike)).all()
 
 
 def test_errors_grow_where_the_form_is_wrong_and_keep_their_correlations():

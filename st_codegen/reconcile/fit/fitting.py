@@ -14,7 +14,7 @@ import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.reconcile.data.contrasts import AXES
-from st_codegen.reconcile.fit.normal import Normal, by_group, gather, inverse
+from st_codegen.reconcile.fit.normal import Normal, by_group, gather, inverse, root_of_inverse
 from st_codegen.reconcile.fit.propagation import Propagation
 from st_codegen.reconcile.fit.state import Piece, State
 from st_codegen.reconcile.fit.target import Column, FitData
@@ -97,8 +97,7 @@ class Fit:
         count = len(g)
         # few clusters underestimate, and fewer than coordinates say nothing of some directions at all: in none of them
         # is it below what independent runs would give
-        size = np.sqrt(np.diag(self.inverse))
-        root = np.linalg.cholesky(self.inverse / size[:, None] / size[None, :]) * size[:, None]
+        root = root_of_inverse(self._whole[0])
         pulled = g @ root
         ratio, directions = np.linalg.eigh(pulled.T @ pulled * (count / max(count - 1, 1)))
         spread = root @ directions

@@ -10,6 +10,9 @@ import numpy as np
 from st_codegen.ir.arrays import ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.fit.target import Column, FitData, by_place
 
+#: What a scaled matrix has in its diagonal beside 1, so that it has an inverse.
+_LEAST = 1e-10
+
 
 @dataclass(frozen=True)
 class Normal:
@@ -67,7 +70,21 @@ def made_of(columns: FloatArray, values: FloatArray) -> FloatArray:
 
 def inverse(matrix: FloatArray) -> FloatArray:
     """Inverse of a positive matrix whose rows have very different sizes."""
+    scaled, size = _scaled(matrix)
+    return np.linalg.inv(scaled) / size[:, None] / size[None, :]
+
+
+def root_of_inverse(matrix: FloatArray) -> FloatArray:
+    """A matrix L with L @ L.T the inverse, also where rounding leaves of some direction nothing."""
+    scaled, size = _scaled(matrix)
+    values, vectors = np.linalg.eigh(scaled)
+    root: FloatArray = vectors / np.sqrt(np.maximum(values, _LEAST)) / size[:, None]
+    return root
+
+
+def _scaled(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A matrix with 1 in its diagonal and a little more, and the sizes of its rows."""
     size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     scaled = matrix / size[:, None] / size[None, :]
-    scaled[np.diag_indices_from(scaled)] += 1e-10
-    return np.linalg.inv(scaled) / size[:, None] / size[None, :]
+    scaled[np.diag_indices_from(scaled)] += _LEAST
+    return scaled, size
