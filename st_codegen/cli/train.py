@@ -141,6 +141,12 @@ def _print(lessons: list[Lesson], head: BundleHead, out: Path, faulty_are: str) 
         console.print(_summary(lesson, faulty_are))
         if remark := lesson.remark():
             say(remark)
+    for lesson in lessons:
+        if narrower := head.narrower(lesson.learned_from.conditions):
+            say(
+                f"{lesson.direction}, learned from less than the bundle's range, which is that of both directions: "
+                f"{', '.join(narrower)}"
+            )
     for feature, value in head.constant().items():
         console.print(
             f"{feature} was {plain_number(value)} in all runs learned from: the blocks compute with "

@@ -12,6 +12,7 @@ from typing import Any
 
 from st_codegen.errors import InputError, MissingExtraError, extra_package
 from st_codegen.files.folders import check_replaceable, replace_folder
+from st_codegen.files.number_text import plain_number
 from st_codegen.files.temporary import temporary_folder
 from st_codegen.files.text import make_folder
 from st_codegen.files.toml_text import table_lines
@@ -48,6 +49,15 @@ class BundleHead:
     reduction_ratio: float
     ranges: FloatArray
     play_deg: float | None = None
+
+    def narrower(self, conditions: FloatArray) -> list[str]:
+        """Of some rows (n, 3), the features that do not reach over the whole range, and from where to where they go."""
+        ends = zip(FEATURES, self.ranges, conditions.min(axis=0), conditions.max(axis=0), strict=True)
+        return [
+            f"{name} {plain_number(low)} to {plain_number(high)}"
+            for (name, _), whole, low, high in ends
+            if low > whole[0] or high < whole[1]
+        ]
 
     def constant(self) -> dict[str, float]:
         """The features of which the models know one value, and that value."""

@@ -315,6 +315,15 @@ def test_ranges_are_those_of_the_runs_learned_from():
     assert bundle_head(lesson.learned_from, "small", 81.0).ranges[0, 1] < speed[fastest]
 
 
+def test_a_direction_that_was_measured_over_less_than_the_range_is_told():
+    """One range is for both: inputs are in it where only the other direction was measured."""
+    both = joined([a_table(), a_table(backward=True)])
+    slow = both.rows(~both.backward | (both.speed_rpm < 1000.0))
+    head = bundle_head(slow, "small", 81.0)
+    assert head.narrower(slow.direction(Direction.FORWARD).conditions) == []
+    assert head.narrower(slow.direction(Direction.BACKWARD).conditions) == ["speed_rpm 100 to 950"]
+
+
 def test_the_play_stands_in_the_bundle(lessons, tmp_path):
     both, learned = lessons
     models = [model for lesson in learned for model in lesson.models]
