@@ -8,7 +8,7 @@ runs. Decisions are made on cut residuals, so that single wild runs make no stru
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -68,14 +68,15 @@ def structure(target: FitData, residual: ComplexArray) -> ResidualStructure:
 _KEPT: list[tuple[FitData, ComplexArray, ResidualStructure]] = []
 
 
-def _structure(target: FitData, residual: ComplexArray) -> ResidualStructure:
+def _structure(target: FitData, residual: ComplexArray, most_known: float = np.inf) -> ResidualStructure:
+    """The tests of `structure`, of noise that is known by no more than so many degrees of freedom."""
     data, good = target.data, target.good
     parts = data.parts
     r = data.with_real_mean(residual)
     sigma, known = _scale_of(target)
     whole: ComplexArray = without_lasting(target, r) / sigma * good[:, None]
     z: ComplexArray = whole * np.minimum(1.0, SETTINGS.cut / np.maximum(np.abs(whole), 1e-300))
-    p_levels, excess, scale = _between_levels(target, z[good], parts, known)
+    p_levels, excess, scale = _between_levels(target, z[good], parts, np.minimum(known, most_known))
     p_shared, shared = _between_neighbours(target, z, parts)
     large = np.maximum(excess / scale, shared) > SETTINGS.least_excess * parts
     courses = course_of(target, z, whole, parts)
@@ -104,6 +105,51 @@ def _scale_of(target: FitData) -> tuple[FloatArray, FloatArray]:
     usual[waves] = np.median(own[waves][beside], axis=1)
     usual_too = (orders > SETTINGS.wander_orders) & (own < SETTINGS.louder_speed * usual)
     return target.sigma * np.maximum(1.0, usual / own), np.where(usual_too, np.inf, known)
+
+
+def beyond_loud_runs(target: FitData, residual: ComplexArray) -> BoolArray:
+    """Whether the residual of an order holds more than noise that is louder in some runs than in others may, (K,).
+
+    Of curves each run's own noise is known. Of tables two things tell: where orders keep no more than noise, these say
+    how loud each run is; and phases, which noise has at random, however loud each run is.
+    """
+    data = target.data
+    if data.spectral_deg is not None or data.angle_rad is not None:
+        return np.ones(len(data.orders), bool)
+    found = _is_alike_in_phase(target, residual)
+    quiet = ~structure(target, residual).significant & (data.orders > 0)
+    if quiet.sum() >= SETTINGS.orders_beside:
+        loud = np.sqrt((np.abs(residual[:, quiet] / target.sigma[:, quiet]) ** 2).mean(axis=1) / 2.0)
+        even = replace(target, sigma=target.sigma * np.maximum(loud, 1e-9)[:, None])
+        found |= _structure(even, residual, 2.0 * quiet.sum()).significant
+    return found
+
+
+def _is_alike_in_phase(target: FitData, residual: ComplexArray) -> BoolArray:
+    """Whether the runs of levels are more alike than their sizes with phases at random make them, (K,).
+
+    The sum of squares over levels is then a sum of products of two runs each, whose mean and variance are known; the
+    gamma distribution that has both is taken for it. Of the mean it is signs that are at random.
+    """
+    from scipy.special import gammaincc
+
+    good, parts = target.good, target.data.parts
+    r = target.data.with_real_mean(residual)[good]
+    power = np.abs(r) ** 2
+    chance = np.ones(len(parts))
+    designs = level_designs(target)
+    for design in designs.values():
+        basis = orthogonal_basis(design)
+        hat = basis @ basis.T
+        own = np.diag(hat)
+        mean = own @ power
+        variance = (2.0 / parts) * (np.einsum("ik,ij,jk->k", power, hat**2, power) - own**2 @ power**2)
+        # levels of one run each hold no products
+        variance = np.maximum(variance, 1e-9 * mean**2)
+        q = (np.abs(basis.T @ r) ** 2).sum(axis=0)
+        p = gammaincc(mean**2 / np.maximum(variance, 1e-300), q * mean / np.maximum(variance, 1e-300))
+        chance = np.minimum(chance, len(designs) * np.where(q > mean, p, 1.0))
+    return false_discoveries(chance, SETTINGS.discovery_rate)
 
 
 def is_lacking(target: FitData, residual: ComplexArray) -> BoolArray:

@@ -20,6 +20,7 @@ from st_codegen.reconcile.rest.formulas import Formula, formula_of
 from st_codegen.reconcile.rest.in_time import Course, changes_with_time, lasting_mean
 from st_codegen.reconcile.rest.structure import (
     ResidualStructure,
+    beyond_loud_runs,
     by_directions,
     level_designs,
     noise_within,
@@ -163,7 +164,11 @@ def signatures(
     found = structure(target, residual)
     asked = np.zeros(len(found.orders), bool) if claimed is None else claimed
     significant = found.significant_among(asked)
-    out = [_signature(target, residual, found, int(k), floor[k]) for k in np.flatnonzero(significant)]
+    alike = beyond_loud_runs(target, residual) if significant.any() else significant
+    out = [
+        _signature(target, residual, found, int(k), floor[k], is_alike=bool(alike[k]))
+        for k in np.flatnonzero(significant)
+    ]
     loud = (rms_of_component(target, residual) > sure_times(target) * floor) & asked
     loud[scatter(target, residual)] = True
     loud |= False if kept is None else kept
@@ -342,7 +347,10 @@ def _at_level(name: str, values: FloatArray) -> str:
     return f"{'at' if np.ptp(values) == 0.0 else 'near'} {np.median(values):g} {_UNIT[name]}"
 
 
-def _signature(target: FitData, residual: ComplexArray, found: ResidualStructure, k: int, floor: float) -> Signature:
+def _signature(
+    target: FitData, residual: ComplexArray, found: ResidualStructure, k: int, floor: float, *, is_alike: bool
+) -> Signature:
+    """The signature of one order with structure; is_alike: whether it is more than louder runs make by noise."""
     order, course = int(found.orders[k]), found.courses[k]
     r = residual[:, k] if order else residual[:, k].real.astype(np.complex128)
     parts = 2 if order else 1
@@ -357,7 +365,7 @@ def _signature(target: FitData, residual: ComplexArray, found: ResidualStructure
     said, amplitude = _sentence(replace(target, good=loud), r, order, shares, course, formula, is_told=is_told)
     if target.data.sorted_by and target.data.sorted_by in said and "when it was measured" not in said:
         said += ", or with the time if the runs were made in the order of their list"
-    if not _is_as_loud_in_all_runs(target, residual, found.significant):
+    if not is_alike:
         said += ", which noise that is louder in some runs may look like"
     side = _side(target, r, noise)
     # where nothing tells the noise but what runs differ by, that holds what is looked for as well: so in the mean of a
@@ -371,23 +379,6 @@ def _signature(target: FitData, residual: ComplexArray, found: ResidualStructure
     is_law = formula is not None and said.startswith(formula.text)
     text = f"{what} {said}; {size} over the runs{side}" if is_law else f"{what}: {size}, {said}{side}"
     return Signature(order, float(np.sqrt(power)), float(power), shares, direction, text, amplitude, formula, at_least)
-
-
-def _is_as_loud_in_all_runs(target: FitData, residual: ComplexArray, significant: BoolArray) -> bool:
-    """Whether noise is as loud in one run as in another, by the orders that keep no more than noise.
-
-    Of few points all orders are asked where these are too few: louder runs look like structure of most of them then. Of
-    curves each run's own noise is known. Of tables nobody knows it where too few orders tell.
-    """
-    waves = target.data.orders > 0
-    quiet = np.flatnonzero(~significant & waves)
-    if len(quiet) < SETTINGS.orders_beside and target.data.few_points:
-        quiet = np.flatnonzero(waves)
-    if target.data.spectral_deg is not None or target.data.angle_rad is not None or len(quiet) < SETTINGS.orders_beside:
-        return True
-    good = np.ix_(target.good, quiet)
-    loud = np.median(np.abs(residual[good]) / target.sigma[good], axis=1)
-    return bool(np.quantile(loud, 0.9) < SETTINGS.louder_speed * np.median(loud))
 
 
 def _direction(target: FitData, r: ComplexArray) -> str:
