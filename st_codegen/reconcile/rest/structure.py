@@ -332,8 +332,9 @@ def by_directions(target: FitData, residual: ComplexArray) -> tuple[BoolArray, F
     r = data.with_real_mean(residual)
     differ = np.sqrt((np.abs(r[pairs[:, 0]] - r[pairs[:, 1]]) ** 2).mean(axis=0) / (2 * parts))
     # the mean differs from run to run as the rig says
-    known = np.where(data.orders == 0, target.run_offset_deg, 0.0) / target.sigma
-    z = r / target.sigma
+    sigma = target.sigma * _loudness(data, r / target.sigma)[:, None]
+    known = np.where(data.orders == 0, target.run_offset_deg, 0.0) / sigma
+    z = r / sigma
     z *= np.minimum(1.0, SETTINGS.cut / np.maximum(np.abs(z), 1e-300))
     first, second = z[pairs[:, 0]], z[pairs[:, 1]]
     alike = (first * second.conj()).real - known[pairs[:, 0]] * known[pairs[:, 1]]
@@ -346,6 +347,18 @@ def by_directions(target: FitData, residual: ComplexArray) -> tuple[BoolArray, F
     p = normal_tail(np.arctanh(correlation) * np.sqrt(parts * len(pairs)) / _by_chance(first, second, sizes, parts))
     large = alike.mean(axis=0) > SETTINGS.least_excess * parts
     return false_discoveries(p, SETTINGS.discovery_rate) & large & shared, differ
+
+
+def _loudness(data: Observations, z: ComplexArray) -> FloatArray:
+    """How many times louder than usual, at least 1, the middle one of many orders is in each run, (n,).
+
+    Runs of which all orders are loud are so in both directions, and the few products that they have say little.
+    """
+    waves = data.orders > 0
+    if waves.sum() < SETTINGS.orders_beside:
+        return np.ones(len(z))
+    loud = np.median(np.abs(z[:, waves]), axis=1)
+    return np.asarray(np.maximum(1.0, loud / max(float(np.median(loud)), 1e-300)))
 
 
 def _by_chance(
