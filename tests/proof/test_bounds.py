@@ -130,9 +130,9 @@ def test_operands_that_moved_change_a_result_by_no_more_than_its_bound_which_is_
             assert np.all(worst[known] <= bound[known] + 1e-12)  # the sums that move an operand are rounded, too
             if size < 0.1:
                 assert np.mean(known) > 0.3
-                assert (
-                    isinstance(op, ArgMax) or not np.any(worst) or np.mean(bound[known]) <= 10 * np.mean(worst[known])
-                )
+                # another choice is as far as its numbers are; half of these weights is reached by a rounding or not
+                jumps = isinstance(op, ArgMax) or name == "median in float32"
+                assert jumps or not np.any(worst) or np.mean(bound[known]) <= 10 * np.mean(worst[known])
 
 
 #: Roundings mostly cancel, which no bound may count on; an operator that is wrong is off by 2**24.
