@@ -138,15 +138,13 @@ def _is_alike_in_phase(target: FitData, residual: ComplexArray) -> BoolArray:
     power = np.abs(r) ** 2
     chance = np.ones(len(parts))
     designs = level_designs(target)
-    for design in designs.values():
-        basis = orthogonal_basis(design)
-        hat = basis @ basis.T
-        own = np.diag(hat)
-        mean = own @ power
-        variance = (2.0 / parts) * (np.einsum("ik,ij,jk->k", power, hat**2, power) - own**2 @ power**2)
+    for levels in designs.values():
+        count = np.maximum(levels.sum(axis=0), 1.0)[:, None]
+        q = (np.abs(levels.T @ r) ** 2 / count).sum(axis=0)
+        mean = (levels.T @ power / count).sum(axis=0)
+        variance = (2.0 / parts) * (((levels.T @ power) ** 2 - levels.T @ power**2) / count**2).sum(axis=0)
         # levels of one run each hold no products
         variance = np.maximum(variance, 1e-9 * mean**2)
-        q = (np.abs(basis.T @ r) ** 2).sum(axis=0)
         p = gammaincc(mean**2 / np.maximum(variance, 1e-300), q * mean / np.maximum(variance, 1e-300))
         chance = np.minimum(chance, len(designs) * np.where(q > mean, p, 1.0))
     return false_discoveries(chance, SETTINGS.discovery_rate)
