@@ -51,7 +51,7 @@ ARITHMETIC = sorted(
 NOT_FOLLOWED = {"combine divide": "may overflow"}
 #: Neighbours are sorted by distances, so that the place of an element is decided between computed numbers.
 NOT_FOLLOWED |= {
-    "median": "whose place is a choice between computed numbers",
+    **dict.fromkeys(("median", "median in float32"), "whose place is a choice between computed numbers"),
     "median of one": "the operation WeightedMedian is not followed",
     **{name: "whose place is a choice between computed numbers" for name in ARITHMETIC if name.startswith("nearest")},
 }
