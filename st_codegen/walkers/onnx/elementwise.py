@@ -378,7 +378,7 @@ def _is_nan(call: NodeCall) -> Operand:
 
 @operator("IsInf", 10, 20)
 def _is_infinite(call: NodeCall) -> Operand:
-    """Whether a computed number is beyond the largest of its type; infinite inputs are refused."""
+    """False wherever the block has an answer: rows with infinite inputs, or whose numbers overflow, are refused."""
     tensor, walk = call.computed(), call.walk
     value, most = walk.settle_finite(tensor), np.full(tensor.size, np.finfo(tensor.dtype).max)
     sides = [sign for sign, name in ((1.0, "positive"), (-1.0, "negative")) if call.node.integer(f"detect_{name}", 1)]

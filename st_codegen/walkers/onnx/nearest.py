@@ -117,6 +117,13 @@ def _are_places(picked: PickedOperand, of: PickedOperand) -> bool:
     return (picked.value, picked.count) == (of.value, of.count) and np.array_equal(places, np.arange(of.count))
 
 
+def _is_first_along_all(call: NodeCall, below: MedianOperand) -> bool:
+    """Whether an ArgMin finds the first of all columns, and not the row of each."""
+    along = below.shape[axis_of(call.node.integer("axis"), len(below.shape))]
+    kept = call.node.integer("keepdims", 1) and not call.node.integer("select_last_index")
+    return bool(kept) and along == below.picked.count
+
+
 def _median_step(call: NodeCall) -> Operand | None:
     """What an operator makes of the step before it; None where that leads to no median."""
     first, second = call.required(), call.optional(1)
@@ -133,7 +140,7 @@ def _median_step(call: NodeCall) -> Operand | None:
             found = replace(first, step="below")
         case "Cast", MedianOperand(step="below"), _:
             found = first
-        case "ArgMin", MedianOperand(step="below"), _ if not call.node.integer("select_last_index"):
+        case "ArgMin", MedianOperand(step="below"), _ if _is_first_along_all(call, first):
             found = replace(first, step="first", shape=(1, 1))
         case "GatherElements", PickedOperand(), MedianOperand(step="first") if _are_places(first, second.picked):
             found = replace(second, step="column")
