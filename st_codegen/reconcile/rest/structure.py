@@ -134,7 +134,7 @@ def _is_alike_in_phase(target: FitData, residual: ComplexArray) -> BoolArray:
     from scipy.special import gammaincc
 
     good, parts = target.good, target.data.parts
-    r = target.data.with_real_mean(residual)[good]
+    r = without_lasting(target, target.data.with_real_mean(residual))[good]
     power = np.abs(r) ** 2
     chance = np.ones(len(parts))
     designs = level_designs(target)
