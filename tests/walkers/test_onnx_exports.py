@@ -211,7 +211,7 @@ def test_weighted_medians_of_boosting(tmp_path, count, target_opset):
     assert np.mean(np.abs(ours[:, 0] - model.predict(ROWS)) < 1e-5) > 0.95
 
 
-@pytest.mark.parametrize("change", ["half", "sums", "column"])
+@pytest.mark.parametrize("change", ["half", "sums", "first", "column"])
 def test_medians_that_are_written_otherwise_are_refused(tmp_path, change):
     model = export(seeded(AdaBoostRegressor, n_estimators=4).fit(X, SINGLE))
     if change == "half":
@@ -220,6 +220,9 @@ def test_medians_that_are_written_otherwise_are_refused(tmp_path, change):
     elif change == "sums":
         sums = next(node for node in model.graph.node if node.op_type == "CumSum")
         sums.attribute.append(helper.make_attribute("reverse", 1))
+    elif change == "first":
+        first = next(node for node in model.graph.node if node.op_type == "ArgMin")
+        next(own for own in first.attribute if own.name == "axis").i = 0
     else:
         model.graph.node[-1].input[0] = "negated_labels"
     with pytest.raises(UnsupportedModelError, match=r"sums of what TopK picks, other than|reads what TopK"):
