@@ -512,6 +512,12 @@ def _length(rho: FloatArray) -> FloatArray:
     return np.asarray((1.0 + known) / (1.0 - known))
 
 
+def runs_noise_lasts(target: FitData, residual: ComplexArray) -> float:
+    """How many runs noise lasts, by the middle one of some orders (n, K); 1 where the order of the runs is not known."""
+    series = _in_their_order(target, residual)
+    return float(_length(np.median(_alike(series), keepdims=True))[0]) if series else 1.0
+
+
 def without_lasting(target: FitData, residual: ComplexArray) -> ComplexArray:
     """A residual (n, K) without the mean of each order and direction that noise which lasts over runs may have."""
     found, lasting = residual.copy(), lasting_mean(target, residual)

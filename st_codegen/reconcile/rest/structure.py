@@ -19,7 +19,7 @@ from st_codegen.reconcile.data.contrasts import levels_by_condition, neighbours
 from st_codegen.reconcile.data.noise import MEDIAN_1
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.fit.target import FitData
-from st_codegen.reconcile.rest.in_time import Course, course_of, without_lasting
+from st_codegen.reconcile.rest.in_time import Course, course_of, runs_noise_lasts, without_lasting
 from st_codegen.reconcile.settings import SETTINGS
 
 
@@ -111,36 +111,40 @@ def beyond_loud_runs(target: FitData, residual: ComplexArray) -> BoolArray:
     """Whether the residual of an order holds more than noise that is louder in some runs than in others may, (K,).
 
     Of curves each run's own noise is known. Of tables two things tell: where orders keep no more than noise, these say
-    how loud each run is; and phases, which noise has at random, however loud each run is.
+    how loud each run is; and phases, which noise has at random, however loud each run is. Noise that lasts over runs
+    says as much as fewer of them.
     """
     data = target.data
     if data.spectral_deg is not None or data.angle_rad is not None:
         return np.ones(len(data.orders), bool)
-    found = _is_alike_in_phase(target, residual)
     quiet = ~structure(target, residual).significant & (data.orders > 0)
-    if quiet.sum() >= SETTINGS.orders_beside:
-        loud = np.sqrt((np.abs(residual[:, quiet] / target.sigma[:, quiet]) ** 2).mean(axis=1) / 2.0)
-        even = replace(target, sigma=target.sigma * np.maximum(loud, 1e-9)[:, None])
-        found |= _structure(even, residual, 2.0 * quiet.sum()).significant
-    return found
+    if quiet.sum() < SETTINGS.orders_beside:
+        return _is_alike_in_phase(target, residual, runs_noise_lasts(target, residual / target.sigma))
+    loud = np.sqrt((np.abs(residual[:, quiet] / target.sigma[:, quiet]) ** 2).mean(axis=1) / 2.0)
+    sigma = target.sigma * np.maximum(loud, 1e-9)[:, None]
+    lasts = runs_noise_lasts(target, (residual / sigma)[:, quiet])
+    even = replace(target, sigma=sigma * np.sqrt(lasts))
+    found = _structure(even, residual, 2.0 * quiet.sum()).significant
+    return found | _is_alike_in_phase(target, residual, lasts)
 
 
-def _is_alike_in_phase(target: FitData, residual: ComplexArray) -> BoolArray:
+def _is_alike_in_phase(target: FitData, residual: ComplexArray, lasts: float) -> BoolArray:
     """Whether the runs of levels are more alike than their sizes with phases at random make them, (K,).
 
     The sum of squares over levels is then a sum of products of two runs each, whose mean and variance are known; the
-    gamma distribution that has both is taken for it. Of the mean it is signs that are at random.
+    gamma distribution that has both is taken for it. Of the mean it is signs that are at random. lasts: so many runs
+    noise is the same, which makes sums of its squares so many times as large.
     """
     from scipy.special import gammaincc
 
     good, parts = target.good, target.data.parts
-    r = without_lasting(target, target.data.with_real_mean(residual))[good]
+    r = target.data.with_real_mean(residual)[good]
     power = np.abs(r) ** 2
     chance = np.ones(len(parts))
     designs = level_designs(target)
     for levels in designs.values():
         count = np.maximum(levels.sum(axis=0), 1.0)[:, None]
-        q = (np.abs(levels.T @ r) ** 2 / count).sum(axis=0)
+        q = (np.abs(levels.T @ r) ** 2 / count).sum(axis=0) / lasts
         mean = (levels.T @ power / count).sum(axis=0)
         variance = (2.0 / parts) * (((levels.T @ power) ** 2 - levels.T @ power**2) / count**2).sum(axis=0)
         # levels of one run each hold no products
