@@ -460,7 +460,7 @@ class TreeEvaluator:
             op.aggregate
         ]
         neutral = {ir.Aggregate.SUM: 0.0, ir.Aggregate.MINIMUM: np.inf, ir.Aggregate.MAXIMUM: -np.inf}[op.aggregate]
-        first = np.full(op.width, neutral, dtype) if op.base_last or op.aggregate is not ir.Aggregate.SUM else base
+        first = np.full(op.width, neutral, dtype) if op.adds_base_last else base
         result = np.broadcast_to(first, (len(self.raw), op.width)).copy()
         for tree in range(op.n_trees):
             value = self.leaf_values(tree).astype(dtype)
@@ -471,7 +471,7 @@ class TreeEvaluator:
                 result = combine(result, value)
         if op.divisor != 1.0:
             result = result / dtype(op.divisor)
-        if op.base_last or op.aggregate is not ir.Aggregate.SUM:
+        if op.adds_base_last:
             result = result + base
         return np.asarray(result, np.float64)
 

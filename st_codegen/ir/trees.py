@@ -86,8 +86,8 @@ class TreeEnsemble(ReadsColumns):
     A node with `split[n] < 0` is a leaf: row `leaf[n]` of `leaf_value` (leaves, width of a leaf).
 
     Leaves of width 1 add to output `tree_output[t]`; wider leaves have one number for each output.
-    The result of an output is `(base + v1 + v2 + ...) / divisor` with every addition rounded to `sum_precision`, `base`
-    added last instead of first when `base_last`.
+    The result of an output is `(base + v1 + v2 + ...) / divisor` with every addition rounded to `sum_precision`, or
+    `(v1 + v2 + ...) / divisor + base` where the base is added last (`adds_base_last`).
     """
 
     inputs: tuple[int, ...]
@@ -116,6 +116,11 @@ class TreeEnsemble(ReadsColumns):
     def exact(self) -> bool:
         """Whether the source library's result is reproduced bit for bit."""
         return self.sum_precision is not Precision.REAL
+
+    @property
+    def adds_base_last(self) -> bool:
+        """Whether the base is added behind the division: as it says, and always to a smallest or largest number."""
+        return self.base_last or self.aggregate is not Aggregate.SUM
 
     @property
     def is_forest(self) -> bool:
@@ -299,5 +304,5 @@ def ends_of(op: TreeEnsemble) -> tuple[FloatArray, FloatArray]:
             total = join.reduce(of_tree, axis=0)
         else:
             join.at(total, op.tree_output, of_tree[:, 0])
-        found.append((total + op.base) / op.divisor)
-    return found[0], found[1]
+        found.append(total / op.divisor + op.base if op.adds_base_last else (total + op.base) / op.divisor)
+    return np.minimum(*found), np.maximum(*found)

@@ -307,12 +307,13 @@ def _(op: ir.TreeEnsemble, operands: list[FloatArray]) -> tuple[float, FloatArra
         linear = np.abs(op.linear.constant)
         np.add.at(linear, np.repeat(np.arange(len(linear)), np.diff(op.linear.start)), products)
         value = np.maximum(value, linear[:, None])
-    of_tree = of_each_tree(op, np.maximum, value)
-    total = np.abs(op.base) + added_up(op, of_tree)
-    if op.aggregate is not ir.Aggregate.SUM:  # a leaf without a number has a very large one, which is never chosen
-        total = np.maximum(*map(np.abs, ends_of(op)))
-    ceiling = _LARGEST[op.sum_precision]
-    bound = total / abs(op.divisor)
+    base, ceiling = np.abs(op.base), _LARGEST[op.sum_precision]
+    if op.aggregate is ir.Aggregate.SUM:
+        total = base + added_up(op, of_each_tree(op, np.maximum, value))
+        bound = total / abs(op.divisor) + (base if op.adds_base_last else 0.0)
+    else:  # a leaf without a number has a very large one, which is never chosen
+        bound = np.maximum(*map(np.abs, ends_of(op)))
+        total = (bound + base) * abs(op.divisor)
     return (float(np.max(total)) if np.max(total) <= ceiling else math.inf), np.broadcast_to(bound, (op.width,))
 
 

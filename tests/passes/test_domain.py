@@ -1,4 +1,5 @@
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from hypothesis import strategies as st
 from st_codegen.errors import InputError
 from st_codegen.ir import (
     Activation,
+    Aggregate,
     Comparison,
     Feature,
     Function,
@@ -24,7 +26,8 @@ from st_codegen.ir import (
     reference,
 )
 from st_codegen.ir.base import EXPONENTIALS
-from st_codegen.passes.domain import limit_inputs
+from st_codegen.ir.trees import ends_of
+from st_codegen.passes.domain import limit_inputs, magnitudes
 from tests.examples import examples
 from tests.models import random_trees
 
@@ -144,3 +147,18 @@ def test_of_limits_of_exponentials_the_one_that_leaves_the_widest_range_is_taken
     assert min(widest) >= 1e37
     x = np.array([[1.0, 2.0], [-3e36, 3e36], [9e36, -9e36]])
     assert np.isfinite(reference.evaluate(limited, x)[0]).all()
+
+
+@pytest.mark.parametrize("aggregate", Aggregate)
+@pytest.mark.parametrize("base_last", [False, True])
+def test_the_ends_of_trees_are_reached_and_bound_their_numbers(aggregate, base_last):
+    """Each tree decides by a column of its own, so that every choice of leaves occurs."""
+    op = random_trees(np.random.default_rng(0), trees=3, splits=1, comparison=Comparison.LESS)
+    columns = np.where(op.split >= 0, np.cumsum(op.split >= 0) - 1, -1)
+    changes = {"aggregate": aggregate, "base_last": base_last, "divisor": 4.0, "base": np.array([3.0])}
+    op = dataclasses.replace(op, split=columns, **changes)
+    values = reference.evaluate(model(op, n=3), np.array(list(itertools.product([-1e9, 1e9], repeat=3))))
+    smallest, largest = ends_of(op)
+    np.testing.assert_allclose([values.min(), values.max()], [smallest[0], largest[0]], rtol=1e-15)
+    (bound,) = magnitudes(op, [])[1]
+    assert np.abs(values).max() <= bound * (1 + 1e-15) and bound <= 3 * np.abs(values).max()

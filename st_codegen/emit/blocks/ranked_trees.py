@@ -41,21 +41,21 @@ class _Keys:
 
 def sum_values(op: TreeEnsemble, step: Step, listing: Listing) -> dict[str, object]:
     """What templates need to begin, add to and end the sums of an ensemble, as `sums`."""
-    base_last = op.base_last or op.aggregate is not Aggregate.SUM
+    last = op.adds_base_last and np.any(op.base)
     sums = {
         "last_output": op.width - 1,
         "single": op.sum_precision is Precision.FLOAT32,
         "aggregate": op.aggregate.value,
-        "base_last": listing.table(step.table("BASE"), "LREAL", op.base) if base_last and np.any(op.base) else None,
-        "start": listing.table(step.table("START"), "LREAL", _start(op, base_last=base_last)),
+        "base_last": listing.table(step.table("BASE"), "LREAL", op.base) if last else None,
+        "start": listing.table(step.table("START"), "LREAL", _start(op)),
         "divisor": listing.constant(step.table("DIVISOR"), op.divisor) if op.divisor != 1.0 else None,
     }
     return {"sums": sums}
 
 
-def _start(op: TreeEnsemble, *, base_last: bool) -> FloatArray:
+def _start(op: TreeEnsemble) -> FloatArray:
     """What the outputs hold before the first tree."""
-    if not base_last:
+    if not op.adds_base_last:
         return op.base
     largest = np.finfo(np.float64).max
     neutral = {Aggregate.SUM: 0.0, Aggregate.MINIMUM: largest, Aggregate.MAXIMUM: -largest}[op.aggregate]

@@ -81,9 +81,8 @@ class TreeTerms:
 
         results = []
         for output in range(op.width):
-            later = op.base_last or op.aggregate is not Aggregate.SUM
             start = {"add": 0.0, "min": LARGEST, "max": -LARGEST}[name]
-            total: Value = start if later else float(op.base[output])
+            total: Value = start if op.adds_base_last else float(op.base[output])
             for tree in range(op.n_trees):
                 if op.leaf_value.shape[1] == 1 and op.width > 1 and op.tree_output[tree] != output:
                     continue
@@ -93,7 +92,7 @@ class TreeTerms:
                 total = rounded(self.terms.real(name, total, term))
             if op.divisor != 1.0:
                 total = rounded(self.terms.real("div", total, op.divisor))
-            if later:
+            if op.adds_base_last:
                 total = rounded(self.terms.real("add", total, float(op.base[output])))
             results.append(total)
         return results
