@@ -128,7 +128,7 @@ def verify_sections(
     )
     if report.over_budget:
         summary += f"\n\nThe cycle DOES NOT FIT: {', '.join(report.over_budget)}."
-    summary += f"\n\nFor every input, {proof.summary}."
+    summary += f"\n\nAsked of all inputs: {proof.summary}."
     rows = [(m.name, m.n, m.max_abs_err, m.bound, m.max_ulp, m.verdict, ", ".join(m.targets)) for m in report.models]
     columns = ("model", "rows", "largest error", "allowed", "ulp", "result", "targets")
     strong = {(row, 5) for row, model in enumerate(report.models) if not model.passed}

@@ -92,7 +92,7 @@ def command(
 
 def _table(report: ProveReport) -> Table:
     numbers = (f">{name}" for name in VERDICT_COLUMNS[4:])
-    table = table_of(f"the generated text for all inputs, {report.summary}", *VERDICT_COLUMNS[:4], *numbers)
+    table = table_of(f"the generated text, asked of all inputs: {report.summary}", *VERDICT_COLUMNS[:4], *numbers)
     colours = {"refuted": "bold red", "not proved": "yellow"}
     for model, target, verdict, *others in verdict_rows(report):
         table.add_row(model, target, Text(verdict, colours.get(verdict, "green")), *others)

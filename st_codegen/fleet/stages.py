@@ -48,6 +48,8 @@ from st_codegen.training.study import operating_points
 RECORD = "stages.json"
 TRAIN, COMPILE, CHECK, RECONCILE = "train", "compile", "check", "reconcile"
 EARLIER = "earlier"
+#: Which facts stages tell of themselves: of another number they are done again.
+FACTS = "2"
 #: What a stage writes, below the folder of the axis.
 PLACES = {TRAIN: "models", COMPILE: "plc", CHECK: "certificate.json", RECONCILE: "reconcile"}
 
@@ -111,7 +113,7 @@ def _done(stages: list[AxisStage], folder: Path) -> AxisResult:
             _forget(kept, stage, folder)
             continue
         needed = keys.get(stage.needs, "")
-        key = keys[stage.name] = sha256_of(VERSION, versions(LIBRARIES), needed, stage.name, *stage.decides)
+        key = keys[stage.name] = sha256_of(FACTS, VERSION, versions(LIBRARIES), needed, stage.name, *stage.decides)
         entry = kept.get(stage.name)
         if entry is not None and entry["key"] == key and entry["files"] == file_hashes(folder, stage.place):
             facts[stage.name] = entry["facts"]

@@ -134,11 +134,11 @@ def read_meanwhile(generated: Path) -> Iterator[None]:
         child = make_copy(read)
         try:
             yield
+            status = os.waitpid(child, 0)[1]
         except BaseException:
             os.kill(child, signal.SIGKILL)
+            os.waitpid(child, 0)
             raise
-        finally:
-            status = os.waitpid(child, 0)[1]
         if not status:
             from st_codegen.st.syntax.source import take_over
 

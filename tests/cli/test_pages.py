@@ -63,7 +63,7 @@ def test_verification_has_a_page(lone_folder, tmp_path):
     digest = hashlib.sha256((tmp_path / "twincat" / "st-codegen.json").read_bytes()).hexdigest()
     assert f"in st-codegen.json, whose own is {digest}." in text
     assert "estimates" in text
-    assert "For every input, 1 text: 1 proved." in text
+    assert "Asked of all inputs: 1 text (proved: 1)." in text
     assert re.search(r"<td>te</td><td>twincat</td><td>proved</td><td>all cells|sums of trees</td>", text)
     assert "Budget: 1000 us: it fits by estimate." in text
     assert run("verify", lone_folder, "-g", tmp_path, "-n", 100, "--cycle-us", 0.1, "--html", page, "-q") == 1
@@ -85,7 +85,7 @@ def test_a_page_says_what_is_not_proved_and_what_refutes(lone_folder, tmp_path, 
     page, (block,) = tmp_path / "v.html", tmp_path.rglob("FB_Te.TcPOU")
     command = ("verify", lone_folder, "-g", tmp_path, "-n", 1, "--html", page, "-q")
     assert run(*command) == 0
-    assert "For every input, 1 text: 1 not proved." in page.read_text(encoding="utf-8")
+    assert "Asked of all inputs: 1 text (not proved: 1)." in page.read_text(encoding="utf-8")
     assert "te, twincat: not proved: the block checks itself (--self-check)" in page.read_text(encoding="utf-8")
     assert run(lone_folder, "--out", tmp_path, "-q", "--layout", "trees") == 0
     text = block.read_text(encoding="utf-8-sig")

@@ -67,7 +67,7 @@ def test_what_is_written(done):
     assert load(done / "worn/models").purpose.te.orders == (0, 1)
     worn, odd = facts(done)["axes"]
     assert worn["check"]["passed"]
-    assert worn["check"]["how"] == "8 texts: 6 proved, 2 never fails"
+    assert worn["check"]["how"] == "8 texts (proved: 6, never fails: 2)"
     assert worn["errors"] == {}
     page = json.loads((done / "worn/reconcile/report.json").read_text())
     assert page["verdict"] == worn["reconcile"]["verdict"]

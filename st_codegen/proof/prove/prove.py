@@ -79,12 +79,12 @@ class ProveReport:
         """How many texts there are, and how many of them have which words."""
         order = (EQUAL_BITS, SAME_EXPRESSION, NEVER_FAILS, *Verdict)
         counts = Counter(sorted((result.words for result in self.results), key=order.index))
-        said = ", ".join(f"{count} {words}" for words, count in counts.items())
-        return f"{counted(len(self.results), 'text')}: {said}" if said else "no texts"
+        said = ", ".join(f"{words}: {count}" for words, count in counts.items())
+        return f"{counted(len(self.results), 'text')} ({said})" if said else "no texts"
 
     def _repr_html_(self) -> str:
         rows = [(r.model, r.target, r.block, r.words, r.reason or r.method) for r in self.results]
-        return html_table(f"For all inputs, {self.summary}", ("model", "target", "block", "verdict", "by"), rows)
+        return html_table(f"Asked of all inputs: {self.summary}", ("model", "target", "block", "verdict", "by"), rows)
 
     @property
     def proved(self) -> bool:

@@ -70,11 +70,13 @@ def pass_on(file: IO[bytes]) -> None:
 
 def take_over(file: IO[bytes]) -> None:
     """Read what another process of this program passed on, as if it had been read ahead here."""
+    collects = gc.isenabled()
     gc.disable()  # which would look through millions of new objects, of which none is garbage
     try:
         _AHEAD.update(pickle.load(file))
     finally:
-        gc.enable()
+        if collects:
+            gc.enable()
 
 
 def _files(paths: Iterable[Path | str]) -> Iterator[Path]:
