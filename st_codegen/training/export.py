@@ -41,6 +41,10 @@ class FittedModel:
         return f"{_LETTERS[self.quantity]}{self.order}_{self.direction}"
 
 
+#: what a direction lacks of a range, as a part of it, to be told: sensors read each run a little differently
+_ANOTHER = 0.01
+
+
 @dataclass(frozen=True)
 class BundleHead:
     """The head of a `bundle.toml`: name, reduction ratio, range of each feature (3, 2), play where it is known."""
@@ -56,7 +60,7 @@ class BundleHead:
         return [
             f"{name} {plain_number(low)} to {plain_number(high)}"
             for (name, _), whole, low, high in ends
-            if low > whole[0] or high < whole[1]
+            if max(low - whole[0], whole[1] - high) > _ANOTHER * (whole[1] - whole[0])
         ]
 
     def constant(self) -> dict[str, float]:

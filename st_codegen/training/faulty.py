@@ -26,8 +26,9 @@ FALSE_ALARM = 0.01
 RULE = (
     "Runs of the training part of which most numbers are far from what a smooth function of the others says: by "
     f"{LIMIT:g} robust standard deviations at the least, and farther where few numbers or runs tell. Where all are "
-    f"sound, about {FALSE_ALARM:.0%} of all campaigns lose a run of a direction, if the numbers scatter about such a "
-    "function normally and independently of each other; those with long tails lose more."
+    f"sound, about {FALSE_ALARM:.0%} of all directions lose a run, if the numbers scatter about such a function "
+    "normally and independently of each other; those with long tails lose more, and so do those with few runs near the "
+    "ends of what was measured."
 )
 #: what a median of absolute values tells of a standard deviation, by the root of the mean square (Rousseeuw and Croux,
 #: Alternatives to the median absolute deviation, 1993)

@@ -97,13 +97,14 @@ class Lesson:
 
     def remark(self) -> str:
         """Of which orders the models are no better than a constant; empty where there are none."""
-        orders = [order for order, own in self.test_errors.items() if own.complex_mae >= self.constant_mae(order)]
+        constant = {order: self.constant_mae(order) for order in self.test_errors}
+        orders = [order for order, own in self.test_errors.items() if own.complex_mae >= constant[order] > 0.0]
         if not orders:
             return ""
         listed = f"{', '.join(map(str, orders))} of {counted(len(self.study.test), 'run')} kept apart"
         return (
             f"{self.direction}, order{'s' * (len(orders) > 1)} {listed}: no better predicted than by the mean of the "
-            "runs learned from"
+            "runs that models were chosen on"
         )
 
 

@@ -78,9 +78,9 @@ def _models_section(lesson: Lesson) -> PageSection:
     text = (
         f"Chosen by cross-validation on {len(lesson.study.learn)} runs, errors on {len(lesson.study.test)} at "
         "operating points that were kept apart. The models of the bundle were learned again from the runs of both that "
-        "are not left out as faulty, so that of themselves no error is known. Their worst case: "
+        "are not faulty where all are judged together, so that of themselves no error is known. Their worst case: "
         f"{lesson.cost_us:.0f} us (an estimate for models as trained; a table of cells takes less). Of a constant: "
-        "what the mean of the runs learned from leaves at the points kept apart."
+        "what the mean of the runs that it was chosen on leaves at the points kept apart."
     )
     if remark := lesson.remark():
         text += f"\n\n{remark[0].upper()}{remark[1:]}."
