@@ -374,7 +374,7 @@ def test_whether_inputs_are_missing(tmp_path, elem_type):
     "sides", [{}, {"detect_negative": 0}, {"detect_positive": 0}, {"detect_negative": 0, "detect_positive": 0}]
 )
 def test_whether_computed_numbers_are_infinite(tmp_path, elem_type, sides):
-    """Products that overflow are; infinite inputs have no answer."""
+    """Rows whose products overflow have no answer, nor have infinite inputs; in all others nothing is infinite."""
     nodes = [
         helper.make_node("Mul", ["X", "X"], ["S"]),
         helper.make_node("Mul", ["S", "X"], ["C"]),
@@ -387,6 +387,25 @@ def test_whether_computed_numbers_are_infinite(tmp_path, elem_type, sides):
     x = np.vstack([rows(np.random.default_rng(9)), [[1e20, -1e15, 2.0], [1e120, -1e101, -3.0]]])
     agree(loaded, x)
     assert not loaded.ir.accepts_nan
+    block = compiled(loaded).ir
+    answered, overflows = reference.valid_rows(block, x), 1e120 if elem_type == DOUBLE else 1e20
+    assert answered.sum() > 100 and not answered[np.abs(x).max(axis=1) >= overflows].any()
+    np.testing.assert_array_equal(reference.evaluate(block, x[answered]), loaded.predict(x[answered]))
+    taken = x[answered].astype(np.float32 if elem_type == FLOAT else np.float64)
+    np.testing.assert_array_equal(loaded.predict(x[answered]), taken)
+    assert verified(compiled(loaded), tmp_path / "text", rows=300).exact
+
+
+def test_no_exponential_that_is_answered_is_infinite(tmp_path):
+    nodes = [
+        helper.make_node("Exp", ["X"], ["E"]),
+        helper.make_node("IsInf", ["E"], ["T"]),
+        helper.make_node("Cast", ["T"], ["Y"], to=FLOAT),
+    ]
+    loaded = build.load(graph_model(nodes, [info("X", (None, 3), FLOAT)], [info("Y", None, FLOAT)]), tmp_path)
+    x = np.array([[100.0, 89.0, -100.0], [80.0, 0.0, -1e20]])
+    np.testing.assert_array_equal(loaded.predict(x), [[1, 1, 0], [0, 0, 0]])
+    np.testing.assert_array_equal(reference.evaluate(compiled(loaded).ir, x), [[np.nan] * 3, [0, 0, 0]])
     assert verified(compiled(loaded), tmp_path / "text", rows=300).exact
 
 

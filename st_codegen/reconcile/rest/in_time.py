@@ -513,7 +513,7 @@ def _length(rho: FloatArray) -> FloatArray:
 
 
 def runs_noise_lasts(target: FitData, residual: ComplexArray) -> float:
-    """How many runs noise lasts, by the middle one of some orders (n, K); 1 where the order of the runs is not known."""
+    """How many runs noise lasts, by the middle one of some orders (n, K); 1 where the runs' order is not known."""
     series = _in_their_order(target, residual)
     return float(_length(np.median(_alike(series), keepdims=True))[0]) if series else 1.0
 
