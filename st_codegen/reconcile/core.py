@@ -184,7 +184,8 @@ def _result(
         ),
         unseen_curves=unseen.curves,
         untested=() if in_samples else untested_axes(conclusions.final),
-        carriers=math.inf if in_samples else _carriers((np.abs(unseen.left) ** 2 / data.parts).sum(axis=1)),
+        carriers=math.inf if in_samples else _carriers(_powers(data, unseen.left)),
+        testers=math.inf if in_samples else _runs_that_test(data, before, unseen),
     )
 
 
@@ -217,12 +218,14 @@ class _OfHums:
 class _Unseen:
     """What rows that were left out keep: RMS by order (K,), what the rig leaves of them in all, the residual, curves.
 
-    curves: how many no search has seen; 0 where whole levels were left out of the fit alone.
+    rows: which they are, bool (n,); curves: how many no search has seen; 0 where whole levels were left out of the fit
+    alone.
     """
 
     by_order: FloatArray
     before: float
     left: ComplexArray
+    rows: BoolArray
     curves: int = 0
 
 
@@ -232,15 +235,16 @@ def _held_out(final: Fit, before: ComplexArray, apart: BoolArray) -> _Unseen:
     before: what the rig leaves, (n, K).
     """
     target, orders = final.target, final.target.data.orders
-    levels = _Unseen(held_out_rms(final), rms_deg(before[target.good], orders), final.residual[target.good])
-    kept = apart & target.good
+    good = target.good
+    levels = _Unseen(held_out_rms(final), rms_deg(before[good], orders), final.residual[good], good)
+    kept = apart & good
     if not kept.any():
         return levels
     left = target.residual(fit(target.subset(~apart), final.state).state.model(), kept)
     by_order = np.sqrt((np.abs(left) ** 2).mean(axis=0) / target.data.parts)
     # runs between those seen say nothing of levels between them: a gap that is clearly larger there counts
     if np.linalg.norm(levels.by_order) < SETTINGS.clearly_larger * np.linalg.norm(by_order):
-        return _Unseen(by_order, rms_deg(before[kept], orders), left, int(kept.sum()))
+        return _Unseen(by_order, rms_deg(before[kept], orders), left, kept, int(kept.sum()))
     return levels
 
 
@@ -277,6 +281,21 @@ def _unexplained(target: FitData, final: Fit, before: ComplexArray, noise: Noise
     kept |= loud_and_foreign(target, after, final.state.rig.orders())
     left = signatures(target, after, floor_rms, (before != after).any(axis=0), kept)
     return floor_rms, [*map(of_a_hum, data.hums), *left]
+
+
+def _powers(data: Observations, values: ComplexArray) -> FloatArray:
+    """The power of each of some rows, (m,), from their values at all orders, (m, K)."""
+    powers: FloatArray = (np.abs(values) ** 2 / data.parts).sum(axis=1)
+    return powers
+
+
+def _runs_that_test(data: Observations, before: ComplexArray, unseen: _Unseen) -> float:
+    """How many equal runs would tell as well what the new rig takes off those that were left out.
+
+    before: what the old rig leaves, (n, K).
+    """
+    taken = _powers(data, before[unseen.rows] - unseen.left)
+    return _carriers(np.bincount(data.number_of_run[unseen.rows], taken).astype(np.float64))
 
 
 def _carriers(powers: FloatArray) -> float:

@@ -54,7 +54,8 @@ class Reconciliation:
 
     unseen_curves: from how many that no search saw the held-out gap comes (0: none); between_deg: RMS by which a
     resonance may be off at temperatures between two that were measured, in the held-out gap; carriers: how many curves
-    that leave equally much would tell the held-out gap as well.
+    that leave equally much would tell the held-out gap as well; testers: how many equal runs would tell as well what
+    the new rig takes off the held-out runs.
     """
 
     rig: RigModel
@@ -74,6 +75,7 @@ class Reconciliation:
     taken_back: TakenBack | None = None
     between_deg: float = 0.0
     carriers: float = math.inf
+    testers: float = math.inf
     untested: tuple[str, ...] = ()
 
     @property
@@ -81,15 +83,21 @@ class Reconciliation:
         """Whether the held-out gap may be larger: few runs say too little, or at other speeds a hum meets other orders.
 
         Where few of many curves carry it, there may be more such places between them; where the levels of a condition
-        are too few to leave one out, nothing was predicted between them.
+        are too few to leave one out, nothing was predicted between them; where one run meets what was added, little
+        tests it.
         """
         few = self.data.few_points or (self.held_out_scatters and self.few_carry)
-        return few or bool(self.untested) or any(one.frequency_Hz for one in self.data.hums)
+        return few or self.few_test or bool(self.untested) or any(one.frequency_Hz for one in self.data.hums)
 
     @property
     def few_carry(self) -> bool:
         """Whether fewer of the curves that tell the held-out gap carry it than do so by chance where all are alike."""
         return not self.carriers > self.unseen_curves / SETTINGS.carried_by_one_in > 0
+
+    @property
+    def few_test(self) -> bool:
+        """Whether what the new rig takes off lies in fewer than two held-out runs, as it were: one has no spread."""
+        return self.testers < SETTINGS.least_testers
 
     @property
     def held_out_scatters(self) -> bool:

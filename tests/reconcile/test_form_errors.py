@@ -323,3 +323,14 @@ def test_sidebands_at_every_distance_are_not_those_of_the_carrier():
     """A crack makes them: those three orders away are hardly louder than the ones beside them."""
     found = beside_mesh({-4: 0.16, -3: 0.2, -2: 0.16, 2: 0.16, 3: 0.2, 4: 0.16})
     assert not found.conclusions.claims and len(found.unexplained) == 6
+
+
+def test_a_gap_where_one_held_out_run_meets_what_was_added_is_said_to_be_the_least():
+    """Of eight held-out runs one lies at the narrow peak: what it leaves says nothing of another beside it."""
+    at, orders = grid(np.arange(100, 1701, 50.0), [0.0, 900.0], [25.0]), [0, 39, 78, 156, 240]
+    met = {}
+    for hertz in (32.0, 36.0):
+        found = reconciled("", at, orders, {order: 4e-3 * by_force(at, order, hertz, 0.02) for order in (156, 240)})
+        assert found.unseen_curves == 16 and not found.held_out_scatters
+        met[hertz] = found.held_out_is_bound, f"(as if in {found.testers:.1f} alike)" in summary(found)
+    assert met == {32.0: (True, True), 36.0: (False, False)}

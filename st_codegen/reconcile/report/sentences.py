@@ -147,6 +147,11 @@ def between_text(result: Reconciliation) -> str:
         texts.append(
             "The gap on held-out runs is a least value: at other speeds the wave of one frequency makes other orders."
         )
+    elif result.few_test:
+        texts.append(
+            "The gap on held-out runs is a least value: what the new rig takes off lies in so few of these runs (as if "
+            f"in {result.testers:.1f} alike) that they say little of how well it is predicted in others."
+        )
     elif result.held_out_scatters and not result.few_carry:
         texts.append(
             f"The gap on held-out runs comes from {counted(result.unseen_curves, 'curve')}: of others it may be "
