@@ -116,10 +116,35 @@ def test_operators_of_another_opset_are_refused(tmp_path):
     assert "this opset has no such operator" in refused(model, tmp_path)
 
 
-def test_functions_and_sparse_tensors_are_refused(tmp_path):
-    model = single("Neg")
-    model.functions.append(helper.make_function("own", "F", ["x"], ["y"], [], []))
-    assert "functions of its own (F) are not supported; inline them" in refused(model, tmp_path)
+def test_functions_that_call_themselves_or_grow_without_end_are_refused(tmp_path):
+    def bad(*functions, called="F"):
+        model = single("Neg")
+        model.graph.node[0].CopyFrom(helper.make_node(called, ["X"], ["Y"], domain="own"))
+        model.opset_import.append(helper.make_opsetid("own", 1))
+        model.functions.extend(functions)
+        return refused(model, tmp_path)
+
+    def own(name, *called, opset=None):
+        names = ["x", *(f"t{number}" for number in range(1, len(called))), "y"]
+        nodes = [
+            helper.make_node(one, [a], [b], domain="own") for one, a, b in zip(called, names, names[1:], strict=False)
+        ]
+        opsets = single("Neg").opset_import if opset is None else [helper.make_opsetid("", opset)]
+        nodes = nodes or [helper.make_node("Neg", ["x"], ["y"])]
+        return helper.make_function("own", name, ["x"], ["y"], nodes, [*opsets, helper.make_opsetid("own", 1)])
+
+    assert "a function without a name" in bad(helper.make_function("", "", ["x"], ["y"], [], []))
+    assert "its function 'F' calls itself" in bad(own("F", "F"))
+    assert "calls itself" in bad(own("F", "G"), own("G", "F"))
+    assert "two functions 'F'; the model file is damaged" in bad(own("F"), own("F"))
+    doubled = [own("F", "F1", "F1"), *(own(f"F{n}", f"F{n + 1}", f"F{n + 1}") for n in range(1, 40)), own("F40")]
+    assert "objects with all calls of its functions, at most" in bad(*doubled)
+    assert "functions of its own (F) with other opsets than the graph's" in bad(own("F", opset=7))
+    deep = [own("F", "F1"), *(own(f"F{n}", f"F{n + 1}") for n in range(1, 200)), own("F200")]
+    assert "functions that call each other more than 100 deep" in bad(*deep)
+
+
+def test_sparse_tensors_are_refused(tmp_path):
     model = single("Neg")
     model.graph.sparse_initializer.add()
     assert "sparse initializers are not supported" in refused(model, tmp_path)

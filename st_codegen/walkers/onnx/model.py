@@ -34,6 +34,7 @@ from st_codegen.walkers.onnx import (  # noqa: F401  (they register operators)
 from st_codegen.walkers.onnx.external import embed
 from st_codegen.walkers.onnx.file import check_names, domain_of, plain, printable, type_name
 from st_codegen.walkers.onnx.graph import GraphWalk, read_initializers, run_nodes
+from st_codegen.walkers.onnx.inline import inlined
 from st_codegen.walkers.onnx.operands import FLOAT32, FLOAT64, MAX_COLUMNS, Tensor
 from st_codegen.walkers.onnx.outputs import finish
 from st_codegen.walkers.onnx.session import MOST_ROWS, GraphInput, predictor
@@ -53,6 +54,8 @@ def load(path: Path, name: str) -> LoadedModel:
     """Load a file; see `st_codegen.walkers.onnx.load.load_file`."""
     data = _read(path)
     model = _parse(data, path.name)
+    with errors_name(path.name):
+        model = inlined(model)
     beside = embed(model, path, len(data))
     problems = Problems(path.name)
     opsets = _opsets(model, problems)
@@ -93,11 +96,6 @@ def _parse(data: bytes, file: str) -> onnx.ModelProto:
 
 def _opsets(model: onnx.ModelProto, problems: Problems) -> dict[str, int]:
     """The version of each operator domain."""
-    if model.functions:
-        names = ", ".join(sorted({printable(function.name) for function in model.functions}))
-        problems.errors.append(
-            UnsupportedModelError(f"functions of its own ({names}) are not supported; inline them (onnx.inliner)")
-        )
     opsets: dict[str, int] = {}
     for entry in model.opset_import:
         domain = domain_of(entry.domain)
