@@ -105,6 +105,22 @@ def test_files(name, lone_folder, lightgbm_text, tmp_path, monkeypatch, capsys):
     assert not (tmp_path / "generated").exists()
 
 
+def test_names_of_all_features_of_all_models_are_told_at_once(
+    lone_folder, lightgbm_text, tmp_path, monkeypatch, capsys
+):
+    """The first of them was told, and the next in the next run."""
+    monkeypatch.chdir(tmp_path)
+    for file, unit in (("a.txt", "°C"), ("b.txt", "µm")):
+        text = lightgbm_text.replace("torque_Nm", f"torque_{unit}").replace("temperature_C", f"temperature_{unit}")
+        (lone_folder / file).write_text(text, encoding="utf-8")
+    message = refused(capsys, lone_folder)
+    assert message.startswith("error: 2 problems\n  - model 'a': 2 problems\n    - feature name 'torque_°C' ")
+    assert all(
+        f"feature name '{name}_{unit}'" in message for name in ("torque", "temperature") for unit in ("°C", "µm")
+    )
+    assert not (tmp_path / "generated").exists()
+
+
 @pytest.mark.parametrize("name", OPTIONS)
 def test_options(name, lone_folder, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
