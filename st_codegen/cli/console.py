@@ -242,7 +242,7 @@ def _kinds(_context: click.Context, _option: click.Parameter, value: str) -> tup
 
     words = [word.strip() for word in value.split(",")]
     if unknown := [word for word in words if word not in OUTPUTS]:
-        raise click.BadParameter(f"{', '.join(unknown)} is none of {', '.join(OUTPUTS)}.")
+        raise click.BadParameter(f"{', '.join(map(repr, unknown))} is none of {', '.join(OUTPUTS)}.")
     return tuple(OutputKind(word) for word in words)
 
 

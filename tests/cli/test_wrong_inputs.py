@@ -48,7 +48,7 @@ FILES = {
 #: Arguments behind the folder of a good model, and what the message says of them.
 OPTIONS = {
     "an unknown target": (("-t", "twincta"), "no target 'twincta'; choose from"),
-    "an unknown output": (("--outputs", "clas"), "clas is none of class, probability, decision"),
+    "an unknown output": (("--outputs", "clas"), "'clas' is none of class, probability, decision"),
     "tables that are too large": (("--max-bytes", "10"), "the tables take"),
     "arrays that are too short": (("--max-array", "2"), "raise the limit with --max-array"),
     "suites for a target without": (
