@@ -52,9 +52,18 @@ def say(text: str | Text) -> None:
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 
+class _Place(click.Path):
+    """A path, but no empty text: `--out "$OUT"` of a variable that is not set would name the folder one stands in."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if value == "":
+            self.fail("an empty text names no file and no folder.", param, ctx)
+        return super().convert(value, param, ctx)
+
+
 #: Paths on the command line: of anything, of a file, of a folder.
-PLACE = click.Path(path_type=Path)
-FILE, FOLDER = click.Path(path_type=Path, dir_okay=False), click.Path(path_type=Path, file_okay=False)
+PLACE = _Place(path_type=Path)
+FILE, FOLDER = _Place(path_type=Path, dir_okay=False), _Place(path_type=Path, file_okay=False)
 
 
 class Number(click.FloatRange):

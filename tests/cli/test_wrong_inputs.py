@@ -57,6 +57,8 @@ OPTIONS = {
     ),
     "a page without --explain": (("--html", "x.html"), "--html is a page of what --explain says"),
     "an unknown profile": (("--profile", "cx9999"), "no profile 'cx9999': use one of"),
+    "a profile without a name": (("--profile", ""), "no profile '': use one of"),
+    "a folder without a name": (("--out", ""), "an empty text names no file and no folder"),
     "a version of no library": (("--library-version", "1.0"), "give --project library, or leave them out"),
     "a prefix that is none": (("--prefix", "1_"), "--prefix '1_': letters, digits and underscores"),
 }
