@@ -249,7 +249,12 @@ DIAGNOSTICS = (
         "What is said of inputs or outputs does not fit the model",
         "A range is empty or has one end only, or another number of outputs is described than the model has.",
         "Correct the entry in st-codegen.toml or bundle.toml; st-codegen init shows what the model has.",
-        places=("ir.model:Feature", "ir.model:Output", "ir.model:ModelIR.__post_init__"),
+        places=(
+            "ir.model:Feature",
+            "ir.model:Output",
+            "ir.model:ModelIR.__post_init__",
+            "ir.model:ModelIR._check_ports",
+        ),
     ),
     Diagnostic(
         "STC1307",

@@ -26,7 +26,7 @@ from st_codegen.errors import InputError, TargetError, counted
 from st_codegen.files.html_text import html_table
 from st_codegen.files.made_by import VERSION
 from st_codegen.files.text import make_folder
-from st_codegen.ir import AnyArray, FloatArray, KernelSum, ModelIR, TreeEnsemble
+from st_codegen.ir import AnyArray, FloatArray, KernelSum, ModelIR, Output, TreeEnsemble
 from st_codegen.passes.choose import Choices, CostFunction, Layout, Options, simple_cost
 from st_codegen.passes.pipeline import Compiled, compile_models, unchanged
 from st_codegen.project.build_options import option_name
@@ -588,9 +588,15 @@ def _model_facts(model: ModelIR, compiled: Compiled) -> dict[str, Any]:
             for f, low, high in zip(model.features, lower, upper, strict=True)
         ],
         "outputs": list(model.outputs),
+        **({"ports": [_port_facts(port) for port in model.ports]} if model.ports else {}),
         **({} if model.classes is None else {"labels": list(model.classes.labels)}),
         **({"kinds": list(model.kinds)} if model.kinds else {}),
         "trees": sum(op.n_trees for op in trees),
         "nodes": sum(op.n_nodes for op in trees),
         "support_vectors": sum(len(op.support_vectors) for op in kernels),
     }
+
+
+def _port_facts(port: Output) -> dict[str, Any]:
+    """Unit and plausible range of an output that the user described."""
+    return {"unit": port.unit, **({} if port.lower is None else {"range": [port.lower, port.upper]})}

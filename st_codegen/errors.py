@@ -121,8 +121,8 @@ class Problems:
       - feature 'speed': no unit
     """
 
-    def __init__(self, subject: str) -> None:
-        self.subject = subject
+    def __init__(self, subject: str = "") -> None:
+        self.subject = subject  # empty: whoever catches the error puts one in front
         self.errors: list[InputError] = []
 
     def add(self, message: str) -> None:
@@ -157,7 +157,7 @@ class Problems:
             lines += f"\n  - and {len(shown) - MOST_SHOWN} more"
         unsupported = all(isinstance(error, UnsupportedModelError) for error in self.errors)
         kind = UnsupportedModelError if unsupported else InputError
-        together = kind(f"{self.subject}: {len(self.errors)} problems\n{lines}")
+        together = kind(f"{self.subject}{': ' if self.subject else ''}{len(self.errors)} problems\n{lines}")
         together._codes = tuple(dict.fromkeys(code for error in self.errors for code in error.codes))
         raise together
 

@@ -135,6 +135,8 @@ def test_the_command_line_shows_the_code_and_explains_it(lone_folder, tmp_path, 
     text = capsys.readouterr().out
     assert text.startswith("STC1501: There is no generated code")
     assert diagnostic("STC1501").cure in " ".join(text.split())
+    assert run("explain", "STC1005") == 0
+    assert "'st-codegen[lightgbm]'" in capsys.readouterr().out  # in one line: it is to be copied
     assert run("explain", "STC7777") == 2
     assert run("verify", "--no-such-option") == 2
     assert "STC1001" in capsys.readouterr().err

@@ -1,5 +1,7 @@
 """What is said of models that cannot be compiled: the class and what is near, once; nothing of data is markup."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -212,6 +214,7 @@ def test_estimators_are_compiled_from_memory(tmp_path):
     generated = st_codegen.generate(bundle, "twincat", tmp_path)
     report = st_codegen.verify(bundle, tmp_path, rows=200)
     assert report.passed
+    assert repr(dataclasses.replace(report, models=report.models[:1])) == "VerifyReport(1 model, all passed)"
     assert [model.name for model in bundle.irs] == ["forest", "line"]
     assert len(bundle.irs[0].source.digest) == 64
     shown = [bundle, generated, report, bundle.models[0]]

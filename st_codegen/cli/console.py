@@ -52,9 +52,18 @@ def say(text: str | Text) -> None:
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 
+class _Place(click.Path):
+    """A path, but no empty text: `--out "$OUT"` of a variable that is not set would name the folder one stands in."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if value == "":
+            self.fail("an empty text names no file and no folder.", param, ctx)
+        return super().convert(value, param, ctx)
+
+
 #: Paths on the command line: of anything, of a file, of a folder.
-PLACE = click.Path(path_type=Path)
-FILE, FOLDER = click.Path(path_type=Path, dir_okay=False), click.Path(path_type=Path, file_okay=False)
+PLACE = _Place(path_type=Path)
+FILE, FOLDER = _Place(path_type=Path, dir_okay=False), _Place(path_type=Path, file_okay=False)
 
 
 class Number(click.FloatRange):
@@ -242,7 +251,7 @@ def _kinds(_context: click.Context, _option: click.Parameter, value: str) -> tup
 
     words = [word.strip() for word in value.split(",")]
     if unknown := [word for word in words if word not in OUTPUTS]:
-        raise click.BadParameter(f"{', '.join(unknown)} is none of {', '.join(OUTPUTS)}.")
+        raise click.BadParameter(f"{', '.join(map(repr, unknown))} is none of {', '.join(OUTPUTS)}.")
     return tuple(OutputKind(word) for word in words)
 
 

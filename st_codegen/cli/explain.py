@@ -26,4 +26,4 @@ def command(code: str | None) -> None:
     found = diagnostic(code)
     if found is None:
         raise click.BadParameter(f"'{code}' is no code; without one, all are listed.", param_hint="CODE")
-    click.echo("\n\n".join(textwrap.fill(part, 100) for part in found.text().split("\n\n")))
+    click.echo("\n\n".join(textwrap.fill(part, 100, break_on_hyphens=False) for part in found.text().split("\n\n")))

@@ -175,7 +175,7 @@ def _pricing(chosen: Sequence[Target], profile: str | None, max_array: int | Non
     from st_codegen.driver import limits_for
     from st_codegen.proof.explain import Pricing
 
-    machine = load_profile(profile or DEFAULT)
+    machine = load_profile(DEFAULT if profile is None else profile)
     return {target.name: Pricing(target, limits_for(target, max_array), machine) for target in chosen}
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from st_codegen.cli.choices import AS_IS, MISREAD, MISTAKES, UPDATED_CODE, UPDATED_MODELS
 from st_codegen.cli.console import PLACE, Number, console, effects_option, progress_bar, quiet_option, trust_option
@@ -150,6 +151,12 @@ def _wish(models: Path | None, update: bool, target: str, profile: str, trust_pi
     if update != (models is not None):
         raise InputError("--models DIR and --update-models go together: which bundle is to get what is found?")
     if models is None:
+        source = click.get_current_context().get_parameter_source
+        given = [f"--{name}" for name in ("target", "profile") if source(name) is not ParameterSource.DEFAULT]
+        if given:
+            raise InputError(
+                f"{' and '.join(given)}: of the updated models; give --models DIR and --update-models, or leave it out"
+            )
         return None
     if not (models / BUNDLE_FILE).is_file():
         raise InputError(f"{models}: no bundle; --models wants a folder with {BUNDLE_FILE}")

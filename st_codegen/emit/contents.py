@@ -12,7 +12,7 @@ from st_codegen.emit.blocks.listing import Block
 from st_codegen.emit.blocks.model import PLAIN, Extras, input_variables
 from st_codegen.emit.blocks.self_test import SELF_TEST, self_test_block
 from st_codegen.emit.blocks.window import Window, window_block
-from st_codegen.errors import InputError
+from st_codegen.errors import InputError, Problems
 from st_codegen.ir import ModelIR
 
 #: Models that have nothing to do with each other: nothing surrounds their blocks.
@@ -43,7 +43,12 @@ class Contents:
 
         Raises InputError for names that Structured Text cannot have, TargetError for tables that are too long.
         """
-        found = {model.name: block_of(model, self.extras.get(model.name, PLAIN)) for model in self.models}
+        problems = Problems()
+        found = {}
+        for model in self.models:
+            with problems.collect():
+                found[model.name] = block_of(model, self.extras.get(model.name, PLAIN))
+        problems.raise_if_any()
         for model in self.models if self.around.connected else ():
             _check_callable(model, found[model.name])
         kept = (window_block(found[name], window) for name, window in self.windows.items())

@@ -32,6 +32,7 @@ _FEATURE: dict[Any, Any] = {"name": str, "unit": str, "range": _is_range, _Optio
 _MODEL: dict[Any, Any] = {
     "block": str,
     "outputs": [str],
+    _Optional("ports"): [{"unit": str, _Optional("range"): _is_range}],
     "features": [{**_FEATURE, _Optional("limited"): bool}],
     _Optional("block_outputs"): [_is_count],
     _Optional("labels"): [lambda value: value is None or isinstance(value, (str, int, float))],

@@ -6,7 +6,8 @@ import math
 import re
 
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
-_WHOLE = re.compile(r"[+-]?[0-9]{1,18}")
+_WHOLE = re.compile(r"[+-]?[0-9]+")
+_MOST_DIGITS = 18
 _SPECIAL = re.compile(r"[+-]?(?:inf|infinity|nan)", re.IGNORECASE)
 
 
@@ -33,9 +34,12 @@ def parse_number(text: str, *, decimal_comma: bool = False, is_finite: bool = Tr
 
 def parse_whole(text: str) -> int:
     """A whole number of at most 18 digits; blanks around it are passed over. Raises ValueError for all else."""
-    if not _WHOLE.fullmatch(text.strip(" \t")):
+    stripped = text.strip(" \t")
+    if not _WHOLE.fullmatch(stripped):
         raise ValueError(f"{text!r} is not a whole number")
-    return int(text)
+    if len(stripped.lstrip("+-")) > _MOST_DIGITS:
+        raise ValueError(f"{text!r} has more than {_MOST_DIGITS} digits")
+    return int(stripped)
 
 
 def percent(share: float) -> str:

@@ -16,6 +16,7 @@ from st_codegen.errors import InputError, Problems
 from st_codegen.files.csv_tables import with_underscores
 from st_codegen.files.toml_text import table_lines, toml_value
 from st_codegen.ir import Feature, FloatArray, ModelIR
+from st_codegen.passes.outputs import with_outputs
 from st_codegen.project.bundle import READERS, Reading
 from st_codegen.walkers.files import known_formats, suffixes
 
@@ -162,7 +163,8 @@ def _names(files: Iterable[str]) -> dict[str, str]:
 def _model(file: str, name: str, model: ModelIR) -> list[str]:
     if model.classes is not None:  # the outputs of a classifier have names of their own
         return table_lines("[[model]]", {"file": file, "name": name})
-    outputs = ", ".join(f'{{name = "{variable}", unit = ""}}' for variable in model.variables)
+    given, _ = with_outputs(model, ())  # what is given on demand only is no output of the first block
+    outputs = ", ".join(f'{{name = "{variable}", unit = ""}}' for variable in given.variables)
     return [*table_lines("[[model]]", {"file": file, "name": name}), f"outputs = [{outputs}]"]
 
 

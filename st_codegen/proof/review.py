@@ -24,6 +24,7 @@ from st_codegen.proof.probes import RangeSource
 from st_codegen.proof.runner import BlockResult, GeneratedCode, target_folders
 from st_codegen.st.check.flow import all_reached
 from st_codegen.st.syntax.source import SUFFIXES
+from st_codegen.st.tree import Section
 
 #: Points of a curve
 _CURVE = 120
@@ -34,6 +35,8 @@ _FACTS = {
     "class": "model class",
     "features": "features",
     "outputs": "outputs",
+    "inputs": "inputs of the block",
+    "variables": "outputs of the block, with what is plausible",
     "labels": "labels",
     "accepts_nan": "takes missing values",
     "exact": "equals the library",
@@ -225,8 +228,12 @@ def _common_target(old: Path, new: Path) -> tuple[Path, Path, list[tuple[Path, P
 
 
 def _with_sizes(manifest: Manifest, code: GeneratedCode, profile: Profile | None) -> dict[str, dict[str, Any]]:
-    """The facts of the models, with what their blocks take in memory and time by the text (not of a shared block's)."""
+    """The facts of the models, with what their blocks take in memory and time by the text (not of a shared block's).
+
+    With them go the names by which a program calls a block, as the text declares them.
+    """
     models: dict[str, dict[str, Any]] = manifest.facts["models"]
+    models = {name: {**facts, **_interface(facts, code)} for name, facts in models.items()}
     own = {name: facts["block"] for name, facts in models.items() if not facts.get("shared")}
     more: dict[str, dict[str, Any]] = {name: {"table_bytes": code.table_bytes(block)} for name, block in own.items()}
     if profile is not None and own:
@@ -235,6 +242,18 @@ def _with_sizes(manifest: Manifest, code: GeneratedCode, profile: Profile | None
             if costs[block].is_bounded:
                 more[name]["worst_us"] = round(costs[block].cold_us, 2)
     return {name: {**facts, **more.get(name, {})} for name, facts in models.items()}
+
+
+def _interface(facts: dict[str, Any], code: GeneratedCode) -> dict[str, Any]:
+    """The inputs of a model's block, and those of its outputs that are the model's, with unit and plausible range."""
+    block, wanted = facts["block"], facts.get("block_outputs", range(len(facts["outputs"])))
+    code.check_block(block, len(facts["features"]), wanted)
+    names = code.variables(block, Section.OUTPUT)
+    described = [*facts.get("ports", ()), *({"unit": ""} for _ in wanted)][: len(wanted)]
+    return {
+        "inputs": [{"name": name, "unit": ""} for name in code.variables(block, Section.INPUT)],
+        "variables": [{"name": names[number], **port} for number, port in zip(wanted, described, strict=True)],
+    }
 
 
 def _changed_files(before: Path, after: Path) -> dict[str, str]:

@@ -155,6 +155,10 @@ class GeneratedCode:
                 f"{self.folder}: {block} has other inputs or outputs than {MANIFEST} says: generate again"
             )
 
+    def variables(self, block: str, section: Section) -> list[str]:
+        """The names of a block's inputs or outputs, in the order of their declaration."""
+        return [variable.name for variable in self._pou(block).variables if variable.section is section]
+
     def run_model(self, block: str, x: FloatArray, outputs: int | Sequence[int]) -> BlockResult:
         """Call a model's block once for each row of `x` (rows, features), its inputs in order.
 

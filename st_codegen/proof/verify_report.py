@@ -203,7 +203,7 @@ class VerifyReport:
         failed = [model.name for model in self.models if not model.passed]
         late = f"over the budget: {', '.join(self.over_budget)}" if self.over_budget else ""
         found = "; ".join(filter(None, (f"failed: {', '.join(failed)}" if failed else "", late)))
-        return f"VerifyReport({len(self.models)} models, {found or 'all passed'})"
+        return f"VerifyReport({counted(len(self.models), 'model')}, {found or 'all passed'})"
 
     def _repr_html_(self) -> str:
         return html_table(

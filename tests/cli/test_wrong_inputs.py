@@ -48,7 +48,7 @@ FILES = {
 #: Arguments behind the folder of a good model, and what the message says of them.
 OPTIONS = {
     "an unknown target": (("-t", "twincta"), "no target 'twincta'; choose from"),
-    "an unknown output": (("--outputs", "clas"), "clas is none of class, probability, decision"),
+    "an unknown output": (("--outputs", "clas"), "'clas' is none of class, probability, decision"),
     "tables that are too large": (("--max-bytes", "10"), "the tables take"),
     "arrays that are too short": (("--max-array", "2"), "raise the limit with --max-array"),
     "suites for a target without": (
@@ -57,6 +57,8 @@ OPTIONS = {
     ),
     "a page without --explain": (("--html", "x.html"), "--html is a page of what --explain says"),
     "an unknown profile": (("--profile", "cx9999"), "no profile 'cx9999': use one of"),
+    "a profile without a name": (("--profile", ""), "no profile '': use one of"),
+    "a folder without a name": (("--out", ""), "an empty text names no file and no folder"),
     "a version of no library": (("--library-version", "1.0"), "give --project library, or leave them out"),
     "a prefix that is none": (("--prefix", "1_"), "--prefix '1_': letters, digits and underscores"),
 }
@@ -102,6 +104,22 @@ def test_files(name, lone_folder, lightgbm_text, tmp_path, monkeypatch, capsys):
     if len(files) == 1:
         (file,) = files
         assert message.count(file) <= 1, message
+    assert not (tmp_path / "generated").exists()
+
+
+def test_names_of_all_features_of_all_models_are_told_at_once(
+    lone_folder, lightgbm_text, tmp_path, monkeypatch, capsys
+):
+    """The first of them was told, and the next in the next run."""
+    monkeypatch.chdir(tmp_path)
+    for file, unit in (("a.txt", "°C"), ("b.txt", "µm")):
+        text = lightgbm_text.replace("torque_Nm", f"torque_{unit}").replace("temperature_C", f"temperature_{unit}")
+        (lone_folder / file).write_text(text, encoding="utf-8")
+    message = refused(capsys, lone_folder)
+    assert message.startswith("error: 2 problems\n  - model 'a': 2 problems\n    - feature name 'torque_°C' ")
+    assert all(
+        f"feature name '{name}_{unit}'" in message for name in ("torque", "temperature") for unit in ("°C", "µm")
+    )
     assert not (tmp_path / "generated").exists()
 
 

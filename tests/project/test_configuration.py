@@ -319,6 +319,25 @@ def test_init_names_two_files_of_one_stem_apart(lone_folder, tmp_path):
     assert len(load(lone_folder).models) == 3
 
 
+def test_init_describes_the_outputs_that_are_there_unasked(tmp_path, capsys):
+    """It described the deviation of a Gaussian process too, and `generate` refused the file that `init` had written."""
+    skops, processes = pytest.importorskip("skops.io"), pytest.importorskip("sklearn.gaussian_process")
+    from sklearn.decomposition import PCA
+
+    x = np.random.default_rng(1).uniform(3.0, 60.0, (20, 2))
+    (folder := tmp_path / "models").mkdir()
+    skops.dump(processes.GaussianProcessRegressor(alpha=0.1, optimizer=None).fit(x, x[:, 0]), folder / "gpr.skops")
+    skops.dump(PCA(2).fit(x), folder / "pca.skops")
+    assert run("init", folder) == 0
+    assert [len(model.ir.outputs) for model in load(folder).models] == [1, 2]
+    path = folder / "st-codegen.toml"
+    path.write_text(path.read_text().replace('{name = "fOut1", unit = ""}]', '{name = "fOut1"}, {name = "fOut2"}]', 1))
+    capsys.readouterr()
+    assert run(folder, "--out", tmp_path / "out") == 2
+    assert "model 'gpr': 2 outputs described, it has 1 (mean)" in (shown := capsys.readouterr().err)
+    assert "STC1306" in shown
+
+
 def test_init_writes_what_can_be_read_whatever_files_are_called(lone_folder):
     for name in ("e\x1bscape.txt", "be\x07ll.onnx", "größe.json"):
         (lone_folder / name).write_text("no model")

@@ -11,6 +11,7 @@ from st_codegen.errors import GeneratedCodeError
 from st_codegen.project.bundle import load
 from st_codegen.proof.review import _operating_points, diff, tried_text
 from tests.changes import change_once
+from tests.cli.helpers import run
 
 
 def make(models, out, *targets):
@@ -47,6 +48,28 @@ def test_a_changed_leaf_moves_the_output_where_the_leaf_is(lone_folder, lightgbm
     after = reference.evaluate(load(lone_folder).models[0].ir, point)
     (lone_folder / "te.txt").write_text(lightgbm_text)
     assert after - reference.evaluate(load(lone_folder).models[0].ir, point) == pytest.approx(0.25, rel=1e-9)
+
+
+def test_names_units_and_plausible_ranges_of_a_block_are_told(lone_folder, tmp_path, capsys):
+    """Two inputs whose names were exchanged were "text changed, no output moved": their callers give each the other."""
+
+    def configured(inputs, output):
+        named = "".join(f'[[input]]\nfeature = "{f}"\nname = "{n}"\n' for f, n in inputs.items())
+        (lone_folder / "st-codegen.toml").write_text(f'{named}[[model]]\nfile = "te.txt"\noutputs = [{output}]\n')
+        return lone_folder
+
+    first = configured(
+        {"speed_rpm": "fLeft", "torque_Nm": "fRight"}, '{name = "fP", unit = "kW", min = 0.0, max = 3.0}'
+    )
+    old = make(first, tmp_path / "a")
+    second = configured(
+        {"speed_rpm": "fRight", "torque_Nm": "fLeft"}, '{name = "fQ", unit = "W", min = 0.0, max = 4.0}'
+    )
+    assert run("diff", old, make(second, tmp_path / "b"), "-n", 50) == 1
+    shown = capsys.readouterr().out
+    assert "te: inputs of the block: fLeft, fRight, fTemperature_C -> fRight, fLeft, fTemperature_C\n" in shown
+    assert "te: outputs of the block, with what is plausible: fP [kW] 0 .. 3 -> fQ [W] 0 .. 4\n" in shown
+    assert "no output moved" not in shown
 
 
 def test_features_in_another_order_are_the_same_points(lone_folder, lightgbm_text, tmp_path):

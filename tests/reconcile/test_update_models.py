@@ -248,7 +248,7 @@ def test_a_bundle_that_knows_the_effect_stays(tmp_path, capsys):
     assert "nothing to add" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("fault", ["ratio", "ranges", "no bundle", "alone", "in place"])
+@pytest.mark.parametrize("fault", ["ratio", "ranges", "no bundle", "alone", "of none", "in place"])
 def test_bundles_that_do_not_go_with_the_rig(fault, tmp_path, capsys):
     prepare(tmp_path, SIDEBANDS)
     path, out = tmp_path / "models" / "bundle.toml", tmp_path / "out"
@@ -264,6 +264,8 @@ def test_bundles_that_do_not_go_with_the_rig(fault, tmp_path, capsys):
     elif fault == "alone":
         options = options[:2]
         word = "--update-models"
+    elif fault == "of none":
+        options, word = ["--target", "nonsense", "--profile", "none"], "--target and --profile: of the updated models"
     else:
         out = tmp_path
         word = "--out"

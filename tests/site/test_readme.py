@@ -43,3 +43,10 @@ def test_the_terminal_shows_commands_that_the_page_explains():
         line[2:] for line in (pictures.PICTURES / "terminal.txt").read_text("utf-8").splitlines() if line[:1] == "$"
     ]
     assert tuple(shown) == pictures.COMMANDS
+
+
+def test_the_terminal_shows_what_its_commands_print(tmp_path):
+    """A sentence of `prove` had changed, and the picture had the one before."""
+    pictures.record_terminal(tmp_path, tmp_path)
+    record = (pictures.PICTURES / "terminal.txt").read_text(encoding="utf-8")
+    assert (tmp_path / "terminal.txt").read_text(encoding="utf-8") == record, "python -m site_tools.pictures --record"

@@ -18,7 +18,7 @@ from st_codegen.emit.blocks.real_types import in_real_types
 from st_codegen.emit.blocks.self_check import CheckRow, add_self_check
 from st_codegen.emit.foreign_names import is_foreign
 from st_codegen.emit.literals import capitalised, check_text, harmless, identifier, real, unit_text
-from st_codegen.errors import InputError, errors_name
+from st_codegen.errors import InputError, Problems, errors_name
 from st_codegen.ir import (
     FLOAT32_OVERFLOW,
     Activation,
@@ -217,14 +217,18 @@ def is_ranged(model: ModelIR) -> bool:
 def input_variables(features: tuple[Feature, ...]) -> tuple[BlockVariable, ...]:
     """One LREAL input a feature, in order. Raises InputError for names that become equal."""
     variables: dict[str, BlockVariable] = {}
+    problems = Problems()
     for feature in features:
-        name = feature.variable or f"f{capitalised(identifier(feature.name, 'feature name', 'f'))}"
-        if name.lower() in variables:
-            raise InputError(
-                f"feature '{feature.name}': its input would be called {name}, as that of another feature: rename one"
-            )
-        variable = BlockVariable(name, "LREAL", comment=feature_text(feature))
-        variables[name.lower()] = renamed(variable) if is_foreign(name) else variable
+        with problems.collect():
+            name = feature.variable or f"f{capitalised(identifier(feature.name, 'feature name', 'f'))}"
+            if name.lower() in variables:
+                raise InputError(
+                    f"feature '{feature.name}': its input would be called {name}, as that of another feature: "
+                    "rename one"
+                )
+            variable = BlockVariable(name, "LREAL", comment=feature_text(feature))
+            variables[name.lower()] = renamed(variable) if is_foreign(name) else variable
+    problems.raise_if_any()
     _check_different(variables.values())
     return tuple(variables.values())
 

@@ -382,15 +382,15 @@ def follow(executor: Executor, statement: t.Statement) -> None:
     rows, first, back = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     if len(rows) > _MOST_CASES:
         raise NotProvedError(f"more than {_MOST_CASES:,} cases")
-    found = [
-        _executed(executor, statement, {**before, **{v: a[lane].item() for v, a in zip(cases, arrays, strict=True)}})
-        for lane in first.tolist()
-    ]
-    for variable in {variable for changes in found for variable in changes}:
-        if not all(variable in changes and not isinstance(changes[variable], tuple) for changes in found):
+    starts = [{**before, **{v: a[lane].item() for v, a in zip(cases, arrays, strict=True)}} for lane in first.tolist()]
+    # what a case does not assign is what it was: a leaf without terms keeps its constant
+    found = [(start, _executed(executor, statement, start)) for start in starts]
+    for variable in {variable for _, changes in found for variable in changes}:
+        both = [{**start, **changes} for start, changes in found]
+        if not all(variable in values and not isinstance(values[variable], tuple) for values in both):
             raise NotProvedError(f"{variable.name} is assigned in some boxes only")
         executor.touch(variable, 0)
-        items = [changes[variable] for changes in found]
+        items = [values[variable] for values in both]
         if None in items:  # the counter of a loop
             executor.variables[variable] = LOST
             continue

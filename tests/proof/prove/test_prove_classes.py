@@ -1,6 +1,7 @@
 """Classifiers and anomaly models: the label, the scores and the decision, for every input."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -239,6 +240,29 @@ def test_with_ranges_it_is_told_that_no_bound_is_known(name, tmp_path):
 
 def ranged_features(model):
     return tuple(dataclasses.replace(feature, lower=-4.0, upper=4.0) for feature in model.ir.features)
+
+
+def test_leaves_without_terms_keep_their_constant(tmp_path):
+    """Beside leaves with terms they were "assigned in some boxes only"."""
+    lightgbm = pytest.importorskip("lightgbm")
+    x = np.random.default_rng(0).uniform(0.0, 9.0, (60, 2))
+    y = x @ (1.0, 2.0) + np.sin(3.0 * x[:, 0])
+    x[np.random.default_rng(1).random(x.shape) < 0.3] = np.nan
+    options = {"n_estimators": 2, "num_leaves": 6, "min_child_samples": 5, "linear_tree": True, "verbose": -1}
+    model = loaded(lightgbm.LGBMRegressor(n_jobs=1, **options).fit(x, y))
+    assert proved(model, tmp_path, Layout.TREES).verdict is Verdict.PROVED
+    path = tmp_path / "iec" / "FB_M.st"
+    text = path.read_text()
+    starts, constants = (
+        re.search(rf" {name}_1 : [^\[]+\[[^\[]+\[(.*?)\]", text, re.DOTALL) for name in ("LEAF_START", "LEAF_CONSTANT")
+    )
+    first, numbers = ([int(word) for word in starts[1].split(",")], constants[1].split(","))
+    # no leaf of the first tree has terms: LightGBM begins with constants
+    bare = [leaf for leaf in range(6, len(numbers)) if first[leaf] == first[leaf + 1]]
+    assert 0 < len(bare) < 6
+    numbers[bare[0]] = repr(float(np.nextafter(float(numbers[bare[0]]), np.inf)))
+    path.write_text(text.replace(constants[1], ",".join(numbers)))
+    assert prove(Bundle((model,)), tmp_path).results[0].verdict is not Verdict.PROVED
 
 
 LEAF_CHANGES = {
