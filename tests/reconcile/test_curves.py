@@ -171,3 +171,17 @@ def test_what_curves_hold_above_the_orders_that_are_told_is_said(tmp_path, monke
     # what the rig has there is none of it
     gap = read(tmp_path, monkeypatch, with_gap, TORQUES * 3)
     assert gap.beyond_deg == 0.0
+
+
+@pytest.mark.thorough
+def test_a_wave_that_was_taken_out_of_curves_is_none_of_what_they_hold_above_the_orders(tmp_path, monkeypatch):
+    """A bearing's wave of 7.43 periods a turn was said to lie above the orders as well, with all of its size."""
+    found = read(
+        tmp_path,
+        monkeypatch,
+        lambda _, angle, te: (angle, te + 2e-3 * np.cos(np.deg2rad(7.43 * angle) + 1.0)),
+        TORQUES * 3,
+    )
+    (wave,) = found.hums
+    assert wave.order == pytest.approx(7.43, abs=0.01) and wave.power == pytest.approx(2e-6, rel=0.02)
+    assert found.beyond_deg == 0.0
