@@ -240,6 +240,22 @@ def test_a_body_that_lags_behind_the_oil_is_no_drift_with_the_oil(lag):
     assert result.unexplained == ()
 
 
+@pytest.mark.thorough
+def test_what_is_ahead_of_the_sensor_of_the_oil_is_no_body_that_follows_it():
+    """A sensor that lags by the run: "follows the oil late, as a body that takes some 0.33 runs", 20 times its size."""
+    at, orders = forms_grid(np.linspace(100, 1800, 6), 4, (22.0, 28.0, 34.0, 40.0)), [0, 39, 40, 78]
+    count = len(at) // 2
+    run = np.repeat(np.random.default_rng(2).permutation(count), 2)
+    listed = np.empty(count)
+    listed[run] = at.temperature_C
+    # what a sensor of first order shows is late by so much of how it moves
+    ahead = 2.0 * np.diff(listed, prepend=listed[0])
+    result = of_curves(part(MESH, orders), at, orders, {0: 3e-4 * ahead[run] + 0j}, run)
+    (one,) = result.unexplained
+    assert one.order == 0 and "from that of the run before: 0.0006 deg per kelvin" in one.text
+    assert "or a sensor of the oil that is late itself" in one.text and not result.conclusions.claims
+
+
 def test_a_run_that_was_stored_twice_counts_once():
     """As repeats, copies have no noise: every order seemed to hold structure."""
     at, orders = forms_grid(np.linspace(100, 1800, 6)), [0, 39, 40, 78]
