@@ -9,8 +9,9 @@ import pytest
 from st_codegen.reconcile.core import reconcile_observations
 from st_codegen.reconcile.data.observations import Observations, labels
 from st_codegen.reconcile.fit.target import FitData, groups_of
+from st_codegen.reconcile.judge.claims import Retuned
 from st_codegen.reconcile.mistakes.examine import examine
-from st_codegen.reconcile.report.findings import _numbers
+from st_codegen.reconcile.report.findings import _is_clear, _numbers
 from st_codegen.reconcile.report.output import report
 from st_codegen.reconcile.report.sentences import floor_text, verdict_text
 from st_codegen.reconcile.rest.structure import scatter_of_encoder
@@ -130,6 +131,15 @@ def test_numbers_that_moved_only_together_are_said_to():
     before, after = (effect("pin_error", order=40, amplitude_deg=1e-3, phase_rad=turn) for turn in (0.0, 0.3))
     errors = {"amplitude_deg": 1e-4, "phase_rad": 0.01}
     assert _numbers(after, errors, before) == ("its phases turned",)
+
+
+@pytest.mark.parametrize(("error", "is_clear"), [(30.0, False), (3.0, True)])
+def test_one_number_that_its_error_holds_is_not_refused(error, is_clear):
+    """Of a stiffness that grows with the load 380 -> 411 +- 31 was "refused", "its numbers together"."""
+    before, after = (effect("torsional_compliance", stiffness_Nm_per_arcmin=size) for size in (380.0, 411.0))
+    errors = {"stiffness_Nm_per_arcmin": error}
+    assert _is_clear(Retuned(before, after, errors, 0.0)) is is_clear
+    assert _numbers(after, errors, before) == (f"stiffness_Nm_per_arcmin 380 -> 411 +- {error:.1g} Nm/arcmin",)
 
 
 def test_a_ratio_is_given_with_the_digits_that_tell_it_from_the_rigs(tmp_path):
