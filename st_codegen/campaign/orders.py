@@ -30,6 +30,8 @@ _NEIGHBOURS = 12
 _SAME_WAVE = 1e-6
 #: of the samples, as many hold an order above the band at what is expected where there is no noise
 _LEAST_BELIEF = 1e-9
+#: turns from which on a curve holds more than one: below, a quarter of its samples is no alias of an order
+_SEVERAL_TURNS = 1.5
 #: rounds of finding what else is in a curve
 _ROUNDS = 3
 
@@ -43,7 +45,8 @@ class Sums:
     coefficients of an FFT over the number of the sample; ends: float64 (2, 4), the lowest and the highest TE in deg,
     each with the most samples in a row that have it, the most that have the value next to it, and the number of values;
     spikes: float64 (3, s), the samples that are in none of the sums: angle in rad, TE in deg, and by how much that is
-    off what the FFT has in their places; begin: the angle of the first sample, rad.
+    off what the FFT has in their places; begin: the angle of the first sample, rad; turns: how many the curve holds, 1
+    for less than one and a half.
     """
 
     samples: int
@@ -54,11 +57,17 @@ class Sums:
     ends: FloatArray
     spikes: FloatArray
     begin: float = 0.0
+    turns: float = 1.0
+
+    @property
+    def taken(self) -> int:
+        """The number of samples that were taken, with those that were left out."""
+        return self.samples + int(self.spikes.shape[1])
 
     @property
     def in_turn(self) -> int:
-        """The number of samples that were taken in the turn, with those that were left out."""
-        return self.samples + int(self.spikes.shape[1])
+        """How many of these a turn has: they tell which orders are told, and as which others a higher one shows."""
+        return round(self.taken / self.turns)
 
     def with_spikes(self, chosen: BoolArray) -> Sums:
         """The sums with some of the samples that were left out, bool (s,)."""
@@ -114,13 +123,24 @@ def curve_sums(curve: Curve, band: int = BAND) -> Sums:
     theta, te = np.deg2rad(curve.angle_deg), np.asarray(curve.te_deg, np.float64)
     off, begin = off_deg(te), float(theta[0])
     far = off != 0.0
+    turns = abs(float(theta[-1]) - begin) / (2.0 * np.pi) * len(te) / (len(te) - 1)
     whole = te - off
     fft = np.fft.rfft(whole if theta[0] <= theta[-1] else whole[::-1]) * (2.0 / len(te))
     fft[0] /= 2.0
     left_out = np.stack([theta[far], te[far], off[far]])
     theta, te = theta[~far], te[~far]
     both = moments(theta, np.stack([np.ones(len(te)), te]), 2 * band)
-    sums = Sums(len(te), both[0], both[1, : band + 1], float(te @ te), fft, _ends(te), left_out, begin)
+    sums = Sums(
+        len(te),
+        both[0],
+        both[1, : band + 1],
+        float(te @ te),
+        fft,
+        _ends(te),
+        left_out,
+        begin,
+        turns if turns >= _SEVERAL_TURNS else 1.0,
+    )
     return replace(sums, plain_fft=fft[: sums.band + 1])
 
 

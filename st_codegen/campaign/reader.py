@@ -62,7 +62,7 @@ class Campaign:
     @property
     def samples(self) -> int:
         """Number of samples of all curves."""
-        return sum(curve.sums.in_turn for curve in self.curves)
+        return sum(curve.sums.taken for curve in self.curves)
 
     @property
     def spikes(self) -> str:

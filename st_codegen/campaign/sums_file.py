@@ -15,7 +15,7 @@ from st_codegen.files.text import whole_file
 from st_codegen.te.harmonics import Direction
 
 #: changes with the way sums are made, or files are judged: a file of another version is made anew
-_VERSION = 6
+_VERSION = 7
 _POLARS = ("polars", "train", "keeping what was read of a campaign")
 
 
@@ -83,6 +83,7 @@ class SumsFile:
                 "samples": sums.samples,
                 "te_square": sums.te_square,
                 "begin": sums.begin,
+                "turns": sums.turns,
                 "ends": sums.ends.ravel(),
                 "spikes": sums.spikes.ravel(),
                 "angle": sums.angle.view(np.float64),
@@ -124,4 +125,5 @@ def _sums(row: dict[str, Any]) -> Sums:
         np.asarray(row["ends"], np.float64).reshape(2, 4),
         np.asarray(row["spikes"], np.float64).reshape(3, -1),
         row["begin"],
+        row["turns"],
     )

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from st_codegen.errors import InputError
-from st_codegen.reconcile.mistakes.examine import examine
+from st_codegen.reconcile.mistakes.examine import _of_other_sign, examine
 from st_codegen.rig.model import RigModel
 
 from .test_core import RIG, effect, grid, observed
@@ -40,6 +40,12 @@ READINGS = {
     "speeds seem to be in deg/s of the output": lambda at: replace(at, speed_rpm=at.speed_rpm * 6 / 81),
     "torques seem to be those of the input": lambda at: replace(at, torque_Nm=at.torque_Nm / 81),
     "torques seem to be of the other sign": lambda at: replace(at, torque_Nm=-at.torque_Nm),
+    "torques seem to be those of the shaft, negative where a load opposes a backward motion": lambda at: replace(
+        at, torque_Nm=at.torque_Nm * at.sign
+    ),
+    "torques seem to be those of the shaft, negative where a load opposes a forward motion": lambda at: replace(
+        at, torque_Nm=-at.torque_Nm * at.sign
+    ),
     "torques seem to be in kN m": lambda at: replace(at, torque_Nm=at.torque_Nm / 1000),
 }
 
@@ -54,6 +60,32 @@ def test_conditions_in_another_unit_are_asked_about_and_read_so(said):
     right = asked(wrong, accept=["conditions"]).data.at
     for key in ("speed_rpm", "torque_Nm", "temperature_C"):
         assert getattr(right, key) == pytest.approx(getattr(data.at, key), abs=1e-9)
+
+
+@pytest.mark.parametrize("said", [said for said in READINGS if "other sign" in said or "shaft" in said])
+def test_orders_that_noise_hides_refuse_no_reading(said):
+    """Its noise was a fiftieth of the mesh at most: torques of the other sign were three meshes that had turned."""
+    data = observed(RICH, grid(), sigma=4e-4)
+    assert f"the {said}" in asked(replace(data, at=READINGS[said](data.at)))
+    assert asked(data).mistakes == ()
+
+
+def test_curves_of_the_other_sign_are_no_torques_of_the_other_sign():
+    """Most of their mean is what torques of the other sign give it: 35 of 38 runs were to be read so."""
+    data = observed(RICH, grid(), sigma=1e-4)
+    rows = np.concatenate(data.runs[88:])
+    sign = np.ones((len(data), 1))
+    sign[rows] = -1.0
+    (found,) = asked(replace(data, values=sign * data.values)).mistakes
+    assert found.name == "block" and set(found.rows) == set(rows)
+
+
+def test_half_a_turn_is_told_from_another_sign_by_the_mean():
+    """Where noise hides the even orders, curves of the other sign had a zero of the angle of their own, 178 deg off."""
+    data, half = observed(RICH, grid(), sigma=4e-4), np.full(252, np.pi)
+    model, odd = RICH.coefficients(data.at, data.orders.tolist()), np.where(data.orders % 2, -1.0, 1.0)
+    assert _of_other_sign(replace(data, values=-data.values), model, half).all()
+    assert not _of_other_sign(replace(data, values=odd * data.values), model, half).any()
 
 
 def test_of_right_conditions_and_of_a_missing_effect_nothing_is_asked():

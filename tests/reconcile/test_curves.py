@@ -68,6 +68,23 @@ def test_what_even_samples_cannot_tell_stays_as_it_is_expected():
     assert found.coefficients == pytest.approx(np.array([2e-3]), abs=1e-8)
 
 
+def two_turns(random, angle, te):
+    """Twice as long; a wave of two and a half periods a turn beside it."""
+    whole = np.append(angle, angle + 360.0)
+    noise = SIGMA * random.standard_normal(len(whole))
+    return whole, np.tile(te, 2) + noise + 2e-3 * np.cos(np.deg2rad(2.5 * whole) + 1.0)
+
+
+def test_of_curves_of_several_turns_the_samples_of_one_tell_the_orders(tmp_path, monkeypatch):
+    """Order 290 of 500 steps a turn was called order 210, and what lies between orders was said to lie above them."""
+    angle = np.arange(1000) * 0.72
+    sums = curve_sums(Curve(angle, 1e-3 * np.cos(np.deg2rad(290 * angle))))
+    assert (sums.in_turn, sums.band, sums.taken) == (500, 125, 1000)
+    found = read(tmp_path, monkeypatch, two_turns, TORQUES * 3)
+    assert found.samples == 1000 and found.beyond_deg == pytest.approx(2e-3 / np.sqrt(2), rel=0.02)
+    assert not found.hums and any("waves of no whole number of periods" in text for text in found.not_looked_at)
+
+
 def test_curves_that_are_cut_off_are_left_out(tmp_path, monkeypatch):
     whole = read(tmp_path, monkeypatch, lambda _, angle, te: (angle, te), TORQUES * 3)
     assert len(whole) == 12
@@ -171,3 +188,17 @@ def test_what_curves_hold_above_the_orders_that_are_told_is_said(tmp_path, monke
     # what the rig has there is none of it
     gap = read(tmp_path, monkeypatch, with_gap, TORQUES * 3)
     assert gap.beyond_deg == 0.0
+
+
+@pytest.mark.thorough
+def test_a_wave_that_was_taken_out_of_curves_is_none_of_what_they_hold_above_the_orders(tmp_path, monkeypatch):
+    """A bearing's wave of 7.43 periods a turn was said to lie above the orders as well, with all of its size."""
+    found = read(
+        tmp_path,
+        monkeypatch,
+        lambda _, angle, te: (angle, te + 2e-3 * np.cos(np.deg2rad(7.43 * angle) + 1.0)),
+        TORQUES * 3,
+    )
+    (wave,) = found.hums
+    assert wave.order == pytest.approx(7.43, abs=0.01) and wave.power == pytest.approx(2e-6, rel=0.02)
+    assert found.beyond_deg == 0.0

@@ -9,8 +9,9 @@ import pytest
 from st_codegen.reconcile.core import reconcile_observations
 from st_codegen.reconcile.data.observations import Observations, labels
 from st_codegen.reconcile.fit.target import FitData, groups_of
+from st_codegen.reconcile.judge.claims import Retuned
 from st_codegen.reconcile.mistakes.examine import examine
-from st_codegen.reconcile.report.findings import _numbers
+from st_codegen.reconcile.report.findings import _is_clear, _numbers
 from st_codegen.reconcile.report.output import report
 from st_codegen.reconcile.report.sentences import floor_text, verdict_text
 from st_codegen.reconcile.rest.structure import scatter_of_encoder
@@ -132,6 +133,15 @@ def test_numbers_that_moved_only_together_are_said_to():
     assert _numbers(after, errors, before) == ("its phases turned",)
 
 
+@pytest.mark.parametrize(("error", "is_clear"), [(30.0, False), (3.0, True)])
+def test_one_number_that_its_error_holds_is_not_refused(error, is_clear):
+    """Of a stiffness that grows with the load 380 -> 411 +- 31 was "refused", "its numbers together"."""
+    before, after = (effect("torsional_compliance", stiffness_Nm_per_arcmin=size) for size in (380.0, 411.0))
+    errors = {"stiffness_Nm_per_arcmin": error}
+    assert _is_clear(Retuned(before, after, errors, 0.0)) is is_clear
+    assert _numbers(after, errors, before) == (f"stiffness_Nm_per_arcmin 380 -> 411 +- {error:.1g} Nm/arcmin",)
+
+
 def test_a_ratio_is_given_with_the_digits_that_tell_it_from_the_rigs(tmp_path):
     """A ramp of 0.0014 deg was said to be a ratio of 81 instead of 81."""
     at, orders = grid(), [0, 1, 2, 3, 39, 40, 78, 117]
@@ -238,6 +248,22 @@ def test_a_body_that_lags_behind_the_oil_is_no_drift_with_the_oil(lag):
     result = of_curves(part(MESH, orders), at, orders, {0: 3e-4 * (at.temperature_C - 30.0) + 0j}, run)
     assert [claim.piece.effect.name for claim in result.conclusions.claims] == ["thermal_drift"]
     assert result.unexplained == ()
+
+
+@pytest.mark.thorough
+def test_what_is_ahead_of_the_sensor_of_the_oil_is_no_body_that_follows_it():
+    """A sensor that lags by the run: "follows the oil late, as a body that takes some 0.33 runs", 20 times its size."""
+    at, orders = forms_grid(np.linspace(100, 1800, 6), 4, (22.0, 28.0, 34.0, 40.0)), [0, 39, 40, 78]
+    count = len(at) // 2
+    run = np.repeat(np.random.default_rng(2).permutation(count), 2)
+    listed = np.empty(count)
+    listed[run] = at.temperature_C
+    # what a sensor of first order shows is late by so much of how it moves
+    ahead = 2.0 * np.diff(listed, prepend=listed[0])
+    result = of_curves(part(MESH, orders), at, orders, {0: 3e-4 * ahead[run] + 0j}, run)
+    (one,) = result.unexplained
+    assert one.order == 0 and "from that of the run before: 0.0006 deg per kelvin" in one.text
+    assert "or a sensor of the oil that is late itself" in one.text and not result.conclusions.claims
 
 
 def test_a_run_that_was_stored_twice_counts_once():

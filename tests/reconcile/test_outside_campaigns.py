@@ -438,3 +438,12 @@ def test_a_drift_of_runs_that_are_listed_by_temperature_may_be_one_of_time():
         one = replace(data, values=values, sorted_by=named, run=None)
         changed = retuned(reconcile_observations(rig, one, KNOWN))
         assert ("something_else" in changed["thermal_drift"].alternatives) == is_open
+
+
+def test_skew_at_one_speed_is_not_named_in_place_of_dry_friction():
+    """Both are a constant of each direction: the name was skew, of which the report says that one speed shows none."""
+    at = grid(1, 12, 1)
+    rig = RigModel(effects=(*RIG.effects, effect("friction_windup", coulomb_arcmin=0.3)))
+    result = reconcile_observations(RIG, observed(rig, replace(at, speed_rpm=np.full(len(at), 1000.0))), KNOWN)
+    (claim,) = result.conclusions.claims
+    assert claim.piece.effect.name == "friction_windup" and "measurement_delay" in claim.alternatives

@@ -117,8 +117,7 @@ def without_hums(
 ) -> tuple[list[Sums], tuple[Hum, ...]]:
     """Curves without the waves of a frequency of their own that run through them, and these waves.
 
-    turns_Hz: turns a second of each curve, (n,); known: orders of the rig, where a wave may be the machine's. The sums
-    of squares stay those of the curves as they were measured.
+    turns_Hz: turns a second of each curve, (n,); known: orders of the rig, where a wave may be the machine's.
     """
     kept, found = list(sums), list[Hum]()
     while len(found) < SETTINGS.most_hums:
@@ -433,7 +432,11 @@ def _less(one: Sums, wave: ComplexArray) -> Sums:
     """The curve without a wave, given by the coefficients of its orders over the number of the sample."""
     turned = wave * np.exp(-1j * (_start(one) or 0.0) * np.arange(len(wave))) * one.in_turn / 2
     turned[0] *= 2
-    return replace(one, te=one.te - turned, plain_fft=one.plain_fft - wave[: one.band + 1])
+    left = one.plain_fft - wave[: one.band + 1]
+    # of the samples it leaves the square as well, or it would be looked for above the band
+    power = np.abs(left) ** 2 - np.abs(one.plain_fft) ** 2
+    square = one.te_square + one.in_turn * float(power[0] + power[1:].sum() / 2)
+    return replace(one, te=one.te - turned, te_square=max(square, 0.0), plain_fft=left)
 
 
 def _start(one: Sums) -> float | None:

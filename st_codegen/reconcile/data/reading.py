@@ -88,9 +88,13 @@ def _campaign(folder: Path, rig: RigModel, progress: Progress | None, skip_bad: 
 def _without_foreign_waves(campaign: Campaign, rig: RigModel) -> tuple[Campaign, tuple[Hum, ...]]:
     """The campaign without waves that do not turn with the machine, and these.
 
-    Raises InputError where curves are none of the rig's: another ratio, or speeds of nothing that turns.
+    Of curves of several turns a line over the number of the sample is no order: there none is looked for. Raises
+    InputError where curves are none of the rig's: another ratio, or speeds of nothing that turns.
     """
-    sums, between = without_waves_between([curve.sums for curve in campaign.curves], rig.orders())
+    several = _hold_several_turns(campaign)
+    sums, between = [curve.sums for curve in campaign.curves], tuple[Hum, ...]()
+    if not several:
+        sums, between = without_waves_between(sums, rig.orders())
     # a wave that does not come back looks like a ramp
     campaign = _with_sums(campaign, sums)
     _check_ratio(campaign, rig)
@@ -98,8 +102,12 @@ def _without_foreign_waves(campaign: Campaign, rig: RigModel) -> tuple[Campaign,
     check_speeds(campaign.at, [curve.path.name for curve in campaign.curves], problems)
     problems.raise_if_any()
     turns = campaign.at.speed_rpm / (60.0 * rig.constants.reduction_ratio)
-    sums, hums = without_hums(sums, turns, rig.orders())
+    sums, hums = (sums, ()) if several else without_hums(sums, turns, rig.orders())
     return _with_sums(campaign, sums), (*between, *hums)
+
+
+def _hold_several_turns(campaign: Campaign) -> bool:
+    return any(curve.sums.turns > 1.0 for curve in campaign.curves)
 
 
 def _spectra(fits: Sequence[OrderFit], bands: IntArray) -> tuple[ComplexArray, FloatArray]:
@@ -312,6 +320,8 @@ def _not_looked_at(
         found.append(f"orders {listed(above)} of the rig: a quarter of the samples of a turn is {int(bands.max())}")
     else:
         found.append(f"orders above {int(bands.max())}")
+    if _hold_several_turns(campaign):
+        found[-1] += "; waves of no whole number of periods a turn, and of one frequency, in curves of several turns"
     if unseen:
         found[-1] += f"; the curves hold {unseen:.2g} deg RMS there in the median, which is more than their noise"
     return tuple(found)

@@ -13,7 +13,7 @@ import numpy as np
 
 from st_codegen.campaign.conditions import CONDITION_COLUMNS
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
-from st_codegen.reconcile.data.noise import middle_of
+from st_codegen.reconcile.data.noise import estimate, middle_of
 from st_codegen.reconcile.data.observations import SIGNS, Observations
 from st_codegen.reconcile.mistakes.single_runs import AS_IS, Mistake
 from st_codegen.reconcile.mistakes.votes import (
@@ -60,7 +60,8 @@ def other_conditions(data: Observations, rig: RigModel) -> list[Mistake]:
         seen = rig.coefficients(meant, orders)
         some = _nearer(data, noise, plain, seen)
         for rows in (every, some & _are_apart(data.at, meant, some)):
-            gain = _gain(data, noise, plain, np.where(rows[:, None], seen, plain))
+            read = np.where(rows[:, None], seen, plain)
+            gain = _gain(data, _noise_beside(data, noise, plain, read), plain, read)
             if gain > best[0]:
                 said = _UNIT.format(column, "" if rows.all() else _of_runs(data, rows), text)
                 corrected = partial(_with_conditions, changed, rows)
@@ -75,12 +76,26 @@ def _with_conditions(changed: Callable[[Conditions], Conditions], rows: BoolArra
     )
 
 
+def _noise_beside(data: Observations, noise: FloatArray, plain: ComplexArray, read: ComplexArray) -> FloatArray:
+    """Power of the noise, (n, K): what neighbours differ by in what a reading leaves, where that is more.
+
+    As a part of what is measured it is too small for orders that noise makes much of: they would refuse any reading.
+    A reading that is wrong leaves more than its neighbours differ by.
+    """
+    before, after = ((np.abs(data.values - model) ** 2).sum() for model in (plain, read))
+    if data.spectral_deg is not None or data.few_points or after >= before:
+        return noise
+    return np.maximum(noise, data.parts * estimate(data, data.values - read).sigma ** 2)
+
+
 def _nearer(data: Observations, noise: FloatArray, plain: ComplexArray, seen: ComplexArray) -> BoolArray:
     """The rows of runs that another model brings nearer by more than chance, where they are some and not most, (n,)."""
     found = np.zeros(len(data), bool)
-    before, after = (
-        (np.abs(data.values - model) ** 2 / np.maximum(noise, 1e-300)).sum(axis=1) for model in (plain, seen)
+    # curves of the other sign have most of the mean that torques of the other sign give it
+    before, after, turned = (
+        (np.abs(data.values - model) ** 2 / np.maximum(noise, 1e-300)).sum(axis=1) for model in (plain, seen, -plain)
     )
+    before = np.minimum(before, turned)
     gains = np.array([before[rows].sum() - after[rows].sum() for rows in data.runs])
     chosen = gains > SETTINGS.order_gain
     if not SETTINGS.least_block <= chosen.sum() <= SETTINGS.most_of_block * len(chosen):
@@ -138,7 +153,13 @@ def readings(ratio: float) -> list[tuple[str, str, Callable[[Conditions], Condit
         ("torques", "of the other sign", scaled("torque_Nm", -1.0)),
         ("torques", "in kN m", scaled("torque_Nm", 1000.0)),
         ("torques", "in N mm", scaled("torque_Nm", 1e-3)),
+        ("torques", f"{_OF_SHAFT} backward motion", lambda at: replace(at, torque_Nm=at.sign * at.torque_Nm)),
+        ("torques", f"{_OF_SHAFT} forward motion", lambda at: replace(at, torque_Nm=-at.sign * at.torque_Nm)),
     ]
+
+
+#: torques of a sensor that keeps its sign; those of a rig file are positive against the motion
+_OF_SHAFT = "those of the shaft, negative where a load opposes a"
 
 
 def _gain(data: Observations, noise: FloatArray, plain: ComplexArray, seen: ComplexArray) -> float:

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from st_codegen.errors import Problems
-from st_codegen.ir.arrays import BoolArray, FloatArray
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.reconcile.data.checks import check_units, unit_choices
 from st_codegen.reconcile.data.noise import middle_of
 from st_codegen.reconcile.data.observations import SIGNS, Observations
@@ -480,7 +480,7 @@ def _zeros(data: Observations, rig: RigModel) -> list[Mistake]:
     number = data.number_of_run
     model = expected_of(data, rig)
     found = zeros(data.values, model, noise_power(data), data.orders, number, data.spectral_deg is not None)
-    angle = found.angle
+    angle = np.where(_of_other_sign(data, model, found.angle), 0.0, found.angle)
     if not angle.any():
         return []
     text = _ZEROS.format(len(np.unique(number[angle != 0])), number.max() + 1, np.degrees(np.abs(angle)).max())
@@ -494,6 +494,20 @@ def _zeros(data: Observations, rig: RigModel) -> list[Mistake]:
         return turned.of_orders(told, lost)
 
     return [Mistake("home_offset", text, corrected, remedy=_TURN)]
+
+
+def _of_other_sign(data: Observations, model: ComplexArray, angle: FloatArray) -> BoolArray:
+    """The rows of runs of which another sign of TE leaves less than another zero of the angle does, (n,).
+
+    Half a turn changes the sign of all odd orders, and in noise the loudest of them may decide; a sign changes that of
+    the mean as well. One vote an order. model: (n, K); angle: of the zero of each row's run, rad, (n,).
+    """
+    number, power = data.number_of_run, np.maximum(noise_power(data), 1e-300)
+    turned, other = (
+        np.log(np.maximum(np.abs(data.values - one) ** 2, power)).sum(axis=1)
+        for one in (model * np.exp(-1j * angle[:, None] * data.orders), -model)
+    )
+    return np.asarray(np.bincount(number, other - turned)[number] < 0.0)
 
 
 def _drift(data: Observations, rig: RigModel) -> list[Mistake]:

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 
 #: what is said of an effect of the rig of which the data show nothing
 _GONE = ": the rig has it, and the data show nothing of it"
+#: of one whose numbers are others, and of one whose only number what else is there may have moved
+_REFUSED = ": the data refuse what the rig says of it"
+_UNSURE = ": with another number less is left, but the rig's own lies within twice its error"
 _Change = Callable[[RigModel], RigModel]
 #: parameters that are shown of one finding
 _MOST_NUMBERS = 4
@@ -69,7 +72,7 @@ def findings(result: Reconciliation, ahead: NextRuns | None = None) -> list[Find
         entries.append((finding, _added(effect)))
     for entry in found.retuned:
         finding = Finding(
-            plain(entry.after, result) + (_GONE if entry.is_gone else ": the data refuse what the rig says of it"),
+            plain(entry.after, result) + (_GONE if entry.is_gone else _REFUSED if _is_clear(entry) else _UNSURE),
             entry.after,
             entry.before,
             () if entry.is_gone else _numbers(entry.after, entry.stderr, entry.before),
@@ -181,12 +184,24 @@ def _numbers(effect: Effect, stderr: Mapping[str, float], before: Effect | None 
                 beside.append(f"{key} {text}")
                 continue
         listed.append(f"{key} {text}")
+    if before is not None and not listed and not turned and len(beside) == 1:
+        return tuple(beside)
     if before is not None and not listed:
         listed = ["its phases turned" if turned else "its numbers together, none of them clearly alone"]
     if beside:
         listed += [f"with it {beside[0]}", *beside[1:]]
     shown = listed[:_MOST_NUMBERS]
     return (*shown, *([f"and {len(listed) - len(shown)} more"] if len(listed) > len(shown) else []))
+
+
+def _is_clear(entry: Retuned) -> bool:
+    """Whether a change is more than the error of its number, where it has one; several may be told together alone."""
+    old, now = parameters_of(entry.before, {}), parameters_of(entry.after, dict(entry.stderr))
+    moved = [key for key in now if key not in old or now[key]["value"] != old[key]["value"]]
+    if len(moved) != 1 or moved[0] not in old:
+        return True
+    error = now[moved[0]]["stderr"]
+    return error is None or abs(now[moved[0]]["value"] - old[moved[0]]["value"]) >= CLEARLY * error
 
 
 def _how_sure(claim: Claim) -> str:

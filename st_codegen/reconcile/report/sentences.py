@@ -67,7 +67,7 @@ def _hidden(result: Reconciliation) -> str:
     # what a correction takes from the orders it takes above them as well
     if result.data.beyond_deg and not result.mistakes:
         beyond = result.data.beyond_deg
-        return f"but above the orders that were looked at the curves hold {beyond:.2g} deg RMS, more than noise"
+        return f"but beside the orders that were looked at the curves hold {beyond:.2g} deg RMS, more than noise"
     if _lasts(result):
         floor, near = result.held_out.noise_floor, result.data.neighbours_deg
         return (

@@ -408,8 +408,9 @@ _LAGS = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.7, 8.0, 11.0, 16.0, 23.0, 32.0, 45
 class _Lag:
     """What the temperature of a body that follows the oil late explains of an order, over what the oil's own does.
 
-    runs: that it takes; gain, left: of the sums of squares, by it and by nothing; per_K, reach: in noises, by kelvin
-    and from its least to its largest; lasting: how many runs the noise that is left lasts; count: numbers that tell it.
+    runs: that it takes, 0 where only by how much the oil changed since the run before counts; gain, left: of the sums
+    of squares, by it and by nothing; per_K, reach: in noises, by kelvin and from its least to its largest; lasting: how
+    many runs the noise that is left lasts; count: numbers that tell it.
     """
 
     runs: float
@@ -429,6 +430,12 @@ class _Lag:
 
     def text(self, sigma: float) -> str:
         """A phrase; sigma: the noise, deg."""
+        if not self.runs:
+            return (
+                "depends on by how much the oil temperature differs from that of the run before: "
+                f"{sigma * self.per_K:.2g} deg per kelvin, as a body that follows the oil late makes it, or a sensor "
+                "of the oil that is late itself"
+            )
         return (
             f"follows the oil temperature late, as a body that takes some {self.runs:.2g} runs to come near it: "
             f"{sigma * self.per_K:.2g} deg per kelvin"
@@ -443,15 +450,16 @@ class _Oil:
     sums: _ByRun
 
     def lags(self, runs: float) -> list[_Lag]:
-        """What a body that takes so many runs explains of each order, (K,).
+        """What a body that takes so many runs explains of each order, (K,); of 0 the change since the run before does.
 
         In each direction with a size of its own, beyond a constant, the oil itself, and a start that nobody knows.
         """
-        oil, kept = self.temperature_C, np.exp(-1.0 / runs)
-        body = np.empty(len(oil))
-        body[0] = oil[0]
-        for n in range(1, len(oil)):
-            body[n] = kept * body[n - 1] + (1.0 - kept) * oil[n]
+        oil, kept = self.temperature_C, np.exp(-1.0 / runs) if runs else 0.0
+        body = np.diff(oil, prepend=oil[0])
+        if runs:
+            body[0] = oil[0]
+            for n in range(1, len(oil)):
+                body[n] = kept * body[n - 1] + (1.0 - kept) * oil[n]
         base = np.stack([np.ones(len(oil)), oil, kept ** np.arange(len(oil))], axis=1)
         before, after, slopes, count = [], [], [], 0
         for series, weight in self.sums:
@@ -485,7 +493,10 @@ def _lags(target: FitData, sums: _ByRun, numbers: IntArray, place: IntArray) -> 
         for step in (0.15, 0.05, 0.015) if best.gain > SETTINGS.least_excess_in_time * best.left else ():
             near = (lags(best.runs * float(np.exp(n * step)))[k] for n in range(-2, 3))
             best = min(near, key=lambda lag: lag.left)
-        found.append(best)
+        # what a body keeps of the run before last tells it from what is ahead of the oil's sensor, and its size
+        change = lags(0.0)[k]
+        is_told = best.count * np.log(max(change.left, 1e-300) / max(best.left, 1e-300)) > SETTINGS.as_good
+        found.append(best if is_told else change)
     return found
 
 

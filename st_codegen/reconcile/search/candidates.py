@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
+from st_codegen.campaign.conditions import CONDITION_COLUMNS
 from st_codegen.ir.arrays import ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.fit.fitting import Fit
 from st_codegen.reconcile.fit.state import Coordinate, Piece, State
@@ -140,6 +141,30 @@ class Search:
     def net(self, candidate: Candidate) -> float:
         """Gain less the penalty of the parameters."""
         return candidate.gain - self.penalty * len(candidate.coordinates())
+
+    def is_told(self, candidate: Candidate) -> bool:
+        """Whether no size of a candidate is the same in all runs only since a condition never varied.
+
+        Skew at one speed, drift at one temperature and compliance under one load look like any constant.
+        """
+        at, orders = self.data.at, self.data.orders
+        for key in self._never_varied:
+            other = replace(at, **{key: 1.5 * getattr(at, key) + 10.0})
+            for _, c in candidate.coordinates():
+                if not c.linear:
+                    continue
+                unit = candidate.piece.unit(c)
+                now, then = (unit.contribution(conditions, orders) for conditions in (at, other))
+                sides = [now[at.sign == sign] for sign in np.unique(at.sign)]
+                if all(np.allclose(side, side[0], rtol=1e-9) for side in sides) and not np.allclose(now, then):
+                    return False
+        return True
+
+    @cached_property
+    def _never_varied(self) -> tuple[str, ...]:
+        if self.data.angle_rad is not None:
+            return ()
+        return tuple(key for key in CONDITION_COLUMNS if len(np.unique(getattr(self.data.at, key))) == 1)
 
     @cached_property
     def penalty(self) -> float:

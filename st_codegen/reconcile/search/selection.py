@@ -117,7 +117,7 @@ def _next(
 ) -> Fit | None:
     """The fit with one more effect, or None; seen: the fit by whose weights candidates are found and tried."""
     finder = Search(known, seen, moved=moved)
-    ranked = [c for c in finder.ranked() if finder.net(c) > 0]
+    ranked = [c for c in finder.ranked() if finder.net(c) > 0 and finder.is_told(c)]
     for _ in range(SETTINGS.rounds):
         ranked = [c for c in ranked if not _failed_before(c, refused)]
         if not ranked:
