@@ -134,6 +134,7 @@ def _numbers(call: NodeCall, number: int, what: str, shape: tuple[int, ...]) -> 
     return array.astype(np.float64).reshape(shape)
 
 
+@operator("RNN GRU LSTM", 7, 14, 22)
 def _recurrent(call: NodeCall) -> Result:
     tensor, walk, node = call.computed(), call.walk, call.node
     if tensor.dtype != FLOAT32:
@@ -173,7 +174,3 @@ def _outputs(results: list[tuple[Tensor, bool]], hidden: int) -> tuple[Tensor, .
     parts = [slice(start, start + hidden) for start in range(0, last[0].shape[1], hidden)]
     ends = [together(last, np.stack).moved(itemgetter((..., part))) for part in parts]
     return (together(all_h, partial(np.stack, axis=1)), *ends)
-
-
-for _name in _LAYERS:
-    operator(_name, 7, 14, 22)(_recurrent)
