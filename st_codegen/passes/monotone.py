@@ -17,7 +17,7 @@ import numpy as np
 
 from st_codegen import ir
 from st_codegen.ir import reference
-from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray
+from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray, next_single
 from st_codegen.ir.operations import one_column
 
 #: Stands for infinity among the neighbours of a float32 number: as far behind the largest one as that is from the next.
@@ -207,24 +207,25 @@ def goes_left(op: ir.TreeEnsemble, value: FloatArray, thresholds: FloatArray) ->
 
 def _direct(op: ir.TreeEnsemble, thresholds: FloatArray, domain: Domain) -> tuple[FloatArray, BoolArray]:
     """What `changeovers` finds where an input is compared as it is, or rounded to float32: without a search."""
-    less = op.comparison is ir.Comparison.LESS
-    if op.input_precision is ir.Precision.FLOAT64:
-        edge = np.nextafter(thresholds, -np.inf) if less else thresholds
-    else:
-        below = thresholds.astype(np.float32)
-        too_high = below >= thresholds if less else below > thresholds
-        below = np.where(too_high, np.nextafter(below, np.float32(-np.inf)), below)
-        above = np.nextafter(below, np.float32(np.inf))
-        # halfway between neighbours the even one is taken; beyond the largest float32 comes infinity
-        halfway = (
-            np.clip(below.astype(np.float64), -_BEYOND, _BEYOND) + np.clip(above.astype(np.float64), -_BEYOND, _BEYOND)
-        ) / 2
-        kept = halfway.astype(np.float32).astype(np.float64)
-        stays = kept < thresholds if less else kept <= thresholds
-        edge = np.where(stays, halfway, np.nextafter(halfway, -np.inf))
-    edge = np.where(thresholds == np.inf, np.inf, edge)
+    edge = np.where(thresholds == np.inf, np.inf, last_on_the_left(op, thresholds))
     left = edge >= domain.lower
     return np.where(left & (edge < domain.upper), edge, np.nan), np.asarray(left, np.bool_)
+
+
+def last_on_the_left(op: ir.TreeEnsemble, thresholds: FloatArray) -> FloatArray:
+    """The largest number that splits with these thresholds send left, as it is or rounded to float32."""
+    less = op.comparison is ir.Comparison.LESS
+    if op.input_precision is ir.Precision.FLOAT64:
+        return np.nextafter(thresholds, -np.inf) if less else thresholds
+    below = next_single(thresholds, up=False, strict=less)
+    above = np.nextafter(below, np.float32(np.inf))
+    # halfway between neighbours the even one is taken; beyond the largest float32 comes infinity
+    low, high = (np.clip(side.astype(np.float64), -_BEYOND, _BEYOND) for side in (below, above))
+    halfway: FloatArray = (low + high) / 2
+    with np.errstate(over="ignore"):
+        kept = halfway.astype(np.float32).astype(np.float64)
+    stays = kept < thresholds if less else kept <= thresholds
+    return np.where(stays, halfway, np.nextafter(halfway, -np.inf))
 
 
 def step_edges(op: ir.TreeEnsemble, number: int, chain: Chain, domain: Domain) -> FloatArray:

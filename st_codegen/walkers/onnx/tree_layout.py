@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from st_codegen import ir
 from st_codegen.errors import InputError, UnsupportedModelError, counted
-from st_codegen.ir.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from st_codegen.ir.arrays import AnyArray, BoolArray, FloatArray, IntArray, next_single
 from st_codegen.ir.preorder import Preorder, preorder
 from st_codegen.walkers.onnx.equality import check_merges, merge_equality_chains
 from st_codegen.walkers.onnx.forest import Forest, Mode, NumberType
@@ -194,11 +194,10 @@ def largest_below(value: FloatArray, number_type: NumberType) -> FloatArray:
 
     Below the lowest float32 only minus infinity is left; the float64 below it serves as well.
     """
+    single = next_single(value, up=False, strict=True)
     with np.errstate(over="ignore"):
-        nearest: AnyArray = value.astype(number_type)
-        next_below = np.nextafter(nearest, number_type(-np.inf))
-        below = np.where(nearest >= value, next_below, nearest).astype(np.float64)
-        return np.where(np.isinf(below), np.nextafter(value, -np.inf), below)
+        below = np.nextafter(value, -np.inf)
+    return below if number_type is np.float64 else np.where(np.isinf(single), below, single)
 
 
 @dataclass(frozen=True)
