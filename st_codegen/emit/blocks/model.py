@@ -436,10 +436,8 @@ def _operations(model: ModelIR, listing: Listing, *, aged: bool) -> list[ArrayEl
     names = ["aInput", *(step.result for step in steps)]
     results = [ArrayElement(names[-1], number) for number in range(len(model.outputs))]
     if isinstance(last, Select):
-        joined = [
-            ArrayElement(names[value], number) for value in last.inputs for number in range(model.value_width(value))
-        ]
-        results = [joined[column] for column in last.columns]
+        sources = [last.source(number, model.value_width) for number in range(last.width)]
+        results = [ArrayElement(names[value], column) for value, column in sources]
     _write_outputs(model, listing, results, aged=aged)
     return results
 
