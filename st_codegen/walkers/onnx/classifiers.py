@@ -13,7 +13,7 @@ import numpy as np
 
 from st_codegen import ir
 from st_codegen.errors import InputError, UnsupportedModelError, counted
-from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray
+from st_codegen.ir.arrays import BoolArray, FloatArray
 from st_codegen.walkers.classes import above, largest, pair_coefficients, pair_votes, whole_sums
 from st_codegen.walkers.onnx.elementwise import equals
 from st_codegen.walkers.onnx.file import GraphNode, plain
@@ -23,6 +23,7 @@ from st_codegen.walkers.onnx.ml import kernel_sum, transformed, trees
 from st_codegen.walkers.onnx.operands import FLOAT32, LabelOperand, Operand, Tensor, axis_of, one_row
 from st_codegen.walkers.onnx.operators import apply_linear, apply_softmax, with_constant
 from st_codegen.walkers.onnx.shapes import joined
+from st_codegen.walkers.onnx.tree_layout import targets_of_trees
 from st_codegen.walkers.onnx.tree_lists import numbers, read_lists
 
 _DOMAIN = "ai.onnx.ml"
@@ -94,11 +95,9 @@ def _tree_classifier(call: NodeCall) -> Result:
 
 def _given(forest: Forest) -> tuple[BoolArray, BoolArray]:
     """For each class whether all leaves of some tree have a weight for it, and whether any leaf has one."""
-    tree: IntArray = np.searchsorted(forest.roots, np.flatnonzero(forest.leaf >= 0), side="right")
-    key, times = np.unique(tree[forest.weight_leaf] * forest.n_targets + forest.weight_target, return_counts=True)
-    of_tree, target = np.divmod(key, forest.n_targets)
+    _, target, complete = targets_of_trees(forest, forest.roots, forest.leaf)
     classes = np.arange(forest.n_targets)
-    return np.isin(classes, target[times == np.bincount(tree)[of_tree]]), np.isin(classes, target)
+    return np.isin(classes, target[complete]), np.isin(classes, target)
 
 
 def _two_classes(

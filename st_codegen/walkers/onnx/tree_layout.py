@@ -254,7 +254,7 @@ def _leaf_values(forest: Forest, flat: Preorder) -> tuple[FloatArray, IntArray]:
     that changes nothing.
     """
     rows, n_targets = forest.n_leaves, forest.n_targets
-    tree, target, complete = _targets_of_trees(forest, flat)
+    tree, target, complete = targets_of_trees(forest, flat.roots, forest.leaf[flat.order])
     if n_targets > 1:
         _check_coverage(forest, np.unique(target[complete]))
     if len(tree) == len(flat.roots):
@@ -274,11 +274,13 @@ def _leaf_values(forest: Forest, flat: Preorder) -> tuple[FloatArray, IntArray]:
     return leaf_value, np.zeros(len(flat.roots), np.int64)
 
 
-def _targets_of_trees(forest: Forest, flat: Preorder) -> tuple[IntArray, IntArray, BoolArray]:
-    """Each tree with each of its targets, and whether all leaves of the tree have a weight for the target."""
-    leaf = forest.leaf[flat.order]
+def targets_of_trees(forest: Forest, roots: AnyArray, leaf: IntArray) -> tuple[IntArray, IntArray, BoolArray]:
+    """Each tree with each of its targets, and whether all leaves of the tree have a weight for the target.
+
+    `roots` and `leaf` (of each node) are those of the trees as they are laid out.
+    """
     position = np.flatnonzero(leaf >= 0)
-    tree = np.searchsorted(flat.roots, position, side="right") - 1
+    tree = np.searchsorted(roots, position, side="right") - 1
     start = np.searchsorted(forest.weight_leaf, np.arange(forest.n_leaves + 1))
     count = np.diff(start)[leaf[position]]
     within = np.arange(int(count.sum())) - np.repeat(np.cumsum(count) - count, count)
