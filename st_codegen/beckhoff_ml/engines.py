@@ -18,6 +18,7 @@ from st_codegen import ir
 from st_codegen.beckhoff_ml.file import ACTIVATIONS, KERNELS
 from st_codegen.errors import UnsupportedModelError, errors_name
 from st_codegen.ir.arrays import Float32Array, FloatArray, Int32Array
+from st_codegen.passes.monotone import last_on_the_left
 from st_codegen.walkers.base import GraphBuilder
 from st_codegen.walkers.classes import pair_coefficients, pair_votes
 
@@ -252,9 +253,9 @@ def _(op: ir.TreeEnsemble, front: _Front) -> tuple[Engine, ...]:
     _check_trees(op)
     width = len(front.model.features)
     inputs = Affine.identity(width) if front.affine.changes_nothing else front.in_place()
-    single = op.input_precision is ir.Precision.FLOAT32 or front.rounds
+    read = replace(op, input_precision=ir.Precision.FLOAT32) if front.rounds else op
     split = _EngineSplits(
-        threshold_for_less_or_equal(op, single=single),
+        last_on_the_left(read, np.where(op.split >= 0, op.threshold, 0.0)),
         front.columns[np.array([column.column for column in op.columns] or [0], np.int32)],
     )
     outputs = output_of(front.model, front.number)
@@ -317,28 +318,6 @@ def _check_trees(op: ir.TreeEnsemble) -> None:
         reasons.append("nodes that several splits share")
     if reasons:
         raise UnsupportedModelError(f"trees with {', '.join(reasons)}: not expressible")
-
-
-def threshold_for_less_or_equal(op: ir.TreeEnsemble, *, single: bool) -> FloatArray:
-    """Thresholds t' with `x <= t'` for float64 x exactly where the library goes left; `single`: it reads float32(x).
-
-    A library that compares float32(x) goes left up to the largest float64 that rounds to the last float32 on the left:
-    the middle to the next one (where a tie goes to the even one of the two).
-    """
-    threshold = np.where(op.split >= 0, op.threshold, 0.0)
-    if not single:
-        return np.nextafter(threshold, -np.inf) if op.comparison is ir.Comparison.LESS else threshold
-    with np.errstate(over="ignore"):
-        last = threshold.astype(np.float32)
-    beyond = last > threshold if op.comparison is ir.Comparison.LESS_OR_EQUAL else last >= threshold
-    last = np.where(beyond, np.nextafter(last, np.float32(-np.inf)), last)
-    following = np.nextafter(last, np.float32(np.inf))
-    largest = np.isinf(following)  # what rounds to the largest float32 ends below the overflow limit
-    middle = (last.astype(np.float64) + np.where(largest, ir.FLOAT32_OVERFLOW, following.astype(np.float64))) / 2
-    middle = np.where(largest, ir.FLOAT32_OVERFLOW, middle)
-    even = (last.view(np.int32) & 1) == 0
-    exact = np.where(even & ~largest, middle, np.nextafter(middle, -np.inf))
-    return np.maximum(exact, -np.finfo(np.float64).max)
 
 
 @_engines.register

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar
 
@@ -46,6 +47,15 @@ class Select(ReadsColumns):
 
     def check_operands(self, total: int) -> None:
         check_columns(self, self.columns, total)
+
+    def source(self, number: int, width_of: Callable[[int], int]) -> tuple[int, int]:
+        """The value that a column is picked from, and which of its columns it is; `width_of` has the width of each."""
+        at = int(self.columns[number])
+        for value in self.inputs[:-1]:
+            if at < width_of(value):
+                return value, at
+            at -= width_of(value)
+        return self.inputs[-1], at
 
 
 @dataclass(frozen=True)

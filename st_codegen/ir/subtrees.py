@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from st_codegen.ir.arrays import FloatArray, IntArray
+from st_codegen.ir.arrays import FloatArray, Int32Array, IntArray
 from st_codegen.ir.trees import TreeEnsemble
 
 
@@ -15,32 +15,21 @@ from st_codegen.ir.trees import TreeEnsemble
 class Subtrees:
     """Which subtrees are equal.
 
-    `number` (nodes) is the same for equal subtrees, -1 where no row comes. `forward` (nodes) is the node that stands
-    in for each node: for a split with two equal children it is one of them.
+    `number` (nodes) is the same for equal subtrees. `forward` (nodes) is the node that stands in for each node: for a
+    split with two equal children it may be one of them.
     """
 
     number: IntArray
     forward: IntArray
 
 
-def subtrees(op: TreeEnsemble, substitute: IntArray | None = None) -> Subtrees:
-    """Number all subtrees from the leaves up.
-
-    `substitute` has the node that stands in for each node, -1 where no row comes. With None all nodes stay as they are,
-    and so do splits with equal children.
-    """
-    collapse = substitute is not None
-    if substitute is None:
-        substitute = np.arange(op.n_nodes, dtype=np.int64)
-    forward = substitute.copy()
-    number = np.full(op.n_nodes, -1, np.int64)
-    own = np.flatnonzero(substitute == np.arange(op.n_nodes))  # the nodes that stay
-    leaves = own[op.split[own] < 0]
+def subtrees(op: TreeEnsemble, *, collapse: bool = False) -> Subtrees:
+    """Number all subtrees from the leaves up; with `collapse` a split with equal children is one of them."""
+    forward = np.arange(op.n_nodes, dtype=np.int64)
     _, kind = distinct_rows(op.leaf_value)
-    number[leaves] = kind[op.leaf[leaves]]
+    number = np.where(op.split < 0, kind[op.leaf], -1)
     used = int(kind.max(initial=0)) + 1
-    inner = own[op.split[own] >= 0]
-    for nodes in _by_height(op, substitute, inner):
+    for nodes in _by_height(op):
         left, right = forward[op.left[nodes]], forward[op.right[nodes]]
         same = (number[left] == number[right]) & collapse
         forward[nodes[same]] = left[same]
@@ -49,9 +38,6 @@ def subtrees(op: TreeEnsemble, substitute: IntArray | None = None) -> Subtrees:
         if rest.size:
             number[rest] = used + _numbered(op, rest, number[left[~same]], number[right[~same]])
             used = int(number[rest].max()) + 1
-    known = np.flatnonzero(substitute >= 0)
-    follow(forward)
-    number[known] = number[forward[known]]
     return Subtrees(number, forward)
 
 
@@ -82,17 +68,18 @@ def _pairs(first: IntArray, second: IntArray) -> IntArray:
     return first * (int(second.max(initial=0)) + 1) + second
 
 
-def _by_height(op: TreeEnsemble, substitute: IntArray, inner: IntArray) -> list[IntArray]:
-    """The splits `inner` in groups: first those above two leaves, then those above these, and so on."""
-    levels: list[IntArray] = []
-    here = substitute[op.roots]
+def _by_height(op: TreeEnsemble) -> list[IntArray]:
+    """The splits in groups: first those above two leaves, then those above these, and so on."""
+    levels: list[Int32Array] = []
+    here = op.roots
     while here.size:
         split = here[op.split[here] >= 0]
         levels.append(split)
-        here = np.concatenate([substitute[op.left[split]], substitute[op.right[split]]])
+        here = np.concatenate([op.left[split], op.right[split]])
     height = np.zeros(op.n_nodes, np.min_scalar_type(len(levels)))  # NumPy sorts small integers in linear time
     for split in reversed(levels):
-        height[split] = 1 + np.maximum(height[substitute[op.left[split]]], height[substitute[op.right[split]]])
+        height[split] = 1 + np.maximum(height[op.left[split]], height[op.right[split]])
+    inner = np.flatnonzero(op.split >= 0)
     order = inner[np.argsort(height[inner], kind="stable")]
     groups = np.split(order, np.flatnonzero(np.diff(height[order])) + 1)
     return [group for group in groups if group.size]
@@ -109,13 +96,3 @@ def distinct_rows(values: FloatArray | IntArray) -> tuple[IntArray, IntArray]:
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
     return first[order], rank[np.ravel(kind)]
-
-
-def follow(substitute: IntArray) -> None:
-    """Replace substitutes by their own substitutes until nothing changes; the array itself is changed."""
-    known = np.flatnonzero(substitute >= 0)
-    while True:
-        further = substitute[substitute[known]]
-        if np.array_equal(further, substitute[known]):
-            return
-        substitute[known] = further

@@ -13,7 +13,6 @@ import socket
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Any, Protocol
 
 import numpy as np
@@ -103,9 +102,7 @@ class AdsController(Controller):
         with contextlib.suppress(self._pyads.ADSError):
             self.device = str(self._connection.read_device_info()[0]).strip()
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         with contextlib.suppress(Exception):
             self._connection.close()
 
@@ -231,9 +228,7 @@ class OpcUaController(Controller):
             reason = str(error) or f"no answer within {timeout_s:g} s"
             raise SilentError(f"{self.address}: {reason}: is it an OPC UA server?") from None
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         with contextlib.suppress(Exception):
             self._client.disconnect()
 

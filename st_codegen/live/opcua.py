@@ -16,8 +16,7 @@ import numpy as np
 
 from st_codegen.errors import MissingExtraError
 from st_codegen.live.plc import Log, SoftPlc
-from st_codegen.live.symbols import WireVariable, wire_size
-from st_codegen.st.run.layout import aligned, dtype_of
+from st_codegen.live.symbols import WireVariable, wire_dtype
 from st_codegen.st.types import ArrayType, Elementary, EnumType, Kind, StructType, Type
 
 try:
@@ -141,18 +140,16 @@ class OpcUaServer:
 
     async def _add_structure(self, parent: Any, space: int, symbol: WireVariable, data_type: Any) -> None:
         short = symbol.name.split(".", 1)[1]
-        value = _structure(symbol.type, symbol.read())
+        value = _content(symbol)
         node = await parent.add_variable(ua.NodeId(symbol.name, space), short, value, datatype=data_type.nodeid)
-        self._answer(node, lambda *_: ua.DataValue(ua.Variant(_structure(symbol.type, symbol.read()))))
+        self._answer(node, lambda *_: ua.DataValue(ua.Variant(_content(symbol))))
 
     def _answer(self, node: Any, callback: Any) -> None:
         self._server.iserver.aspace.set_attribute_value_callback(node.nodeid, ua.AttributeIds.Value, callback)
         self._told[node.nodeid] = ""
 
     def _value(self, symbol: WireVariable, kind: ua.VariantType) -> ua.DataValue:
-        values = np.frombuffer(symbol.read(), _dtype(symbol.type))
-        content = values.tolist() if isinstance(symbol.type, ArrayType) else values[0].item()
-        return ua.DataValue(ua.Variant(content, kind))
+        return ua.DataValue(ua.Variant(_content(symbol), kind))
 
     def _set(
         self, symbol: WireVariable, kind: ua.VariantType, _node: Any, _attribute: Any, value: ua.DataValue
@@ -160,16 +157,11 @@ class OpcUaServer:
         given = value.Value
         if given is None or given.VariantType != kind:
             raise ua.uaerrors.BadTypeMismatch
-        dtype = _dtype(symbol.type)
         try:
-            symbol.write(np.atleast_1d(np.asarray(given.Value, dtype)).tobytes())
+            symbol.write(np.asarray(given.Value, wire_dtype(symbol.type).base).tobytes())
         except (ValueError, OverflowError) as error:
             self.log(f"OPC UA: {error}")
             raise ua.uaerrors.BadOutOfRange from None
-
-
-def _dtype(type_: Type) -> np.dtype[Any]:
-    return dtype_of(type_.element if isinstance(type_, ArrayType) else type_)
 
 
 def _field_type(type_: Type, known: dict[str, Any]) -> Any:
@@ -178,21 +170,18 @@ def _field_type(type_: Type, known: dict[str, Any]) -> Any:
     return known.get(inner.name) if isinstance(inner, StructType) else variant_type(inner)
 
 
-def _structure(type_: Type, data: bytes) -> Any:
-    """The value of a structure, from its bytes on the wire of ADS."""
+def _content(symbol: WireVariable) -> Any:
+    """The present value of a variable."""
+    return _told(symbol.type, np.frombuffer(symbol.read(), wire_dtype(symbol.type))[0])
+
+
+def _told(type_: Type, value: Any) -> Any:
+    """A value as clients know it."""
     if isinstance(type_, StructType):
-        values, offset = {}, 0
-        for entry in type_.fields:
-            size, alignment = wire_size(entry.type)
-            offset = aligned(offset, alignment)
-            values[entry.name] = _structure(entry.type, data[offset : offset + size])
-            offset += size
-        return getattr(ua, type_.name)(**values)
+        return getattr(ua, type_.name)(**{entry.name: _told(entry.type, value[entry.name]) for entry in type_.fields})
     if isinstance(type_, ArrayType) and isinstance(type_.element, StructType):
-        size, _ = wire_size(type_.element)
-        return [_structure(type_.element, data[size * number : size * (number + 1)]) for number in range(type_.size)]
-    numbers = np.frombuffer(data, _dtype(type_))
-    return numbers.tolist() if isinstance(type_, ArrayType) else numbers[0].item()
+        return [_told(type_.element, part) for part in value]
+    return value.tolist()
 
 
 _KINDS = {

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from st_codegen.st import Machine, StUsageError
 from st_codegen.st import tree as t
-from st_codegen.st.run.layout import aligned, dtype_of
+from st_codegen.st.run.layout import dtype_of
 from st_codegen.st.run.memory import Memory
 from st_codegen.st.run.paths import Place
 from st_codegen.st.types import ArrayType, BlockType, Elementary, EnumType, Kind, PointerType, StructType, Type
@@ -142,24 +143,22 @@ class WireVariables:
                 found[-1] = WirePart(last.wire, last.memory, last.size + part.size)
             else:
                 found.append(part)
-        return wire_size(place.type)[0], tuple(found)
+        return wire_dtype(place.type).itemsize, tuple(found)
 
     def _parts(self, type_: Type, wire: int, memory: int) -> Iterator[WirePart]:
         layout = self._machine.layout
         if isinstance(type_, ArrayType):
-            size, _ = wire_size(type_.element)
+            size = wire_dtype(type_.element).itemsize
             if isinstance(type_.element, Elementary | EnumType) and not _is_of(type_.element, Kind.STRING):
                 yield WirePart(wire, memory, size * type_.size)
                 return
             for number in range(type_.size):
                 yield from self._parts(type_.element, wire + number * size, memory + number * layout.stride(type_))
         elif isinstance(type_, StructType):
-            offset, members = 0, layout.record(type_).members
+            members, fields = layout.record(type_).members, dict(wire_dtype(type_).fields or {})
             for entry in type_.fields:
-                size, alignment = wire_size(entry.type)
-                offset = 0 if type_.is_union else aligned(offset, alignment)
-                yield from self._parts(entry.type, wire + offset, memory + members[entry.name.upper()].offset)
-                offset += size
+                own, offset = members[entry.name.upper()].offset, fields[entry.name][1]
+                yield from self._parts(entry.type, wire + offset, memory + own)
         elif isinstance(type_, Elementary) and type_.kind is Kind.STRING:
             yield WirePart(wire, memory, layout.size_of(type_), type_.bits)
         else:
@@ -175,22 +174,18 @@ def _has_value(type_: Type) -> bool:
     return isinstance(type_, Elementary | EnumType) and not isinstance(type_, PointerType)
 
 
-def wire_size(type_: Type) -> tuple[int, int]:
-    """Bytes and alignment of a variable on a controller."""
+def wire_dtype(type_: Type) -> np.dtype[Any]:
+    """The bytes of a variable on a controller."""
     if isinstance(type_, ArrayType):
-        size, alignment = wire_size(type_.element)
-        return size * type_.size, alignment
+        return np.dtype((wire_dtype(type_.element), (type_.size,)))
     if isinstance(type_, StructType):
-        end, largest = 0, 1
-        for entry in type_.fields:
-            size, alignment = wire_size(entry.type)
-            end = max(end, size) if type_.is_union else aligned(end, alignment) + size
-            largest = max(largest, alignment)
-        return aligned(end, largest), largest
+        names, formats = [entry.name for entry in type_.fields], [wire_dtype(entry.type) for entry in type_.fields]
+        if type_.is_union:
+            return np.dtype({"names": names, "formats": formats, "offsets": [0] * len(names)}, align=True)
+        return np.dtype({"names": names, "formats": formats}, align=True)
     if isinstance(type_, Elementary) and type_.kind is Kind.STRING:
-        return type_.bits + 1, 1
-    size = dtype_of(type_).itemsize
-    return size, size
+        return np.dtype(f"S{type_.bits + 1}")
+    return dtype_of(type_)
 
 
 def type_name(type_: Type) -> str:

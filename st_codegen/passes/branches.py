@@ -6,7 +6,7 @@ what no row reaches is gone (`prune`). Each comparison is code of its own: this 
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -68,10 +68,9 @@ def _branched(rank: Rank, op: TreeEnsemble) -> BranchedTree | None:
     changed["left"][inner] = np.where(swapped, op.right[inner], op.left[inner])
     changed["right"][inner] = np.where(swapped, op.left[inner], op.right[inner])
     changed["missing_left"][inner] = missing_left != swapped
-    given = {field.name: getattr(op, field.name) for field in fields(op)}
     features = max((column.column for column in rank.columns), default=0) + 1
     return BranchedTree(
-        **given
+        **vars(op)
         | changed
         | {
             "inputs": rank.inputs,

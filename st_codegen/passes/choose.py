@@ -204,34 +204,31 @@ def _ranked_cost(op: ir.TreeEnsemble) -> CallCost:
     return CallCost(7.0 * visits + 10.0 * op.n_trees, lines, 4 * numbers + op.leaf_value.nbytes)
 
 
+def _reading(instructions: float, numbers: int) -> CallCost:
+    """The cost of an operation that reads so many numbers of its tables."""
+    return CallCost(instructions, _touched(8.0 * numbers), 8 * numbers)
+
+
 @_cost.register
 def _(op: ir.KernelSum) -> CallCost:
     vectors, columns = op.support_vectors.shape
-    return CallCost(
-        instructions=vectors * (6.0 * columns + 60.0 + 4.0 * op.width),
-        lines=_touched(8.0 * vectors * (columns + op.width)),
-        table_bytes=8 * vectors * (columns + op.width),
-    )
+    return _reading(vectors * (6.0 * columns + 60.0 + 4.0 * op.width), vectors * (columns + op.width))
 
 
 @_cost.register
 def _(op: ir.FactoredKernel) -> CallCost:
-    values = sum(len(axis) for axis in op.axes)
     size = op.coefficients.size
-    return CallCost(instructions=80.0 * values + 8.0 * 1.5 * size, lines=_touched(8.0 * size), table_bytes=8 * size)
+    return _reading(80.0 * sum(len(axis) for axis in op.axes) + 8.0 * 1.5 * size, size)
 
 
 @_cost.register
 def _(op: ir.Linear) -> CallCost:
-    return CallCost(
-        instructions=6.0 * op.weights.size, lines=_touched(op.weights.nbytes), table_bytes=int(op.weights.nbytes)
-    )
+    return _reading(6.0 * op.weights.size, op.weights.size)
 
 
 @_cost.register
 def _(op: ir.SlidingLinear) -> CallCost:
-    read = int(op.weights.nbytes)
-    return CallCost(instructions=8.0 * len(op.starts) * op.weights.size, lines=_touched(read), table_bytes=read)
+    return _reading(8.0 * len(op.starts) * op.weights.size, op.weights.size)
 
 
 @_cost.register

@@ -163,27 +163,17 @@ def _(op: ir.Select, operands: list[FloatArray]) -> tuple[float, FloatArray]:
 
 
 @magnitudes.register
-def _(op: ir.Scale, operands: list[FloatArray]) -> tuple[float, FloatArray]:
-    constant = np.abs(op.constant)
+def _(op: ir.Scale | ir.Combine, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+    one, other = operands if isinstance(op, ir.Combine) else (operands[0], np.abs(op.constant))
     if op.operator in (ir.Operator.ADD, ir.Operator.SUBTRACT):
-        return _peak(operands[0] + constant)
+        return _peak(one + other)
     if op.operator is ir.Operator.MULTIPLY:
-        return _peak(operands[0] * constant)
+        return _peak(one * other)
     if op.operator in (ir.Operator.MAXIMUM, ir.Operator.MINIMUM):
-        return _peak(np.maximum(operands[0], constant))
-    # constant / x is guarded at run time against results above the ceiling
-    return _peak(np.full(len(constant), op.ceiling) if op.reverse else operands[0] / constant)
-
-
-@magnitudes.register
-def _(op: ir.Combine, operands: list[FloatArray]) -> tuple[float, FloatArray]:
-    if op.operator in (ir.Operator.ADD, ir.Operator.SUBTRACT):
-        return _peak(operands[0] + operands[1])
-    if op.operator is ir.Operator.MULTIPLY:
-        return _peak(operands[0] * operands[1])
-    if op.operator in (ir.Operator.MAXIMUM, ir.Operator.MINIMUM):
-        return _peak(np.maximum(operands[0], operands[1]))
-    return _peak(np.full(op.width, op.ceiling))
+        return _peak(np.maximum(one, other))
+    # a quotient by a computed number is guarded at run time against results above the ceiling
+    guarded = isinstance(op, ir.Combine) or op.reverse
+    return _peak(np.full(op.width, op.ceiling) if guarded else one / other)
 
 
 @magnitudes.register

@@ -21,19 +21,9 @@ import numpy as np
 
 from st_codegen import ir
 from st_codegen.ir import reference
-from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray
+from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray, from_order, to_order
 from st_codegen.passes.jumps import largest_jump
-from st_codegen.passes.monotone import (
-    Chain,
-    Column,
-    Domain,
-    changeovers,
-    columns_of,
-    domain_of,
-    from_order,
-    goes_left,
-    to_order,
-)
+from st_codegen.passes.monotone import Chain, Column, Domain, changeovers, columns_of, domain_of, goes_left
 from st_codegen.passes.unread import read_values, without_unread
 
 #: Rising functions that NumPy computes for the library.

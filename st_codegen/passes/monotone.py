@@ -17,7 +17,7 @@ import numpy as np
 
 from st_codegen import ir
 from st_codegen.ir import reference
-from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray
+from st_codegen.ir.arrays import BoolArray, FloatArray, bisected, from_order, next_single, to_order
 from st_codegen.ir.operations import one_column
 
 #: Stands for infinity among the neighbours of a float32 number: as far behind the largest one as that is from the next.
@@ -141,36 +141,16 @@ def domain_of(model: ir.ModelIR, feature: int) -> Domain:
     return Domain(lower, upper)
 
 
-def _ordered(bits: IntArray) -> IntArray:
-    """Bits of float64 numbers as integers in the order of the numbers (and back; both zeros are 0)."""
-    return np.where(bits < 0, np.int64(-(2**63)) - bits, bits)
-
-
-def to_order(x: FloatArray) -> IntArray:
-    """Integers in the order of float64 numbers, one apart for neighbours; both zeros are 0."""
-    return _ordered(np.ascontiguousarray(x).view(np.int64))
-
-
-def from_order(key: IntArray) -> FloatArray:
-    """The float64 numbers of the integers that `to_order` gives."""
-    return _ordered(key).view(np.float64)
-
-
 def changeovers(decide: Callable[[FloatArray], BoolArray], count: int, domain: Domain) -> tuple[FloatArray, BoolArray]:
     """Where each of `count` monotone decisions changes over: the largest number that is decided as `domain.lower` is.
 
     `decide` takes one number for each decision. Returns these numbers, NaN where the decision never changes, and the
     decision at the lower end of the domain.
     """
-    low = to_order(np.full(count, domain.lower))
-    high = to_order(np.full(count, domain.upper))
-    first = decide(from_order(low))
-    changes = decide(from_order(high)) != first
-    while np.any(high - 1 > low):  # at most 64 halvings; high - low would overflow
-        middle = (low & high) + ((low ^ high) >> 1)
-        same = decide(from_order(middle)) == first
-        low, high = np.where(same, middle, low), np.where(same, high, middle)
-    return np.where(changes, from_order(low), np.nan), first
+    low, high = (np.full(count, end) for end in (domain.lower, domain.upper))
+    first = decide(low)
+    found = bisected(lambda key: decide(from_order(key)), to_order(low), to_order(high))
+    return np.where(decide(high) != first, from_order(found), np.nan), first
 
 
 @dataclass(frozen=True)
@@ -207,24 +187,25 @@ def goes_left(op: ir.TreeEnsemble, value: FloatArray, thresholds: FloatArray) ->
 
 def _direct(op: ir.TreeEnsemble, thresholds: FloatArray, domain: Domain) -> tuple[FloatArray, BoolArray]:
     """What `changeovers` finds where an input is compared as it is, or rounded to float32: without a search."""
-    less = op.comparison is ir.Comparison.LESS
-    if op.input_precision is ir.Precision.FLOAT64:
-        edge = np.nextafter(thresholds, -np.inf) if less else thresholds
-    else:
-        below = thresholds.astype(np.float32)
-        too_high = below >= thresholds if less else below > thresholds
-        below = np.where(too_high, np.nextafter(below, np.float32(-np.inf)), below)
-        above = np.nextafter(below, np.float32(np.inf))
-        # halfway between neighbours the even one is taken; beyond the largest float32 comes infinity
-        halfway = (
-            np.clip(below.astype(np.float64), -_BEYOND, _BEYOND) + np.clip(above.astype(np.float64), -_BEYOND, _BEYOND)
-        ) / 2
-        kept = halfway.astype(np.float32).astype(np.float64)
-        stays = kept < thresholds if less else kept <= thresholds
-        edge = np.where(stays, halfway, np.nextafter(halfway, -np.inf))
-    edge = np.where(thresholds == np.inf, np.inf, edge)
+    edge = np.where(thresholds == np.inf, np.inf, last_on_the_left(op, thresholds))
     left = edge >= domain.lower
     return np.where(left & (edge < domain.upper), edge, np.nan), np.asarray(left, np.bool_)
+
+
+def last_on_the_left(op: ir.TreeEnsemble, thresholds: FloatArray) -> FloatArray:
+    """The largest number that splits with these thresholds send left, as it is or rounded to float32."""
+    less = op.comparison is ir.Comparison.LESS
+    if op.input_precision is ir.Precision.FLOAT64:
+        return np.nextafter(thresholds, -np.inf) if less else thresholds
+    below = next_single(thresholds, up=False, strict=less)
+    above = np.nextafter(below, np.float32(np.inf))
+    # halfway between neighbours the even one is taken; beyond the largest float32 comes infinity
+    low, high = (np.clip(side.astype(np.float64), -_BEYOND, _BEYOND) for side in (below, above))
+    halfway: FloatArray = (low + high) / 2
+    with np.errstate(over="ignore"):
+        kept = halfway.astype(np.float32).astype(np.float64)
+    stays = kept < thresholds if less else kept <= thresholds
+    return np.where(stays, halfway, np.nextafter(halfway, -np.inf))
 
 
 def step_edges(op: ir.TreeEnsemble, number: int, chain: Chain, domain: Domain) -> FloatArray:

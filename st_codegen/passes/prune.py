@@ -11,14 +11,12 @@ import dataclasses
 
 import numpy as np
 
-from st_codegen.ir import Aggregate, Int32Array, IntArray, ModelIR, Precision, Rank, TreeEnsemble
-from st_codegen.ir.preorder import Preorder, preorder
-from st_codegen.ir.subtrees import distinct_rows, follow, subtrees
+from st_codegen.ir import Aggregate, IntArray, ModelIR, Precision, Rank, TreeEnsemble
+from st_codegen.ir.preorder import preorder
+from st_codegen.ir.subtrees import distinct_rows, subtrees
 from st_codegen.ir.trees import with_nodes
+from st_codegen.passes.boxes import in_boxes
 from st_codegen.passes.ranks import compact
-
-#: Numbers kept at once for the reachable ranks of the nodes of one level.
-_BOXES = 8_000_000
 
 
 def pruned(model: ModelIR) -> ModelIR:
@@ -34,64 +32,16 @@ def pruned(model: ModelIR) -> ModelIR:
 
 
 def _pruned_pair(rank: Rank, op: TreeEnsemble, *, accepts_nan: bool) -> tuple[Rank, TreeEnsemble]:
-    live = _reachable(op, *rank.ends(accepts_nan=accepts_nan))
-    trees = _rebuilt(op, live, subtrees(op, live).forward)
-    trees = _without_constant_trees(trees)
-    return _compacted(rank, trees)
+    low, high = rank.ends(accepts_nan=accepts_nan)
+    reached = in_boxes(op, low[None], high[None])
+    trees = _rebuilt(reached, subtrees(reached, collapse=True).forward)
+    return _compacted(rank, _without_constant_trees(trees))
 
 
-def _reachable(op: TreeEnsemble, low: Int32Array, high: Int32Array) -> IntArray:
-    """The node that stands in for each node: itself, or the only child that rows reach.
-
-    It is -1 for nodes that no row reaches. `low` and `high` are the ranks that each column can have.
-    """
-    substitute = np.full(op.n_nodes, -1, np.int64)
-    step = max(_BOXES // (len(low) * max(op.n_nodes // op.n_trees, 1)), 1)
-    for first in range(0, op.n_trees, step):
-        roots = op.roots[first : first + step].astype(np.int64)
-        shape = (len(roots), len(low))
-        _reach(op, roots, np.broadcast_to(low, shape), np.broadcast_to(high, shape), substitute)
-    follow(substitute)
-    return substitute
-
-
-def _reach(op: TreeEnsemble, node: IntArray, low: Int32Array, high: Int32Array, substitute: IntArray) -> None:
-    """Walk down level by level with the ranks that lead to each node."""
-    while node.size:
-        column = op.split.take(node)
-        inner, leaves = np.flatnonzero(column >= 0), node[column < 0]
-        substitute[leaves] = leaves
-        node, column, low, high = (
-            node.take(inner),
-            column.take(inner),
-            low.take(inner, axis=0),
-            high.take(inner, axis=0),
-        )
-        at = np.arange(len(node)) * low.shape[1] + column
-        threshold = op.threshold.take(node).astype(np.int32)
-        lowest, highest = low.take(at), high.take(at)
-        goes_left, goes_right = lowest <= threshold, highest > threshold
-        left, right = op.left.take(node).astype(np.int64), op.right.take(node).astype(np.int64)
-        substitute[node] = np.where(goes_left & goes_right, node, np.where(goes_left, left, right))
-        upper, lower = high.copy(), low.copy()
-        upper.reshape(-1)[at] = np.minimum(highest, threshold)
-        lower.reshape(-1)[at] = np.maximum(lowest, threshold + 1)
-        onward_left, onward_right = np.flatnonzero(goes_left), np.flatnonzero(goes_right)
-        node = np.concatenate([left.take(onward_left), right.take(onward_right)])
-        low = np.concatenate([low.take(onward_left, axis=0), lower.take(onward_right, axis=0)])
-        high = np.concatenate([upper.take(onward_left, axis=0), high.take(onward_right, axis=0)])
-
-
-def _laid_out(roots: IntArray, left: IntArray, right: IntArray) -> Preorder:
-    return preorder(np.asarray(roots, np.int64), np.asarray(left, np.int64), np.asarray(right, np.int64))
-
-
-def _rebuilt(op: TreeEnsemble, substitute: IntArray, forward: IntArray) -> TreeEnsemble:
+def _rebuilt(op: TreeEnsemble, forward: IntArray) -> TreeEnsemble:
     """The ensemble with only those nodes that stay, in preorder; equal leaf values are kept once."""
     inner = op.split >= 0
-    left = np.where(inner, forward[np.maximum(op.left, 0)], -1)
-    right = np.where(inner, forward[np.maximum(op.right, 0)], -1)
-    layout = _laid_out(forward[op.roots], left, right)
+    layout = preorder(forward[op.roots], np.where(inner, forward[op.left], -1), np.where(inner, forward[op.right], -1))
     node = layout.order
     leaf = layout.left < 0
     values = op.leaf_value[op.leaf[node[leaf]]]
@@ -126,7 +76,7 @@ def _without_constant_trees(op: TreeEnsemble) -> TreeEnsemble:
             return op
     if keep.all():
         return op
-    layout = _laid_out(op.roots[keep].astype(np.int64), op.left.astype(np.int64), op.right.astype(np.int64))
+    layout = preorder(op.roots[keep], op.left, op.right)
     return with_nodes(op, layout, layout.order, tree_output=op.tree_output[keep], base=base.astype(np.float64))
 
 

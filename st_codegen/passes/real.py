@@ -15,7 +15,7 @@ import numpy as np
 
 from st_codegen import ir
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir.arrays import FloatArray
+from st_codegen.ir.arrays import FloatArray, next_single
 from st_codegen.passes.domain import limit_inputs
 
 #: Thresholds, leaves and sums stay below this: numbers above stand for missing and for infinite ones.
@@ -166,7 +166,7 @@ def _(op: ir.TreeEnsemble) -> ir.Operation:
         if holds:
             raise UnsupportedModelError(reason)
     below = op.comparison is ir.Comparison.LESS_OR_EQUAL
-    threshold = np.where(np.isfinite(op.threshold), _towards(op.threshold, up=not below), op.threshold)
+    threshold = np.where(np.isfinite(op.threshold), next_single(op.threshold, up=not below), op.threshold)
     same = op.sum_precision is ir.Precision.FLOAT32  # then leaves and sums are the library's own
     return dataclasses.replace(
         op,
@@ -177,15 +177,6 @@ def _(op: ir.TreeEnsemble) -> ir.Operation:
         input_precision=ir.Precision.FLOAT32,
         sum_precision=ir.Precision.FLOAT32 if same else ir.Precision.REAL,
     )
-
-
-def _towards(values: FloatArray, *, up: bool) -> FloatArray:
-    """The nearest REAL that is not below (not above) each number; infinite where there is none."""
-    with np.errstate(over="ignore"):
-        single = np.asarray(values, np.float64).astype(np.float32)
-    wrong = single < values if up else single > values
-    end = np.float32(np.inf if up else -np.inf)
-    return np.where(wrong, np.nextafter(single, end), single).astype(np.float64)
 
 
 def _nearest(values: FloatArray) -> FloatArray:
@@ -207,7 +198,7 @@ def _kept(values: FloatArray) -> FloatArray:
 def _inside(lower: float, upper: float) -> tuple[float, float]:
     """The range of the REAL numbers in a range."""
     largest = float(np.finfo(np.float32).max)
-    low, high = (float(_towards(np.array(end), up=up)) for end, up in ((lower, True), (upper, False)))
+    low, high = (float(next_single(np.array(end), up=up)) for end, up in ((lower, True), (upper, False)))
     return max(low, -largest), min(high, largest)
 
 

@@ -9,14 +9,13 @@ The leaves that a row meets are those of the whole trees, in the same order.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from st_codegen.ir import CutTrees, Int32Array, IntArray, ModelIR, Rank, RankSlabs, TreeEnsemble, depth_of
-from st_codegen.ir.preorder import preorder
 from st_codegen.ir.subtrees import distinct_families, subtrees
-from st_codegen.ir.trees import with_nodes
+from st_codegen.passes.boxes import in_boxes
 
 #: Slabs of a feature in the first attempt, and fewest that are worth their search.
 _MOST, _FEWEST = 12, 4
@@ -55,8 +54,8 @@ def _cut(rank: Rank, op: TreeEnsemble, longest: int, *, accepts_nan: bool) -> Cu
     if op.n_nodes > _NODES or depth_of(op) < _DEEP or not _AXES <= len(groups) <= _FEATURES:
         return None
     # along the features in which leaves are short, few of them lie in several slabs
-    alone = [_walked(rank, op, [_Axis.of(rank, group, _FEWEST, accepts_nan)], accepts_nan) for group in groups]
-    chosen = [groups[at] for at in np.argsort([len(walked.source) for walked in alone], kind="stable")[:_AXES]]
+    alone = [_in_cells(rank, op, [_Axis.of(rank, group, _FEWEST, accepts_nan)], accepts_nan) for group in groups]
+    chosen = [groups[at] for at in np.argsort([cut.n_nodes for cut in alone], kind="stable")[:_AXES]]
     whole, wanted = int(_numbers(op, subtrees(op).number, 1).sum()), _MOST
     for _ in range(2):
         axes = [_Axis.of(rank, group, wanted, accepts_nan) for group in chosen]
@@ -66,8 +65,7 @@ def _cut(rank: Rank, op: TreeEnsemble, longest: int, *, accepts_nan: bool) -> Cu
         numbers = _numbers(cut, equal, cut.n_trees // op.n_trees)
         size = int(numbers.sum())
         if size <= _GROWTH * whole and numbers.max() <= longest:
-            whole_trees = {field.name: getattr(op, field.name) for field in fields(op)}
-            return CutTrees(**whole_trees, slabs=slabs, cut=cut, numbers=size, equal=equal)
+            return CutTrees(**vars(op), slabs=slabs, cut=cut, numbers=size, equal=equal)
         # what is added grows about as the number of slabs
         wanted = int(wanted * min((_GROWTH - 1) * whole / max(size - whole, 1), longest / numbers.max()))
         if wanted < _FEWEST:
@@ -115,62 +113,11 @@ class _Axis:
         return cls(slabs, group, low.astype(np.int32), high.astype(np.int32))
 
 
-@dataclass(frozen=True)
-class _Walked:
-    """The trees of every cell, those of a tree side by side: of each new node its old number and its children."""
-
-    roots: IntArray
-    source: IntArray
-    left: IntArray
-    right: IntArray
-
-
 def _in_cells(rank: Rank, op: TreeEnsemble, axes: list[_Axis], accepts_nan: bool) -> TreeEnsemble:
-    """The trees of every cell, in preorder."""
-    walked = _walked(rank, op, axes, accepts_nan)
-    layout = preorder(walked.roots, walked.left, walked.right)
-    output = np.repeat(op.tree_output, len(walked.roots) // op.n_trees)
-    return with_nodes(op, layout, walked.source.take(layout.order), tree_output=output)
-
-
-def _walked(rank: Rank, op: TreeEnsemble, axes: list[_Axis], accepts_nan: bool) -> _Walked:
-    """All trees level by level in boxes of ranks that the axes span; a split that sends a box one way is left out."""
+    """The trees of every cell of the grid that axes span."""
     shape = tuple(axis.slabs.count for axis in axes)
     cells = math.prod(shape)
     low, high = (np.tile(end, (cells, 1)) for end in rank.ends(accepts_nan=accepts_nan))
     for axis, slab in zip(axes, np.unravel_index(np.arange(cells), shape), strict=True):
         low[:, axis.columns], high[:, axis.columns] = axis.low[slab], axis.high[slab]
-    boxes = np.tile(np.concatenate([low, high], axis=1), (op.n_trees, 1))
-    width, used = low.shape[1], len(boxes)
-    threshold, read, is_inner = op.threshold.astype(np.int32), np.maximum(op.split, 0), op.split >= 0
-    node, box = np.repeat(op.roots.astype(np.int64), cells), np.arange(used)
-    roots, made = used, 0
-    place = np.arange(roots) - roots  # of a root: below 0; of a child: twice its parent, and 1 for the right one
-    old, places = [], []
-    while node.size:
-        at, inner, lowest = threshold.take(node), is_inner.take(node), 2 * width * box + read.take(node)
-        goes_left, goes_right = boxes.take(lowest) <= at, boxes.take(lowest + width) > at
-        passes = np.flatnonzero(inner & (goes_left != goes_right))
-        new = np.flatnonzero(~inner | (goes_left & goes_right))
-        both = np.flatnonzero(inner.take(new))
-        number, both = made + both, new.take(both)
-        old.append(node.take(new))
-        places.append(place.take(new))
-        made += len(new)
-        # the box becomes that of the left child, and the right one gets a new one
-        while used + len(both) > len(boxes):
-            boxes = np.concatenate([boxes, np.empty_like(boxes)])
-        right = np.arange(used, used + len(both))
-        used += len(both)
-        boxes[right] = boxes.take(box.take(both), axis=0)
-        flat, at, lowest = boxes.reshape(-1), at.take(both), lowest.take(both)
-        flat[lowest + width] = at
-        flat[lowest + 2 * width * (right - box.take(both))] = at + 1
-        onward, split = node.take(passes), node.take(both)
-        onward = np.where(goes_left.take(passes), op.left.take(onward), op.right.take(onward))
-        place = np.concatenate([place.take(passes), 2 * number, 2 * number + 1])
-        box = np.concatenate([box.take(passes), box.take(both), right])
-        node = np.concatenate([onward, op.left.take(split), op.right.take(split)])
-    found = np.full(2 * made + roots, -1, np.int64)
-    found[np.concatenate(places)] = np.arange(made)  # places of roots count from the end
-    return _Walked(found[2 * made :], np.concatenate(old), found[: 2 * made : 2], found[1 : 2 * made : 2])
+    return in_boxes(op, low, high)

@@ -11,7 +11,8 @@ import numpy as np
 
 from st_codegen.emit.blocks.model import refused_where
 from st_codegen.emit.output import block_of
-from st_codegen.ir import AnyArray, BoolArray, FloatArray, IntArray, ModelIR, TreeEnsemble, reference
+from st_codegen.ir import BoolArray, FloatArray, IntArray, ModelIR, TreeEnsemble, reference
+from st_codegen.ir.arrays import to_order
 from st_codegen.passes.jumps import largest_jump, unsure_columns
 from st_codegen.project.purpose import BlockCheck
 from st_codegen.proof import bounds
@@ -224,20 +225,10 @@ def ulps_between(a: FloatArray, b: FloatArray, *, single: bool = False) -> IntAr
     """
     with np.errstate(over="ignore"):
         single = single or np.array_equal(a, a.astype(np.float32))
-    first, second = (_in_order(value.astype(np.float32) if single else value) for value in (a, b))
+    first, second = (to_order(value.astype(np.float32) if single else value) for value in (a, b))
     near = np.abs(first.astype(np.float64) - second.astype(np.float64)) < 2.0**62
     distance = np.abs(np.where(near, first, 0) - np.where(near, second, 0))
     return np.where(near, distance, np.int64(2**62))
-
-
-def _in_order(value: AnyArray) -> IntArray:
-    """Integers that are in the order of the numbers, one apart for neighbours."""
-    contiguous = np.ascontiguousarray(value)
-    if value.dtype == np.float64:
-        bits, lowest = contiguous.view(np.int64), -(2**63)
-    else:
-        bits, lowest = contiguous.view(np.int32).astype(np.int64), -(2**31)
-    return np.where(bits < 0, lowest - bits, bits)
 
 
 def block_report(check: BlockCheck, target: str) -> ModelReport:

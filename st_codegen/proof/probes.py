@@ -207,13 +207,7 @@ def origin(model: ir.ModelIR, value: int, column: int) -> tuple[int | None, list
     while value:
         op = model.ops[value - 1]
         if isinstance(op, ir.Select):
-            at = int(op.columns[column])
-            for operand in op.inputs:
-                width = model.value_width(operand)
-                if at < width:
-                    value, column = operand, at
-                    break
-                at -= width
+            value, column = op.source(column, model.value_width)
         elif isinstance(op, ir.Scale):
             steps.append((op.operator, op.reverse, float(op.constant[column])))
             value = op.inputs[0]

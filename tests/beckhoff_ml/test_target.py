@@ -15,7 +15,7 @@ from sklearn.tree import DecisionTreeClassifier
 
 from st_codegen.beckhoff_ml.blocks import engine_limits
 from st_codegen.beckhoff_ml.bounds import engine_answers, engine_bound
-from st_codegen.beckhoff_ml.engines import engines_of, threshold_for_less_or_equal
+from st_codegen.beckhoff_ml.engines import engines_of
 from st_codegen.beckhoff_ml.model import read_model
 from st_codegen.driver import generate
 from st_codegen.emit.contents import Contents
@@ -41,6 +41,7 @@ from st_codegen.ir import (
     reference,
 )
 from st_codegen.passes.domain import limit_inputs
+from st_codegen.passes.monotone import last_on_the_left
 from st_codegen.project.bundle import load
 from st_codegen.proof.probes import probe_rows
 from st_codegen.proof.runner import GeneratedCode
@@ -235,7 +236,7 @@ def test_less_or_equal_decides_as_the_library_does(threshold, steps, below, sing
         input_precision=Precision.FLOAT32 if single else Precision.FLOAT64,
     )
     assume((op.split >= 0).any())
-    (limit,) = threshold_for_less_or_equal(op, single=single)[op.split >= 0]
+    (limit,) = last_on_the_left(op, op.threshold)[op.split >= 0]
     near = [threshold, limit]
     with np.errstate(over="ignore"):
         singles = [np.float32(threshold)]

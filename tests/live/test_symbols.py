@@ -59,6 +59,30 @@ def test_a_structure_goes_out_and_comes_in_as_a_c_compiler_has_it(machine, symbo
     assert symbols["stOuter.aInner[0].nLast"].read() == b"\xfd\xff"
 
 
+def test_the_fields_of_a_union_share_their_bytes_as_those_of_c_do():
+    class Raw(ctypes.Union):
+        _fields_ = (("fValue", ctypes.c_double), ("aBytes", ctypes.c_uint8 * 9))
+
+    class Framed(ctypes.Structure):
+        _fields_ = (("bFirst", ctypes.c_bool), ("uRaw", Raw), ("nLast", ctypes.c_int16))
+
+    text = """
+    TYPE U_Raw : UNION fValue : LREAL; aBytes : ARRAY[0..8] OF BYTE; END_UNION END_TYPE
+    TYPE ST_Framed : STRUCT bFirst : BOOL; uRaw : U_Raw; nLast : INT; END_STRUCT END_TYPE
+    PROGRAM PRG_Main VAR nCalls : DINT; END_VAR nCalls := 1; END_PROGRAM
+    VAR_GLOBAL stFramed : ST_Framed; END_VAR
+    """
+    machine = Machine(parse_project({"a.st": text}), optimised=False)
+    symbol = WireVariables(machine, frozenset(), {})["stFramed"]
+    assert symbol.size == ctypes.sizeof(Framed)
+    given = Framed(True, Raw(aBytes=(ctypes.c_uint8 * 9)(*range(1, 10))), -5)
+    symbol.write(bytes(given))
+    assert symbol.read() == bytes(given)
+    assert machine.globals["stFramed.uRaw.aBytes[8]"] == 9
+    assert machine.globals["stFramed.uRaw.fValue"] == given.uRaw.fValue
+    assert machine.globals["stFramed.nLast"] == -5
+
+
 def test_values_that_do_not_fit(symbols):
     with pytest.raises(ValueError, match="8 bytes, 4 were sent"):
         symbols["fSum"].write(b"1234")

@@ -22,7 +22,7 @@ from st_codegen.ir import (
     reference,
 )
 from st_codegen.ir.subtrees import _numbered, subtrees
-from st_codegen.passes import prune
+from st_codegen.passes import boxes
 from st_codegen.passes.choose import Layout, Options
 from st_codegen.passes.domain import limit_inputs
 from st_codegen.passes.pipeline import compile_models
@@ -46,7 +46,7 @@ def test_ranks_and_pruning_keep_every_bit(model, seed):
     small = pruned(on_ranks)
     assert_same_bits(expected, reference.evaluate(small, x))
     assert_same_bits(expected, reference.evaluate(pruned(small), x))
-    with mock.patch.object(prune, "_BOXES", 1):  # tree by tree, as large ensembles are
+    with mock.patch.object(boxes, "_KEPT", 1):  # tree by tree, as large ensembles are
         assert digest(pruned(on_ranks)) == digest(small)
 
 

@@ -22,7 +22,6 @@ BELOW_ZERO = float(np.nextafter(0.0, -1.0))
 
 @lay_out.register
 def _(op: BranchedTree, step: Step, listing: Listing) -> None:
-    listing.local(step.result, "LREAL", op.width)
     listing.local("nLeaf", "DINT")
     listing.local("fX", "LREAL")
     if op.width > 1:

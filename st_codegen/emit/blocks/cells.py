@@ -49,7 +49,6 @@ def halvings(count: int) -> list[int]:
 
 @lay_out.register
 def _(op: Rank, step: Step, listing: Listing) -> None:
-    listing.local(step.result, "DINT", op.width)
     searches = _searches(op)
     if any(search.first.highest for search in searches):
         listing.locals("LREAL", "fX")
@@ -148,7 +147,6 @@ def _(op: CellTable, step: Step, listing: Listing) -> None:
     kind, stored = "LREAL", "LREAL"
     if step.whole:
         kind, stored = "DINT", "SINT" if np.all(op.values < _SINT_END) else "DINT"
-    listing.local(step.result, kind, op.width)
     cells, width = op.values.shape
     if width:
         listing.locals("DINT", "nCell", *(["nBase"] if width > 1 else []))

@@ -13,7 +13,7 @@ import numpy as np
 from st_codegen.emit.blocks import branched_tree, cells, scan, trees  # noqa: F401 - these register the code of their operations
 from st_codegen.emit.blocks.classes import class_lines
 from st_codegen.emit.blocks.listing import LINE_LENGTH, ArrayElement, Block, BlockVariable, Cuts, Listing
-from st_codegen.emit.blocks.operations import Step, lay_out, lay_out_layer, layers_of
+from st_codegen.emit.blocks.operations import Step, lay_out_all
 from st_codegen.emit.blocks.real_types import in_real_types
 from st_codegen.emit.blocks.self_check import CheckRow, add_self_check
 from st_codegen.emit.foreign_names import is_foreign
@@ -413,23 +413,17 @@ def _largest_below(limit: float, is_real: bool) -> float:
 
 def _operations(model: ModelIR, listing: Listing, *, aged: bool) -> list[ArrayElement]:
     """The code of all operations and of the outputs; where the outputs' numbers stand."""
-    names = ["aInput"]
     missing = _missing_inputs(model)
     *_, last = model.ops
     picked = isinstance(last, Select)  # the outputs are read where they are
-    layers = layers_of(model.ops)
+    steps = []
     for number, op in enumerate(model.ops[:-1] if picked else model.ops, 1):
         # a table that has nothing but classes
         whole = model.classes is not None and isinstance(op, CellTable) and number == len(model.ops) and op.width == 1
-        result = f"{'anRank' if isinstance(op, Rank) else 'anClass' if whole else 'aStep'}{number}"
-        if number - 1 in layers:  # done with the sums that it reads
-            continue
-        operands = tuple(names[value] for value in op.inputs)
         step = Step(
             number=number,
-            operands=operands,
             widths=tuple(model.value_width(value) for value in op.inputs),
-            result=result,
+            result=f"{'anRank' if isinstance(op, Rank) else 'anClass' if whole else 'aStep'}{number}",
             ranks=model.reads_ranks(op),
             whole=whole,
             missing=(
@@ -441,18 +435,13 @@ def _operations(model: ModelIR, listing: Listing, *, aged: bool) -> list[ArrayEl
             fits_real=model.is_real
             or (op.inputs == (0,) and all((limit or np.inf) <= FLOAT32_OVERFLOW for limit in model.magnitude_limits)),
         )
-        if number in layers:
-            names += ["", f"aStep{number + 1}"]
-            lay_out_layer(*layers[number], replace(step, result=names[-1]), listing)
-        else:
-            lay_out(op, step, listing)
-            names.append(result)
+        steps.append(step)
+    lay_out_all("aInput", model.ops, steps, listing)
+    names = ["aInput", *(step.result for step in steps)]
     results = [ArrayElement(names[-1], number) for number in range(len(model.outputs))]
     if isinstance(last, Select):
-        joined = [
-            ArrayElement(names[value], number) for value in last.inputs for number in range(model.value_width(value))
-        ]
-        results = [joined[column] for column in last.columns]
+        sources = [last.source(number, model.value_width) for number in range(last.width)]
+        results = [ArrayElement(names[value], column) for value, column in sources]
     _write_outputs(model, listing, results, aged=aged)
     return results
 

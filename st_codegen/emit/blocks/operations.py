@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import singledispatch, wraps
 from itertools import pairwise
 from typing import TypeVar, get_type_hints
@@ -62,9 +62,9 @@ class Step:
     """
 
     number: int | str
-    operands: tuple[str, ...]
     widths: tuple[int, ...]
     result: str
+    operands: tuple[str, ...] = ()
     missing: tuple[int, ...] | None = None
     fits_real: bool = False
     ranks: bool = False
@@ -92,6 +92,28 @@ def lay_out(op: ir.Operation, step: Step, listing: Listing) -> None:
     raise NotImplementedError(type(op).__name__)
 
 
+def lay_out_all(first: str, ops: Sequence[ir.Operation], steps: Sequence[Step], listing: Listing) -> None:
+    """Append the code of operations, of which the steps lack the operands; `first` is the name of value 0.
+
+    An operation at the end that has no step is read where its operands are.
+    """
+    layers = _layers_of(ops)
+    names = [first, *(step.result for step in steps)]
+    for number, step in enumerate(steps, 1):
+        op = ops[number - 1]
+        own = replace(step, operands=tuple(names[value] for value in op.inputs))
+        if number in layers:
+            _lay_out_layer(*layers[number], replace(own, result=names[number + 1]), listing)
+        elif number - 1 not in layers:  # that behind the sums of a layer is done with them
+            _declare_result(op, own, listing)
+            lay_out(op, own, listing)
+
+
+def _declare_result(op: ir.Operation, step: Step, listing: Listing) -> None:
+    """Declare the array that takes the results of an operation."""
+    listing.local(step.result, "DINT" if step.whole or isinstance(op, ir.Rank) else "LREAL", op.width)
+
+
 Section = tuple[str, str, dict[str, object]]
 
 
@@ -105,7 +127,6 @@ def _column_by_column(
 
     @wraps(section)
     def laid_out(op: _AnyOperation, step: Step, listing: Listing) -> None:
-        declare_result(op, step, listing)
         listing.loop("nColumn", op.width)
         title, template, own = section(op, step, listing)
         single = getattr(op, "precision", None) is ir.Precision.FLOAT32
@@ -116,7 +137,6 @@ def _column_by_column(
 
 @lay_out.register
 def _(op: ir.Select, step: Step, listing: Listing) -> None:
-    declare_result(op, step, listing)
     sources = [
         ArrayElement(name, column)
         for name, width in zip(step.operands, step.widths, strict=True)
@@ -163,7 +183,6 @@ def _(op: ir.Combine, step: Step, listing: Listing) -> Section:
 
 @lay_out.register
 def _(op: ir.Round, step: Step, listing: Listing) -> None:
-    declare_result(op, step, listing)
     listing.loop("nColumn", op.width)
     listing.section("rounded to REAL, as the library computes", "round", step=step, last=op.width - 1)
 
@@ -259,7 +278,6 @@ def _(op: ir.Piecewise, step: Step, listing: Listing) -> Section:
 
 @lay_out.register
 def _(op: ir.ArgMax, step: Step, listing: Listing) -> None:
-    declare_result(op, step, listing)
     values: dict[str, object] = {"merged": None, "last": op.n_columns - 1, "before_last": op.n_columns - 2}
     if op.n_columns > 1:
         listing.locals("LREAL", "fLargest")
@@ -281,10 +299,11 @@ def _(op: ir.Linear, step: Step, listing: Listing) -> None:
     _lay_out_sums(op, step, listing, _sums_of(op.weights), {"function": None})
 
 
-def lay_out_layer(op: ir.Linear, activation: ir.Activation, step: Step, listing: Listing) -> None:
+def _lay_out_layer(op: ir.Linear, activation: ir.Activation, step: Step, listing: Listing) -> None:
     """Weighted sums and the function of each in one loop; `step` has the operand of the sums and the layer's result."""
     values = _function_values(activation, step, listing)
     values["function_single"] = values.pop("single")
+    _declare_result(op, step, listing)
     title = f"layer: {_sums_of(op.weights)}, {activation.function.value} of each"
     _lay_out_sums(op, step, listing, title, values)
 
@@ -295,7 +314,7 @@ def _sums_of(weights: ir.FloatArray) -> str:
     return f"{counted(sums, 'weighted sum')} of {counted(numbers, 'number')}"
 
 
-def layers_of(ops: Sequence[ir.Operation]) -> dict[int, tuple[ir.Linear, ir.Activation]]:
+def _layers_of(ops: Sequence[ir.Operation]) -> dict[int, tuple[ir.Linear, ir.Activation]]:
     """Weighted sums, by number, of which nothing but the function behind them is read."""
     found = {}
     for number, (op, behind) in enumerate(pairwise(ops), 1):
@@ -311,7 +330,6 @@ def layers_of(ops: Sequence[ir.Operation]) -> dict[int, tuple[ir.Linear, ir.Acti
 
 
 def _lay_out_sums(op: ir.Linear, step: Step, listing: Listing, title: str, function: dict[str, object]) -> None:
-    declare_result(op, step, listing)
     stepwise = op.order is ir.SummationOrder.SEQUENTIAL and op.precision is not ir.Precision.FLOAT64
     outputs, columns = op.weights.shape
     bias = listing.table(step.table("BIAS"), "LREAL", op.bias)
@@ -369,7 +387,6 @@ def _loops_of_sums(rows: range, columns: int, listing: Listing) -> list[dict[str
 
 @lay_out.register
 def _(op: ir.SlidingLinear, step: Step, listing: Listing) -> None:
-    declare_result(op, step, listing)
     outputs, read = op.weights.shape
     for name, rounds in (("nPlace", len(op.starts)), ("nRow", outputs), ("nColumn", read)):
         listing.loop(name, rounds)
@@ -457,7 +474,6 @@ def _vectors(vectors: ir.FloatArray, name: str, listing: Listing) -> str:
 
 @lay_out.register
 def _(op: ir.KernelSum, step: Step, listing: Listing) -> None:
-    declare_result(op, step, listing)
     vectors, columns = op.support_vectors.shape
     runs = listing.chunks(np.full(vectors, max(columns, op.width)), "support vector")
     listing.loop("nVector", *(stop - first for first, stop in runs))
@@ -509,7 +525,6 @@ def _(op: ir.KernelSum, step: Step, listing: Listing) -> None:
 
 @lay_out.register
 def _(op: ir.Distances, step: Step, listing: Listing) -> None:
-    declare_result(op, step, listing)
     vectors, columns = op.vectors.shape
     runs = listing.chunks(np.full(vectors, columns), "training row")
     listing.loop("nVector", *(stop - first for first, stop in runs))
@@ -534,7 +549,6 @@ def _(op: ir.Distances, step: Step, listing: Listing) -> None:
 
 @lay_out.register
 def _(op: ir.NearestMean, step: Step, listing: Listing) -> None:
-    declare_result(op, step, listing)
     columns = op.values.shape[1]
     listing.local(f"abUsed{step.number}", "BOOL", columns)
     listing.local("nBest", "DINT")
@@ -560,7 +574,6 @@ def _(op: ir.NearestMean, step: Step, listing: Listing) -> None:
 
 @lay_out.register
 def _(op: ir.WeightedMedian, step: Step, listing: Listing) -> None:
-    declare_result(op, step, listing)
     columns = len(op.weights)
     listing.local(f"abUsed{step.number}", "BOOL", columns)
     listing.local(f"anOrder{step.number}", "DINT", columns)
@@ -582,7 +595,6 @@ def _(op: ir.WeightedMedian, step: Step, listing: Listing) -> None:
 
 @lay_out.register
 def _(op: ir.FactoredKernel, step: Step, listing: Listing) -> None:
-    declare_result(op, step, listing)
     lengths = [len(axis) for axis in op.axes]
     listing.loop("nRow", sum(lengths), op.coefficients.size // lengths[-1])
     listing.local("nTerm", "DINT")
@@ -615,8 +627,3 @@ def _(op: ir.FactoredKernel, step: Step, listing: Listing) -> None:
         exp_reach=step.exp_reach,
         single=op.precision is ir.Precision.FLOAT32,
     )
-
-
-def declare_result(op: ir.Operation, step: Step, listing: Listing) -> None:
-    """Declare the array that takes the results of an operation."""
-    listing.local(step.result, "LREAL", op.width)

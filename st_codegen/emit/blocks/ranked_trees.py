@@ -64,7 +64,6 @@ def _start(op: TreeEnsemble) -> FloatArray:
 
 def lay_out_ranked(op: TreeEnsemble, step: Step, listing: Listing) -> None:
     """Append the code of an ensemble whose splits compare ranks (`passes.ranks`)."""
-    listing.local(step.result, "LREAL", op.width)
     keys = _keys(op)
     cut = op.cut if isinstance(op, CutTrees) else op
     packed, comparisons = keys.slots > 1, depth_of(cut)

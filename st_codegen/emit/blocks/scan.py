@@ -7,37 +7,28 @@ import dataclasses
 import numpy as np
 
 from st_codegen.emit.blocks.listing import Listing
-from st_codegen.emit.blocks.operations import Step, declare_result, lay_out, lay_out_layer, layers_of
+from st_codegen.emit.blocks.operations import Step, lay_out, lay_out_all
 from st_codegen.ir import Scan
 
 
 @lay_out.register
 def _(op: Scan, step: Step, listing: Listing) -> None:
-    declare_result(op, step, listing)
     state, row = len(op.initial), op.columns
-    names = [listing.local(f"aRound{step.number}", "LREAL", row + state)]
+    current = listing.local(f"aRound{step.number}", "LREAL", row + state)
     for name, rounds in (("nRound", len(op.starts)), ("nColumn", max(state, row))):
         listing.loop(name, rounds)
     listing.local("nResult", "DINT")
     # the sections of the body stand inside that of the loop
     inner = dataclasses.replace(listing, sections=[])
-    layers = layers_of(op.body)
-    for number, part in enumerate(op.body, 1):
-        name = f"aStep{step.number}_{number}"
-        if number - 1 in layers:  # done with the sums that it reads
-            continue
-        own = Step(
+    steps = [
+        Step(
             number=f"{step.number}_{number}",
-            operands=tuple(names[value] for value in part.inputs),
             widths=tuple(op.body_width(value) for value in part.inputs),
-            result=name,
+            result=f"aStep{step.number}_{number}",
         )
-        if number in layers:
-            names += ["", f"aStep{step.number}_{number + 1}"]
-            lay_out_layer(*layers[number], dataclasses.replace(own, result=names[-1]), inner)
-        else:
-            lay_out(part, own, inner)
-            names.append(name)
+        for number, part in enumerate(op.body, 1)
+    ]
+    lay_out_all(current, op.body, steps, inner)
     listing.section(
         f"{len(op.starts)} rounds, each with what the one before left",
         "scan",
@@ -46,8 +37,8 @@ def _(op: Scan, step: Step, listing: Listing) -> None:
         last_column=row - 1,
         last_state=state - 1,
         row=row,
-        current=names[0],
-        new=names[-1],
+        current=current,
+        new=steps[-1].result,
         state=state,
         starts=listing.table(step.table("ROUND"), "DINT", op.starts),
         initial=listing.table(step.table("INITIAL"), "LREAL", op.initial) if np.any(op.initial) else None,

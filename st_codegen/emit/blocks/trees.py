@@ -51,7 +51,6 @@ def _(op: TreeEnsemble, step: Step, listing: Listing) -> None:
     if step.ranks:
         lay_out_ranked(op, step, listing)
         return
-    listing.local(step.result, "LREAL", op.width)
     listing.locals("DINT", "nNode", "nRoot")
     listing.loop("nLevel", depth_of(op))
     listing.locals("LREAL", "fX")

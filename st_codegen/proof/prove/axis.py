@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from st_codegen.ir.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from st_codegen.ir.arrays import AnyArray, BoolArray, FloatArray, IntArray, bisected
 from st_codegen.proof.prove.floats import Link, bits, run_chain
 
 _SIGN = np.int64(-(2**63))
@@ -52,17 +52,6 @@ def from_keys(keys: IntArray) -> FloatArray:
 
 LOWEST = int(to_keys(np.array([-np.inf]))[0])
 HIGHEST = int(to_keys(np.array([np.inf]))[0])
-
-
-def bisected(decide: Callable[[FloatArray], BoolArray], low: IntArray, high: IntArray) -> IntArray:
-    """The last key of each interval that is decided as its low end; the decision must change over once inside."""
-    low, high = low.copy(), high.copy()
-    first = decide(from_keys(low))
-    while np.any(high - 1 > low):
-        middle = (low & high) + ((low ^ high) >> 1)
-        same = decide(from_keys(middle)) == first
-        low, high = np.where(same, middle, low), np.where(same, high, middle)
-    return low
 
 
 class InputAxis:
@@ -277,7 +266,8 @@ class AxisValue:
         holds: Callable[[FloatArray, IntArray], BoolArray],
     ) -> IntArray:
         at = lanes[places]
-        return bisected(lambda x: holds(run_chain(links, x), places), self.axis.starts[at], self.axis.ends[at])
+        start, end = self.axis.starts[at], self.axis.ends[at]
+        return bisected(lambda keys: holds(run_chain(links, from_keys(keys)), places), start, end)
 
 
 def input_value(axis: InputAxis, *, counted_as_zero: bool = False) -> AxisValue:

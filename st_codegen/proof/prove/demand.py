@@ -306,13 +306,16 @@ class Demand:
         return self.terms.where(self._on(op, column, knot, x), number, polynomial)
 
     @value.register
-    def _(self, op: ir.Linear, given: list[list[Value]]) -> list[Value]:
-        single = op.order is ir.SummationOrder.SEQUENTIAL and op.precision is ir.Precision.FLOAT32
-        step = ir.Precision.FLOAT32 if single else ir.Precision.FLOAT64
+    def _(self, op: ir.Linear | ir.SlidingLinear, given: list[list[Value]]) -> list[Value]:
+        places = op.columns.tolist() if isinstance(op, ir.SlidingLinear) else [range(len(given[0]))]
+        in_order = isinstance(op, ir.Linear) and op.order is ir.SummationOrder.SEQUENTIAL
+        step = op.precision if in_order and op.precision is ir.Precision.FLOAT32 else ir.Precision.FLOAT64
         result = []
-        for weights, bias in zip(op.weights.tolist(), op.bias.tolist(), strict=True):
-            products = (self._rounded(step, "mul", *pair) for pair in zip(given[0], weights, strict=True))
-            result.append(rounded(self.terms, self._sum(products, bias, step), op.precision))
+        for columns in places:
+            for weights, bias in zip(op.weights.tolist(), op.bias.tolist(), strict=True):
+                pairs = zip(columns, weights, strict=True)
+                products = (self._rounded(step, "mul", given[0][column], weight) for column, weight in pairs)
+                result.append(rounded(self.terms, self._sum(products, bias, step), op.precision))
         return result
 
     @value.register
@@ -328,16 +331,6 @@ class Demand:
                 values.append(self.value(step, [values[value] for value in step.inputs]))
             state = values[-1]
             result += state
-        return result
-
-    @value.register
-    def _(self, op: ir.SlidingLinear, given: list[list[Value]]) -> list[Value]:
-        result = []
-        for columns in op.columns.tolist():
-            for weights, bias in zip(op.weights.tolist(), op.bias.tolist(), strict=True):
-                pairs = zip(columns, weights, strict=True)
-                products = (self.terms.real("mul", given[0][column], weight) for column, weight in pairs)
-                result.append(rounded(self.terms, self._sum(products, bias), op.precision))
         return result
 
     @value.register

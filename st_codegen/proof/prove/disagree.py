@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from st_codegen.ir import BoolArray, FloatArray, IntArray
+from st_codegen.ir.arrays import bisected
 from st_codegen.proof.prove.axis import NotProvedError, from_keys, to_keys
 from st_codegen.proof.prove.floats import COMPARE, OPERATIONS
 from st_codegen.proof.prove.terms import Term, Value
@@ -199,19 +200,20 @@ class _Search:
         ends[:, feature] = self.base[np.arange(len(starts)) * 7 % len(self.base), feature]
         other = self._values([term], ends)[0].astype(np.bool_)
         chosen = np.flatnonzero(other != decided)
-        low, high = to_keys(starts[chosen, feature]), to_keys(ends[chosen, feature])
-        rows = starts[chosen].copy()
-        while np.any(np.abs(high - low) > 1):
-            middle = (low & high) + ((low ^ high) >> 1)
-            rows[:, feature] = from_keys(middle)
-            same = self._values([term], rows)[0].astype(np.bool_) == decided[chosen]
-            low, high = np.where(same, middle, low), np.where(same, high, middle)
-        found = []
-        for step in range(-2, 3):
-            beside = rows.copy()
-            beside[:, feature] = from_keys(low + step)
-            found.append(beside)
-        return found
+        if not chosen.size:
+            return []
+
+        def rows_at(keys: IntArray) -> FloatArray:
+            rows = starts[chosen]
+            rows[:, feature] = from_keys(keys)
+            return rows
+
+        last = bisected(
+            lambda keys: self._values([term], rows_at(keys))[0].astype(np.bool_),
+            to_keys(starts[chosen, feature]),
+            to_keys(ends[chosen, feature]),
+        )
+        return [rows_at(last + step) for step in range(-2, 3)]
 
     def neighbours(self) -> FloatArray:
         """Numbers beside those at which the differing parts lie furthest apart for the last digit of the result."""

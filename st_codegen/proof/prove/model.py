@@ -14,20 +14,11 @@ import numpy as np
 
 from st_codegen import ir
 from st_codegen.ir import reference
-from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray
+from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray, bisected
 from st_codegen.ir.base import Elementwise
 from st_codegen.ir.operations import one_column
 from st_codegen.passes.jumps import largest_jump
-from st_codegen.proof.prove.axis import (
-    HIGHEST,
-    LOWEST,
-    AxisValue,
-    InputAxis,
-    NotProvedError,
-    bisected,
-    from_keys,
-    to_keys,
-)
+from st_codegen.proof.prove.axis import HIGHEST, LOWEST, AxisValue, InputAxis, NotProvedError, from_keys, to_keys
 from st_codegen.proof.prove.boxes import Lanes, Space
 from st_codegen.proof.prove.intervals import Interval
 
@@ -241,7 +232,7 @@ def changes(
     first = decide(from_keys(low), everything)
     changing = np.flatnonzero(decide(from_keys(high), everything) != first)
     last = np.full(len(thresholds), HIGHEST, np.int64)
-    last[changing] = bisected(lambda x: decide(x, changing), low[changing], high[changing])
+    last[changing] = bisected(lambda keys: decide(from_keys(keys), changing), low[changing], high[changing])
     return last, first
 
 

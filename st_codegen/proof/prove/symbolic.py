@@ -20,6 +20,7 @@ from st_codegen.proof.prove.values import Bits
 from st_codegen.st import Project
 from st_codegen.st import tree as t
 from st_codegen.st.types import ArrayType, BlockType, Elementary, StructType, Type
+from st_codegen.st.walk import bodies
 
 _REAL = {"ADD": "add", "SUB": "sub", "MUL": "mul", "DIV": "div"}
 _INTEGER = {"ADD": "iadd", "SUB": "isub", "MUL": "imul", "MOD": "imod"}
@@ -474,11 +475,7 @@ class Symbolic:
 def _leaves(statements: Sequence[t.Statement]) -> bool:
     """Whether some of these statements may leave the loop around them."""
     return any(
-        isinstance(statement, t.Exit)
-        or (
-            isinstance(statement, t.If)
-            and any(_leaves(body) for body in (*(branch.body for branch in statement.branches), statement.otherwise))
-        )
+        isinstance(statement, t.Exit) or (isinstance(statement, t.If) and any(map(_leaves, bodies(statement))))
         for statement in statements
     )
 

@@ -8,13 +8,12 @@ there are rules of their own, which depend on the signs of all weights.
 from __future__ import annotations
 
 import math
-from typing import Literal
 
 import numpy as np
 
 from st_codegen import ir
 from st_codegen.errors import InputError, UnsupportedModelError, counted
-from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray
+from st_codegen.ir.arrays import BoolArray, FloatArray
 from st_codegen.walkers.classes import above, largest, pair_coefficients, pair_votes, whole_sums
 from st_codegen.walkers.onnx.elementwise import equals
 from st_codegen.walkers.onnx.file import GraphNode, plain
@@ -24,6 +23,7 @@ from st_codegen.walkers.onnx.ml import kernel_sum, transformed, trees
 from st_codegen.walkers.onnx.operands import FLOAT32, LabelOperand, Operand, Tensor, axis_of, one_row
 from st_codegen.walkers.onnx.operators import apply_linear, apply_softmax, with_constant
 from st_codegen.walkers.onnx.shapes import joined
+from st_codegen.walkers.onnx.tree_layout import targets_of_trees
 from st_codegen.walkers.onnx.tree_lists import numbers, read_lists
 
 _DOMAIN = "ai.onnx.ml"
@@ -95,11 +95,9 @@ def _tree_classifier(call: NodeCall) -> Result:
 
 def _given(forest: Forest) -> tuple[BoolArray, BoolArray]:
     """For each class whether all leaves of some tree have a weight for it, and whether any leaf has one."""
-    tree: IntArray = np.searchsorted(forest.roots, np.flatnonzero(forest.leaf >= 0), side="right")
-    key, times = np.unique(tree[forest.weight_leaf] * forest.n_targets + forest.weight_target, return_counts=True)
-    of_tree, target = np.divmod(key, forest.n_targets)
+    _, target, complete = targets_of_trees(forest, forest.roots, forest.leaf)
     classes = np.arange(forest.n_targets)
-    return np.isin(classes, target[times == np.bincount(tree)[of_tree]]), np.isin(classes, target)
+    return np.isin(classes, target[complete]), np.isin(classes, target)
 
 
 def _two_classes(
@@ -237,29 +235,23 @@ def _sequence(call: NodeCall) -> Result:
     return (None,)
 
 
-def _number_of_the(best: Literal["largest", "smallest"], *versions: int) -> None:
-    def handler(call: NodeCall) -> Operand:
-        tensor, walk = call.computed(), call.walk
-        axis = axis_of(call.node.integer("axis"), len(tensor.shape))
-        if not tensor.shape or tensor.shape[axis] != tensor.size:
-            raise UnsupportedModelError(f"axis {axis} of shape {tensor.shape} (for one row) does not hold all columns")
-        walk.refuse_special(tensor)
-        last, count = call.node.integer("select_last_index"), tensor.size
-        flat = tensor.moved(lambda array: np.ravel(array)[:: -1 if last else 1])
-        if best == "smallest":
-            flat = with_constant(walk, flat, ir.Operator.MULTIPLY, -1.0)
-        index = largest(walk.builder, walk.settle(flat))
-        if last:
-            index = walk.builder.scale(index, "-", count - 1.0, reverse=True)
-        kept = [1 if number == axis else n for number, n in enumerate(tensor.shape)]
-        shape = kept if call.node.integer("keepdims", 1) else kept[:axis] + kept[axis + 1 :]
-        return LabelOperand(index, tuple(range(count)), tuple(shape))
-
-    operator("ArgMax" if best == "largest" else "ArgMin", *versions)(handler)
-
-
-_number_of_the("largest", 1, 11, 12, 13)
-_number_of_the("smallest", 1, 11, 12, 13)
+@operator("ArgMax ArgMin", 1, 11, 12, 13)
+def _number_of_the_best(call: NodeCall) -> Operand:
+    tensor, walk = call.computed(), call.walk
+    axis = axis_of(call.node.integer("axis"), len(tensor.shape))
+    if not tensor.shape or tensor.shape[axis] != tensor.size:
+        raise UnsupportedModelError(f"axis {axis} of shape {tensor.shape} (for one row) does not hold all columns")
+    walk.refuse_special(tensor)
+    last, count = call.node.integer("select_last_index"), tensor.size
+    flat = tensor.moved(lambda array: np.ravel(array)[:: -1 if last else 1])
+    if call.node.op_type == "ArgMin":
+        flat = with_constant(walk, flat, ir.Operator.MULTIPLY, -1.0)
+    index = largest(walk.builder, walk.settle(flat))
+    if last:
+        index = walk.builder.scale(index, "-", count - 1.0, reverse=True)
+    kept = [1 if number == axis else n for number, n in enumerate(tensor.shape)]
+    shape = kept if call.node.integer("keepdims", 1) else kept[:axis] + kept[axis + 1 :]
+    return LabelOperand(index, tuple(range(count)), tuple(shape))
 
 
 @operator("Hardmax", 1, 11, 13)
@@ -275,19 +267,15 @@ def _first_of_the_largest(call: NodeCall) -> Operand:
     return walk.computed(equals(walk, each, np.arange(float(tensor.size))), tensor.shape, tensor.dtype)
 
 
-def _shares(name: str, logarithm: bool) -> None:
-    def handler(call: NodeCall) -> Operand:
-        tensor = call.computed()
-        rank = len(tensor.shape)
-        axis = axis_of(call.node.integer("axis", -1 if call.node.version >= 13 else 1), rank)
-        taken = tensor.shape[axis : axis + 1] if call.node.version >= 13 else tensor.shape[axis:]
-        rows = tensor.moved(lambda array: np.moveaxis(array, axis, -1)) if len(taken) == 1 else tensor
-        flat = rows.moved(lambda array: array.reshape(-1, math.prod(taken)))
-        found = apply_softmax(call.walk, flat, logarithm).moved(lambda array: array.reshape(rows.shape))
-        return found.moved(lambda array: np.moveaxis(array, -1, axis)) if len(taken) == 1 else found
-
-    operator(name, 1, 11, 13)(handler)
-
-
-_shares("Softmax", logarithm=False)
-_shares("LogSoftmax", logarithm=True)
+@operator("Softmax LogSoftmax", 1, 11, 13)
+def _shares(call: NodeCall) -> Operand:
+    tensor = call.computed()
+    rank = len(tensor.shape)
+    axis = axis_of(call.node.integer("axis", -1 if call.node.version >= 13 else 1), rank)
+    taken = tensor.shape[axis : axis + 1] if call.node.version >= 13 else tensor.shape[axis:]
+    rows = tensor.moved(lambda array: np.moveaxis(array, axis, -1)) if len(taken) == 1 else tensor
+    flat = rows.moved(lambda array: array.reshape(-1, math.prod(taken)))
+    found = apply_softmax(call.walk, flat, call.node.op_type == "LogSoftmax").moved(
+        lambda array: array.reshape(rows.shape)
+    )
+    return found.moved(lambda array: np.moveaxis(array, -1, axis)) if len(taken) == 1 else found

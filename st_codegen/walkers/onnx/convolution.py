@@ -272,6 +272,7 @@ def _divided(walk: GraphWalk, sums: int, counts: AnyArray, image: Tensor, shape:
     return walk.computed(op, shape, image.dtype)
 
 
+@operator("GlobalMaxPool GlobalAveragePool", 1, 22)
 def _global(call: NodeCall) -> Operand:
     image, walk = _image(call), call.walk
     rows = image.moved(lambda array: array.reshape(array.shape[0], -1))
@@ -280,10 +281,6 @@ def _global(call: NodeCall) -> Operand:
         return extreme_of(walk, rows, Operator.MAXIMUM).moved(lambda array: array.reshape(shape))
     total = walk.settle(total_of(walk, rows))
     return _divided(walk, total, np.full(rows.shape[0], rows.shape[1]), image, shape)
-
-
-operator("GlobalMaxPool", 1, 22)(_global)
-operator("GlobalAveragePool", 1, 22)(_global)
 
 
 @operator("BatchNormalization", 7, 9, 14, 15)

@@ -228,6 +228,8 @@ def _power_of_constant(walk: GraphWalk, base: ConstantOperand, exponent: Tensor)
 _TOWARDS = {"Round": Towards.NEAREST, "Floor": Towards.BELOW, "Ceil": Towards.ABOVE}
 
 
+@operator("Floor Ceil", 6, 13)
+@operator("Round", 11, 22)
 def _whole(call: NodeCall) -> Operand:
     """The nearest whole number, of a tie the even one, or the next one below or above. -0 becomes 0."""
     tensor, walk = call.computed(), call.walk
@@ -236,14 +238,10 @@ def _whole(call: NodeCall) -> Operand:
     return walk.computed(found, tensor.shape, tensor.dtype)
 
 
-operator("Floor", 6, 13)(_whole)
-operator("Ceil", 6, 13)(_whole)
-operator("Round", 11, 22)(_whole)
-
-
 # --- choices -------------------------------------------------------------------------------------------------------
 
 
+@operator("Max Min", 8, 12, 13)
 def _extreme(call: NodeCall) -> Operand:
     code = Operator.MAXIMUM if call.node.op_type == "Max" else Operator.MINIMUM
     found = call.required()
@@ -253,10 +251,6 @@ def _extreme(call: NodeCall) -> Operand:
                 call.walk.refuse_special(operand)
         found = combined(call.walk, code, found, call.required(number))
     return found
-
-
-operator("Max", 8, 12, 13)(_extreme)
-operator("Min", 8, 12, 13)(_extreme)
 
 
 def _truths(walk: GraphWalk, value: int, shape: tuple[int, ...]) -> Tensor:
@@ -299,6 +293,9 @@ def _spread(walk: GraphWalk, operand: Operand, shape: tuple[int, ...]) -> int:
     return walk.settle(tensor.moved(lambda array: np.broadcast_to(array, shape)))
 
 
+@operator("Greater Less", 7, 9, 13)
+@operator("GreaterOrEqual LessOrEqual", 12, 16)
+@operator("Equal", 7, 11, 13, 19)
 def _comparison(call: NodeCall) -> Operand:
     walk = call.walk
     left, right = (as_number(walk, call.required(number)) for number in (0, 1))
@@ -324,13 +321,6 @@ def _compared(walk: GraphWalk, name: str, value: int, cut: np.ndarray) -> int:
     _, inclusive, turned = _COMPARISONS[name]
     found = walk.builder.add(Exceeds((value,), cut, inclusive))
     return _opposite(walk, found) if turned else found
-
-
-operator("Greater", 7, 9, 13)(_comparison)
-operator("Less", 7, 9, 13)(_comparison)
-operator("GreaterOrEqual", 12, 16)(_comparison)
-operator("LessOrEqual", 12, 16)(_comparison)
-operator("Equal", 7, 11, 13, 19)(_comparison)
 
 
 def equals(walk: GraphWalk, value: int, numbers: np.ndarray) -> int:
@@ -419,6 +409,7 @@ _JOINED: dict[str, tuple[np.ufunc, Operator]] = {
 }
 
 
+@operator("And Or Xor", 7)
 def _joined_truths(call: NodeCall) -> Operand:
     function, code = _JOINED[call.node.op_type]
     if (known := _folded(call, function)) is not None:
@@ -428,10 +419,6 @@ def _joined_truths(call: NodeCall) -> Operand:
     one, other = (call.walk.settle(side.moved(lambda array: np.broadcast_to(array, shape))) for side in pair)
     found = call.walk.builder.combine(one, code, other)
     return _truths(call.walk, call.walk.builder.function(found, "abs") if function is np.logical_xor else found, shape)
-
-
-for _name in _JOINED:
-    operator(_name, 7)(_joined_truths)
 
 
 def choice_of(call: NodeCall) -> Operand:

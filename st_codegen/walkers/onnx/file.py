@@ -17,15 +17,6 @@ from st_codegen.ir import AnyArray, FloatArray, IntArray
 MAX_TENSOR_SIZE = 2**27
 _ATTRIBUTE_TYPES = dict(onnx.AttributeProto.AttributeType.items())
 
-#: Fields of TensorProto that hold numbers when `raw_data` does not, by type; all others are in `int32_data`.
-_TYPED_FIELDS: dict[int, str] = {
-    onnx.TensorProto.FLOAT: "float_data",
-    onnx.TensorProto.DOUBLE: "double_data",
-    onnx.TensorProto.INT64: "int64_data",
-    onnx.TensorProto.UINT64: "uint64_data",
-    onnx.TensorProto.UINT32: "uint64_data",
-    onnx.TensorProto.STRING: "string_data",
-}
 #: Bytes of a number in `raw_data`, by type; text never is there.
 _NUMBER_TYPES: dict[int, int] = {
     onnx.TensorProto.DataType.Value(name): size
@@ -116,7 +107,7 @@ def read_tensor(tensor: onnx.TensorProto) -> AnyArray:
         found, unit = len(tensor.raw_data), "bytes"
         expected = size * _NUMBER_TYPES[tensor.data_type]
     else:
-        found, unit = len(getattr(tensor, _TYPED_FIELDS.get(tensor.data_type, "int32_data"))), "numbers"
+        found, unit = len(getattr(tensor, onnx.helper.tensor_dtype_to_field(tensor.data_type))), "numbers"
         expected = size
     if found != expected:
         raise InputError(f"its shape {shape} needs {expected} {unit}, it has {found}; the model file is damaged")

@@ -119,11 +119,12 @@ class Rule:
 RULES: dict[tuple[str, str], Rule] = {}
 
 
-def operator(name: str, *versions: int, domain: str = "") -> Callable[[Handler], Handler]:
-    """Register the handler of an operator's versions."""
+def operator(names: str, *versions: int, domain: str = "") -> Callable[[Handler], Handler]:
+    """Register the handler of the versions of an operator, or of several ones: their names stand apart by spaces."""
 
     def register(handler: Handler) -> Handler:
-        RULES[domain, name] = Rule(handler, frozenset(versions))
+        for name in names.split():
+            RULES[domain, name] = Rule(handler, frozenset(versions))
         return handler
 
     return register

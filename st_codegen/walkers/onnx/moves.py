@@ -146,6 +146,7 @@ def _triangle(call: NodeCall) -> Operand:
     return mixed(call.walk, [operand, zero], np.where(own, np.arange(size).reshape(operand.shape), size))
 
 
+@operator("ScatterElements ScatterND", 11, 13, 16, 18)
 def _scatter(call: NodeCall) -> Operand:
     """The first input, of which elements or parts at constant positions are those of the third."""
     operand, positions, parts = call.required(), call.positions(), call.required(2)
@@ -176,10 +177,6 @@ def _scatter(call: NodeCall) -> Operand:
     if np.sum(places >= size) < new.size:
         raise UnsupportedModelError("several elements for one position, of which the standard leaves open which counts")
     return mixed(call.walk, [operand, parts], places)
-
-
-operator("ScatterElements", 11, 13, 16, 18)(_scatter)
-operator("ScatterND", 11, 13, 16, 18)(_scatter)
 
 
 #: Where a place of the result lies in the input: (place, scale, length of the result, length of the input).

@@ -45,6 +45,7 @@ _WHOLE = 2.0**53
 _SYMBOLS = {"Add": ir.Operator.ADD, "Sub": ir.Operator.SUBTRACT, "Mul": ir.Operator.MULTIPLY, "Div": ir.Operator.DIVIDE}
 
 
+@operator("Add Sub Mul Div", 7, 13, 14)
 def _arithmetic(call: NodeCall) -> Operand:
     code, pair = _SYMBOLS[call.node.op_type], [call.walk.numbered(call.required(number)) for number in (0, 1)]
     if any(isinstance(side, Tensor) and side.dtype in INTEGERS and not side.given for side in pair):
@@ -72,26 +73,18 @@ def _of_integers(walk: GraphWalk, code: ir.Operator, pair: list[Operand]) -> Ope
     return replace(found, dtype=dtype)
 
 
-for _name in _SYMBOLS:
-    operator(_name, 7, 13, 14)(_arithmetic)
-
-
+@operator("Sum Mean", 8, 13)
 def _total(call: NodeCall) -> Operand:
-    """All inputs, added in order."""
+    """All inputs, added in order; the mean is that times what 1 / count is in float
+    (core/providers/cpu/math/element_wise_ops.cc: Mean_8).
+    """
     total = call.required()
     for number in range(1, len(call.operands)):
         total = combined(call.walk, ir.Operator.ADD, total, call.required(number))
-    return total
-
-
-operator("Sum", 8, 13)(_total)
-
-
-@operator("Mean", 8, 13)
-def _mean(call: NodeCall) -> Operand:
-    """The sum times what 1 / count is in float (core/providers/cpu/math/element_wise_ops.cc: Mean_8)."""
+    if call.node.op_type == "Sum":
+        return total
     share = np.float32(1.0) / np.float32(len(call.operands))
-    return with_constant(call.walk, require_tensor(_total(call)), ir.Operator.MULTIPLY, float(share))
+    return with_constant(call.walk, require_tensor(total), ir.Operator.MULTIPLY, float(share))
 
 
 def combined(walk: GraphWalk, code: ir.Operator, left: Operand, right: Operand) -> Operand:
@@ -432,6 +425,9 @@ def _clip(call: NodeCall) -> Operand:
     return call.walk.computed(op, tensor.shape, tensor.dtype)
 
 
+@operator("ReduceSum", 1, 11, 13)
+@operator("ReduceMax ReduceMin", 1, 11, 12, 13, 18, 20)
+@operator("ReduceMean ReduceSumSquare ReduceL1 ReduceL2 ReduceProd ReduceLogSumExp ReduceLogSum", 1, 11, 13, 18)
 def _reduction(call: NodeCall) -> Operand:
     name, given = call.node.op_type, call.required()
     limits = as_between(given) if name == "ReduceSum" else None
@@ -538,6 +534,3 @@ _REDUCTIONS: dict[str, Callable[[GraphWalk, Tensor], Tensor]] = {
 }
 #: Reductions that are a function of a number where they are of this number alone.
 _FUNCTIONS_OF_ONE = frozenset({"ReduceSumSquare", "ReduceL1", "ReduceL2", "ReduceLogSumExp", "ReduceLogSum"})
-for _name in _REDUCTIONS:
-    newest = {"ReduceSum": (), "ReduceMax": (12, 18, 20), "ReduceMin": (12, 18, 20)}.get(_name, (18,))
-    operator(_name, 1, 11, 13, *newest)(_reduction)

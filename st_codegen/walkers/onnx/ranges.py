@@ -57,10 +57,9 @@ def _places(tensor: Tensor) -> list[tuple[int, int]]:
 def _source(builder: GraphBuilder, value: int, column: int) -> tuple[int, int] | None:
     """Where the number comes from that an operation picks or rounds; None for other operations."""
     op = builder.ops[value - 1] if value else None
-    if not isinstance(op, ir.Select | ir.Round):
-        return None
-    places = [(one, at) for one in op.inputs for at in range(builder.width(one))]
-    return places[op.columns[column] if isinstance(op, ir.Select) else column]
+    if isinstance(op, ir.Select):
+        return op.source(column, builder.width)
+    return (op.inputs[0], column) if isinstance(op, ir.Round) else None
 
 
 def _feature(builder: GraphBuilder, value: int, column: int) -> int | None:

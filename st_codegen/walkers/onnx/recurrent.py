@@ -7,13 +7,14 @@ onnxruntime multiplies matrices in an order of its own and takes its functions f
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from operator import itemgetter
 
 import numpy as np
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import FloatArray, Function, Precision, Scan
+from st_codegen.ir import FloatArray, Function, Operation, Precision, Scan, Select
 from st_codegen.walkers.base import GraphBuilder
 from st_codegen.walkers.onnx.file import printable
 from st_codegen.walkers.onnx.graph import NodeCall, Result, operator
@@ -22,13 +23,15 @@ from st_codegen.walkers.onnx.operands import FLOAT32, Tensor, check_size, togeth
 _FUNCTIONS = {"Tanh": Function.TANH, "Sigmoid": Function.LOGISTIC, "Relu": Function.RELU}
 
 
-_SINGLE = Precision.FLOAT32
-
-
 def _sums(body: GraphBuilder, value: int, weights: FloatArray, biases: FloatArray) -> int:
     """Weighted sums with the sum of two biases, which the library adds when it computes."""
     terms = np.sum(np.abs(biases), axis=0)
-    return body.linear(value, weights, np.sum(biases, axis=0), precision=_SINGLE, bias_terms=terms)
+    return body.linear(value, weights, np.sum(biases, axis=0), bias_terms=terms)
+
+
+def _in_single(op: Operation) -> Operation:
+    """An operation with its result rounded to float32."""
+    return op if isinstance(op, Select) else replace(op, precision=Precision.FLOAT32)  # type: ignore[type-var]
 
 
 def _rnn(w: FloatArray, r: FloatArray, b: FloatArray, _linear_first: bool, function: Function) -> GraphBuilder:
@@ -38,11 +41,11 @@ def _rnn(w: FloatArray, r: FloatArray, b: FloatArray, _linear_first: bool, funct
     body = GraphBuilder(w.shape[2] + r.shape[1])
     given = _sums(body, 0, np.hstack([w[0], r[0]]), b[:, 0])
     if function is not Function.TANH:
-        body.function(given, function, precision=_SINGLE)
+        body.function(given, function)
         return body
-    twice = body.scale(given, "*", 2.0, precision=_SINGLE)
-    share = body.function(twice, Function.LOGISTIC, precision=_SINGLE)
-    body.scale(body.scale(share, "*", 2.0, precision=_SINGLE), "-", 1.0, precision=_SINGLE)
+    twice = body.scale(given, "*", 2.0)
+    share = body.function(twice, Function.LOGISTIC)
+    body.scale(body.scale(share, "*", 2.0), "-", 1.0)
     return body
 
 
@@ -52,17 +55,13 @@ def _lstm(w: FloatArray, r: FloatArray, b: FloatArray, _linear_first: bool, _fun
     body = GraphBuilder(read + 2 * size)
     both, old = body.select(range(read + size), 0), body.select(range(read + size, read + 2 * size), 0)
     gates = [
-        body.function(
-            _sums(body, both, np.hstack([w[gate], r[gate]]), b[:, gate]),
-            "tanh" if gate == 3 else "logistic",
-            precision=_SINGLE,
-        )
+        body.function(_sums(body, both, np.hstack([w[gate], r[gate]]), b[:, gate]), "tanh" if gate == 3 else "logistic")
         for gate in range(4)
     ]
-    kept = body.combine(gates[2], "*", old, precision=_SINGLE)
-    given = body.combine(gates[0], "*", gates[3], precision=_SINGLE)
-    new = body.combine(kept, "+", given, precision=_SINGLE)
-    hidden = body.combine(gates[1], "*", body.function(new, "tanh", precision=_SINGLE), precision=_SINGLE)
+    kept = body.combine(gates[2], "*", old)
+    given = body.combine(gates[0], "*", gates[3])
+    new = body.combine(kept, "+", given)
+    hidden = body.combine(gates[1], "*", body.function(new, "tanh"))
     body.beside(hidden, new)
     return body
 
@@ -73,19 +72,18 @@ def _gru(w: FloatArray, r: FloatArray, b: FloatArray, linear_first: bool, _funct
     body = GraphBuilder(read + size)
     row, old = body.select(range(read), 0), body.select(range(read, read + size), 0)
     update, reset = (
-        body.function(_sums(body, 0, np.hstack([w[gate], r[gate]]), b[:, gate]), "logistic", precision=_SINGLE)
-        for gate in range(2)
+        body.function(_sums(body, 0, np.hstack([w[gate], r[gate]]), b[:, gate]), "logistic") for gate in range(2)
     )
     if linear_first:
-        inner = body.combine(reset, "*", _sums(body, old, r[2], b[1:, 2]), precision=_SINGLE)
+        inner = body.combine(reset, "*", _sums(body, old, r[2], b[1:, 2]))
         given = _sums(body, body.beside(row, inner), np.hstack([w[2], np.eye(size)]), b[:1, 2])
     else:
-        inner = body.combine(reset, "*", old, precision=_SINGLE)
+        inner = body.combine(reset, "*", old)
         given = _sums(body, body.beside(row, inner), np.hstack([w[2], r[2]]), b[:, 2])
-    new = body.function(given, "tanh", precision=_SINGLE)
-    rest = body.scale(update, "-", 1.0, precision=_SINGLE, reverse=True)
-    kept = body.combine(update, "*", old, precision=_SINGLE)
-    body.combine(body.combine(rest, "*", new, precision=_SINGLE), "+", kept, precision=_SINGLE)
+    new = body.function(given, "tanh")
+    rest = body.scale(update, "-", 1.0, reverse=True)
+    kept = body.combine(update, "*", old)
+    body.combine(body.combine(rest, "*", new), "+", kept)
     return body
 
 
@@ -134,6 +132,7 @@ def _numbers(call: NodeCall, number: int, what: str, shape: tuple[int, ...]) -> 
     return array.astype(np.float64).reshape(shape)
 
 
+@operator("RNN GRU LSTM", 7, 14, 22)
 def _recurrent(call: NodeCall) -> Result:
     tensor, walk, node = call.computed(), call.walk, call.node
     if tensor.dtype != FLOAT32:
@@ -160,7 +159,7 @@ def _recurrent(call: NodeCall) -> Result:
         body = round_of(w[side], r[side], b[side], bool(node.integer("linear_before_reset")), function)
         initial = np.concatenate([state[side] for state in (states if name == "LSTM" else states[:1])])
         starts = (order[::-1] if backwards else order).astype(np.int32)
-        made = Scan((value,), tuple(body.ops), starts, read, initial)
+        made = Scan((value,), tuple(map(_in_single, body.ops)), starts, read, initial)
         results.append((walk.computed(made, (steps, len(initial)), FLOAT32), backwards))
     return _outputs(results, hidden)
 
@@ -173,7 +172,3 @@ def _outputs(results: list[tuple[Tensor, bool]], hidden: int) -> tuple[Tensor, .
     parts = [slice(start, start + hidden) for start in range(0, last[0].shape[1], hidden)]
     ends = [together(last, np.stack).moved(itemgetter((..., part))) for part in parts]
     return (together(all_h, partial(np.stack, axis=1)), *ends)
-
-
-for _name in _LAYERS:
-    operator(_name, 7, 14, 22)(_recurrent)

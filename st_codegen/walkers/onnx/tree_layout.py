@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from st_codegen import ir
 from st_codegen.errors import InputError, UnsupportedModelError, counted
-from st_codegen.ir.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from st_codegen.ir.arrays import AnyArray, BoolArray, FloatArray, IntArray, next_single
 from st_codegen.ir.preorder import Preorder, preorder
 from st_codegen.walkers.onnx.equality import check_merges, merge_equality_chains
 from st_codegen.walkers.onnx.forest import Forest, Mode, NumberType
@@ -194,11 +194,10 @@ def largest_below(value: FloatArray, number_type: NumberType) -> FloatArray:
 
     Below the lowest float32 only minus infinity is left; the float64 below it serves as well.
     """
+    single = next_single(value, up=False, strict=True)
     with np.errstate(over="ignore"):
-        nearest: AnyArray = value.astype(number_type)
-        next_below = np.nextafter(nearest, number_type(-np.inf))
-        below = np.where(nearest >= value, next_below, nearest).astype(np.float64)
-        return np.where(np.isinf(below), np.nextafter(value, -np.inf), below)
+        below = np.nextafter(value, -np.inf)
+    return below if number_type is np.float64 else np.where(np.isinf(single), below, single)
 
 
 @dataclass(frozen=True)
@@ -255,7 +254,7 @@ def _leaf_values(forest: Forest, flat: Preorder) -> tuple[FloatArray, IntArray]:
     that changes nothing.
     """
     rows, n_targets = forest.n_leaves, forest.n_targets
-    tree, target, complete = _targets_of_trees(forest, flat)
+    tree, target, complete = targets_of_trees(forest, flat.roots, forest.leaf[flat.order])
     if n_targets > 1:
         _check_coverage(forest, np.unique(target[complete]))
     if len(tree) == len(flat.roots):
@@ -275,11 +274,13 @@ def _leaf_values(forest: Forest, flat: Preorder) -> tuple[FloatArray, IntArray]:
     return leaf_value, np.zeros(len(flat.roots), np.int64)
 
 
-def _targets_of_trees(forest: Forest, flat: Preorder) -> tuple[IntArray, IntArray, BoolArray]:
-    """Each tree with each of its targets, and whether all leaves of the tree have a weight for the target."""
-    leaf = forest.leaf[flat.order]
+def targets_of_trees(forest: Forest, roots: AnyArray, leaf: IntArray) -> tuple[IntArray, IntArray, BoolArray]:
+    """Each tree with each of its targets, and whether all leaves of the tree have a weight for the target.
+
+    `roots` and `leaf` (of each node) are those of the trees as they are laid out.
+    """
     position = np.flatnonzero(leaf >= 0)
-    tree = np.searchsorted(flat.roots, position, side="right") - 1
+    tree = np.searchsorted(roots, position, side="right") - 1
     start = np.searchsorted(forest.weight_leaf, np.arange(forest.n_leaves + 1))
     count = np.diff(start)[leaf[position]]
     within = np.arange(int(count.sum())) - np.repeat(np.cumsum(count) - count, count)

@@ -153,11 +153,7 @@ def _least(builder: GraphBuilder, value: int, column: int) -> float:
     """What the magnitudes of a column, but for 0, reach at least, as far as it is known: of codes and flags."""
     op = builder.ops[value - 1] if value else None
     if isinstance(op, ir.Select):
-        place = int(op.columns[column])
-        for source in op.inputs:
-            if place < builder.width(source):
-                return _least(builder, source, place)
-            place -= builder.width(source)
+        return _least(builder, *op.source(column, builder.width))
     if isinstance(op, ir.Exceeds):
         return 1.0
     if isinstance(op, ir.Combine) and op.operator is ir.Operator.SUBTRACT:  # the flag of a category
