@@ -133,13 +133,20 @@ def test_functions_that_call_themselves_or_grow_without_end_are_refused(tmp_path
         nodes = nodes or [helper.make_node("Neg", ["x"], ["y"])]
         return helper.make_function("own", name, ["x"], ["y"], nodes, [*opsets, helper.make_opsetid("own", 1)])
 
-    assert "a function without a name" in bad(helper.make_function("", "", ["x"], ["y"], [], []))
+    assert "a function named ''" in bad(helper.make_function("", "", ["x"], ["y"], [], []))
+    assert "a function named 'F::a'" in bad(own("F::a"), called="F")
     assert "its function 'F' calls itself" in bad(own("F", "F"))
     assert "calls itself" in bad(own("F", "G"), own("G", "F"))
     assert "two functions 'F'; the model file is damaged" in bad(own("F"), own("F"))
     doubled = [own("F", "F1", "F1"), *(own(f"F{n}", f"F{n + 1}", f"F{n + 1}") for n in range(1, 40)), own("F40")]
     assert "objects with all calls of its functions, at most" in bad(*doubled)
     assert "functions of its own (F) with other opsets than the graph's" in bad(own("F", opset=7))
+    given = own("F")
+    given.attribute_proto.append(helper.make_attribute("w", constant("w", np.zeros(2))))
+    assert "a function is given 'w', which is no number, text or list below 4096 bytes" in bad(given)
+    del given.attribute_proto[:]
+    given.attribute_proto.append(helper.make_attribute("w", [1.0] * 2000))
+    assert "a function is given 'w', which is no number, text or list below" in bad(given)
     deep = [own("F", "F1"), *(own(f"F{n}", f"F{n + 1}") for n in range(1, 200)), own("F200")]
     assert "functions that call each other more than 100 deep" in bad(*deep)
 

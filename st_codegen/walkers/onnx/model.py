@@ -56,7 +56,7 @@ def load(path: Path, name: str) -> LoadedModel:
     model = _parse(data, path.name)
     with errors_name(path.name):
         model = inlined(model)
-    beside = embed(model, path, len(data))
+    beside = embed(model, path, max(len(data), model.ByteSize()))
     problems = Problems(path.name)
     opsets = _opsets(model, problems)
     inputs = _inputs(model.graph, problems)
