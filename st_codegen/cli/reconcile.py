@@ -155,7 +155,8 @@ def _wish(models: Path | None, update: bool, target: str, profile: str, trust_pi
         given = [f"--{name}" for name in ("target", "profile") if source(name) is not ParameterSource.DEFAULT]
         if given:
             raise InputError(
-                f"{' and '.join(given)}: of the updated models; give --models DIR and --update-models, or leave it out"
+                f"{' and '.join(given)}: so updated models are made; give --models DIR and --update-models as well, or "
+                "none of these"
             )
         return None
     if not (models / BUNDLE_FILE).is_file():

@@ -33,7 +33,7 @@ def from_order(key: IntArray) -> FloatArray:
 def bisected(decide: Callable[[IntArray], BoolArray], low: IntArray, high: IntArray) -> IntArray:
     """The last integer from `low` towards `high`, of each pair, that is decided as `low` is.
 
-    A decision changes over once at most; where it never does, the integer before `high` is found.
+    That of each pair changes over once between its ends.
     """
     first = decide(low)
     while np.any(((middle := (low & high) + ((low ^ high) >> 1)) != low) & (middle != high)):  # low + high may overflow

@@ -16,7 +16,7 @@ class Subtrees:
     """Which subtrees are equal.
 
     `number` (nodes) is the same for equal subtrees. `forward` (nodes) is the node that stands in for each node: for a
-    split with two equal children it may be one of them.
+    split with two equal children it is one of them where `collapse` was asked for.
     """
 
     number: IntArray

@@ -175,7 +175,7 @@ def _has_value(type_: Type) -> bool:
 
 
 def wire_dtype(type_: Type) -> np.dtype[Any]:
-    """The bytes of a variable on a controller."""
+    """The bytes of a variable on a controller, whose C aligns as that of 64-bit machines does."""
     if isinstance(type_, ArrayType):
         return np.dtype((wire_dtype(type_.element), (type_.size,)))
     if isinstance(type_, StructType):

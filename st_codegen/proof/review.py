@@ -278,6 +278,9 @@ def _compare_model(
     seed: int,
 ) -> ModelChange:
     old, new = facts
+    if ("ports" in old) != ("ports" in new):
+        # an older manifest does not tell what is plausible; what one describes anew stands in the text, too
+        old, new = ({**one, "variables": [{"name": v["name"], "unit": ""} for v in one["variables"]]} for one in facts)
     changes = tuple(
         Change(label, _known(old.get(key)), _known(new.get(key)))
         for key, label in _FACTS.items()

@@ -185,7 +185,7 @@ def _result(
         unseen_curves=unseen.curves,
         untested=() if in_samples else untested_axes(conclusions.final),
         carriers=math.inf if in_samples else _carriers(_powers(data, unseen.left)),
-        testers=math.inf if in_samples else _runs_that_test(data, before, unseen),
+        testers=math.inf if in_samples else _points_that_test(data, before, unseen),
     )
 
 
@@ -289,13 +289,14 @@ def _powers(data: Observations, values: ComplexArray) -> FloatArray:
     return powers
 
 
-def _runs_that_test(data: Observations, before: ComplexArray, unseen: _Unseen) -> float:
-    """How many equal runs would tell as well what the new rig takes off those that were left out.
+def _points_that_test(data: Observations, before: ComplexArray, unseen: _Unseen) -> float:
+    """How many equal operating points would tell as well what the new rig takes off those that were left out.
 
     before: what the old rig leaves, (n, K).
     """
     taken = _powers(data, before[unseen.rows] - unseen.left)
-    return _carriers(np.bincount(data.number_of_run[unseen.rows], taken).astype(np.float64))
+    _, point = np.unique(data.at.points[unseen.rows], axis=0, return_inverse=True)
+    return _carriers(np.bincount(point.ravel(), taken).astype(np.float64))
 
 
 def _carriers(powers: FloatArray) -> float:

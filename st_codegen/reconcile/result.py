@@ -54,8 +54,8 @@ class Reconciliation:
 
     unseen_curves: from how many that no search saw the held-out gap comes (0: none); between_deg: RMS by which a
     resonance may be off at temperatures between two that were measured, in the held-out gap; carriers: how many curves
-    that leave equally much would tell the held-out gap as well; testers: how many equal runs would tell as well what
-    the new rig takes off the held-out runs.
+    that leave equally much would tell the held-out gap as well; testers: how many equal operating points would
+    tell as well what the new rig takes off the held-out runs.
     """
 
     rig: RigModel
@@ -83,7 +83,7 @@ class Reconciliation:
         """Whether the held-out gap may be larger: few runs say too little, or at other speeds a hum meets other orders.
 
         Where few of many curves carry it, there may be more such places between them; where the levels of a condition
-        are too few to leave one out, nothing was predicted between them; where one run meets what was added, little
+        are too few to leave one out, nothing was predicted between them; where one point meets what was added, little
         tests it.
         """
         few = self.data.few_points or (self.held_out_scatters and self.few_carry)
@@ -96,7 +96,7 @@ class Reconciliation:
 
     @property
     def few_test(self) -> bool:
-        """Whether what the new rig takes off lies in fewer than two held-out runs, as it were: one has no spread."""
+        """Whether what the new rig takes off lies at fewer than two held-out points, as it were: one has no spread."""
         return self.testers < SETTINGS.least_testers
 
     @property

@@ -243,7 +243,7 @@ class Settings:
     beyond_band: float = 4.0
     #: a power that is normal in eight runs of two curves has fewer carriers than one in five of these once in 80 times
     carried_by_one_in: float = 5.0
-    #: from one run that meets what was added nobody learns how much others differ from it
+    #: from one operating point that meets what was added nobody learns how much others differ from it
     least_testers: float = 2.0
     #: resampled data sets, and the share of them in which an effect must keep its size
     resamplings: int = 60

@@ -1,4 +1,6 @@
+import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -70,6 +72,17 @@ def test_names_units_and_plausible_ranges_of_a_block_are_told(lone_folder, tmp_p
     assert "te: inputs of the block: fLeft, fRight, fTemperature_C -> fRight, fLeft, fTemperature_C\n" in shown
     assert "te: outputs of the block, with what is plausible: fP [kW] 0 .. 3 -> fQ [W] 0 .. 4\n" in shown
     assert "no output moved" not in shown
+
+
+def test_a_manifest_that_tells_nothing_of_outputs_is_no_change_of_them(lone_folder, tmp_path, capsys):
+    """Those of earlier versions: each unit was told as new in a project of which nothing had changed."""
+    (lone_folder / "st-codegen.toml").write_text('[[model]]\nfile = "te.txt"\noutputs = [{name = "fP", unit = "kW"}]\n')
+    old, new = make(lone_folder, tmp_path / "a"), make(lone_folder, tmp_path / "b")
+    manifest = next(Path(old).rglob("st-codegen.json"))
+    told = json.loads(manifest.read_text())
+    assert told["models"]["te"].pop("ports") == [{"unit": "kW"}]
+    manifest.write_text(json.dumps(told))
+    assert run("diff", old, new, "-n", 50) == 0, capsys.readouterr().out
 
 
 def test_features_in_another_order_are_the_same_points(lone_folder, lightgbm_text, tmp_path):

@@ -40,7 +40,7 @@ class Observations:
     (n,), the number of each run in the order of measuring, where that is known; sorted_by: the condition by which
     their list is sorted first, which may be the time as well, where it is. samples: of each curve, where all have as
     many, else 0. hums: waves of a frequency of their own that were taken out of the values. begins_rad: the angle at
-    which each curve begins, (n,). beyond_deg: RMS that the curves hold above all orders that are looked at, where that
+    which each curve begins, (n,). beyond_deg: RMS that the curves hold beside the orders that are looked at, where that
     is more than the noise below lets expect; else 0. neighbours_deg: of samples over time the noise by what each has
     beside those right before and after it, before any were left out; inf where it is not known. rounded_by: of
     samples over time the RMS, deg, of what the angles of each one's recording are rounded by, (n,).

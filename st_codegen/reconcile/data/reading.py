@@ -321,7 +321,11 @@ def _not_looked_at(
     else:
         found.append(f"orders above {int(bands.max())}")
     if _hold_several_turns(campaign):
-        found[-1] += "; waves of no whole number of periods a turn, and of one frequency, in curves of several turns"
+        several = sum(curve.sums.turns > 1.0 for curve in campaign.curves)
+        found[-1] += (
+            "; waves of no whole number of periods a turn, and of one frequency: only where no curve holds several "
+            f"turns, as {several} of {len(campaign.curves)} do"
+        )
     if unseen:
         found[-1] += f"; the curves hold {unseen:.2g} deg RMS there in the median, which is more than their noise"
     return tuple(found)

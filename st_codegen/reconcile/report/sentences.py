@@ -149,8 +149,8 @@ def between_text(result: Reconciliation) -> str:
         )
     elif result.few_test:
         texts.append(
-            "The gap on held-out runs is a least value: what the new rig takes off lies in so few of these runs (as if "
-            f"in {result.testers:.1f} alike) that they say little of how well it is predicted in others."
+            "The gap on held-out runs is a least value: what the new rig takes off lies at so few of their operating "
+            f"points (as if at {result.testers:.1f} alike) that they say little of how well it is predicted in others."
         )
     elif result.held_out_scatters and not result.few_carry:
         texts.append(
