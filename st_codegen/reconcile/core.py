@@ -20,6 +20,7 @@ from st_codegen.reconcile.judge.conclusions import conclude, gone, unchanged
 from st_codegen.reconcile.judge.lookalikes import doubted, unlike_friction
 from st_codegen.reconcile.judge.misread import in_place_of_the_rest
 from st_codegen.reconcile.mistakes.examine import Examined
+from st_codegen.reconcile.outcome import Gap
 from st_codegen.reconcile.rest.in_time import wander_over_runs
 from st_codegen.reconcile.rest.lines import lines_in_samples
 from st_codegen.reconcile.rest.structure import (
@@ -32,7 +33,7 @@ from st_codegen.reconcile.rest.structure import (
 from st_codegen.reconcile.rest.suspects import bad_runs, excused, without_structure
 from st_codegen.reconcile.rest.unexplained import Signature, beside_the_rigs, loudest, of_a_hum, signatures
 from st_codegen.reconcile.rest.unseen import below_noise, cannot_show
-from st_codegen.reconcile.result import Gap, OrderGap, Reconciliation, TakenBack
+from st_codegen.reconcile.result import OrderGap, Reconciliation, TakenBack
 from st_codegen.reconcile.search.candidates import Candidate
 from st_codegen.reconcile.search.evidence import Evidence, between_states, held_out_rms, untested_axes
 from st_codegen.reconcile.search.plausible import lack_of_forms

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from st_codegen.reconcile.data.chances import digits
 from st_codegen.reconcile.judge.claims import Claim, Retuned
+from st_codegen.reconcile.outcome import Gap
 from st_codegen.reconcile.report.sentences import form_error, left_text, together_text
-from st_codegen.reconcile.result import Gap, Reconciliation
+from st_codegen.reconcile.result import Reconciliation
 from st_codegen.reconcile.search.evidence import Evidence
 from st_codegen.rig.effects import Effect
 
