@@ -217,16 +217,14 @@ def order_of_runs(at: Conditions) -> IntArray | None:
     if sorted_by(at):
         return None
     found = np.zeros(len(at), np.int64)
-    for sign in np.unique(at.sign):
-        rows = np.flatnonzero(at.sign == sign)
+    for rows in map(np.flatnonzero, at.by_direction()):
         found[rows] = np.arange(len(rows))
     return found
 
 
 def sorted_by(at: Conditions) -> str:
     """The condition by which runs are sorted first (`speed`, `torque`, `temperature`); empty where they are not."""
-    for sign in np.unique(at.sign):
-        rows = at.sign == sign
+    for rows in at.by_direction():
         columns = [np.round(column[rows], 9) for column in at.axes]
         for first in itertools.permutations(range(3)):
             listed = np.stack([columns[i] for i in first], axis=1)

@@ -96,8 +96,7 @@ class FitData:
     def about(self, residual: ComplexArray) -> FitData:
         """This target, weighed by how far its good rows scatter in `residual`, by direction and order."""
         wide = self.sigma.copy()
-        for sign in np.unique(self.data.at.sign):
-            rows = self.data.at.sign == sign
+        for rows in self.data.at.by_direction():
             if (rows & self.good).any():
                 wide[rows] = np.maximum(wide[rows], sigma_of(residual[rows & self.good], self.data.orders))
         return replace(self, wide=wide)

@@ -269,13 +269,11 @@ def _lasting_noise(joint: Fit, piece: Piece) -> bool:
     part = joint.shown_change(piece) / target.sigma
     parts = target.data.parts
     size, varies = 0.0, 0.0
-    for sign in (1.0, -1.0):
-        rows = part[target.good & (target.data.at.sign == sign)]
-        if len(rows):
-            power = (np.abs(rows) ** 2).mean(axis=0) / parts
-            size = max(size, float(np.sqrt(power.max(initial=0.0))))
-            spread = (np.abs(rows - rows.mean(axis=0)) ** 2).mean(axis=0) / parts
-            varies = max(varies, float(spread.sum() / max(float(power.sum()), 1e-300)))
+    for rows in (part[side] for side in target.data.at.by_direction(target.good)):
+        power = (np.abs(rows) ** 2).mean(axis=0) / parts
+        size = max(size, float(np.sqrt(power.max(initial=0.0))))
+        spread = (np.abs(rows - rows.mean(axis=0)) ** 2).mean(axis=0) / parts
+        varies = max(varies, float(spread.sum() / max(float(power.sum()), 1e-300)))
     return size < SETTINGS.least_constant and varies < SETTINGS.varies
 
 

@@ -172,9 +172,8 @@ def _with_expected(data: Observations, rig: RigModel) -> Observations:
         return data
     expected = expected_of(data, rig)
     values, spectral = data.values.copy(), None if data.spectral_deg is None else data.spectral_deg.copy()
-    for sign in SIGNS:
+    for rows in data.at.by_direction():
         for k in range(len(data.orders)):
-            rows = data.at.sign == sign
             told, untold = (np.flatnonzero(rows & is_told) for is_told in (data.seen[:, k], ~data.seen[:, k]))
             power = float((np.abs(expected[told, k]) ** 2).sum())
             times = np.vdot(expected[told, k], values[told, k]) / power if power else 1.0

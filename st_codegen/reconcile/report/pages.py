@@ -239,10 +239,8 @@ def _curves(result: Reconciliation) -> PageSection | None:
     theta = np.linspace(0, 360, _SAMPLES)
     waves = np.exp(1j * np.outer(data.orders, np.deg2rad(theta)))
     shown: list[tuple[str, Draw]] = []
-    for sign in (1.0, -1.0):
-        rows = np.flatnonzero(data.at.sign == sign)
-        if not len(rows):
-            continue
+    # forward first
+    for rows in map(np.flatnonzero, reversed(data.at.by_direction())):
         row = int(rows[np.argmax(before[rows].sum(axis=1))])
         point = data.at.rows(np.array([row]))
         models = [rig.coefficients(point, data.orders.tolist())[0] for rig in (result.rig, result.new_rig)]

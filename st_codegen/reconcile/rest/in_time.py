@@ -108,10 +108,9 @@ def _beside(target: FitData, z: ComplexArray, base: FloatArray, weights: FloatAr
     edge = max(2, count // 20)
     cuts = np.unique(np.linspace(edge, count - edge, SETTINGS.most_cuts).round())
     profiles = np.concatenate([np.arange(count) >= cuts[:, None], _shapes(count)]).T
-    gains, left, directions = np.zeros(profiles.shape[1]), 0.0, list[BoolArray]()
-    for sign in np.unique(target.data.at.sign[good]):
-        rows = good & (target.data.at.sign == sign)
-        directions.append(rows)
+    gains, left = np.zeros(profiles.shape[1]), 0.0
+    directions = target.data.at.by_direction(good)
+    for rows in directions:
         q = np.linalg.qr(np.stack([np.ones(int(rows.sum())), base[rows]], axis=1))[0]
         x, y = weights[rows, None] * profiles[place[rows]], z[rows]
         x, y = x - q @ (q.T @ x), y - q @ (q.T @ y)
@@ -272,8 +271,7 @@ _NONE = 1e-300
 
 def _by_run(target: FitData, z: ComplexArray, place: IntArray, count: int, weights: FloatArray) -> _ByRun:
     found = []
-    for sign in np.unique(target.data.at.sign[target.good]):
-        rows = target.good & (target.data.at.sign == sign)
+    for rows in target.data.at.by_direction(target.good):
         series, weight = np.zeros((count, z.shape[1]), np.complex128), np.zeros(count)
         np.add.at(series, place[rows], z[rows] * weights[rows, None])
         np.add.at(weight, place[rows], weights[rows] ** 2)
@@ -533,8 +531,7 @@ def _in_their_order(target: FitData, residual: ComplexArray) -> list[ComplexArra
     run, good, series = target.data.run, target.good, list[ComplexArray]()
     if run is None or good.sum() < SETTINGS.least_in_time:
         return series
-    for sign in np.unique(target.data.at.sign[good]):
-        rows = np.flatnonzero(good & (target.data.at.sign == sign))
+    for rows in map(np.flatnonzero, target.data.at.by_direction(good)):
         own = residual[rows[np.argsort(run[rows], kind="stable")]]
         series.append(own - own.mean(axis=0))
     return series

@@ -109,8 +109,7 @@ def _beyond_shared(data: Observations, residual: ComplexArray, sigma: FloatArray
     The largest ones count, as many as make up only a small part of any other deviation.
     """
     found = residual.copy()
-    for sign in np.unique(data.at.sign):
-        rows = np.flatnonzero(data.at.sign == sign)
+    for rows in map(np.flatnonzero, data.at.by_direction()):
         carried, size, forms = np.linalg.svd(residual[rows] / sigma[rows], full_matrices=False)
         shared = 1.0 / np.maximum((np.abs(carried) ** 4).sum(axis=0), 1e-300) > SETTINGS.most_suspects * len(rows)
         shared &= size > np.sqrt(2.0) * (np.sqrt(len(rows)) + np.sqrt(residual.shape[1]))
@@ -142,8 +141,7 @@ def _like_neighbours(data: Observations, residual: ComplexArray) -> BoolArray:
     at = data.at
     steps = np.stack([in_steps(values) for values in at.axes], axis=1)
     found = np.zeros(residual.shape, bool)
-    for sign in (1.0, -1.0):
-        rows = np.flatnonzero(at.sign == sign)
+    for rows in map(np.flatnonzero, at.by_direction()):
         if len(rows) <= SETTINGS.near:
             continue
         own = residual[rows]

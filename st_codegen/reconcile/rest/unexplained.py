@@ -260,7 +260,7 @@ def _is_common(target: FitData, r: ComplexArray, order: int, beyond: float) -> b
     """
     at, good, parts = target.data.at, target.good, 2 if order else 1
     own: ComplexArray = r if order else r.real.astype(np.complex128)
-    means = np.array([own[good & (at.sign == sign)].mean() for sign in np.unique(at.sign[good])])
+    means = np.array([own[rows].mean() for rows in at.by_direction(good)])
     if (np.abs(means) ** 2).mean() / parts < SETTINGS.same_in_runs * beyond:
         return False
     # both directions of a run may share what they differ by: what they have alike, and what turns with them
