@@ -61,7 +61,7 @@ def reconcile_files(
     check_channels(data, measured)
     problems, examined = Problems(str(measured)), Examined(data)
     with problems.collect():
-        check(data, rig, measured, units=False)
+        check(data, rig, measured)
     with problems.collect():
         examined = examine(data, rig, measured, scale=scale, accept=accept)
     problems.raise_if_any()

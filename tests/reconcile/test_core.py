@@ -13,7 +13,7 @@ from st_codegen.campaign.harmonic_table import HarmonicTable, write_table
 from st_codegen.cli.main import cli
 from st_codegen.errors import InputError
 from st_codegen.reconcile.data.chances import f_tail, false_discoveries
-from st_codegen.reconcile.data.checks import check
+from st_codegen.reconcile.data.checks import check_units
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations, labels
 from st_codegen.reconcile.fit.fitting import fit
@@ -276,7 +276,7 @@ def test_false_discovery_rate_by_hand():
 def test_units_are_asked_about(factor, words):
     data = observed(RIG, grid()).scaled(factor)
     with pytest.raises(InputError, match=words):
-        check(data, RIG, Path("table.csv"))
+        check_units(data, RIG, Path("table.csv"))
 
 
 def run(tmp_path, rig, at, measured, *more):

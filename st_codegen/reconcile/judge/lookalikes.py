@@ -306,12 +306,7 @@ def extrapolates(joint: Fit, piece: Piece) -> tuple[str, ...]:
 
 
 def doubted(
-    found: Conclusions,
-    left: Collection[int],
-    beside: Collection[int],
-    made: Collection[int] = (),
-    *,
-    in_samples: bool = False,
+    found: Conclusions, left: Collection[int], beside: Collection[int], made: Collection[int], *, in_samples: bool
 ) -> Conclusions:
     """Conclusions whose names have the alternative `something_else` where what stays unexplained says so.
 

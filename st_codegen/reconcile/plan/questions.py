@@ -125,7 +125,7 @@ class Apart:
     """Two explanations: where they predict different things, until they are told apart."""
 
     def __init__(self, rival: Rival, odds: FloatArray) -> None:
-        self.rival, self.odds, self.left = rival, odds, rival.wanted
+        self.rival, self.odds, self.left = rival, odds, SETTINGS.told_apart
 
     def gains(self) -> FloatArray:
         return np.minimum(self.odds, self.left)
@@ -278,12 +278,11 @@ def _lengths(dependence: Mapping[str, float]) -> list[float]:
 
 @dataclass(frozen=True)
 class Rival:
-    """Another explanation of the data than `one`: its rig, and the odds (logarithm) still wanted to tell them apart."""
+    """Another explanation of the data than `one`, and its rig."""
 
     one: str
     other: str
     rig: RigModel
-    wanted: float
 
 
 def other_models(result: Reconciliation) -> list[Rival]:
@@ -294,7 +293,7 @@ def other_models(result: Reconciliation) -> list[Rival]:
     found = result.conclusions
     pairs = [(one.piece.effect.name, other) for one in found.claims for other in one.others]
     pairs += [(f"changed {one.after.name}", other) for one in found.retuned for other in one.others]
-    as_good = [Rival(name, other.name, other.rig, SETTINGS.told_apart) for name, other in pairs]
+    as_good = [Rival(name, other.name, other.rig) for name, other in pairs]
     return [*as_good, *_refused(result)]
 
 
@@ -309,11 +308,6 @@ def _refused(result: Reconciliation) -> Iterator[Rival]:
         if candidate.number is None and kind not in taken and open_orders & set(effect.touched_orders()):
             taken.add(kind)
             other = fit(final.target, candidate.put_into(final.state), steps=SETTINGS.quick_steps)
-            yield Rival(
-                "what was found",
-                f"{effect.name} as well, which the data refused so far",
-                other.state.model(),
-                SETTINGS.told_apart,
-            )
+            yield Rival("what was found", f"{effect.name} as well, which the data refused so far", other.state.model())
         if len(taken) == len(final.state.pieces) + SETTINGS.most_rivals:
             return
