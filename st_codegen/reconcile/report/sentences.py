@@ -297,11 +297,6 @@ def beside_text(orders: Collection[int], its: Iterable[int]) -> str:
     )
 
 
-def suspects_text(result: Reconciliation) -> str:
-    """What is said behind suspected runs where something stays unexplained; empty elsewhere."""
-    return "; or what is unexplained is strongest in them" if result.unexplained else ""
-
-
 def taken_back_text(back: TakenBack) -> str:
     """Why the rig stays as it is."""
     return (
