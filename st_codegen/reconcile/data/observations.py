@@ -88,6 +88,10 @@ class Observations:
         """RMS of what the angles of samples over time are rounded by; else 0."""
         return 0.0 if self.rounded_by is None else float(np.sqrt((self.rounded_by**2).mean()))
 
+    def hum_power(self, orders: Sequence[int] | IntArray) -> FloatArray:
+        """The power (deg^2) that hums had in orders before they were taken out of the values, (orders,)."""
+        return sum((one.by_order[orders] ** 2 for one in self.hums), np.zeros(len(orders)))
+
     def model_orders(self) -> tuple[int, ...]:
         """The orders whose coefficients a model must give."""
         return tuple(self.orders.tolist()) if self.angle_rad is None else self.inside

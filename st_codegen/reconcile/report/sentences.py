@@ -211,7 +211,7 @@ def left_text(result: Reconciliation) -> str:
         listed = "only waves of the angle that stand out of it are listed"
         return f"The gap on held-out recordings is {times:.3g} floors; {listed}.{_few_samples(result)}"
     hums = [hum for hum in result.data.hums if hum.power]
-    of_hums = sum((hum.by_order[[one.order for one in own]] ** 2 for hum in hums), np.zeros(len(own)))
+    of_hums = result.data.hum_power([one.order for one in own])
     left = np.maximum(np.array([one.held_out for one in own]) ** 2 - of_hums, 0.0)
     shares = np.concatenate([left, [hum.power for hum in hums]]) / gap.after**2
     alike = in_both_directions(result.target, result.conclusions.final.residual)
