@@ -19,13 +19,16 @@ from st_codegen.rig.model import RigModel
 Column = tuple[IntArray, ComplexArray]
 
 
-def by_place(columns: Sequence[Column]) -> dict[int, list[tuple[int, ComplexArray]]]:
-    """For each order that columns touch: their numbers, and their values (n,) there."""
+def by_place(columns: Sequence[Column]) -> dict[int, tuple[IntArray, ComplexArray]]:
+    """For each order that columns touch: their numbers (p,), and their values (n, p) there."""
     found: dict[int, list[tuple[int, ComplexArray]]] = {}
     for number, (places, values) in enumerate(columns):
         for j, place in enumerate(places):
             found.setdefault(int(place), []).append((number, values[:, j]))
-    return found
+    return {
+        place: (np.array([number for number, _ in own]), np.stack([values for _, values in own], axis=1))
+        for place, own in found.items()
+    }
 
 
 @dataclass(frozen=True)

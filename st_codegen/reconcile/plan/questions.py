@@ -113,9 +113,8 @@ def _information(final: Fit, rows: Rows) -> FloatArray:
     for piece in final.state.pieces:
         columns += propagation.columns(piece)
     found = np.zeros((len(rows.data) // 2, len(columns), len(columns)))
-    for place, entries in by_place(columns).items():
-        index = np.array([number for number, _ in entries])
-        block = np.stack([values for _, values in entries], axis=1) / rows.sigma[:, [place]]
+    for place, (index, values) in by_place(columns).items():
+        block = values / rows.sigma[:, [place]]
         for part in [block.real] if rows.data.orders[place] == 0 else [block.real, block.imag]:
             found[:, index[:, None], index[None, :]] += summed(part[:, :, None] * part[:, None, :])
     return found
