@@ -14,6 +14,7 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import chdtri, fdtrc
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.contrasts import along_axes, contrasts, of_whole_levels, repeats, speed_levels
@@ -179,9 +180,6 @@ def _take_of_laws(
     The laws are a constant, and straight lines over the torque, or over all conditions. What runs have in common is no
     noise: of runs that are too few for neighbours that is all that can be compared.
     """
-    # only here: it takes a tenth of a second, and few campaigns are so small
-    from scipy.special import chdtri, fdtrc
-
     at, parts = data.at, data.parts
     y = data.with_real_mean(residual)
     least = np.full(len(data.orders), np.inf)

@@ -149,7 +149,7 @@ def _courses(
     rest = _without_courses(sums, cuts, bends, steps >= trends)
     again = np.maximum(_steps(rest, count)[0], _ramps(rest, count, all_numbers)[0])
     degrees, tried = parts * len(sums), count + len(_shapes(count))
-    p_white, p_again = (_p_of_gains(one / scales, degrees, known) * tried for one in (gains, again))
+    p_white, p_again = (f_tail(one / scales / degrees, degrees, known) * tried for one in (gains, again))
     alone = _others_are_quiet(p_white, cuts, count) & (p_again > SETTINGS.p_wander)
     lags = _lags(target, sizes, numbers, place)
     near, sure = _by_run(target, few_wild, place, count, along.weights), list[int]()
@@ -164,8 +164,7 @@ def _courses(
         if gains[k] < SETTINGS.least_excess_in_time * lefts[k] and not alone[k]:
             continue
         lasting = _lasting([(series[:, k], weight) for series, weight in sums], int(cuts[k]))
-        times = gains[k : k + 1] / (lasting * scales[k])
-        if _p_of_gains(times, degrees[k : k + 1], known[k : k + 1])[0] * tried > SETTINGS.p_changed:
+        if f_tail(gains[k] / (lasting * scales[k]) / degrees[k], degrees[k], known[k]) * tried > SETTINGS.p_changed:
             continue
         sure.append(k)
     of_sure = tuple((series[:, sure], weight) for series, weight in sums)
@@ -241,14 +240,6 @@ def _step_text(size: float, runs: tuple[int, int], count: int, share: float, err
     if share + SETTINGS.told * error < 1.0:
         return f"moves by some {size:.2g} deg over the {count} runs in their order, in no single step"
     return f"a step of {size:.2g} deg {there}, or a change over some runs around"
-
-
-def _p_of_gains(gains: FloatArray, degrees: IntArray, known: FloatArray) -> FloatArray:
-    """Chance of a step or a ramp in noise that is independent from run to run, (K,); gains: in noises squared.
-
-    known: by how many numbers the noise is told.
-    """
-    return np.array([f_tail(float(x) / n, int(n), float(m)) for x, n, m in zip(gains, degrees, known, strict=True)])
 
 
 def _others_are_quiet(p: FloatArray, cuts: IntArray, count: int) -> BoolArray:

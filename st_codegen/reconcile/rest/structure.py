@@ -11,10 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import gammaincc, ndtr
 
 from st_codegen.campaign.orders import BAND, listed
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from st_codegen.reconcile.data.chances import f_tail, false_discoveries, normal_tail
+from st_codegen.reconcile.data.chances import f_tail, false_discoveries
 from st_codegen.reconcile.data.contrasts import levels_by_condition, neighbours
 from st_codegen.reconcile.data.noise import MEDIAN_1
 from st_codegen.reconcile.data.observations import Observations
@@ -135,8 +136,6 @@ def _is_alike_in_phase(target: FitData, residual: ComplexArray, lasts: float) ->
     gamma distribution that has both is taken for it. Of the mean it is signs that are at random. lasts: so many runs
     noise is the same, which makes sums of its squares so many times as large.
     """
-    from scipy.special import gammaincc
-
     good, parts = target.good, target.data.parts
     r = target.data.with_real_mean(residual)[good]
     power = np.abs(r) ** 2
@@ -190,8 +189,7 @@ def _between_levels(
     scale = np.maximum(left, 1.0)
     known = np.where(left > 1.0, np.minimum(known, np.maximum(parts * (rows - rank), 1)), known)
     times = explained / scale / (parts * rank)
-    p = np.array([f_tail(float(x), int(k * rank), float(n)) for x, k, n in zip(times, parts, known, strict=True)])
-    return p, np.maximum(explained - parts * rank * scale, 0.0) / rows, scale
+    return f_tail(times, parts * rank, known), np.maximum(explained - parts * rank * scale, 0.0) / rows, scale
 
 
 def _between_neighbours(target: FitData, z: ComplexArray, parts: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -206,7 +204,7 @@ def _between_neighbours(target: FitData, z: ComplexArray, parts: IntArray) -> tu
         products = (z[pairs[:, 0]] * z[pairs[:, 1]].conj()).real
         spread = np.sqrt(((np.abs(z[pairs[:, 0]]) * np.abs(z[pairs[:, 1]])) ** 2).sum(axis=0) / parts)
         score = products.sum(axis=0) / np.maximum(spread, 1e-300)
-        own = normal_tail(score) * len(kinds)
+        own = ndtr(-score) * len(kinds)
         power = np.where(own < best, products.mean(axis=0), power)
         best = np.minimum(best, own)
     return best, power
@@ -346,7 +344,7 @@ def by_directions(target: FitData, residual: ComplexArray) -> tuple[BoolArray, F
     sizes = np.sqrt((np.abs(first) ** 2).mean(axis=0) * (np.abs(second) ** 2).mean(axis=0))
     # Fisher's transform of a correlation is normal
     correlation = np.clip(alike.mean(axis=0) / np.maximum(sizes, 1e-300), 1e-9 - 1.0, 1.0 - 1e-9)
-    p = normal_tail(np.arctanh(correlation) * np.sqrt(parts * len(pairs)) / _by_chance(first, second, sizes, parts))
+    p = ndtr(-np.arctanh(correlation) * np.sqrt(parts * len(pairs)) / _by_chance(first, second, sizes, parts))
     large = alike.mean(axis=0) > SETTINGS.least_excess * parts
     return false_discoveries(p, SETTINGS.discovery_rate) & large & shared, differ
 

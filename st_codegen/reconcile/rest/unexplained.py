@@ -280,7 +280,7 @@ def _is_no_chance(values: ComplexArray, parts: int, lasting: float) -> bool:
     if freedom < SETTINGS.least_beside_a_law // 2 or not mean:
         return False
     differ = float((np.abs(values - values.mean()) ** 2).sum()) / freedom
-    return f_tail(len(values) * mean**2 / max(differ, 1e-300), parts, freedom * parts) < SETTINGS.p_law
+    return bool(f_tail(len(values) * mean**2 / max(differ, 1e-300), parts, freedom * parts) < SETTINGS.p_law)
 
 
 def _digits(times: float) -> str:

@@ -101,7 +101,7 @@ def _p_of_chance(without: Fit, with_it: Fit, places: list[int]) -> float:
     touched = np.unique(np.concatenate([with_it.columns[i][0] for i in places]))
     numbers = (target.counts * target.data.parts)[:, touched].sum()
     rest = max(int(numbers) - len(places), 1)
-    return f_tail(saved / len(places), len(places), rest)
+    return float(f_tail(saved / len(places), len(places), rest))
 
 
 def size_in_noise(fit: Fit, places: list[int], number: int) -> float:
@@ -142,7 +142,7 @@ def p_of_clusters(fit: Fit, places: list[int], difference: FloatArray, covarianc
         # fewer clusters than tell so many parameters: independent runs, of which few are alike, are all that can be
         # assumed
         return chi_square_tail(square, count)
-    return f_tail(square * (clusters - count) / (count * (clusters - 1)), count, clusters - count)
+    return float(f_tail(square * (clusters - count) / (count * (clusters - 1)), count, clusters - count))
 
 
 def stability(fit: Fit, places: list[int]) -> float:
