@@ -143,6 +143,11 @@ class Conclusions:
         return (*claimed, *(one.after for one in self.retuned if not one.is_gone))
 
     @property
+    def told(self) -> list[tuple[Effect, dict[str, float]]]:
+        """Every effect that is missing, changed or gone, with the standard errors of its parameters."""
+        return [(c.piece.effect, c.stderr) for c in self.claims] + [(one.after, one.stderr) for one in self.retuned]
+
+    @property
     def names(self) -> set[str]:
         """Names of the effects that are missing or changed."""
         return {effect.name for effect in self.effects}

@@ -130,10 +130,7 @@ def _repeats(result: Reconciliation) -> list[NextRun]:
 
 def is_known(result: Reconciliation) -> bool:
     """Whether the sizes of what was found are known well enough: each error is a small share of the largest like it."""
-    found = result.conclusions
-    pairs = [(claim.piece.effect, claim.stderr) for claim in found.claims]
-    pairs += [(entry.after, entry.stderr) for entry in found.retuned]
-    for effect, errors in pairs:
+    for effect, errors in result.conclusions.told:
         units = {s.key: s.unit for s in effect.scalars if s.form in (Form.LINEAR, Form.INVERSE)}
         units |= {phasor.keys(side)[0]: phasor.unit for phasor in effect.phasors for side in (False, True)}
         largest: dict[str, float] = {}
@@ -147,12 +144,9 @@ def is_known(result: Reconciliation) -> bool:
 
 def _narrowed(result: Reconciliation, ratios: Mapping[Name, float]) -> tuple[Narrowed, ...]:
     """The standard errors of what was found, now and with the runs."""
-    found = result.conclusions
-    pairs = [(claim.piece.effect, claim.stderr) for claim in found.claims]
-    pairs += [(entry.after, entry.stderr) for entry in found.retuned]
     return tuple(
         Narrowed(effect.name, effect.orders, key, now, now * ratios[effect.name, effect.orders, key])
-        for effect, errors in pairs
+        for effect, errors in result.conclusions.told
         for key, now in errors.items()
         if (effect.name, effect.orders, key) in ratios
     )

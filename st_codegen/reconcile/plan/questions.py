@@ -13,7 +13,6 @@ from typing import Protocol
 
 import numpy as np
 
-from st_codegen.campaign.conditions import CONDITION_COLUMNS
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.data.contrasts import AXES, step_between
 from st_codegen.reconcile.fit.fitting import Fit, fit
@@ -175,7 +174,7 @@ def unexplained(result: Reconciliation, rows: Rows) -> list[Question]:
     """The unexplained orders that a run can tell something of, the largest; gaps where nothing is, or few runs are."""
     final = result.conclusions.final
     target = final.target
-    steps = [step_between(getattr(target.data.at, column)) for column in CONDITION_COLUMNS]
+    steps = [step_between(axis) for axis in target.data.at.axes]
     found: list[Question] = []
     if result.verdict is Outcome.NOTHING_MISSING or target.data.few_points:
         # what hides between levels is sharp in speed (a resonance) or in torque (flanks that seat)
@@ -262,8 +261,7 @@ def peaks_between(result: Reconciliation, rows: Rows) -> list[Question]:
         f"lies where a straight line from {a:g} to {b:g} rpm misses {d:.2g} deg RMS of what was found"
         for a, b, d in zip(low, high, deg, strict=False)
     ]
-    steps = np.array([step_between(getattr(final.target.data.at, column)) for column in CONDITION_COLUMNS])
-    length = steps * np.array([_INSIDE, _FAR, _FAR])
+    length = np.array([step_between(axis) for axis in final.target.data.at.axes]) * (_INSIDE, _FAR, _FAR)
     measured = np.unique(final.target.data.at.rows(final.target.good).points / length, axis=0)
     weight = summed((np.abs(missed) / rows.sigma) ** 2).sum(axis=1)
     return [Unknown(weight, measured, at.points[:count] / length, why)]
