@@ -6,8 +6,6 @@ runs alone would miss most of what was found: peaks between the measured speeds.
 
 from __future__ import annotations
 
-import csv
-import io
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, astuple, dataclass
@@ -16,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.campaign.conditions import CONDITION_COLUMNS, OperatingPoint
+from st_codegen.files.csv_tables import csv_text
 from st_codegen.reconcile.plan.points import points_of, rows_at
 from st_codegen.reconcile.plan.questions import (
     Name,
@@ -79,12 +78,8 @@ class NextRuns:
 
     def csv_text(self) -> str:
         """The runs as conditions of a campaign, each with what it is for."""
-        text = io.StringIO(newline="")
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(["file", *CONDITION_COLUMNS, "purpose"])
-        for run in self.runs:
-            writer.writerow([run.file, *(f"{x:g}" for x in astuple(run.point)), run.purpose])
-        return text.getvalue()
+        rows = ([run.file, *(f"{x:g}" for x in astuple(run.point)), run.purpose] for run in self.runs)
+        return csv_text([["file", *CONDITION_COLUMNS, "purpose"], *rows])
 
 
 def next_runs(result: Reconciliation) -> NextRuns:
