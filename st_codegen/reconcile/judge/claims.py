@@ -122,7 +122,7 @@ class Conclusions:
             names = {
                 one.reading.name
                 for one in more
-                if any(i != OFFSET and (pieces[i].origin or pieces[i].effect) is entry.before for i in one.instead_of)
+                if any(i != OFFSET and pieces[i].own is entry.before for i in one.instead_of)
             }
             retuned.append(replace(entry, misread=tuple(sorted(names | {*entry.misread}))))
         return replace(self, misread=(*more, *self.misread), retuned=tuple(retuned))

@@ -133,7 +133,7 @@ def gains_one_sideband(_: Fit, piece: Piece) -> bool:
 
     Its ratio moves with it where the runs do not tell what follows the mesh order from what is constant.
     """
-    before, after = piece.origin or piece.effect, piece.effect
+    before, after = piece.own, piece.effect
     if after.stage is not Stage.MODULATION or after.values.keys() == before.values.keys():
         return False
     sides = [abs(after.complex_value(key) - before.complex_value(key)) for key in ("lower_deg", "upper_deg")]
