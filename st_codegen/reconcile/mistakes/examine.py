@@ -478,14 +478,13 @@ def _zeros(data: Observations, rig: RigModel) -> list[Mistake]:
     """A zero of the angle of its own in some runs."""
     number = data.number_of_run
     model = expected_of(data, rig)
-    found = zeros(data.values, model, noise_power(data), data.orders, number, data.spectral_deg is not None)
-    angle = found.angle
+    angle, error = zeros(data.values, model, noise_power(data), data.orders, number, data.spectral_deg is not None)
     if not angle.any():
         return []
     text = _ZEROS.format(len(np.unique(number[angle != 0])), number.max() + 1, np.degrees(np.abs(angle)).max())
 
     def corrected(given: Observations) -> Observations:
-        told = given.orders * found.error < SETTINGS.told_turn
+        told = given.orders * error < SETTINGS.told_turn
         turned = replace(given, values=given.values * np.exp(1j * angle[:, None] * given.orders))
         if told.all():
             return turned
