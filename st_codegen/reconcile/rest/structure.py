@@ -325,7 +325,7 @@ def by_directions(target: FitData, residual: ComplexArray) -> tuple[BoolArray, F
 
     What a run has in both directions is no noise of the measurement, whatever its pattern over the conditions.
     """
-    data, pairs = target.data, _pairs(target)
+    data, pairs = target.data, pairs_of(target)
     if data.angle_rad is not None or len(pairs) < SETTINGS.least_contrasts:
         return np.zeros(len(data.orders), bool), np.full(len(data.orders), np.inf)
     parts = data.parts
@@ -374,7 +374,7 @@ def _by_chance(
     return np.asarray(np.maximum(1.0, alike * np.sqrt(parts * len(first))))
 
 
-def _pairs(target: FitData) -> IntArray:
+def pairs_of(target: FitData) -> IntArray:
     """The rows of good runs that have two, (n, 2)."""
     rows = [rows for rows in target.data.runs if len(rows) == 2 and target.good[rows].all()]
     return np.array(rows, np.int64).reshape(-1, 2)
@@ -382,7 +382,7 @@ def _pairs(target: FitData) -> IntArray:
 
 def in_both_directions(target: FitData, residual: ComplexArray) -> FloatArray:
     """RMS over the angle (deg) of what runs have alike in both directions, by order (K,); 0 where too few runs tell."""
-    pairs = _pairs(target)
+    pairs = pairs_of(target)
     if target.data.angle_rad is not None or len(pairs) < SETTINGS.least_contrasts:
         return np.zeros(residual.shape[1])
     alike = (residual[pairs[:, 0]] * residual[pairs[:, 1]].conj()).real.mean(axis=0)

@@ -26,6 +26,7 @@ from st_codegen.reconcile.rest.structure import (
     noise_within,
     of_an_encoder,
     orthogonal_basis,
+    pairs_of,
     rms_of_component,
     scatter,
     structure,
@@ -264,8 +265,7 @@ def _is_common(target: FitData, r: ComplexArray, order: int, beyond: float) -> b
     if (np.abs(means) ** 2).mean() / parts < SETTINGS.same_in_runs * beyond:
         return False
     # both directions of a run may share what they differ by: what they have alike, and what turns with them
-    both = [rows for rows in target.data.runs if len(rows) == 2 and good[rows].all()]
-    pairs = np.array(both, dtype=np.int64).reshape(-1, 2)
+    pairs = pairs_of(target)
     first, second = own[pairs].T
     tested: list[ComplexArray] = [(first + second) / 2.0, (first - second) / 2.0] if len(pairs) else [own[good]]
     # where noise lasts over runs their mean is told by fewer of them
