@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import orth
 from scipy.special import gammaincc, ndtr
 
 from st_codegen.campaign.orders import BAND, listed
@@ -181,7 +182,7 @@ def _between_levels(
 
     known: by how many degrees of freedom the noise of z is, (K,).
     """
-    basis = orthogonal_basis(np.concatenate(list(level_designs(target).values()), axis=1))
+    basis = orth(np.concatenate(list(level_designs(target).values()), axis=1), rcond=1e-8)
     rows, rank = len(basis), basis.shape[1]
     explained = (np.abs(basis.T @ z) ** 2).sum(axis=0)
     left = np.maximum((np.abs(z) ** 2).sum(axis=0) - explained, 1e-12) / np.maximum(parts * (rows - rank), 1)
@@ -220,12 +221,6 @@ def level_designs(target: FitData) -> dict[str, FloatArray]:
 def _dummies(level: IntArray, sign: FloatArray) -> FloatArray:
     code = level * 2 + (sign > 0)
     return np.asarray((code[:, None] == np.unique(code)[None, :]).astype(np.float64))
-
-
-def orthogonal_basis(design: FloatArray) -> FloatArray:
-    """Orthonormal columns that span those of a design (n, m), float64 (n, rank)."""
-    u, s, _ = np.linalg.svd(design, full_matrices=False)
-    return u[:, s > 1e-8 * s[0]]
 
 
 def rms_of_component(target: FitData, residual: ComplexArray) -> FloatArray:

@@ -10,6 +10,7 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import orth
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.chances import f_tail
@@ -25,7 +26,6 @@ from st_codegen.reconcile.rest.structure import (
     level_designs,
     noise_within,
     of_an_encoder,
-    orthogonal_basis,
     pairs_of,
     rms_of_component,
     scatter,
@@ -42,10 +42,10 @@ def dependence(target: FitData, r: ComplexArray, noise_power: float, course: Cou
     """
     designs = level_designs(target)
     good = r[target.good]
-    constant = orthogonal_basis(designs["constant"])
+    constant = orth(designs["constant"], rcond=1e-8)
     found = {"constant": float((np.abs(constant.T @ good) ** 2).sum())}
     for name in AXES:
-        basis = orthogonal_basis(designs[name])
+        basis = orth(designs[name], rcond=1e-8)
         own = float((np.abs(basis.T @ good) ** 2).sum()) - found["constant"]
         found[name] = max(0.0, own - noise_power * (basis.shape[1] - constant.shape[1]))
     if course is not None:
