@@ -314,7 +314,7 @@ def test_floors_of_reconcile(path):
 #: Dataclasses whose fields change: what one function gathers, and what a server keeps of a client.
 CHANGING = set(
     """AxisValue BlockRun BlockTimes DeclaredUnit Entry Graph Lanes
-    Listing LiveReport ModelReport NativeCall PathState Plc Scorer
+    Listing LiveReport ModelReport NativeCall PathState Plc
     Slots WireVariable XmlFile _Call _Notification _PlcopenReader""".split()
 )
 

@@ -71,6 +71,11 @@ class Conditions:
         """The operating points that a mask or an index array chooses."""
         return Conditions(self.sign[choice], self.speed_rpm[choice], self.torque_Nm[choice], self.temperature_C[choice])
 
+    def by_direction(self, some: BoolArray | None = None) -> list[BoolArray]:
+        """The rows, or some of them, of each direction that they have, backward first: masks, bool (n,)."""
+        kept = np.ones(len(self), np.bool_) if some is None else some
+        return [kept & (self.sign == sign) for sign in np.unique(self.sign[kept])]
+
     @property
     def axes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Speed, torque and temperature."""

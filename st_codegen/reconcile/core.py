@@ -20,6 +20,7 @@ from st_codegen.reconcile.judge.conclusions import conclude, gone, unchanged
 from st_codegen.reconcile.judge.lookalikes import doubted, unlike_friction
 from st_codegen.reconcile.judge.misread import in_place_of_the_rest
 from st_codegen.reconcile.mistakes.examine import Examined
+from st_codegen.reconcile.outcome import Gap
 from st_codegen.reconcile.rest.in_time import wander_over_runs
 from st_codegen.reconcile.rest.lines import lines_in_samples
 from st_codegen.reconcile.rest.structure import (
@@ -32,7 +33,7 @@ from st_codegen.reconcile.rest.structure import (
 from st_codegen.reconcile.rest.suspects import bad_runs, excused, without_structure
 from st_codegen.reconcile.rest.unexplained import Signature, beside_the_rigs, loudest, of_a_hum, signatures
 from st_codegen.reconcile.rest.unseen import below_noise, cannot_show
-from st_codegen.reconcile.result import Gap, OrderGap, Reconciliation, TakenBack
+from st_codegen.reconcile.result import OrderGap, Reconciliation, TakenBack
 from st_codegen.reconcile.search.candidates import Candidate
 from st_codegen.reconcile.search.evidence import Evidence, between_states, held_out_rms, untested_axes
 from st_codegen.reconcile.search.plausible import lack_of_forms
@@ -142,20 +143,22 @@ def _result(
     target = replace(target, good=noise.good)
     final = replace(conclusions.final, target=target)
     before, after, good = target.residual(rig), final.residual, noise.good
-    hums = _OfHums.of(data)
+    # what hums had in the gap before they were taken out: the power of each order, and the RMS of all, also of others
+    of_hums = data.hum_power(data.orders)
+    all_hums = math.sqrt(float(of_hums.sum()) + max(0.0, sum(one.power for one in data.hums) - float(of_hums.sum())))
     floor_rms, left = _left_over(final, before, noise, judged)
-    gap_power = hums.with_all(rms_deg(before[good], data.orders)) ** 2
+    gap_power = math.hypot(rms_deg(before[good], data.orders), all_hums) ** 2
     # what noise is left where the noise holds what is unexplained as well nobody knows
     told = [one.order for one in left if not (one.at_least or "scatter" in one.dependence)]
     conclusions = conclusions.with_misread(in_place_of_the_rest(final, told))
     unseen = _held_out(final, before, apart)
 
     def whole(before: float, after: float) -> Gap:
-        return Gap(hums.with_all(before), hums.with_all(after), float(np.linalg.norm(floor_rms)))
+        return Gap(math.hypot(before, all_hums), math.hypot(after, all_hums), float(np.linalg.norm(floor_rms)))
 
     def of_order(k: int) -> OrderGap:
         fitted = [rms_deg(values[good][:, [k]], data.orders[[k]]) for values in (before, after)]
-        own = [hums.with_own(rms, k) for rms in (*fitted, float(unseen.by_order[k]))]
+        own = [math.hypot(rms, math.sqrt(of_hums[k])) for rms in (*fitted, float(unseen.by_order[k]))]
         return OrderGap(int(data.orders[k]), own[0], own[1], float(floor_rms[k]), own[2])
 
     orders, in_samples = [one.order for one in left if one.order >= 0], data.angle_rad is not None
@@ -187,31 +190,6 @@ def _result(
         carriers=math.inf if in_samples else _carriers(_powers(data, unseen.left)),
         testers=math.inf if in_samples else _points_that_test(data, before, unseen),
     )
-
-
-@dataclass(frozen=True)
-class _OfHums:
-    """The power (deg^2) that hums had in the gap before they were taken out of the curves.
-
-    by_order: of the orders that are looked at, (K,); elsewhere: of all others together.
-    """
-
-    by_order: FloatArray
-    elsewhere: float
-
-    @classmethod
-    def of(cls, data: Observations) -> _OfHums:
-        """The power of the hums that were taken out of the data."""
-        by_order = sum((one.by_order[data.orders] ** 2 for one in data.hums), np.zeros(len(data.orders)))
-        return cls(by_order, max(0.0, sum(one.power for one in data.hums) - float(by_order.sum())))
-
-    def with_all(self, rms: float) -> float:
-        """The RMS of the curves from what all orders have, with all that was taken out."""
-        return math.hypot(rms, math.sqrt(float(self.by_order.sum()) + self.elsewhere))
-
-    def with_own(self, rms: float, k: int) -> float:
-        """The RMS of one order, by its place, with what was taken out of it."""
-        return math.hypot(rms, math.sqrt(float(self.by_order[k])))
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,18 @@
-"""What a comparison came to, in one word of report.json."""
+"""What a comparison came to: in one word of report.json, and how far model and measurement are apart."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import StrEnum
+
+
+@dataclass(frozen=True)
+class Gap:
+    """RMS in deg between model and measurement over all good runs and angles, and what noise alone gives."""
+
+    before: float
+    after: float
+    noise_floor: float
 
 
 class Outcome(StrEnum):

@@ -11,21 +11,12 @@ from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.judge.claims import Conclusions
 from st_codegen.reconcile.mistakes.single_runs import Mistake
-from st_codegen.reconcile.outcome import Outcome
+from st_codegen.reconcile.outcome import Gap, Outcome
 from st_codegen.reconcile.rest.unexplained import Signature
 from st_codegen.reconcile.search.candidates import Candidate
 from st_codegen.reconcile.search.evidence import Evidence
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.model import RigModel
-
-
-@dataclass(frozen=True)
-class Gap:
-    """RMS in deg between model and measurement over all good runs and angles, and what noise alone gives."""
-
-    before: float
-    after: float
-    noise_floor: float
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import replace
+from dataclasses import astuple, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,18 +17,14 @@ from st_codegen.reconcile.data.checks import check, check_channels
 from st_codegen.reconcile.data.reading import read_measured
 from st_codegen.reconcile.data.recordings import ANGLES, Recording, is_recording, observations, read_recordings
 from st_codegen.reconcile.judge.claims import Conclusions
-from st_codegen.reconcile.judge.links import (
-    changed_with_unmeasured_links,
-    coupling_link,
-    servo_link,
-    with_unmeasured_links,
-)
+from st_codegen.reconcile.judge.links import coupling_link, servo_link, with_unmeasured_links
 from st_codegen.reconcile.judge.misread import Misread, refined
 from st_codegen.reconcile.mistakes.examine import Examined, examine
 from st_codegen.reconcile.mistakes.recorded import check_accepted, check_recordings
 from st_codegen.reconcile.mistakes.single_runs import AS_IS, Mistake, mistaken_runs
+from st_codegen.reconcile.outcome import Gap
 from st_codegen.reconcile.rest.unexplained import Signature
-from st_codegen.reconcile.result import Gap, Reconciliation
+from st_codegen.reconcile.result import Reconciliation
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue
 from st_codegen.rig.effects.base import BACKWARD
@@ -65,7 +61,7 @@ def reconcile_files(
     check_channels(data, measured)
     problems, examined = Problems(str(measured)), Examined(data)
     with problems.collect():
-        check(data, rig, measured, units=False)
+        check(data, rig, measured)
     with problems.collect():
         examined = examine(data, rig, measured, scale=scale, accept=accept)
     problems.raise_if_any()
@@ -155,32 +151,20 @@ def reconcile_recordings(
     links = [link for link in (servo_link(recordings, rig), coupling_link(recordings, rig)) if link is not None]
     claims = tuple(link.claim for link in links if link.claim is not None)
     retuned = tuple(link.retuned for link in links if link.retuned is not None)
-    found = result.conclusions
-    conclusions = replace(
-        found,
-        claims=(*with_unmeasured_links(found.claims, recordings), *claims),
-        retuned=(*changed_with_unmeasured_links(found.retuned, recordings), *retuned),
-    )
+    found = with_unmeasured_links(result.conclusions, recordings)
+    conclusions = replace(found, claims=(*found.claims, *claims), retuned=(*found.retuned, *retuned))
     changed = {entry.before: entry.after for entry in retuned}
     effects = [changed.get(effect, effect) for effect in result.new_rig.effects]
     new_rig = replace(result.new_rig, effects=(*effects, *(claim.piece.effect for claim in claims)))
     rest = tuple(
-        Signature(0, link.after, link.after**2, {"constant": 1.0}, "both", link.unexplained, share=1.0)
+        Signature(0, link.gap.after, link.gap.after**2, {"constant": 1.0}, "both", link.unexplained, share=1.0)
         for link in links
         if link.unexplained
     )
 
     def whole(gap: Gap) -> Gap:
         """The gap of all links together, at the output."""
-        sums = [
-            math.hypot(own, *others)
-            for own, others in (
-                (gap.before, [link.before for link in links]),
-                (gap.after, [link.after for link in links]),
-                (gap.noise_floor, [link.floor for link in links]),
-            )
-        ]
-        return Gap(*sums)
+        return Gap(*map(math.hypot, *map(astuple, (gap, *(link.gap for link in links)))))
 
     return replace(
         result,

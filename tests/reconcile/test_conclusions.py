@@ -646,7 +646,7 @@ def test_what_lies_between_unexplained_orders_is_open(left, is_open):
         3: effect("crank_misalignment", amplitude_deg=1e-3),
     }
     retuned = tuple(Retuned(one, one, {}, 0.0) for one in own.values())
-    found = doubted(Conclusions(None, None, (), retuned, False), left, ())
+    found = doubted(Conclusions(None, None, (), retuned, False), left, (), (), in_samples=False)
     assert {k for k, one in zip(own, found.retuned, strict=True) if one.is_open} - set(left) == is_open
 
 
@@ -657,7 +657,8 @@ FRICTION = effect("friction_windup", coulomb_arcmin=0.25)
 def test_the_twin_of_an_unexplained_sideband_is_open(left, is_open):
     """Waves of orders 38 and 40 that grew with the load were a changed mesh order 40, and an order 38 with no name."""
     mesh = effect("load_dependent_mesh", order=40, slope_deg_per_kNm=1e-4)
-    found = doubted(Conclusions(None, None, (), (Retuned(mesh, mesh, {}, 0.0),), False), [left], ())
+    changed = (Retuned(mesh, mesh, {}, 0.0),)
+    found = doubted(Conclusions(None, None, (), changed, False), [left], (), (), in_samples=False)
     assert found.retuned[0].is_open is is_open
 
 
@@ -666,7 +667,7 @@ def test_dry_friction_beside_play_that_may_be_something_else_may_be_so_as_well(i
     """What the play lost above 70 N m the friction gained: only the one was said to be unsure."""
     play = effect("backlash", gap_arcmin=0.3, seating_torque_Nm=60.0)
     changed = (Retuned(play, play, {}, 0.0, is_open=is_open), Retuned(FRICTION, FRICTION, {}, 0.0))
-    found = doubted(Conclusions(None, None, (), changed, False), (), ())
+    found = doubted(Conclusions(None, None, (), changed, False), (), (), (), in_samples=False)
     assert [one.is_open for one in found.retuned] == [is_open, is_open]
 
 

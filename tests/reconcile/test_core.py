@@ -13,7 +13,7 @@ from st_codegen.campaign.harmonic_table import HarmonicTable, write_table
 from st_codegen.cli.main import cli
 from st_codegen.errors import InputError
 from st_codegen.reconcile.data.chances import f_tail, false_discoveries
-from st_codegen.reconcile.data.checks import check
+from st_codegen.reconcile.data.checks import check_units
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations, labels
 from st_codegen.reconcile.fit.fitting import fit
@@ -265,6 +265,12 @@ def test_chance_counts_one_number_of_a_mean_and_two_of_a_wave():
         assert _p_of_chance(without, with_it, places) == pytest.approx(expected, rel=1e-12)
 
 
+def test_chances_of_an_f_by_hand():
+    """Of two numbers over infinitely many it is exp(-x); over two it is 1 / (1 + x)."""
+    chances = f_tail(np.array([1.5, 1.5, -1.0, np.nan, np.nan]), 2, np.array([np.inf, 2.0, 2.0, 2.0, np.inf]))
+    assert chances == pytest.approx([np.exp(-1.5), 1 / 2.5, 1.0, 1.0, 1.0])
+
+
 def test_false_discovery_rate_by_hand():
     p = np.array([0.001, 0.02, 0.9, 0.012, 0.04])
     # sorted 0.001 0.012 0.02 0.04 0.9 against 0.05*i/5 = 0.01 0.02 0.03 0.04 0.05
@@ -276,7 +282,7 @@ def test_false_discovery_rate_by_hand():
 def test_units_are_asked_about(factor, words):
     data = observed(RIG, grid()).scaled(factor)
     with pytest.raises(InputError, match=words):
-        check(data, RIG, Path("table.csv"))
+        check_units(data, RIG, Path("table.csv"))
 
 
 def run(tmp_path, rig, at, measured, *more):

@@ -74,6 +74,16 @@ def test_both_forms_of_friction_that_falls_are_formulas_and_no_others():
         formulas(parse_rig(head + friction + "stribeck_exponent = 1.5\n"), 1.0)
 
 
+def test_symbols_know_the_arithmetic_of_arrays_and_refuse_to_be_compared():
+    """A comparison has no answer before the operating point is known: it is refused, not answered with no."""
+    torque = operating_point(Graph(), 1.0).torque_Nm
+    value = 2.0 - abs(-torque) / 4.0 + (1.0 + torque) ** 2 + torque**1
+    assert evaluate([value.real], {"torque_Nm": np.array([8.0])}) == pytest.approx(np.array([[89.0]]))
+    for refused in (lambda: torque == 1.0, lambda: torque < 1.0, lambda: 2.0**torque, lambda: torque**0.5):
+        with pytest.raises(NoFormulaError):
+            refused()
+
+
 def test_constant_sidebands_and_all_parts_of_a_resonance_are_formulas():
     tables = (
         '[[effect]]\nname = "cycloid_tooth_error"\norder = 39\namplitude_deg = 1e-3\n',

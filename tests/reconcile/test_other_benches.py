@@ -75,10 +75,10 @@ def test_what_reaches_many_orders_may_have_changed_any():
     found = replace(found, retuned=(replace(one, is_open=False),))
     foreign = [k for k in range(4, 60, 2) if k not in WHOLE.orders()]
     for few in (foreign[:7], [k for k in range(4, 30, 2) if k not in WHOLE.orders()]):
-        assert not doubted(found, few, [], WHOLE.orders()).retuned[0].is_open
-    several = doubted(found, foreign, [], WHOLE.orders())
+        assert not doubted(found, few, [], WHOLE.orders(), in_samples=False).retuned[0].is_open
+    several = doubted(found, foreign, [], WHOLE.orders(), in_samples=False)
     assert several.retuned[0].is_open and several.of_offset == ("something_else",)
-    assert not doubted(found, foreign[:7], [], WHOLE.orders()).of_offset
+    assert not doubted(found, foreign[:7], [], WHOLE.orders(), in_samples=False).of_offset
 
 
 def test_where_curves_begin_a_name_is_not_the_only_one():
@@ -126,8 +126,8 @@ def test_a_change_of_the_delay_is_doubted_where_an_order_stays_unexplained():
     found = reconcile_observations(WHOLE, data, KNOWN).conclusions
     delay = effect("measurement_delay", delay_us=250.0)
     changed = replace(found, retuned=(Retuned(delay, delay.with_values({**delay.values, "delay_us": 170.0}), {}, 0.0),))
-    assert doubted(changed, [57], [], WHOLE.orders()).retuned[0].is_open
-    assert not doubted(changed, [], [], WHOLE.orders()).retuned[0].is_open
+    assert doubted(changed, [57], [], WHOLE.orders(), in_samples=False).retuned[0].is_open
+    assert not doubted(changed, [], [], WHOLE.orders(), in_samples=False).retuned[0].is_open
 
 
 def test_a_loud_run_is_as_loud_as_its_own_curve_says():

@@ -10,7 +10,7 @@ from st_codegen.reconcile.report.sentences import beside_text
 from st_codegen.reconcile.report.summary import summary
 from st_codegen.reconcile.run import reconcile_files
 from st_codegen.reconcile.search.surroundings import angle_of_rest
-from st_codegen.rig.effects import catalogue
+from st_codegen.rig.effects import Conditions, catalogue
 from st_codegen.rig.model import read_rig
 
 from .blind_form.files import write_curves
@@ -183,7 +183,7 @@ def test_where_orders_stand_together_reaches_no_farther_than_it_has_to(half, rea
     """Of a step up and down again, so many deg before and behind 20 deg, three quarters of the power lie within."""
     orders = np.arange(1, 400)
     wave = np.sin(orders * np.radians(half)) / orders * np.exp(-1j * orders * np.radians(20.0))
-    data = SimpleNamespace(orders=orders, angle_rad=None, at=SimpleNamespace(sign=np.ones(3)))
+    data = SimpleNamespace(orders=orders, angle_rad=None, at=Conditions.of(np.ones(3), 900.0, 400.0, 30.0))
     found = angle_of_rest(SimpleNamespace(data=data, good=np.ones(3, bool)), np.tile(wave, (3, 1)), orders.tolist())
     assert (found and found[1]) == reach
     assert found is None or abs(found[0] - 20.0) <= reach

@@ -2,7 +2,7 @@
 
 import re
 from contextlib import nullcontext
-from dataclasses import replace
+from dataclasses import astuple, replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,8 +14,8 @@ from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.data.recordings import ANGLES, Recording, is_recording, observations, read_recordings, step_of
 from st_codegen.reconcile.fit.target import FitData, groups_of
-from st_codegen.reconcile.judge.claims import Retuned
-from st_codegen.reconcile.judge.links import _judged, _noise, changed_with_unmeasured_links
+from st_codegen.reconcile.judge.claims import Conclusions, Retuned
+from st_codegen.reconcile.judge.links import _judged, _noise, with_unmeasured_links
 from st_codegen.reconcile.mistakes.recorded import _jumps, _least_at, _other_angle, check_recordings
 from st_codegen.reconcile.outcome import Outcome
 from st_codegen.reconcile.report.sentences import _few_samples, floor_text, left_text, verdict_text
@@ -176,7 +176,7 @@ def test_what_a_link_saves_counts_in_noises(left, claimed):
     assert (link.claim is not None) is claimed
     if claimed:
         assert link.claim.evidence.loss_saved == pytest.approx(50 * 16.0)
-    assert (link.before, link.after, link.floor) == pytest.approx((2.0 / 81, (left if claimed else 2.0) / 81, 0.5 / 81))
+    assert astuple(link.gap) == pytest.approx((2.0 / 81, (left if claimed else 2.0) / 81, 0.5 / 81))
 
 
 def test_the_noise_of_a_link_is_what_its_digits_are_rounded_by():
@@ -615,8 +615,9 @@ def test_a_stiffness_that_changed_may_be_the_coupling_where_its_angle_was_not_me
     own = known["torsional_compliance"]({"stiffness_Nm_per_arcmin": 454.0}, parse_rig(RIG).constants)
     changed = [Retuned(own, own.with_values({"stiffness_Nm_per_arcmin": 420.0}), {}, 0.0)]
     without, measured = (SimpleNamespace(angles={name: 0.0}) for name in ("theta_mot", "theta_in"))
-    assert changed_with_unmeasured_links(changed, [without])[0].alternatives == ("coupling_compliance",)
-    assert changed_with_unmeasured_links(changed, [measured])[0].alternatives == ()
+    found = Conclusions(None, None, (), changed, False)
+    assert with_unmeasured_links(found, [without]).retuned[0].alternatives == ("coupling_compliance",)
+    assert with_unmeasured_links(found, [measured]) is found
 
 
 def test_each_recording_has_its_own_noise():

@@ -1,38 +1,29 @@
-"""Chances of noise: tails of the distributions that sums and quotients of squares of noise have.
-
-SciPy is imported where it is needed: it takes a tenth of a second.
-"""
+"""Chances of noise: tails of the distributions that sums and quotients of squares of noise have."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
+from scipy.special import chdtrc, fdtrc
 
-from st_codegen.ir.arrays import BoolArray, FloatArray
+from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray
+
+_Numbers = FloatArray | IntArray
 
 
 def chi_square_tail(x: float, count: int) -> float:
     """Chance that a chi-square of `count` degrees of freedom exceeds x."""
-    from scipy.special import chdtrc
-
     return float(chdtrc(count, x)) if x > 0 else 1.0
 
 
-def normal_tail(x: FloatArray) -> FloatArray:
-    """Chance that a normal number exceeds x, element by element."""
-    from scipy.special import ndtr
+def f_tail(x: FloatArray | float, count: _Numbers | float, rest: _Numbers | float) -> FloatArray:
+    """Chance that an F with these degrees of freedom exceeds x, element by element; rest may be infinite.
 
-    return ndtr(-x)
-
-
-def f_tail(x: float, count: int, rest: float) -> float:
-    """Chance that an F with these degrees of freedom exceeds x; rest may be infinite."""
-    if rest == np.inf:
-        return chi_square_tail(x * count, count)
-    from scipy.special import fdtrc
-
-    return float(fdtrc(count, rest, x)) if x > 0 else 1.0
+    It is 1 where x is no number.
+    """
+    x = np.fmax(x, 0.0)
+    return np.where(np.isinf(rest), chdtrc(count, x * count), fdtrc(count, rest, x))
 
 
 def false_discoveries(p: FloatArray, rate: float) -> BoolArray:

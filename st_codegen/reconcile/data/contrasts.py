@@ -61,8 +61,7 @@ def _contrasts(at: Conditions, good: BoolArray) -> Contrasts:
     index = np.zeros((n, count), np.int64)
     weight = np.zeros((n, count))
     norm = np.full(n, np.inf)
-    for sign in (1.0, -1.0):
-        rows = np.flatnonzero(at.sign == sign)
+    for rows in map(np.flatnonzero, at.by_direction()):
         pool = rows[good[rows]]
         if len(pool) <= count:
             continue

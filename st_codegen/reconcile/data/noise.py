@@ -14,6 +14,7 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import chdtri, fdtrc
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.contrasts import along_axes, contrasts, of_whole_levels, repeats, speed_levels
@@ -116,8 +117,7 @@ def _louder_by_themselves(data: Observations, sigma: FloatArray) -> FloatArray:
     if data.spectral_deg is None:
         return sigma
     found = sigma.copy()
-    for sign in np.unique(data.at.sign):
-        rows = data.at.sign == sign
+    for rows in data.at.by_direction():
         own = np.sqrt((data.spectral_deg[rows] ** 2).mean(axis=1))
         louder = own / max(float(np.median(own)), 1e-300)
         louder = np.where(louder > SETTINGS.louder_speed, louder, 1.0)
@@ -161,9 +161,8 @@ def _smallest(
         sigma[smaller] = own[smaller]
 
     beside = np.full(residual.shape, np.inf)
-    for sign in np.unique(data.at.sign):
-        rows = good & (data.at.sign == sign)
-        beside[data.at.sign == sign] = noise_beside(data.at.rows(rows), residual[rows], data.orders)
+    for side in data.at.by_direction():
+        beside[side] = noise_beside(data.at.rows(good & side), residual[good & side], data.orders)
     take("smooth", beside, np.sqrt((beside[good] ** 2).mean(axis=0)), int(good.sum()))
     for name, local in along_axes(data.at, good):
         rows = good & local.usable
@@ -181,17 +180,13 @@ def _take_of_laws(
     The laws are a constant, and straight lines over the torque, or over all conditions. What runs have in common is no
     noise: of runs that are too few for neighbours that is all that can be compared.
     """
-    # only here: it takes a tenth of a second, and few campaigns are so small
-    from scipy.special import chdtri, fdtrc
-
     at, parts = data.at, data.parts
     y = data.with_real_mean(residual)
     least = np.full(len(data.orders), np.inf)
     for columns in ((), (at.torque_Nm,), at.axes):
         varied = [(x - x.mean()) / np.ptp(x) for x in columns if np.ptp(x) > 0.0]
         design, told, left, numbers, freedom = np.stack([np.ones(len(data)), *varied], axis=1), 0.0, 0.0, 0, 0
-        for sign in np.unique(at.sign):
-            rows = good & (at.sign == sign)
+        for rows in (good & side for side in at.by_direction()):
             q = np.linalg.qr(design[rows])[0]
             law = q @ (q.T @ y[rows])
             told, left = told + (np.abs(law) ** 2).sum(axis=0), left + (np.abs(y[rows] - law) ** 2).sum(axis=0)
@@ -215,8 +210,7 @@ def _sigma_by_direction(data: Observations, e: ComplexArray, rows: BoolArray) ->
     """
     sigma = np.zeros((len(data), len(data.orders)))
     level = speed_levels(data.at.speed_rpm)
-    for sign in (1.0, -1.0):
-        of_sign = data.at.sign == sign
+    for of_sign in data.at.by_direction():
         own = rows & of_sign
         common = sigma_of(e[rows if data.few_points or own.sum() < 12 else own], data.orders)
         sigma[of_sign] = common

@@ -88,6 +88,10 @@ class Observations:
         """RMS of what the angles of samples over time are rounded by; else 0."""
         return 0.0 if self.rounded_by is None else float(np.sqrt((self.rounded_by**2).mean()))
 
+    def hum_power(self, orders: Sequence[int] | IntArray) -> FloatArray:
+        """The power (deg^2) that hums had in orders before they were taken out of the values, (orders,)."""
+        return sum((one.by_order[orders] ** 2 for one in self.hums), np.zeros(len(orders)))
+
     def model_orders(self) -> tuple[int, ...]:
         """The orders whose coefficients a model must give."""
         return tuple(self.orders.tolist()) if self.angle_rad is None else self.inside
@@ -217,16 +221,14 @@ def order_of_runs(at: Conditions) -> IntArray | None:
     if sorted_by(at):
         return None
     found = np.zeros(len(at), np.int64)
-    for sign in np.unique(at.sign):
-        rows = np.flatnonzero(at.sign == sign)
+    for rows in map(np.flatnonzero, at.by_direction()):
         found[rows] = np.arange(len(rows))
     return found
 
 
 def sorted_by(at: Conditions) -> str:
     """The condition by which runs are sorted first (`speed`, `torque`, `temperature`); empty where they are not."""
-    for sign in np.unique(at.sign):
-        rows = at.sign == sign
+    for rows in at.by_direction():
         columns = [np.round(column[rows], 9) for column in at.axes]
         for first in itertools.permutations(range(3)):
             listed = np.stack([columns[i] for i in first], axis=1)

@@ -85,8 +85,7 @@ class Fit:
 
     def shown_change(self, piece: Piece) -> ComplexArray:
         """What the change of a piece of the rig makes of the measured coefficients, (n, K)."""
-        assert piece.origin is not None
-        change = self.propagation.change(piece.effect) - self.propagation.change(piece.origin)
+        change = self.propagation.change(piece.effect) - self.propagation.change(piece.own)
         return self.propagation.measured(change, piece.effect.stage)
 
     @cached_property
@@ -163,8 +162,7 @@ def _prior(state: State) -> tuple[FloatArray, FloatArray]:
     # an offset that is not free is held by a belief that no data overrule
     centre, weight = [state.offset], [1e-6 if state.offset_free else 1e30]
     for piece in state.pieces:
-        origin = piece.origin or piece.effect
-        own = Piece(origin, piece.free & frozenset(origin.values)) if piece.origin else piece
+        own = Piece(piece.own, piece.free & frozenset(piece.own.values)) if piece.origin else piece
         values = dict(zip(own.coordinates(), own.vector(), strict=True))
         for c, x in zip(piece.coordinates(), piece.vector(), strict=True):
             believed = values.get(c)

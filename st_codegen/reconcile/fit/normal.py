@@ -36,9 +36,8 @@ def gather(
     matrix, gradient = np.zeros((groups, count, count)), np.zeros((groups, count))
     order_of_rows = np.argsort(cells, kind="stable") if by_cell else slice(None)
     starts = np.append(np.searchsorted(cells[order_of_rows], np.arange(groups)) if by_cell else [0], len(cells))
-    for place, entries in by_place(columns).items():
-        index = np.array([number for number, _ in entries])
-        block = np.stack([values for _, values in entries], axis=1)[order_of_rows]
+    for place, (index, values) in by_place(columns).items():
+        block = values[order_of_rows]
         r, w = residual[order_of_rows, place], weights[order_of_rows, place]
         parts = (
             [(block.real, r.real)] if target.data.orders[place] == 0 else [(block.real, r.real), (block.imag, r.imag)]

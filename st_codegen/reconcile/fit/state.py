@@ -50,6 +50,11 @@ class Piece:
     added: bool = False
     origin: Effect | None = None
 
+    @property
+    def own(self) -> Effect:
+        """The effect as the rig has it; as it is now where the rig has none."""
+        return self.origin or self.effect
+
     def told_keys(self) -> set[str]:
         """The keys of its parameters that the fit tells, phases among them."""
         return {key for c in self.coordinates() for key in (c.key, c.phase_key)}
@@ -78,8 +83,7 @@ class Piece:
 
     def held(self) -> Piece:
         """The rig's own values, none of them free."""
-        origin = self.origin or self.effect
-        return Piece(origin, frozenset(), False, origin)
+        return Piece(self.own, frozenset(), False, self.own)
 
     def unit(self, chosen: Coordinate | None) -> Effect:
         """The effect with this linear coordinate at 1 and the other linear ones at 0; None: all of them at 0."""

@@ -19,13 +19,16 @@ from st_codegen.rig.model import RigModel
 Column = tuple[IntArray, ComplexArray]
 
 
-def by_place(columns: Sequence[Column]) -> dict[int, list[tuple[int, ComplexArray]]]:
-    """For each order that columns touch: their numbers, and their values (n,) there."""
+def by_place(columns: Sequence[Column]) -> dict[int, tuple[IntArray, ComplexArray]]:
+    """For each order that columns touch: their numbers (p,), and their values (n, p) there."""
     found: dict[int, list[tuple[int, ComplexArray]]] = {}
     for number, (places, values) in enumerate(columns):
         for j, place in enumerate(places):
             found.setdefault(int(place), []).append((number, values[:, j]))
-    return found
+    return {
+        place: (np.array([number for number, _ in own]), np.stack([values for _, values in own], axis=1))
+        for place, own in found.items()
+    }
 
 
 @dataclass(frozen=True)
@@ -96,8 +99,7 @@ class FitData:
     def about(self, residual: ComplexArray) -> FitData:
         """This target, weighed by how far its good rows scatter in `residual`, by direction and order."""
         wide = self.sigma.copy()
-        for sign in np.unique(self.data.at.sign):
-            rows = self.data.at.sign == sign
+        for rows in self.data.at.by_direction():
             if (rows & self.good).any():
                 wide[rows] = np.maximum(wide[rows], sigma_of(residual[rows & self.good], self.data.orders))
         return replace(self, wide=wide)

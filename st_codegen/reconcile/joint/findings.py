@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from st_codegen.reconcile.joint.parts import KINDS, OTHERS, RIGID, crossed
+from st_codegen.reconcile.joint.parts import KINDS, OTHERS, OVER_SPEED, RIGID, crossed
 from st_codegen.reconcile.joint.run import JointResult
 from st_codegen.reconcile.joint.waves import ANGLE, TorqueWave
 from st_codegen.reconcile.outcome import Outcome
@@ -173,18 +173,13 @@ def _near_one_speed(result: JointResult, speed: float) -> JointFinding:
 
 
 def friction_curve(result: JointResult, speed: np.ndarray) -> np.ndarray:
-    """Friction (N m) at speeds, the mean of both directions: what the parts over speed make together."""
+    """Friction (N m) at positive speeds, the mean of both directions: what the parts over speed make together."""
     found = np.zeros(len(speed))
+    there = replace(result.rows.where(np.zeros(len(speed), np.int64)), speed=speed)
     for part in result.chosen.parts:
-        if part.name == "dry_friction":
-            found += result.chosen.value(part.name)[0]
-        elif part.name == "viscous_friction":
-            found += result.chosen.value(part.name)[0] * speed
-        elif part.name == "square_friction":
-            found += result.chosen.value(part.name)[0] * speed**2
-        elif part.name == "curved_friction":
-            over = speed / part.shape
-            found += result.chosen.value(part.name)[0] * (np.exp(-over), np.exp(-(over**2)), 1 / (1 + over))[part.law]
+        if part.name in OVER_SPEED:
+            column = KINDS[part.name].laws[part.law]
+            found += result.chosen.value(part.name)[0] * column(there, part.shape, np.zeros((len(speed), 2)))
     return found
 
 

@@ -207,18 +207,12 @@ def _speeds(rows: JointRows) -> FloatArray:
     return _between(float(np.quantile(size, 0.05)), 0.25 * float(size.max()))
 
 
-def _travels(rows: JointRows) -> FloatArray:
-    known = rows.travel[np.isfinite(rows.travel)]
-    return (
-        _between(max(float(np.quantile(known, 0.02)), 1e-9), float(np.quantile(known, 0.5)))
-        if len(known)
-        else np.ones(1)
-    )
-
-
-def _times(rows: JointRows) -> FloatArray:
-    known = rows.since[np.isfinite(rows.since)]
-    return _between(float(np.quantile(known, 0.02)), float(np.quantile(known, 0.5))) if len(known) else np.ones(1)
+def _fading(since: FloatArray) -> FloatArray:
+    """Angles or times within which something fades, from those since the last reversal."""
+    known = since[np.isfinite(since)]
+    if not len(known):
+        return np.ones(1)
+    return _between(max(float(np.quantile(known, 0.02)), 1e-9), float(np.quantile(known, 0.5)))
 
 
 def _clock(rows: JointRows) -> FloatArray:
@@ -244,8 +238,8 @@ KINDS: Mapping[str, PartKind] = {
     "dry_friction_drift": PartKind((lambda r, _s, _: r.sign * _clock(r),)),
     "viscous_friction_drift": PartKind((lambda r, _s, _: r.speed * _clock(r),)),
     "torque_zero_drift": PartKind((lambda r, _s, _: _clock(r),)),
-    "reversal_travel": PartKind((lambda r, s, _: r.sign * np.exp(-r.travel / s),), _travels),
-    "reversal_time": PartKind((lambda r, s, _: r.sign * np.exp(-r.since / s),), _times),
+    "reversal_travel": PartKind((lambda r, s, _: r.sign * np.exp(-r.travel / s),), lambda r: _fading(r.travel)),
+    "reversal_time": PartKind((lambda r, s, _: r.sign * np.exp(-r.since / s),), lambda r: _fading(r.since)),
 }
 
 

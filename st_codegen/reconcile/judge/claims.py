@@ -122,7 +122,7 @@ class Conclusions:
             names = {
                 one.reading.name
                 for one in more
-                if any(i != OFFSET and (pieces[i].origin or pieces[i].effect) is entry.before for i in one.instead_of)
+                if any(i != OFFSET and pieces[i].own is entry.before for i in one.instead_of)
             }
             retuned.append(replace(entry, misread=tuple(sorted(names | {*entry.misread}))))
         return replace(self, misread=(*more, *self.misread), retuned=tuple(retuned))
@@ -141,6 +141,11 @@ class Conclusions:
         """The effects that are missing or changed, as they are now."""
         claimed = (claim.piece.effect for claim in self.claims)
         return (*claimed, *(one.after for one in self.retuned if not one.is_gone))
+
+    @property
+    def told(self) -> list[tuple[Effect, dict[str, float]]]:
+        """Every effect that is missing, changed or gone, with the standard errors of its parameters."""
+        return [(c.piece.effect, c.stderr) for c in self.claims] + [(one.after, one.stderr) for one in self.retuned]
 
     @property
     def names(self) -> set[str]:

@@ -46,7 +46,7 @@ from st_codegen.reconcile.search.selection import founded
 from st_codegen.reconcile.search.states import in_one_piece
 from st_codegen.reconcile.search.surroundings import left_of_place, may_be_a_start, told_order
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Catalogue, Effect, Stage
+from st_codegen.rig.effects import Catalogue, Stage
 from st_codegen.rig.model import RigModel
 
 
@@ -206,7 +206,7 @@ def _retuned(
         if moved.loss - final.loss < SETTINGS.as_good:
             rivals = (*rivals, Other("zero_offset_deg", moved.state.model()))
     others = (*_as_good(smaller, larger, number, known), *rivals)
-    before, piece = _origin(joint.state.pieces[number]), final.state.pieces[number]
+    before, piece = joint.state.pieces[number].own, final.state.pieces[number]
     names = {one.reading.name for one in wrong if number in one.instead_of} | corrections_left(final, piece)
     errors = standard_errors(joint, number, final, wrong)
     is_open = any(looks_alike(final, piece) for looks_alike in OF_CHANGES)
@@ -217,7 +217,7 @@ def gone(joint: Fit, found: Conclusions) -> tuple[Retuned, ...]:
     """The effects of the rig of which the data show nothing; what was found beside them names what else would do."""
     entries = []
     for number, p in not_there(joint).items():
-        before = _origin(joint.state.pieces[number])
+        before = joint.state.pieces[number].own
         known = next((one for one in found.retuned if one.before is before), Retuned(before, before, {}, p))
         names = {*known.misread, *left_of_a_smoothing(joint, joint.state.pieces[number])}
         nothing = Piece(before, frozenset()).unit(None)
@@ -325,10 +325,6 @@ def _peaks(final: Fit, piece: Piece) -> tuple[float, float] | None:
     if not has_a_frequency(piece.effect) or misfit(final, piece) < SETTINGS.misfit_of_peaks:
         return None
     return bracket(final.target, final.residual + final.explained(piece.effect), piece.effect)
-
-
-def _origin(piece: Piece) -> Effect:
-    return piece.origin or piece.effect
 
 
 def unchanged(joint: Fit) -> Fit:

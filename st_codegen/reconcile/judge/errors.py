@@ -37,11 +37,10 @@ def covariance_with_discrepancy(fit: Fit) -> FloatArray:
     pulled = np.zeros_like(found)
     root = _root_of_kernel(fit.target.data.at) if left.any() else np.zeros((0, 0))
     weights = fit.target.weights(fit.residual)
-    for place, entries in by_place(fit.columns).items():
+    for place, (index, values) in by_place(fit.columns).items():
         if not left[place]:
             continue
-        index = np.array([number for number, _ in entries])
-        block = weights[:, place, None] * np.stack([values for _, values in entries], axis=1)
+        block = weights[:, place, None] * values
         parts = [block.real] if fit.target.data.orders[place] == 0 else [block.real, block.imag]
         pulled[np.ix_(index, index)] += left[place] * sum(s.T @ s for s in (root.T @ part for part in parts))
     return found + fit.inverse @ pulled @ fit.inverse

@@ -16,7 +16,8 @@ from st_codegen.reconcile.data.chances import chi_square_tail
 from st_codegen.reconcile.data.noise import MEDIAN_1
 from st_codegen.reconcile.data.recordings import Recording
 from st_codegen.reconcile.fit.state import Piece
-from st_codegen.reconcile.judge.claims import Claim, Retuned
+from st_codegen.reconcile.judge.claims import Claim, Conclusions, Retuned
+from st_codegen.reconcile.outcome import Gap
 from st_codegen.reconcile.search.evidence import Evidence
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect
@@ -28,13 +29,11 @@ _FOLDS = 5
 
 @dataclass(frozen=True)
 class Link:
-    """What was found on a link of the axis: RMS in deg at the output before, after, and of the noise."""
+    """What was found on a link of the axis, and the gap that it makes at the output."""
 
     claim: Claim | None
     retuned: Retuned | None
-    before: float
-    after: float
-    floor: float
+    gap: Gap
     unexplained: str
 
 
@@ -42,31 +41,20 @@ class Link:
 _LIKE_COUPLING = ("torsional_compliance", "backlash")
 
 
-def with_unmeasured_links(claims: Sequence[Claim], recordings: Sequence[Recording]) -> tuple[Claim, ...]:
-    """Claims with what cannot be told from them where theta_in was not measured: the coupling twists as well."""
+def with_unmeasured_links(found: Conclusions, recordings: Sequence[Recording]) -> Conclusions:
+    """Findings with what cannot be told from them where theta_in was not measured: the coupling twists as well."""
     if all("theta_in" in r.angles for r in recordings):
-        return tuple(claims)
+        return found
     remark = "theta_in was not measured: the coupling's part is not told from the reducer's; record it"
-    return tuple(
-        replace(
-            claim,
-            alternatives=tuple(sorted({*claim.alternatives, "coupling_compliance"})),
-            extrapolates=(*claim.extrapolates, remark),
-        )
-        if claim.piece.effect.name in _LIKE_COUPLING
-        else claim
-        for claim in claims
-    )
-
-
-def changed_with_unmeasured_links(changed: Sequence[Retuned], recordings: Sequence[Recording]) -> tuple[Retuned, ...]:
-    """Changes of the rig with what cannot be told from them where theta_in was not measured."""
-    if all("theta_in" in r.angles for r in recordings):
-        return tuple(changed)
-    return tuple(
-        replace(one, misread=(*one.misread, "coupling_compliance")) if one.after.name in _LIKE_COUPLING else one
-        for one in changed
-    )
+    claims, retuned = list(found.claims), list(found.retuned)
+    for i, claim in enumerate(claims):
+        if claim.piece.effect.name in _LIKE_COUPLING:
+            names = tuple(sorted({*claim.alternatives, "coupling_compliance"}))
+            claims[i] = replace(claim, alternatives=names, extrapolates=(*claim.extrapolates, remark))
+    for i, one in enumerate(retuned):
+        if one.after.name in _LIKE_COUPLING:
+            retuned[i] = replace(one, misread=(*one.misread, "coupling_compliance"))
+    return replace(found, claims=tuple(claims), retuned=tuple(retuned))
 
 
 def servo_link(recordings: Sequence[Recording], rig: RigModel) -> Link | None:
@@ -185,4 +173,4 @@ def _judged(
     elif found and own is not None:
         retuned = Retuned(own, effect, stderr, p)
     final = after if found else before
-    return Link(claim, retuned, before / ratio, final / ratio, sigma / ratio, unexplained)
+    return Link(claim, retuned, Gap(before / ratio, final / ratio, sigma / ratio), unexplained)

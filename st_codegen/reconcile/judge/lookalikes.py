@@ -133,7 +133,7 @@ def gains_one_sideband(_: Fit, piece: Piece) -> bool:
 
     Its ratio moves with it where the runs do not tell what follows the mesh order from what is constant.
     """
-    before, after = piece.origin or piece.effect, piece.effect
+    before, after = piece.own, piece.effect
     if after.stage is not Stage.MODULATION or after.values.keys() == before.values.keys():
         return False
     sides = [abs(after.complex_value(key) - before.complex_value(key)) for key in ("lower_deg", "upper_deg")]
@@ -306,12 +306,7 @@ def extrapolates(joint: Fit, piece: Piece) -> tuple[str, ...]:
 
 
 def doubted(
-    found: Conclusions,
-    left: Collection[int],
-    beside: Collection[int],
-    made: Collection[int] = (),
-    *,
-    in_samples: bool = False,
+    found: Conclusions, left: Collection[int], beside: Collection[int], made: Collection[int], *, in_samples: bool
 ) -> Conclusions:
     """Conclusions whose names have the alternative `something_else` where what stays unexplained says so.
 

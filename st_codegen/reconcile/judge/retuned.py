@@ -38,7 +38,6 @@ def changes(joint: Fit) -> dict[int, float]:
     found = {}
     for i in _own_pieces(joint):
         piece = joint.state.pieces[i]
-        assert piece.origin is not None
         places, difference = _difference(joint, i)
         p = _p_of(joint, places, difference)
         sure = p < SETTINGS.p_changed
@@ -49,7 +48,7 @@ def changes(joint: Fit) -> dict[int, float]:
             sure = p < SETTINGS.p_changed and is_its_own(joint, piece, held)
             # and not what lies around its orders as well
             sure = sure and stands_out(joint, joint.shown_change(piece))
-        grown = piece.effect.values.keys() != piece.origin.values.keys()
+        grown = piece.effect.values.keys() != piece.own.values.keys()
         if sure and (grown or not _lasting_noise(joint, piece)) and not _insists_on_a_bound(piece):
             found[i] = p
     shift = joint.state.vector()[:1] - joint.state.rig.zero_offset_deg
@@ -60,8 +59,7 @@ def changes(joint: Fit) -> dict[int, float]:
 
 def _insists_on_a_bound(piece: Piece) -> bool:
     """Whether a change ends at a bound that the rig's own values keep clear of: then its form is not what changed."""
-    assert piece.origin is not None
-    before = {c.key for c in bounds_met(replace(piece, effect=piece.origin))}
+    before = {c.key for c in bounds_met(replace(piece, effect=piece.own))}
     return any(c.key not in before for c in bounds_met(piece))
 
 
@@ -257,8 +255,7 @@ def _own_pieces(joint: Fit) -> list[int]:
 def _difference(joint: Fit, number: int) -> tuple[list[int], FloatArray]:
     """Places of the coordinates of a piece, and how far they are from the rig's own."""
     piece, place = joint.state.pieces[number], joint.state.slices()[number]
-    assert piece.origin is not None
-    own = Piece(piece.origin, piece.free)
+    own = Piece(piece.own, piece.free)
     places = list(range(place.start, place.stop))
     return places, joint.state.vector()[places] - own.vector()
 
@@ -269,13 +266,11 @@ def _lasting_noise(joint: Fit, piece: Piece) -> bool:
     part = joint.shown_change(piece) / target.sigma
     parts = target.data.parts
     size, varies = 0.0, 0.0
-    for sign in (1.0, -1.0):
-        rows = part[target.good & (target.data.at.sign == sign)]
-        if len(rows):
-            power = (np.abs(rows) ** 2).mean(axis=0) / parts
-            size = max(size, float(np.sqrt(power.max(initial=0.0))))
-            spread = (np.abs(rows - rows.mean(axis=0)) ** 2).mean(axis=0) / parts
-            varies = max(varies, float(spread.sum() / max(float(power.sum()), 1e-300)))
+    for rows in (part[side] for side in target.data.at.by_direction(target.good)):
+        power = (np.abs(rows) ** 2).mean(axis=0) / parts
+        size = max(size, float(np.sqrt(power.max(initial=0.0))))
+        spread = (np.abs(rows - rows.mean(axis=0)) ** 2).mean(axis=0) / parts
+        varies = max(varies, float(spread.sum() / max(float(power.sum()), 1e-300)))
     return size < SETTINGS.least_constant and varies < SETTINGS.varies
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from st_codegen.campaign.conditions import CONDITION_COLUMNS
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.reconcile.data.noise import estimate, middle_of
-from st_codegen.reconcile.data.observations import SIGNS, Observations
+from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.mistakes.single_runs import AS_IS, Mistake
 from st_codegen.reconcile.mistakes.votes import (
     PowerSums,
@@ -169,10 +169,7 @@ def _gain(data: Observations, noise: FloatArray, plain: ComplexArray, seen: Comp
     A mean that is off by the same in all runs of a direction speaks for none: a zero may have moved.
     """
     gain, mean = 0.0, data.orders == 0
-    for sign in SIGNS:
-        rows = data.at.sign == sign
-        if not rows.any():
-            continue
+    for rows in data.at.by_direction():
         before, after, changes, measured = (
             (np.abs(part[rows] - mean * part[rows].mean(axis=0)) ** 2).mean(axis=0)
             for part in (data.values - plain, data.values - seen, seen - plain, data.values)

@@ -57,22 +57,15 @@ def own_steps(gap: ComplexArray, slope: ComplexArray, noise: FloatArray, number:
     return OwnSteps((all_of / whole)[number, 0], others[number], np.sqrt(1.0 / whole)[number, 0])
 
 
-@dataclass(frozen=True)
-class Zeros:
-    """Zeros of the angle of single runs: by how much (rad) that of each row's run is off, and its error."""
-
-    angle: FloatArray
-    error: float = 0.0
-
-
 def zeros(
     values: ComplexArray, model: ComplexArray, noise: FloatArray, orders: IntArray, run: IntArray, is_sure: bool
-) -> Zeros:
-    """The angle by which the zero of each row's run differs from the rig's; 0 where the orders disagree.
+) -> tuple[FloatArray, float]:
+    """The angle by which the zero of each row's run differs from the rig's, rad (n,), and the error of it.
 
-    All 0 as well where the runs do not differ: then it is no matter of single runs. values, model, noise: measured
-    coefficients, the rig's, and the power of their noise, (n, K); run: the number of each row's run, (n,); is_sure:
-    noise is known by more than how far runs differ, so that orders that it hides have their say.
+    It is 0 where the orders disagree, and everywhere where the runs do not differ: then it is no matter of single runs.
+    values, model, noise: measured coefficients, the rig's, and the power of their noise, (n, K); run: the number of
+    each row's run, (n,); is_sure: noise is known by more than how far runs differ, so that orders that it hides have
+    their say.
     """
     told = (orders > 0) & ((np.abs(model) ** 2).mean(axis=0) > SETTINGS.told * noise.mean(axis=0))
     hidden = told.sum() < SETTINGS.least_orders_of_zero
@@ -80,7 +73,7 @@ def zeros(
         told = (orders > 0) & is_sure
     k, v, m, power = orders[told], values[:, told], model[:, told], np.maximum(noise[:, told], 1e-300)
     if len(k) < SETTINGS.least_votes or not m.any():
-        return Zeros(np.zeros(len(values)))
+        return np.zeros(len(values)), 0.0
     numbers, place = np.unique(run, return_inverse=True)
     its = [_zero_of_run(v[rows], m[rows], power[rows], k, hidden) for rows in (run == number for number in numbers)]
     angle, sure, likely = (np.array([getattr(one, key) for one in its]) for key in ("angle", "is_sure", "is_likely"))
@@ -94,10 +87,10 @@ def zeros(
     off = (np.abs(kinds) > least).sum()
     apart = (np.abs(kinds - np.median(kinds)) > least).sum()
     if min(off, apart) < SETTINGS.least_block:
-        return Zeros(np.zeros(len(values)), error)
+        return np.zeros(len(values)), error
     # where several runs have it for sure, it is the likely cause in others too
     turned = (sure | likely) & (np.abs(angle) > least)
-    return Zeros(_as_one(angle[place], turned[place]), error)
+    return _as_one(angle[place], turned[place]), error
 
 
 @dataclass(frozen=True)

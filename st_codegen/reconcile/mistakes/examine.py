@@ -172,9 +172,8 @@ def _with_expected(data: Observations, rig: RigModel) -> Observations:
         return data
     expected = expected_of(data, rig)
     values, spectral = data.values.copy(), None if data.spectral_deg is None else data.spectral_deg.copy()
-    for sign in SIGNS:
+    for rows in data.at.by_direction():
         for k in range(len(data.orders)):
-            rows = data.at.sign == sign
             told, untold = (np.flatnonzero(rows & is_told) for is_told in (data.seen[:, k], ~data.seen[:, k]))
             power = float((np.abs(expected[told, k]) ** 2).sum())
             times = np.vdot(expected[told, k], values[told, k]) / power if power else 1.0
@@ -479,14 +478,14 @@ def _zeros(data: Observations, rig: RigModel) -> list[Mistake]:
     """A zero of the angle of its own in some runs."""
     number = data.number_of_run
     model = expected_of(data, rig)
-    found = zeros(data.values, model, noise_power(data), data.orders, number, data.spectral_deg is not None)
-    angle = np.where(_of_other_sign(data, model, found.angle), 0.0, found.angle)
+    angle, error = zeros(data.values, model, noise_power(data), data.orders, number, data.spectral_deg is not None)
+    angle = np.where(_of_other_sign(data, model, angle), 0.0, angle)
     if not angle.any():
         return []
     text = _ZEROS.format(len(np.unique(number[angle != 0])), number.max() + 1, np.degrees(np.abs(angle)).max())
 
     def corrected(given: Observations) -> Observations:
-        told = given.orders * found.error < SETTINGS.told_turn
+        told = given.orders * error < SETTINGS.told_turn
         turned = replace(given, values=given.values * np.exp(1j * angle[:, None] * given.orders))
         if told.all():
             return turned

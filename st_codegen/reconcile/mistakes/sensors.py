@@ -498,8 +498,7 @@ def hidden_wrong_angle(data: Observations, rig: RigModel) -> tuple[str, ...]:
     near = np.abs(data.orders[None, :] - its[:, None]).argmin(axis=1)
     size, noise = np.abs(rig.coefficients(data.at, its.tolist())) * its / 2.0, noise_power(data)
     needed = []
-    for sign in SIGNS:
-        rows = data.at.sign == sign
+    for rows in data.at.by_direction():
         # order k has two sidebands
         needed += 2 * list(
             np.sqrt(2.0 * told_power(noise[rows])[near] / np.maximum((size[rows] ** 2).mean(axis=0), 1e-300))

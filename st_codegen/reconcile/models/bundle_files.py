@@ -10,7 +10,7 @@ from pathlib import Path
 from st_codegen.errors import InputError
 from st_codegen.project.bundle import Bundle
 from st_codegen.reconcile.models.formula import FormulaNode, write_onnx
-from st_codegen.reconcile.models.terms import Decision, Inputs, Part
+from st_codegen.reconcile.models.terms import Decision, Part, inputs_of
 from st_codegen.te.bundle_file import BUNDLE_FILE, read_description
 from st_codegen.te.harmonics import Direction
 from st_codegen.te.purpose import transmission_error
@@ -24,7 +24,7 @@ def write_updated(bundle: Bundle, folder: Path, decisions: Sequence[Decision], t
     The text of bundle.toml stays as it is but for its list of orders; tables are added at its end.
     """
     te = transmission_error(bundle)
-    inputs = Inputs.of(te)
+    inputs = inputs_of(te)
     target.mkdir(parents=True)
     for path in sorted(folder.iterdir()):
         if path.is_file():
@@ -43,7 +43,7 @@ def write_updated(bundle: Bundle, folder: Path, decisions: Sequence[Decision], t
             places[part] = (file, len(nodes))
             nodes += [part.cosine] if part.order == 0 else [part.cosine, part.sine]
         orders = ", ".join(str(part.order) for part in parts)
-        write_onnx(target / file, nodes, inputs.quantities, f"{name}, {direction}, orders {orders}")
+        write_onnx(target / file, nodes, inputs, f"{name}, {direction}, orders {orders}")
         files.append(file)
     text = (folder / BUNDLE_FILE).read_text(encoding="utf-8")
     wanted = [*te.orders, *(decision.order for decision in entered if decision.new)]

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -95,7 +95,7 @@ class Graph:
         return self._kept((operator, id(a)), FormulaNode(operator, (a,)))
 
 
-class Symbol:
+class Symbol(np.lib.mixins.NDArrayOperatorsMixin):
     """A complex number of two nodes; behaves as an array of NumPy in arithmetic and the real functions of `_traced`."""
 
     def __init__(self, graph: Graph, real: FormulaNode, imag: FormulaNode | None = None) -> None:
@@ -117,47 +117,15 @@ class Symbol:
             return _arithmetic("Mul", symbols[0], _symbol(self.graph, -1.0))
         if ufunc is np.square:
             return _arithmetic("Mul", symbols[0], symbols[0])
+        if ufunc is np.power:
+            if inputs[1] not in (1, 2):
+                raise NoFormulaError(f"a power of {inputs[1]}")
+            return symbols[0] if inputs[1] == 1 else _arithmetic("Mul", symbols[0], symbols[0])
         if ufunc in _FUNCTIONS and symbols[0].is_real:
             return Symbol(self.graph, self.graph.unary(_FUNCTIONS[ufunc], symbols[0].real))
         if ufunc is np.maximum and all(symbol.is_real for symbol in symbols):
             return Symbol(self.graph, self.graph.binary("Max", symbols[0].real, symbols[1].real))
         raise NoFormulaError(f"np.{ufunc.__name__}")
-
-    def __add__(self, other: Any) -> Symbol:
-        return _applied(np.add, self, other)
-
-    def __radd__(self, other: Any) -> Symbol:
-        return _applied(np.add, other, self)
-
-    def __sub__(self, other: Any) -> Symbol:
-        return _applied(np.subtract, self, other)
-
-    def __rsub__(self, other: Any) -> Symbol:
-        return _applied(np.subtract, other, self)
-
-    def __mul__(self, other: Any) -> Symbol:
-        return _applied(np.multiply, self, other)
-
-    def __rmul__(self, other: Any) -> Symbol:
-        return _applied(np.multiply, other, self)
-
-    def __truediv__(self, other: Any) -> Symbol:
-        return _applied(np.divide, self, other)
-
-    def __rtruediv__(self, other: Any) -> Symbol:
-        return _applied(np.divide, other, self)
-
-    def __neg__(self) -> Symbol:
-        return _applied(np.negative, self)
-
-    def __pow__(self, power: float) -> Symbol:
-        if power not in (1, 2):
-            raise NoFormulaError(f"a power of {power}")
-        return self if power == 1 else _applied(np.square, self)
-
-
-def _applied(ufunc: Any, *inputs: Any) -> Symbol:
-    return cast(Symbol, ufunc(*inputs))
 
 
 def _symbol(graph: Graph, value: Any) -> Symbol:

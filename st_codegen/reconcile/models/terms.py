@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -69,18 +69,14 @@ class Decision:
     parts: tuple[Part, ...] = ()
 
 
-@dataclass(frozen=True)
-class Inputs:
-    """How a bundle calls the operating point: for each of its features the quantity."""
+def inputs_of(te: TransmissionError) -> tuple[str, ...]:
+    """Which quantity of the operating point each feature of a bundle is, by their names and units.
 
-    quantities: tuple[str, ...]
-
-    @classmethod
-    def of(cls, te: TransmissionError) -> Inputs:
-        """By names and units of the features. Raises InputError where that is not clear."""
-        roles = roles_of(te)
-        known = dict(zip((roles.speed, roles.torque, roles.temperature), QUANTITIES, strict=True))
-        return cls(tuple(known[variable.name] for variable in input_variables(te.features)))
+    Raises InputError where that is not clear.
+    """
+    roles = roles_of(te)
+    known = dict(zip((roles.speed, roles.torque, roles.temperature), QUANTITIES, strict=True))
+    return tuple(known[variable.name] for variable in input_variables(te.features))
 
 
 def check_bundle(bundle: Bundle, result: Reconciliation) -> None:
@@ -88,7 +84,7 @@ def check_bundle(bundle: Bundle, result: Reconciliation) -> None:
     te = transmission_error(bundle)
     problems = Problems(f"bundle '{te.name}'")
     with problems.collect():
-        inputs = Inputs.of(te)
+        inputs = inputs_of(te)
         if _inside(te, inputs, result).sum() < SETTINGS.least_rows:
             ranges = ", ".join(f"{f.name} {f.lower:g} .. {f.upper:g}" for f in te.features)
             raise InputError(
@@ -101,14 +97,14 @@ def decide(bundle: Bundle, result: Reconciliation) -> list[Decision]:
     """Every order that the findings change, and what becomes of it. Raises InputError (see `check_bundle`)."""
     check_bundle(bundle, result)
     te = transmission_error(bundle)
-    inputs, data = Inputs.of(te), result.data
+    inputs, data = inputs_of(te), result.data
     rows = np.flatnonzero(_inside(te, inputs, result))
     data = data.rows(rows)
     # samples over time: what a wave of the whole recording shares with their noise
     noise = result.target.sigma[rows] / (1.0 if data.angle_rad is None else np.sqrt(len(rows) / 2))
     orders = np.array(sorted({*te.orders, *data.model_orders()}), np.int64)
     measured = np.isin(orders, data.model_orders())
-    x = np.column_stack([getattr(data.at, name) for name in inputs.quantities])
+    x = np.column_stack([getattr(data.at, name) for name in inputs])
     residual = data.values - data.observed(_by_bundle(bundle, te, orders, data.at.sign, x)[:, measured])
     decisions = []
     for change in _changes(te, result, inputs):
@@ -116,7 +112,7 @@ def decide(bundle: Bundle, result: Reconciliation) -> list[Decision]:
             decisions.append(change)
             continue
         if change.order not in data.model_orders():
-            decisions.append(_left_out(change, "the order was not measured"))
+            decisions.append(replace(change, reason="the order was not measured", parts=()))
             continue
         added = np.zeros((len(rows), len(data.model_orders())), np.complex128)
         added[:, data.model_orders().index(change.order)] = _values(change.parts, data.at.sign, x, inputs)
@@ -125,9 +121,7 @@ def decide(bundle: Bundle, result: Reconciliation) -> list[Decision]:
         sizes = [rms_deg(part[:, columns], data.orders[columns]) for part in (residual, after)]
         reason = not_worth(residual[:, columns], after[:, columns], noise[:, columns], data.orders[columns])
         entered = not reason
-        decisions.append(
-            Decision(change.order, change.effects, change.new, entered, reason, sizes[0], sizes[1], change.parts)
-        )
+        decisions.append(replace(change, entered=entered, reason=reason, before_deg=sizes[0], after_deg=sizes[1]))
         if entered:
             residual = after
     return decisions
@@ -152,15 +146,11 @@ def not_worth(before: ComplexArray, after: ComplexArray, noise: FloatArray, orde
     return ""
 
 
-def _left_out(change: Decision, reason: str) -> Decision:
-    return Decision(change.order, change.effects, change.new, entered=False, reason=reason)
-
-
-def _inside(te: TransmissionError, inputs: Inputs, result: Reconciliation) -> BoolArray:
+def _inside(te: TransmissionError, inputs: Sequence[str], result: Reconciliation) -> BoolArray:
     """Good rows of the bundle's directions inside its declared ranges."""
     at = result.data.at
     found: BoolArray = result.target.good & np.isin(at.sign, [SIGN[direction] for direction in te.directions])
-    for feature, name in zip(te.features, inputs.quantities, strict=True):
+    for feature, name in zip(te.features, inputs, strict=True):
         values: FloatArray = getattr(at, name)
         if feature.lower is not None and feature.upper is not None:
             found &= (values >= feature.lower) & (values <= feature.upper)
@@ -194,19 +184,19 @@ def _by_bundle(
     return found
 
 
-def _values(parts: Sequence[Part], sign: FloatArray, x: FloatArray, inputs: Inputs) -> ComplexArray:
+def _values(parts: Sequence[Part], sign: FloatArray, x: FloatArray, inputs: Sequence[str]) -> ComplexArray:
     """What parts of one order add up to at operating points, complex128 (n,)."""
     found = np.zeros(len(x), np.complex128)
     for part in parts:
         rows = sign == SIGN[part.direction]
         if rows.any():
-            columns = {name: x[rows, place] for place, name in enumerate(inputs.quantities)}
+            columns = {name: x[rows, place] for place, name in enumerate(inputs)}
             real, imag = evaluate([part.cosine, part.sine], columns).T
             found[rows] += real + 1j * imag
     return found
 
 
-def _changes(te: TransmissionError, result: Reconciliation, inputs: Inputs) -> list[Decision]:
+def _changes(te: TransmissionError, result: Reconciliation, inputs: Sequence[str]) -> list[Decision]:
     """The orders in which the new rig differs from the old one, with their formulas; a reason where there is none."""
     graph = Graph()
     found = []
@@ -225,7 +215,7 @@ def _changes(te: TransmissionError, result: Reconciliation, inputs: Inputs) -> l
                 chosen = whole if new and change else change
                 parts += [Part(name, direction, order, s.real, s.imag) for name, s in chosen.items()]
             missing = {name for part in parts for node in (part.cosine, part.sine) for name in node.inputs()}
-            if unknown := sorted(missing - set(inputs.quantities)):
+            if unknown := sorted(missing - set(inputs)):
                 raise NoFormulaError(f"it depends on {' and '.join(unknown)}, which the bundle does not know")
         except NoFormulaError as error:
             if changed := sorted(names) or _named(result, order):

@@ -6,8 +6,6 @@ runs alone would miss most of what was found: peaks between the measured speeds.
 
 from __future__ import annotations
 
-import csv
-import io
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, astuple, dataclass
@@ -16,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.campaign.conditions import CONDITION_COLUMNS, OperatingPoint
+from st_codegen.files.csv_tables import csv_text
 from st_codegen.reconcile.plan.points import points_of, rows_at
 from st_codegen.reconcile.plan.questions import (
     Name,
@@ -79,12 +78,8 @@ class NextRuns:
 
     def csv_text(self) -> str:
         """The runs as conditions of a campaign, each with what it is for."""
-        text = io.StringIO(newline="")
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(["file", *CONDITION_COLUMNS, "purpose"])
-        for run in self.runs:
-            writer.writerow([run.file, *(f"{x:g}" for x in astuple(run.point)), run.purpose])
-        return text.getvalue()
+        rows = ([run.file, *(f"{x:g}" for x in astuple(run.point)), run.purpose] for run in self.runs)
+        return csv_text([["file", *CONDITION_COLUMNS, "purpose"], *rows])
 
 
 def next_runs(result: Reconciliation) -> NextRuns:
@@ -130,10 +125,7 @@ def _repeats(result: Reconciliation) -> list[NextRun]:
 
 def is_known(result: Reconciliation) -> bool:
     """Whether the sizes of what was found are known well enough: each error is a small share of the largest like it."""
-    found = result.conclusions
-    pairs = [(claim.piece.effect, claim.stderr) for claim in found.claims]
-    pairs += [(entry.after, entry.stderr) for entry in found.retuned]
-    for effect, errors in pairs:
+    for effect, errors in result.conclusions.told:
         units = {s.key: s.unit for s in effect.scalars if s.form in (Form.LINEAR, Form.INVERSE)}
         units |= {phasor.keys(side)[0]: phasor.unit for phasor in effect.phasors for side in (False, True)}
         largest: dict[str, float] = {}
@@ -147,12 +139,9 @@ def is_known(result: Reconciliation) -> bool:
 
 def _narrowed(result: Reconciliation, ratios: Mapping[Name, float]) -> tuple[Narrowed, ...]:
     """The standard errors of what was found, now and with the runs."""
-    found = result.conclusions
-    pairs = [(claim.piece.effect, claim.stderr) for claim in found.claims]
-    pairs += [(entry.after, entry.stderr) for entry in found.retuned]
     return tuple(
         Narrowed(effect.name, effect.orders, key, now, now * ratios[effect.name, effect.orders, key])
-        for effect, errors in pairs
+        for effect, errors in result.conclusions.told
         for key, now in errors.items()
         if (effect.name, effect.orders, key) in ratios
     )

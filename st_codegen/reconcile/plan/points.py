@@ -8,7 +8,7 @@ from dataclasses import astuple, dataclass
 
 import numpy as np
 
-from st_codegen.campaign.conditions import CONDITION_COLUMNS, OperatingPoint
+from st_codegen.campaign.conditions import OperatingPoint
 from st_codegen.ir.arrays import FloatArray, IntArray
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.fit.fitting import Fit
@@ -27,9 +27,7 @@ def points_of(result: Reconciliation, rivals: Sequence[RigModel]) -> list[Operat
     torques = _with_inner(_thinned(_between(at.torque_Nm, 1), SETTINGS.most_torques), _seating_torques(rigs))
     temperatures = _thinned(np.unique(at.temperature_C), SETTINGS.most_temperatures)
     mesh = np.meshgrid(_legible(speeds), _legible(torques), temperatures, indexing="ij")
-    measured = {
-        OperatingPoint(*map(float, p)) for p in zip(*(getattr(at, name) for name in CONDITION_COLUMNS), strict=True)
-    }
+    measured = {OperatingPoint(*point) for point in at.points.tolist()}
     found = [OperatingPoint(*map(float, p)) for p in zip(*(axis.ravel() for axis in mesh), strict=True)]
     inside = [p for p in found if p.speed_rpm > 0 and p not in measured]
     return sorted(set(inside))

@@ -13,7 +13,6 @@ from typing import Protocol
 
 import numpy as np
 
-from st_codegen.campaign.conditions import CONDITION_COLUMNS
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.data.contrasts import AXES, step_between
 from st_codegen.reconcile.fit.fitting import Fit, fit
@@ -113,9 +112,8 @@ def _information(final: Fit, rows: Rows) -> FloatArray:
     for piece in final.state.pieces:
         columns += propagation.columns(piece)
     found = np.zeros((len(rows.data) // 2, len(columns), len(columns)))
-    for place, entries in by_place(columns).items():
-        index = np.array([number for number, _ in entries])
-        block = np.stack([values for _, values in entries], axis=1) / rows.sigma[:, [place]]
+    for place, (index, values) in by_place(columns).items():
+        block = values / rows.sigma[:, [place]]
         for part in [block.real] if rows.data.orders[place] == 0 else [block.real, block.imag]:
             found[:, index[:, None], index[None, :]] += summed(part[:, :, None] * part[:, None, :])
     return found
@@ -125,7 +123,7 @@ class Apart:
     """Two explanations: where they predict different things, until they are told apart."""
 
     def __init__(self, rival: Rival, odds: FloatArray) -> None:
-        self.rival, self.odds, self.left = rival, odds, rival.wanted
+        self.rival, self.odds, self.left = rival, odds, SETTINGS.told_apart
 
     def gains(self) -> FloatArray:
         return np.minimum(self.odds, self.left)
@@ -176,7 +174,7 @@ def unexplained(result: Reconciliation, rows: Rows) -> list[Question]:
     """The unexplained orders that a run can tell something of, the largest; gaps where nothing is, or few runs are."""
     final = result.conclusions.final
     target = final.target
-    steps = [step_between(getattr(target.data.at, column)) for column in CONDITION_COLUMNS]
+    steps = [step_between(axis) for axis in target.data.at.axes]
     found: list[Question] = []
     if result.verdict is Outcome.NOTHING_MISSING or target.data.few_points:
         # what hides between levels is sharp in speed (a resonance) or in torque (flanks that seat)
@@ -263,8 +261,7 @@ def peaks_between(result: Reconciliation, rows: Rows) -> list[Question]:
         f"lies where a straight line from {a:g} to {b:g} rpm misses {d:.2g} deg RMS of what was found"
         for a, b, d in zip(low, high, deg, strict=False)
     ]
-    steps = np.array([step_between(getattr(final.target.data.at, column)) for column in CONDITION_COLUMNS])
-    length = steps * np.array([_INSIDE, _FAR, _FAR])
+    length = np.array([step_between(axis) for axis in final.target.data.at.axes]) * (_INSIDE, _FAR, _FAR)
     measured = np.unique(final.target.data.at.rows(final.target.good).points / length, axis=0)
     weight = summed((np.abs(missed) / rows.sigma) ** 2).sum(axis=1)
     return [Unknown(weight, measured, at.points[:count] / length, why)]
@@ -278,12 +275,11 @@ def _lengths(dependence: Mapping[str, float]) -> list[float]:
 
 @dataclass(frozen=True)
 class Rival:
-    """Another explanation of the data than `one`: its rig, and the odds (logarithm) still wanted to tell them apart."""
+    """Another explanation of the data than `one`, and its rig."""
 
     one: str
     other: str
     rig: RigModel
-    wanted: float
 
 
 def other_models(result: Reconciliation) -> list[Rival]:
@@ -294,7 +290,7 @@ def other_models(result: Reconciliation) -> list[Rival]:
     found = result.conclusions
     pairs = [(one.piece.effect.name, other) for one in found.claims for other in one.others]
     pairs += [(f"changed {one.after.name}", other) for one in found.retuned for other in one.others]
-    as_good = [Rival(name, other.name, other.rig, SETTINGS.told_apart) for name, other in pairs]
+    as_good = [Rival(name, other.name, other.rig) for name, other in pairs]
     return [*as_good, *_refused(result)]
 
 
@@ -309,11 +305,6 @@ def _refused(result: Reconciliation) -> Iterator[Rival]:
         if candidate.number is None and kind not in taken and open_orders & set(effect.touched_orders()):
             taken.add(kind)
             other = fit(final.target, candidate.put_into(final.state), steps=SETTINGS.quick_steps)
-            yield Rival(
-                "what was found",
-                f"{effect.name} as well, which the data refused so far",
-                other.state.model(),
-                SETTINGS.told_apart,
-            )
+            yield Rival("what was found", f"{effect.name} as well, which the data refused so far", other.state.model())
         if len(taken) == len(final.state.pieces) + SETTINGS.most_rivals:
             return

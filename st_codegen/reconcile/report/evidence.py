@@ -63,25 +63,18 @@ def _resonance(result: Reconciliation, effect: StructuralResonance, title: str) 
     ratio = np.linspace(max(1 - band, 0.01), 1 + band, 400)
     response = 2 * damping * ratio**2 / (1 - ratio**2 + 2j * damping * ratio)
 
-    def drawn(part: Any) -> Draw:
+    def drawn(part: Any, ylabel: str) -> Draw:
         def draw(axes: Any) -> None:
             for order, frequency, values in points:
                 inside = np.abs(frequency / f0 - 1) < band
                 axes.plot(frequency[inside], part(values[inside]), ".", label=f"order {order}")
             axes.plot(ratio * f0, part(response), "k-", linewidth=1, label="fit")
-            axes.set_xlabel("frequency of the order, Hz" + _moved(effect))
+            axes.set(xlabel="frequency of the order, Hz" + _moved(effect), ylabel=ylabel)
 
         return draw
 
-    def amplitude(axes: Any) -> None:
-        drawn(np.abs)(axes)
-        axes.set_ylabel("amplitude, 1 at the fitted peak")
-
-    def phase(axes: Any) -> None:
-        drawn(lambda values: np.rad2deg(np.angle(values)))(axes)
-        axes.set_ylabel("phase, deg")
-
-    return [(title, amplitude), (f"{title}, phase", phase)]
+    phase = drawn(lambda values: np.rad2deg(np.angle(values)), "phase, deg")
+    return [(title, drawn(np.abs, "amplitude, 1 at the fitted peak")), (f"{title}, phase", phase)]
 
 
 def _moved(effect: Effect) -> str:

@@ -5,14 +5,13 @@ from __future__ import annotations
 import difflib
 import json
 import math
-from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from st_codegen.reconcile.data.chances import digits
 from st_codegen.reconcile.judge.claims import Claim, Retuned
 from st_codegen.reconcile.report.sentences import form_error, left_text, together_text
-from st_codegen.reconcile.result import Gap, Reconciliation
+from st_codegen.reconcile.result import Reconciliation
 from st_codegen.reconcile.search.evidence import Evidence
 from st_codegen.rig.effects import Effect
 
@@ -24,9 +23,10 @@ if TYPE_CHECKING:
 def report(result: Reconciliation, update: Update | None = None, ahead: NextRuns | None = None) -> dict[str, Any]:
     """The content of report.json (DESIGN.md), and more beside it."""
     claims = result.conclusions.claims
+    names = dict.fromkeys(claim.piece.effect.name for claim in claims)
     return {
         "verdict": result.verdict,
-        "effects": [_group(group, result) for group in _by_name(claims)],
+        "effects": [_group([claim for claim in claims if claim.piece.effect.name == name], result) for name in names],
         "retuned": [_retuned(entry) for entry in result.conclusions.retuned],
         "unexplained": [
             {
@@ -48,7 +48,7 @@ def report(result: Reconciliation, update: Update | None = None, ahead: NextRuns
             for s in result.unexplained
         ],
         "unexplained_together": together_text(result) or None,
-        "gap": {"fitted": _gap(result.fitted), "held_out": _gap(result.held_out)},
+        "gap": {"fitted": asdict(result.fitted), "held_out": asdict(result.held_out)},
         "noise_floor_at_most": result.floor_is_bound,
         "noise_floor_without_scatter": result.scatter_beside_floor_deg > 0.0,
         "held_out_at_least": result.held_out_is_bound,
@@ -84,13 +84,6 @@ def report(result: Reconciliation, update: Update | None = None, ahead: NextRuns
         **({} if ahead is None else {"next_runs": ahead.as_json()}),
         **({} if update is None else {"models": update.as_json()}),
     }  # fmt: skip
-
-
-def _by_name(claims: Sequence[Claim]) -> list[list[Claim]]:
-    groups: dict[str, list[Claim]] = {}
-    for claim in claims:
-        groups.setdefault(claim.piece.effect.name, []).append(claim)
-    return list(groups.values())
 
 
 def _group(group: list[Claim], result: Reconciliation) -> dict[str, Any]:
@@ -175,10 +168,6 @@ def _evidence(e: Evidence) -> dict[str, Any]:
         "stability": e.stability,
         "size_in_noise": e.size_in_noise,
     }
-
-
-def _gap(gap: Gap) -> dict[str, float]:
-    return {"before": gap.before, "after": gap.after, "noise_floor": gap.noise_floor}
 
 
 def report_text(result: Reconciliation, update: Update | None = None, ahead: NextRuns | None = None) -> str:

@@ -9,7 +9,6 @@ import numpy as np
 
 from st_codegen.errors import counted
 from st_codegen.ir.arrays import FloatArray
-from st_codegen.reconcile.judge.claims import Claim
 from st_codegen.reconcile.report.evidence import evidence_panels, unexplained_panels
 from st_codegen.reconcile.report.findings import Finding, findings, share_text
 from st_codegen.reconcile.report.output import parameters_of, report_text, rig_diff
@@ -196,19 +195,14 @@ def _claims(result: Reconciliation) -> PageSection | None:
     claims = result.conclusions.claims
     if not claims:
         return None
-    rows = [row for claim in claims for row in _parameter_rows(claim)]
+    rows = [
+        [effect.name, ", ".join(map(str, effect.orders)), key, value["value"], value["stderr"], value["unit"]]
+        for effect, errors in ((claim.piece.effect, claim.stderr) for claim in claims)
+        for key, value in parameters_of(effect, errors).items()
+    ]
     notes = [f"{claim.piece.effect.name}: {text}" for claim in claims for text in claim.extrapolates]
     columns = ["effect", "order", "parameter", "value", "standard error", "unit"]
     return PageSection("What is missing, with parameters", "\n\n".join(notes), PageTable(columns, rows))
-
-
-def _parameter_rows(claim: Claim) -> list[list[Any]]:
-    effect = claim.piece.effect
-    orders = ", ".join(map(str, effect.orders))
-    return [
-        [effect.name, orders, key, value["value"], value["stderr"], value["unit"]]
-        for key, value in parameters_of(effect, claim.stderr).items()
-    ]
 
 
 def _order_of(one: Signature) -> int | str:
@@ -239,10 +233,8 @@ def _curves(result: Reconciliation) -> PageSection | None:
     theta = np.linspace(0, 360, _SAMPLES)
     waves = np.exp(1j * np.outer(data.orders, np.deg2rad(theta)))
     shown: list[tuple[str, Draw]] = []
-    for sign in (1.0, -1.0):
-        rows = np.flatnonzero(data.at.sign == sign)
-        if not len(rows):
-            continue
+    # forward first
+    for rows in map(np.flatnonzero, reversed(data.at.by_direction())):
         row = int(rows[np.argmax(before[rows].sum(axis=1))])
         point = data.at.rows(np.array([row]))
         models = [rig.coefficients(point, data.orders.tolist())[0] for rig in (result.rig, result.new_rig)]

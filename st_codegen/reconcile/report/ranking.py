@@ -5,7 +5,6 @@ from __future__ import annotations
 from st_codegen.reconcile.result import Reconciliation
 from st_codegen.reconcile.search.candidates import Candidate
 from st_codegen.reconcile.search.evidence import Evidence
-from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.report.html import PageSection, PageTable
 
 
@@ -36,7 +35,7 @@ def ranking_section(result: Reconciliation) -> PageSection | None:
 def outcome(result: Reconciliation, candidate: Candidate, evidence: Evidence) -> str:
     """What became of a candidate: claimed, part of a changed effect of the rig, not claimed, or refused and why."""
     if not evidence.passed:
-        return f"refused: {', '.join(_failed(evidence)) or 'the tests disagree'}"
+        return f"refused: {', '.join(evidence.failed)}"
     effect = candidate.piece.effect
     own = set(effect.orders)
     for kind, effects in (
@@ -51,23 +50,6 @@ def outcome(result: Reconciliation, candidate: Candidate, evidence: Evidence) ->
         "not claimed: no longer needed beside the others, seen at one frequency only, at the expense of other orders, "
         "or its orders kept too much"
     )
-
-
-def _failed(evidence: Evidence) -> list[str]:
-    """The tests that refuse, in words."""
-    found = []
-    if evidence.p_chance >= SETTINGS.p_chance:
-        found.append("noise could look like it")
-    elif evidence.p_clusters >= SETTINGS.p_clusters:
-        found.append("noise that lasts over runs could look like it")
-    losses = list(evidence.held_out.values())
-    if losses and (sum(x > 0 for x in losses) < max(1, len(losses) - 1) or 2 * evidence.votes[0] <= evidence.votes[1]):
-        found.append("left-out runs are predicted no better")
-    if evidence.stability < SETTINGS.stable:
-        found.append("its size changes when runs are resampled")
-    if evidence.size_in_noise < SETTINGS.least_size:
-        found.append("smaller than the noise of one coefficient")
-    return found
 
 
 def _left_out(evidence: Evidence) -> str:

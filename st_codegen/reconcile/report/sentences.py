@@ -211,7 +211,7 @@ def left_text(result: Reconciliation) -> str:
         listed = "only waves of the angle that stand out of it are listed"
         return f"The gap on held-out recordings is {times:.3g} floors; {listed}.{_few_samples(result)}"
     hums = [hum for hum in result.data.hums if hum.power]
-    of_hums = sum((hum.by_order[[one.order for one in own]] ** 2 for hum in hums), np.zeros(len(own)))
+    of_hums = result.data.hum_power([one.order for one in own])
     left = np.maximum(np.array([one.held_out for one in own]) ** 2 - of_hums, 0.0)
     shares = np.concatenate([left, [hum.power for hum in hums]]) / gap.after**2
     alike = in_both_directions(result.target, result.conclusions.final.residual)
@@ -297,11 +297,6 @@ def beside_text(orders: Collection[int], its: Iterable[int]) -> str:
     )
 
 
-def suspects_text(result: Reconciliation) -> str:
-    """What is said behind suspected runs where something stays unexplained; empty elsewhere."""
-    return "; or what is unexplained is strongest in them" if result.unexplained else ""
-
-
 def taken_back_text(back: TakenBack) -> str:
     """Why the rig stays as it is."""
     return (
@@ -314,7 +309,9 @@ def words(claim: Claim, result: Reconciliation) -> str:
     """One claim in words."""
     effect = claim.piece.effect
     if effect.name in _TEXTS:
-        return _TEXTS[effect.name].format(**{scalar.key: effect.scalar(scalar.key) for scalar in effect.scalars})
+        numbers = {scalar.key: effect.scalar(scalar.key) for scalar in effect.scalars}
+        orders = ", ".join(map(str, effect.orders or effect.touched_orders()))
+        return _TEXTS[effect.name].format(**numbers, title=effect.title, orders=orders, size=_size(effect))
     return _WORDS.get(effect.name, plain)(effect, result)
 
 
@@ -373,7 +370,8 @@ def _compliance(effect: Effect, result: Reconciliation) -> str:
 
 def _resonance(effect: Effect, result: Reconciliation) -> str:
     """Which order is lifted how far at which speed."""
-    peaks = next((claim.peaks for claim in result.conclusions.claims if claim.piece.effect is effect), None)
+    claim = next((claim for claim in result.conclusions.claims if claim.piece.effect is effect), None)
+    peaks, stderr = (None, {}) if claim is None else (claim.peaks, claim.stderr)
     frequency = effect.scalar("frequency_Hz") if peaks is None else sum(peaks) / 2
     final = result.conclusions.final
     at = result.data.at.rows(np.flatnonzero(where_there(effect, result.data.at)))
@@ -406,7 +404,6 @@ def _resonance(effect: Effect, result: Reconciliation) -> str:
         del slopes[0]
     elif peaks is None and isinstance(effect, StructuralResonance):
         where = _where_measured(effect, at)
-    stderr = next((c.stderr for c in result.conclusions.claims if c.piece.effect is effect), {})
     moves = [
         f"by {frequency * effect.scalar(key):+.1f}"
         + (f" +- {frequency * stderr[key]:.1g}" if key in stderr else "")
@@ -415,7 +412,6 @@ def _resonance(effect: Effect, result: Reconciliation) -> str:
         if abs(effect.scalar(key)) > CLEARLY * stderr.get(key, 0.0)
     ]
     moving = f", which moves {' and '.join(moves)}" if moves else ""
-    claim = next((c for c in result.conclusions.claims if c.piece.effect is effect), None)
     if claim is not None and isinstance(effect, StructuralResonance):
         moving += _heights(claim, effect, at)
     state = f"{effect.state_text} of oil" if effect.state_text else ""
@@ -470,21 +466,6 @@ def _heights(claim: Claim, effect: StructuralResonance, at: Conditions) -> str:
     return found
 
 
-def _growing(effect: Effect, result: Reconciliation) -> str:
-    slope = _value_of_phasor(effect)
-    return f"order {effect.orders[0]} of the mesh grows with the torque: {slope:.2g} deg per 1000 N m"
-
-
-def _value_of_phasor(effect: Effect) -> float:
-    phasor = effect.phasors[0]
-    return max(abs(effect.complex_value(phasor.key, backward)) for backward in (False, True))
-
-
-def _wave(effect: Effect, result: Reconciliation) -> str:
-    orders = effect.orders or effect.touched_orders()
-    return f"{effect.title}: order {', '.join(map(str, orders))} of {_value_of_phasor(effect):.2g} deg"
-
-
 def _sidebands(effect: Effect, result: Reconciliation) -> str:
     sides = ", ".join(map(str, effect.touched_orders()))
     if not any(x for key, x in effect.values.items() if key.endswith("_ratio")):
@@ -524,13 +505,25 @@ def _defect(effect: Effect, result: Reconciliation) -> str:
 
 def _burst(effect: Effect, result: Reconciliation) -> str:
     centre, width = effect.scalar("centre_deg") % 360, 2 * effect.scalar("width_deg")
-    where = f"at {centre:.1f} deg of the output, over about {width:.1f} deg"
-    size = f"{_value_of_phasor(effect):.2g} deg"
-    return f"mesh order {effect.orders[0]} is another {where}, by {size}, as damaged teeth or pins make it"
+    where = f"at {centre:.1f} deg of the output, over about {width:.1f} deg, by {_size(effect):.2g} deg"
+    return f"mesh order {effect.orders[0]} is another {where}, as damaged teeth or pins make it"
 
 
+def _size(effect: Effect) -> float:
+    """How large its wave is in the direction that has more of it; 0 without a wave."""
+    return max(
+        (abs(effect.complex_value(one.key, back)) for one in effect.phasors[:1] for back in (False, True)), default=0.0
+    )
+
+
+_WAVES = (
+    "output_shaft_eccentricity", "encoder_eccentricity", "output_shaft_ovality", "crank_misalignment",
+    "cycloid_tooth_error", "pin_error", "input_shaft_misalignment",
+)  # fmt: skip
 #: effects that their numbers alone say
 _TEXTS = {
+    **dict.fromkeys(_WAVES, "{title}: order {orders} of {size:.2g} deg"),
+    "load_dependent_mesh": "order {orders} of the mesh grows with the torque: {size:.2g} deg per 1000 N m",
     "backlash": "{gap_arcmin:.2g} arcmin of backlash between the flanks",
     "thermal_drift": "the mean drifts by {drift_arcmin_per_K:.2g} arcmin a kelvin of oil temperature",
     "measurement_delay": "the measuring chain is late: delay {delay_us:.0f} us, skew of the encoders {skew_us:.1f} us",
@@ -538,17 +531,9 @@ _TEXTS = {
 _WORDS: dict[str, Callable[[Effect, Any], str]] = {
     "torsional_compliance": _compliance,
     "structural_resonance": _resonance,
-    "load_dependent_mesh": _growing,
     "carrier_modulation": _sidebands,
     "friction_windup": _friction,
     "wear": _worn,
     "local_defect": _defect,
     "local_mesh_defect": _burst,
-    "output_shaft_eccentricity": _wave,
-    "encoder_eccentricity": _wave,
-    "output_shaft_ovality": _wave,
-    "crank_misalignment": _wave,
-    "cycloid_tooth_error": _wave,
-    "pin_error": _wave,
-    "input_shaft_misalignment": _wave,
 }

@@ -11,7 +11,6 @@ from st_codegen.reconcile.report.sentences import (
     floor_text,
     left_text,
     misread_texts,
-    suspects_text,
     taken_back_text,
     together_text,
     verdict_text,
@@ -51,7 +50,8 @@ def summary(result: Reconciliation) -> str:
     if result.noise.suspects:
         worst = result.data.labels[result.noise.suspects[0][0]]
         runs = len({int(result.data.number_of_run[row]) for row, _ in result.noise.suspects})
-        lines.append(f"Suspected bad runs: {runs}, the worst {worst}{suspects_text(result)}")
+        also = "; or what is unexplained is strongest in them" if result.unexplained else ""
+        lines.append(f"Suspected bad runs: {runs}, the worst {worst}{also}")
     return "\n".join(lines)
 
 

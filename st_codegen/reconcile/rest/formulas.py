@@ -131,8 +131,7 @@ class _Problem:
     def rows(self, choice: BoolArray) -> _Rows:
         """The runs that a mask chooses."""
         grams, rights, powers = [], [], []
-        for sign in np.unique(self.at.sign):
-            rows = choice & (self.at.sign == sign)
+        for rows in (choice & side for side in self.at.by_direction()):
             design, y = self.columns[rows] / self.sigma[rows, None], self.y[rows] / self.sigma[rows]
             grams.append(design.T @ design)
             rights.append(design.T @ y)

@@ -108,10 +108,9 @@ def _beside(target: FitData, z: ComplexArray, base: FloatArray, weights: FloatAr
     edge = max(2, count // 20)
     cuts = np.unique(np.linspace(edge, count - edge, SETTINGS.most_cuts).round())
     profiles = np.concatenate([np.arange(count) >= cuts[:, None], _shapes(count)]).T
-    gains, left, directions = np.zeros(profiles.shape[1]), 0.0, list[BoolArray]()
-    for sign in np.unique(target.data.at.sign[good]):
-        rows = good & (target.data.at.sign == sign)
-        directions.append(rows)
+    gains, left = np.zeros(profiles.shape[1]), 0.0
+    directions = target.data.at.by_direction(good)
+    for rows in directions:
         q = np.linalg.qr(np.stack([np.ones(int(rows.sum())), base[rows]], axis=1))[0]
         x, y = weights[rows, None] * profiles[place[rows]], z[rows]
         x, y = x - q @ (q.T @ x), y - q @ (q.T @ y)
@@ -150,7 +149,7 @@ def _courses(
     rest = _without_courses(sums, cuts, bends, steps >= trends)
     again = np.maximum(_steps(rest, count)[0], _ramps(rest, count, all_numbers)[0])
     degrees, tried = parts * len(sums), count + len(_shapes(count))
-    p_white, p_again = (_p_of_gains(one / scales, degrees, known) * tried for one in (gains, again))
+    p_white, p_again = (f_tail(one / scales / degrees, degrees, known) * tried for one in (gains, again))
     alone = _others_are_quiet(p_white, cuts, count) & (p_again > SETTINGS.p_wander)
     lags = _lags(target, sizes, numbers, place)
     near, sure = _by_run(target, few_wild, place, count, along.weights), list[int]()
@@ -165,8 +164,7 @@ def _courses(
         if gains[k] < SETTINGS.least_excess_in_time * lefts[k] and not alone[k]:
             continue
         lasting = _lasting([(series[:, k], weight) for series, weight in sums], int(cuts[k]))
-        times = gains[k : k + 1] / (lasting * scales[k])
-        if _p_of_gains(times, degrees[k : k + 1], known[k : k + 1])[0] * tried > SETTINGS.p_changed:
+        if f_tail(gains[k] / (lasting * scales[k]) / degrees[k], degrees[k], known[k]) * tried > SETTINGS.p_changed:
             continue
         sure.append(k)
     of_sure = tuple((series[:, sure], weight) for series, weight in sums)
@@ -244,14 +242,6 @@ def _step_text(size: float, runs: tuple[int, int], count: int, share: float, err
     return f"a step of {size:.2g} deg {there}, or a change over some runs around"
 
 
-def _p_of_gains(gains: FloatArray, degrees: IntArray, known: FloatArray) -> FloatArray:
-    """Chance of a step or a ramp in noise that is independent from run to run, (K,); gains: in noises squared.
-
-    known: by how many numbers the noise is told.
-    """
-    return np.array([f_tail(float(x) / n, int(n), float(m)) for x, n, m in zip(gains, degrees, known, strict=True)])
-
-
 def _others_are_quiet(p: FloatArray, cuts: IntArray, count: int) -> BoolArray:
     """Whether few of the other orders wander over the runs, (K,), of chances that each does not.
 
@@ -272,8 +262,7 @@ _NONE = 1e-300
 
 def _by_run(target: FitData, z: ComplexArray, place: IntArray, count: int, weights: FloatArray) -> _ByRun:
     found = []
-    for sign in np.unique(target.data.at.sign[target.good]):
-        rows = target.good & (target.data.at.sign == sign)
+    for rows in target.data.at.by_direction(target.good):
         series, weight = np.zeros((count, z.shape[1]), np.complex128), np.zeros(count)
         np.add.at(series, place[rows], z[rows] * weights[rows, None])
         np.add.at(weight, place[rows], weights[rows] ** 2)
@@ -544,8 +533,7 @@ def _in_their_order(target: FitData, residual: ComplexArray) -> list[ComplexArra
     run, good, series = target.data.run, target.good, list[ComplexArray]()
     if run is None or good.sum() < SETTINGS.least_in_time:
         return series
-    for sign in np.unique(target.data.at.sign[good]):
-        rows = np.flatnonzero(good & (target.data.at.sign == sign))
+    for rows in map(np.flatnonzero, target.data.at.by_direction(good)):
         own = residual[rows[np.argsort(run[rows], kind="stable")]]
         series.append(own - own.mean(axis=0))
     return series

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import orth
 
 from st_codegen.campaign.moments import moments
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.fit.normal import made_of
 from st_codegen.reconcile.fit.target import FitData
-from st_codegen.reconcile.rest.structure import orthogonal_basis
 from st_codegen.reconcile.rest.unexplained import Signature
 from st_codegen.reconcile.settings import SETTINGS
 
@@ -311,4 +311,4 @@ def _slow(angle: FloatArray, sign: FloatArray, files: IntArray) -> FloatArray:
     travelled = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(angle)) * (np.diff(files) == 0))])
     count = min(int(travelled[-1] / (2 * np.pi)), SETTINGS.most_waves_of_mean)
     waves = np.cos(np.outer(travelled, np.arange(count + 1)) * (np.pi / max(travelled[-1], 1e-300)))
-    return orthogonal_basis(np.hstack([waves, sign[:, None]]))
+    return orth(np.hstack([waves, sign[:, None]]), rcond=1e-8)

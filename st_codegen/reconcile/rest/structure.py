@@ -11,10 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import orth
+from scipy.special import gammaincc, ndtr
 
 from st_codegen.campaign.orders import BAND, listed
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from st_codegen.reconcile.data.chances import f_tail, false_discoveries, normal_tail
+from st_codegen.reconcile.data.chances import f_tail, false_discoveries
 from st_codegen.reconcile.data.contrasts import levels_by_condition, neighbours
 from st_codegen.reconcile.data.noise import MEDIAN_1
 from st_codegen.reconcile.data.observations import Observations
@@ -135,8 +137,6 @@ def _is_alike_in_phase(target: FitData, residual: ComplexArray, lasts: float) ->
     gamma distribution that has both is taken for it. Of the mean it is signs that are at random. lasts: so many runs
     noise is the same, which makes sums of its squares so many times as large.
     """
-    from scipy.special import gammaincc
-
     good, parts = target.good, target.data.parts
     r = target.data.with_real_mean(residual)[good]
     power = np.abs(r) ** 2
@@ -182,7 +182,7 @@ def _between_levels(
 
     known: by how many degrees of freedom the noise of z is, (K,).
     """
-    basis = orthogonal_basis(np.concatenate(list(level_designs(target).values()), axis=1))
+    basis = orth(np.concatenate(list(level_designs(target).values()), axis=1), rcond=1e-8)
     rows, rank = len(basis), basis.shape[1]
     explained = (np.abs(basis.T @ z) ** 2).sum(axis=0)
     left = np.maximum((np.abs(z) ** 2).sum(axis=0) - explained, 1e-12) / np.maximum(parts * (rows - rank), 1)
@@ -190,8 +190,7 @@ def _between_levels(
     scale = np.maximum(left, 1.0)
     known = np.where(left > 1.0, np.minimum(known, np.maximum(parts * (rows - rank), 1)), known)
     times = explained / scale / (parts * rank)
-    p = np.array([f_tail(float(x), int(k * rank), float(n)) for x, k, n in zip(times, parts, known, strict=True)])
-    return p, np.maximum(explained - parts * rank * scale, 0.0) / rows, scale
+    return f_tail(times, parts * rank, known), np.maximum(explained - parts * rank * scale, 0.0) / rows, scale
 
 
 def _between_neighbours(target: FitData, z: ComplexArray, parts: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -206,7 +205,7 @@ def _between_neighbours(target: FitData, z: ComplexArray, parts: IntArray) -> tu
         products = (z[pairs[:, 0]] * z[pairs[:, 1]].conj()).real
         spread = np.sqrt(((np.abs(z[pairs[:, 0]]) * np.abs(z[pairs[:, 1]])) ** 2).sum(axis=0) / parts)
         score = products.sum(axis=0) / np.maximum(spread, 1e-300)
-        own = normal_tail(score) * len(kinds)
+        own = ndtr(-score) * len(kinds)
         power = np.where(own < best, products.mean(axis=0), power)
         best = np.minimum(best, own)
     return best, power
@@ -222,12 +221,6 @@ def level_designs(target: FitData) -> dict[str, FloatArray]:
 def _dummies(level: IntArray, sign: FloatArray) -> FloatArray:
     code = level * 2 + (sign > 0)
     return np.asarray((code[:, None] == np.unique(code)[None, :]).astype(np.float64))
-
-
-def orthogonal_basis(design: FloatArray) -> FloatArray:
-    """Orthonormal columns that span those of a design (n, m), float64 (n, rank)."""
-    u, s, _ = np.linalg.svd(design, full_matrices=False)
-    return u[:, s > 1e-8 * s[0]]
 
 
 def rms_of_component(target: FitData, residual: ComplexArray) -> FloatArray:
@@ -327,7 +320,7 @@ def by_directions(target: FitData, residual: ComplexArray) -> tuple[BoolArray, F
 
     What a run has in both directions is no noise of the measurement, whatever its pattern over the conditions.
     """
-    data, pairs = target.data, _pairs(target)
+    data, pairs = target.data, pairs_of(target)
     if data.angle_rad is not None or len(pairs) < SETTINGS.least_contrasts:
         return np.zeros(len(data.orders), bool), np.full(len(data.orders), np.inf)
     parts = data.parts
@@ -346,7 +339,7 @@ def by_directions(target: FitData, residual: ComplexArray) -> tuple[BoolArray, F
     sizes = np.sqrt((np.abs(first) ** 2).mean(axis=0) * (np.abs(second) ** 2).mean(axis=0))
     # Fisher's transform of a correlation is normal
     correlation = np.clip(alike.mean(axis=0) / np.maximum(sizes, 1e-300), 1e-9 - 1.0, 1.0 - 1e-9)
-    p = normal_tail(np.arctanh(correlation) * np.sqrt(parts * len(pairs)) / _by_chance(first, second, sizes, parts))
+    p = ndtr(-np.arctanh(correlation) * np.sqrt(parts * len(pairs)) / _by_chance(first, second, sizes, parts))
     large = alike.mean(axis=0) > SETTINGS.least_excess * parts
     return false_discoveries(p, SETTINGS.discovery_rate) & large & shared, differ
 
@@ -376,7 +369,7 @@ def _by_chance(
     return np.asarray(np.maximum(1.0, alike * np.sqrt(parts * len(first))))
 
 
-def _pairs(target: FitData) -> IntArray:
+def pairs_of(target: FitData) -> IntArray:
     """The rows of good runs that have two, (n, 2)."""
     rows = [rows for rows in target.data.runs if len(rows) == 2 and target.good[rows].all()]
     return np.array(rows, np.int64).reshape(-1, 2)
@@ -384,7 +377,7 @@ def _pairs(target: FitData) -> IntArray:
 
 def in_both_directions(target: FitData, residual: ComplexArray) -> FloatArray:
     """RMS over the angle (deg) of what runs have alike in both directions, by order (K,); 0 where too few runs tell."""
-    pairs = _pairs(target)
+    pairs = pairs_of(target)
     if target.data.angle_rad is not None or len(pairs) < SETTINGS.least_contrasts:
         return np.zeros(residual.shape[1])
     alike = (residual[pairs[:, 0]] * residual[pairs[:, 1]].conj()).real.mean(axis=0)

@@ -38,7 +38,7 @@ def bad_runs(
         off = {row: _told(size[row], structured) for row in rows}
         pair = size[rows].min(axis=0)
         is_pair = len({data.at.sign[row] for row in rows}) == 2
-        both = max(_told(pair, structured), _largest(pair, structured)) if is_pair else 0.0
+        both = max(_told(pair, structured), float(pair[~structured].max(initial=0.0))) if is_pair else 0.0
         again = [row for row in rows if repeats(data.at, deviation, row)]
         if both > SETTINGS.off:
             # the run is bad as a whole, unless each direction shows what others show as well
@@ -67,20 +67,10 @@ def excused(data: Observations, residual: ComplexArray, noise: Noise, structured
     return found & ~structured
 
 
-def _alone(size: FloatArray) -> float:
-    """How far off a single row is: the size that several of its orders reach."""
-    largest = np.sort(size)
-    return float(largest[-SETTINGS.orders_alone]) if len(largest) >= SETTINGS.orders_alone else 0.0
-
-
 def _told(size: FloatArray, structured: BoolArray) -> float:
     """How far off several orders of a row are, not counting the few in which the model lacks something."""
-    return _alone(size if _lacks_everywhere(structured) else size[~structured])
-
-
-def _largest(size: FloatArray, structured: BoolArray) -> float:
-    """How far off a row is in the orders in which the model lacks nothing."""
-    return float(size[~structured].max(initial=0.0))
+    largest = np.sort(size if _lacks_everywhere(structured) else size[~structured])
+    return float(largest[-SETTINGS.orders_alone]) if len(largest) >= SETTINGS.orders_alone else 0.0
 
 
 def without_structure(data: Observations, residual: ComplexArray, noise: Noise, structured: BoolArray) -> Noise:
@@ -109,8 +99,7 @@ def _beyond_shared(data: Observations, residual: ComplexArray, sigma: FloatArray
     The largest ones count, as many as make up only a small part of any other deviation.
     """
     found = residual.copy()
-    for sign in np.unique(data.at.sign):
-        rows = np.flatnonzero(data.at.sign == sign)
+    for rows in map(np.flatnonzero, data.at.by_direction()):
         carried, size, forms = np.linalg.svd(residual[rows] / sigma[rows], full_matrices=False)
         shared = 1.0 / np.maximum((np.abs(carried) ** 4).sum(axis=0), 1e-300) > SETTINGS.most_suspects * len(rows)
         shared &= size > np.sqrt(2.0) * (np.sqrt(len(rows)) + np.sqrt(residual.shape[1]))
@@ -142,8 +131,7 @@ def _like_neighbours(data: Observations, residual: ComplexArray) -> BoolArray:
     at = data.at
     steps = np.stack([in_steps(values) for values in at.axes], axis=1)
     found = np.zeros(residual.shape, bool)
-    for sign in (1.0, -1.0):
-        rows = np.flatnonzero(at.sign == sign)
+    for rows in map(np.flatnonzero, at.by_direction()):
         if len(rows) <= SETTINGS.near:
             continue
         own = residual[rows]

@@ -10,6 +10,7 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import orth
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.chances import f_tail
@@ -25,7 +26,7 @@ from st_codegen.reconcile.rest.structure import (
     level_designs,
     noise_within,
     of_an_encoder,
-    orthogonal_basis,
+    pairs_of,
     rms_of_component,
     scatter,
     structure,
@@ -41,10 +42,10 @@ def dependence(target: FitData, r: ComplexArray, noise_power: float, course: Cou
     """
     designs = level_designs(target)
     good = r[target.good]
-    constant = orthogonal_basis(designs["constant"])
+    constant = orth(designs["constant"], rcond=1e-8)
     found = {"constant": float((np.abs(constant.T @ good) ** 2).sum())}
     for name in AXES:
-        basis = orthogonal_basis(designs[name])
+        basis = orth(designs[name], rcond=1e-8)
         own = float((np.abs(basis.T @ good) ** 2).sum()) - found["constant"]
         found[name] = max(0.0, own - noise_power * (basis.shape[1] - constant.shape[1]))
     if course is not None:
@@ -260,12 +261,11 @@ def _is_common(target: FitData, r: ComplexArray, order: int, beyond: float) -> b
     """
     at, good, parts = target.data.at, target.good, 2 if order else 1
     own: ComplexArray = r if order else r.real.astype(np.complex128)
-    means = np.array([own[good & (at.sign == sign)].mean() for sign in np.unique(at.sign[good])])
+    means = np.array([own[rows].mean() for rows in at.by_direction(good)])
     if (np.abs(means) ** 2).mean() / parts < SETTINGS.same_in_runs * beyond:
         return False
     # both directions of a run may share what they differ by: what they have alike, and what turns with them
-    both = [rows for rows in target.data.runs if len(rows) == 2 and good[rows].all()]
-    pairs = np.array(both, dtype=np.int64).reshape(-1, 2)
+    pairs = pairs_of(target)
     first, second = own[pairs].T
     tested: list[ComplexArray] = [(first + second) / 2.0, (first - second) / 2.0] if len(pairs) else [own[good]]
     # where noise lasts over runs their mean is told by fewer of them
@@ -280,7 +280,7 @@ def _is_no_chance(values: ComplexArray, parts: int, lasting: float) -> bool:
     if freedom < SETTINGS.least_beside_a_law // 2 or not mean:
         return False
     differ = float((np.abs(values - values.mean()) ** 2).sum()) / freedom
-    return f_tail(len(values) * mean**2 / max(differ, 1e-300), parts, freedom * parts) < SETTINGS.p_law
+    return bool(f_tail(len(values) * mean**2 / max(differ, 1e-300), parts, freedom * parts) < SETTINGS.p_law)
 
 
 def _digits(times: float) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -352,21 +352,12 @@ def _started(
     return Piece(effect(values | starts, constants, check=False), keys, added=True)
 
 
-@dataclass
 class Scorer:
     """Gains of candidates in one linear step from a fit."""
 
-    fit: Fit
-    weights: FloatArray = field(init=False)
-    _by_place: dict[int, tuple[list[int], FloatArray]] = field(init=False)
-
-    def __post_init__(self) -> None:
-        target = self.fit.target
-        self.weights = target.weights(self.fit.residual)
-        self._by_place = {
-            place: ([n for n, _ in found], _real(np.stack([v for _, v in found], axis=1)))
-            for place, found in by_place(self.fit.columns).items()
-        }
+    def __init__(self, fit: Fit) -> None:
+        self.fit, self.weights = fit, fit.target.weights(fit.residual)
+        self._by_place = {place: (index, _real(values)) for place, (index, values) in by_place(fit.columns).items()}
 
     def columns(self, candidate: Candidate) -> list[Column]:
         """The columns of the new coordinates."""
@@ -402,16 +393,15 @@ class Scorer:
         """Linear step of new columns beside all fitted ones, their reduced normal matrix, and right side."""
         count, size = len(columns), len(self.fit.inverse)
         own, cross, pull = np.zeros((count, count)), np.zeros((count, size)), np.zeros(count)
-        for place, found in by_place(columns).items():
-            index = np.array([n for n, _ in found])
-            design = _real(np.stack([v for _, v in found], axis=1))
+        for place, (index, values) in by_place(columns).items():
+            design = _real(values)
             weighted = design * np.tile(self.weights[:, place], 2)[:, None]
             r = _real(self.fit.residual[:, place, None])[:, 0]
             own[np.ix_(index, index)] += weighted.T @ design
             pull[index] += r @ weighted
             if place in self._by_place:
                 fitted, other = self._by_place[place]
-                cross[index[:, None], np.array(fitted)[None, :]] += weighted.T @ other
+                cross[index[:, None], fitted[None, :]] += weighted.T @ other
         reduced = own - cross @ self.fit.inverse @ cross.T
         # what the fitted coordinates would still gain by themselves is no gain of new ones
         pull -= cross @ self.fit.open_step

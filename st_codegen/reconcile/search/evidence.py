@@ -22,6 +22,8 @@ from st_codegen.reconcile.search.peaks import has_a_frequency
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions, Effect, Form
 
+_SMALL = "smaller than the noise of one coefficient"
+
 
 @dataclass(frozen=True)
 class Evidence:
@@ -45,24 +47,32 @@ class Evidence:
     size_in_noise: float
 
     @property
-    def passed(self) -> bool:
-        """Whether all tests agree."""
-        return self._likely and self.size_in_noise >= SETTINGS.least_size
-
-    @property
-    def passed_but_for_size(self) -> bool:
-        """Whether only the size speaks against it."""
-        return self._likely and self.size_in_noise < SETTINGS.least_size
-
-    @property
-    def _likely(self) -> bool:
+    def failed(self) -> tuple[str, ...]:
+        """The tests that refuse it, in words."""
         losses = list(self.held_out.values())
         # one axis may fail: a level can hold all that is known of something
         held = not losses or (
             sum(x > 0 for x in losses) >= max(1, len(losses) - 1) and 2 * self.votes[0] > self.votes[1]
         )
-        likely = self.p_chance < SETTINGS.p_chance and self.p_clusters < SETTINGS.p_clusters
-        return likely and held and self.stability >= SETTINGS.stable
+        likely = self.p_chance < SETTINGS.p_chance
+        tests = (
+            (likely, "noise could look like it"),
+            (not likely or self.p_clusters < SETTINGS.p_clusters, "noise that lasts over runs could look like it"),
+            (held, "left-out runs are predicted no better"),
+            (self.stability >= SETTINGS.stable, "its size changes when runs are resampled"),
+            (self.size_in_noise >= SETTINGS.least_size, _SMALL),
+        )
+        return tuple(text for passes, text in tests if not passes)
+
+    @property
+    def passed(self) -> bool:
+        """Whether all tests agree."""
+        return not self.failed
+
+    @property
+    def passed_but_for_size(self) -> bool:
+        """Whether only the size speaks against it."""
+        return self.failed == (_SMALL,)
 
 
 def judge(without: Fit, with_it: Fit, places: list[int], number: int) -> Evidence:
@@ -91,7 +101,7 @@ def _p_of_chance(without: Fit, with_it: Fit, places: list[int]) -> float:
     touched = np.unique(np.concatenate([with_it.columns[i][0] for i in places]))
     numbers = (target.counts * target.data.parts)[:, touched].sum()
     rest = max(int(numbers) - len(places), 1)
-    return f_tail(saved / len(places), len(places), rest)
+    return float(f_tail(saved / len(places), len(places), rest))
 
 
 def size_in_noise(fit: Fit, places: list[int], number: int) -> float:
@@ -132,7 +142,7 @@ def p_of_clusters(fit: Fit, places: list[int], difference: FloatArray, covarianc
         # fewer clusters than tell so many parameters: independent runs, of which few are alike, are all that can be
         # assumed
         return chi_square_tail(square, count)
-    return f_tail(square * (clusters - count) / (count * (clusters - 1)), count, clusters - count)
+    return float(f_tail(square * (clusters - count) / (count * (clusters - 1)), count, clusters - count))
 
 
 def stability(fit: Fit, places: list[int]) -> float:

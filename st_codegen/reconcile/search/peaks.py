@@ -248,10 +248,7 @@ class Frequencies:
         """What each order gains by each frequency in some rows, (frequencies, orders)."""
         at, key = self.data.at, self.frequency.key
         gains = np.zeros((len(grid), len(self.orders)))
-        for sign in (1.0, -1.0):
-            rows = np.flatnonzero((at.sign == sign) & some)
-            if not len(rows):
-                continue
+        for rows in map(np.flatnonzero, at.by_direction(some)):
             speeds, inverse = np.unique(at.speed_rpm[rows], return_inverse=True)
             point = at.rows(rows[np.unique(inverse, return_index=True)[1]])
             places = np.searchsorted(self.data.orders, [self.orders[j] for j in self.loud])

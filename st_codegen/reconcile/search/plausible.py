@@ -228,8 +228,7 @@ def beats_waves(without: Fit, fitted: Fit, own: BoolArray, laws: FloatArray) -> 
     """
     target = fitted.target
     left, weights = without.residual.copy(), target.weights(without.residual)
-    for sign in np.unique(target.data.at.sign):
-        rows = target.data.at.sign == sign
+    for rows in target.data.at.by_direction():
         for k in np.flatnonzero(own):
             root = np.sqrt(weights[rows, k])
             wave = np.linalg.lstsq(root[:, None] * laws[rows], root * left[rows, k], rcond=None)[0]

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
-from st_codegen.reconcile.data.observations import SIGNS
 from st_codegen.reconcile.fit.fitting import Fit
 from st_codegen.reconcile.fit.state import Piece
 from st_codegen.reconcile.fit.target import FitData
@@ -124,15 +123,13 @@ def left_of_place(current: Fit, piece: Piece) -> float:
     angles = _ANGLES[np.abs(_turned(_ANGLES - centre)) < SETTINGS.reach_of_place * width]
     turn = np.exp(1j * np.outer(target.data.orders[foreign], angles))
     left, power = 0.0, 0.0
-    for sign in (1.0, -1.0):
-        rows = target.good & (target.data.at.sign == sign)
+    for rows in target.data.at.by_direction(target.good):
         own = current.explained(piece.effect)[np.ix_(rows, foreign)]
         form = (own @ turn).real
         there = ((own + current.residual[np.ix_(rows, foreign)]) @ turn).real
-        if len(form):
-            # the one form that curves share most of, whatever its size in each
-            alike = float(np.linalg.svd(form)[2][0] @ np.linalg.svd(there)[2][0]) ** 2
-            left, power = left + (form**2).sum() * (1.0 - alike), power + (form**2).sum()
+        # the one form that curves share most of, whatever its size in each
+        alike = float(np.linalg.svd(form)[2][0] @ np.linalg.svd(there)[2][0]) ** 2
+        left, power = left + (form**2).sum() * (1.0 - alike), power + (form**2).sum()
     return left / max(power, 1e-300)
 
 
@@ -146,8 +143,8 @@ def angle_of_rest(target: FitData, residual: ComplexArray, orders: Sequence[int]
     if target.data.angle_rad is not None or len(columns) < SETTINGS.shared_orders:
         return None
     turn = np.exp(1j * np.outer(target.data.orders[columns], _ANGLES))
-    signs = [target.good & (target.data.at.sign == sign) for sign in SIGNS]
-    curves = np.array([(residual[np.ix_(rows, columns)].mean(axis=0) @ turn).real for rows in signs if rows.any()])
+    sides = target.data.at.by_direction(target.good)
+    curves = np.array([(residual[np.ix_(rows, columns)].mean(axis=0) @ turn).real for rows in sides])
     power = (curves**2).sum(axis=0)
     for reach in SETTINGS.reaches_of_place_deg:
         width = 2 * round(reach * len(_ANGLES) / 360.0) + 1
@@ -171,12 +168,10 @@ def told_order(current: Fit, piece: Piece) -> float:
     angles = _ANGLES[np.abs(_turned(_ANGLES - centre)) < SETTINGS.reach_of_place * width]
     orders, mesh = target.data.orders[foreign], set(current.state.rig.constants.mesh_orders())
     turn, curves = np.exp(1j * np.outer(orders, angles)), []
-    for sign in SIGNS:
-        rows = target.good & (target.data.at.sign == sign)
+    for rows in target.data.at.by_direction(target.good):
         there = ((current.explained(piece.effect) + current.residual)[np.ix_(rows, foreign)] @ turn).real
-        if len(there):
-            size, form = np.linalg.svd(there, full_matrices=False)[1:]
-            curves.append(size[0] * form[0])
+        size, form = np.linalg.svd(there, full_matrices=False)[1:]
+        curves.append(size[0] * form[0])
     power = max(sum(float(curve @ curve) for curve in curves), 1e-300)
 
     def left(order: int) -> float:
