@@ -20,10 +20,9 @@ def chi_square_tail(x: float, count: int) -> float:
 def f_tail(x: FloatArray | float, count: _Numbers | float, rest: _Numbers | float) -> FloatArray:
     """Chance that an F with these degrees of freedom exceeds x, element by element; rest may be infinite.
 
-    It is 1 where x is no number.
+    It is 1 where x is not above 0, or no number.
     """
-    x = np.fmax(x, 0.0)
-    return np.where(np.isinf(rest), chdtrc(count, x * count), fdtrc(count, rest, x))
+    return np.where(np.greater(x, 0.0), np.where(np.isinf(rest), chdtrc(count, x * count), fdtrc(count, rest, x)), 1.0)
 
 
 def false_discoveries(p: FloatArray, rate: float) -> BoolArray:
