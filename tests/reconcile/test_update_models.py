@@ -265,7 +265,8 @@ def test_bundles_that_do_not_go_with_the_rig(fault, tmp_path, capsys):
         options = options[:2]
         word = "--update-models"
     elif fault == "of none":
-        options, word = ["--target", "nonsense", "--profile", "none"], "--target and --profile: so updated models are made"
+        options = ["--target", "nonsense", "--profile", "none"]
+        word = "--target and --profile: so updated models are made"
     else:
         out = tmp_path
         word = "--out"
