@@ -17,7 +17,6 @@ import pickle
 import signal
 import sys
 import threading
-import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -37,8 +36,6 @@ _Result = TypeVar("_Result")
 
 #: how long the end of a worker may come before this process is told of the interruption that ended it
 _INTERRUPTED_WITHIN_S = 1.0
-#: between two looks at whether a copy has ended
-_PAUSE_S = 0.02
 
 #: Whether this process is a copy, which computes on the processor that it was made for.
 _IS_COPY = False
@@ -175,9 +172,7 @@ def _in_copies(
                     found[number] = work(items[number])
             turns.seek(0, os.SEEK_END)  # where one fails, nobody begins another one
             while children:
-                # in pieces: an interruption just before a wait without end would wait for the copy
-                while os.waitpid(children[-1], os.WNOHANG)[0] == 0:
-                    time.sleep(_PAUSE_S)
+                os.waitpid(children[-1], 0)
                 children.pop()
         finally:
             for child in children:
