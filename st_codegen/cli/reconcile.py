@@ -16,6 +16,7 @@ from st_codegen.errors import InputError
 from st_codegen.files.folders import write_texts
 from st_codegen.files.temporary import temporary_folder
 from st_codegen.files.text import make_folder
+from st_codegen.project.build_options import option_name
 
 if TYPE_CHECKING:
     from st_codegen.reconcile.models.update import Update, Wish
@@ -152,12 +153,10 @@ def _wish(models: Path | None, update: bool, target: str, profile: str, trust_pi
         raise InputError("--models DIR and --update-models go together: which bundle is to get what is found?")
     if models is None:
         source = click.get_current_context().get_parameter_source
-        given = [f"--{name}" for name in ("target", "profile") if source(name) is not ParameterSource.DEFAULT]
+        names = ("target", "profile", "trust_pickle")
+        given = [option_name(name) for name in names if source(name) is not ParameterSource.DEFAULT]
         if given:
-            raise InputError(
-                f"{' and '.join(given)}: so updated models are made; give --models DIR and --update-models as well, or "
-                "none of these"
-            )
+            raise InputError(f"{', '.join(given)}: for updated models only; give --models DIR and --update-models, too")
         return None
     if not (models / BUNDLE_FILE).is_file():
         raise InputError(f"{models}: no bundle; --models wants a folder with {BUNDLE_FILE}")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -155,8 +155,10 @@ class Search:
                     continue
                 unit = candidate.piece.unit(c)
                 now, then = (unit.contribution(conditions, orders) for conditions in (at, other))
-                sides = [now[at.sign == sign] for sign in np.unique(at.sign)]
-                if all(np.allclose(side, side[0], rtol=1e-9) for side in sides) and not np.allclose(now, then):
+                # to within roundings: numbers of another condition differ by far more, and units may be small
+                is_same = partial(np.allclose, rtol=1e-9, atol=0.0)
+                is_constant = all(is_same(side, side[0]) for side in map(now.__getitem__, at.by_direction()))
+                if is_constant and not is_same(now, then):
                     return False
         return True
 

@@ -32,8 +32,9 @@ _HANDED_BYTES = 4096
 def inlined(model: onnx.ModelProto) -> onnx.ModelProto:
     """The model without functions of its own.
 
-    Raises InputError for functions that call themselves, that stand in the file twice or that grow to more than is
-    read, UnsupportedModelError for those of other opsets than the graph's and for calls that hand on graphs or tensors.
+    Raises InputError for functions that stand in the file twice, and for those that the graph reaches and that call
+    themselves or grow to more than is read; UnsupportedModelError for functions of other opsets than the graph's, for
+    names that may mean several, and for calls that hand on graphs or tensors.
     """
     if not model.functions:
         return model
@@ -60,12 +61,15 @@ def _first_line(error: Exception) -> str:
 
 
 def _functions(model: onnx.ModelProto) -> dict[_Key, onnx.FunctionProto]:
-    """Functions by what calls them. Raises InputError for names that onnx reads otherwise."""
+    """Functions by what calls them. Raises for names that onnx may read otherwise."""
     functions: dict[_Key, onnx.FunctionProto] = {}
     for function in model.functions:
         key = (domain_of(function.domain), function.name, function.overload)
         if not function.name or ":" in "".join(key):  # it joins the three by colons
-            raise InputError(f"a function named '{printable(function.name)}'; the model file is damaged")
+            raise UnsupportedModelError(
+                f"a function named '{printable(function.name)}': one without a name, or with a colon in name or "
+                "domain, may be taken for another one; export the model without functions"
+            )
         if key in functions:
             raise InputError(f"two functions '{printable(function.name)}'; the model file is damaged")
         functions[key] = onnx.FunctionProto.FromString(function.SerializeToString())
@@ -79,8 +83,12 @@ def _check_growth(model: onnx.ModelProto, functions: dict[_Key, onnx.FunctionPro
     """
     bodies = {**{key: list(_nodes(one.node)) for key, one in functions.items()}, _GRAPH: list(_nodes(model.graph.node))}
     calls = {key: [called for called in map(_called, body) if called in functions] for key, body in bodies.items()}
+    used, more = set[_Key](), {_GRAPH}
+    while more:
+        used |= more
+        more = {called for key in more for called in calls[key]} - used
     nodes, size, depth = dict[_Key, int](), dict[_Key, int](), dict[_Key, int]()
-    for key in _innermost_first(calls):
+    for key in _innermost_first({key: calls[key] for key in used}):
         own = functions.get(key, model.graph)
         handed = sum(bool(attribute.ref_attr_name) for node in bodies[key] for attribute in node.attribute)
         nodes[key] = len(bodies[key]) + sum(nodes[called] for called in calls[key])
@@ -92,10 +100,6 @@ def _check_growth(model: onnx.ModelProto, functions: dict[_Key, onnx.FunctionPro
             raise InputError(f"functions that call each other more than {MAX_DEPTH} deep; the model file is damaged")
         _check_handed(one for node in bodies[key] if _called(node) in functions for one in node.attribute)
         _check_handed(getattr(own, "attribute_proto", ()))
-    used, more = set[_Key](), {_GRAPH}
-    while more:
-        used |= more
-        more = {called for key in more for called in calls[key]} - used
     return sorted(used - {_GRAPH})
 
 
