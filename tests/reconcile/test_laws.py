@@ -107,7 +107,7 @@ def test_runs_that_were_repeated_are_not_said_to_be_missing():
     for points, words in ((at, True), (twice, False)):
         wave = late[: len(points)] * 4e-4 + 1e-4 * np.random.default_rng(2).standard_normal(len(points))
         result = reconciled(part(MESH, orders), points, orders, {40: wave * TURN})
-        assert ("No run was repeated" in floor_text(result)) is words
+        assert ("No two runs have equal conditions" in floor_text(result)) is words
 
 
 def test_a_wave_beside_the_alias_of_an_encoder_is_not_the_encoders():

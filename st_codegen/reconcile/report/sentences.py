@@ -119,7 +119,7 @@ def floor_text(result: Reconciliation) -> str:
         parts.append(_FLOOR[kind] + which)
     text = f"The floor is {'; '.join(parts)}"
     if not result.data.repeated:
-        text += ". No run was repeated: what is sharper than the steps of the conditions counts as noise there"
+        text += ". No two runs have equal conditions: what is sharper than the steps of these counts as noise there"
     if result.floor_is_bound:
         also = "what is unexplained" if result.unexplained else "what differs between so few runs"
         text += f". It may be smaller: {also} may be in it as well"

@@ -46,7 +46,7 @@ def cannot_show(data: Observations) -> tuple[str, ...]:
         warms = len(np.unique(at.temperature_C)) > 1
         found.append(f"{text}, nor be told from what follows the oil" if warms else text)
     if data.angle_rad is None and not data.repeated:
-        found.append("no run was repeated: what changes from run to run cannot be told from sharp structure")
+        found.append("no two runs have equal conditions: what changes by the run cannot be told from sharp structure")
     return tuple(found)
 
 
