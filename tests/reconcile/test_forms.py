@@ -339,7 +339,11 @@ def _gone_through(data):
 def test_what_data_cannot_show_is_listed():
     at = grid([500.0], 3, (30.0,))
     said = " ".join(cannot_show(Observations(at, labels(at), np.array([0]), np.zeros((6, 1), complex))))
-    for words in ("speed never varied (500 rpm)", "temperature never varied (30 degC): thermal drift", "repeated"):
+    for words in (
+        "speed never varied (500 rpm)",
+        "temperature never varied (30 degC): thermal drift",
+        "equal conditions",
+    ):
         assert words in said
     assert "torque never varied" not in said
 
