@@ -179,6 +179,8 @@ class Settings:
     #: speeds and torques at which a run is tried before its label is called wrong: a quarter of a percent of the range
     #: apart
     places_tried: int = 401
+    #: runs whose labels are exchanged in thought, two by two: so many tell a share within some percent
+    labels_tried: int = 100
     #: part of the least and of the largest value of a condition by which a run may lie beyond it
     beyond_labels: float = 0.2
 

@@ -204,6 +204,12 @@ def test_where_runs_are_few_nothing_was_found_but_large_things():
     few, many = (reconcile_observations(RIG, observed(RIG, at), KNOWN) for at in (grid(4, 3, 1), grid(6, 5, 1)))
     assert verdict_text(few).endswith("; the runs are too few to tell small ones.")
     assert verdict_text(many).endswith("in the differences.")
+    # and not in runs that were left out
+    data = many.data
+    bad = replace(data, values=data.values * np.where(data.number_of_run == 7, 1.5, 1.0)[:, None])
+    result = reconcile_observations(RIG, bad, KNOWN)
+    assert {int(data.number_of_run[row]) for row, _ in result.noise.suspects} == {7}
+    assert verdict_text(result).endswith("in the differences; a run that seems bad is left out.")
 
 
 @pytest.fixture(scope="module")

@@ -120,8 +120,9 @@ FORMULAS = {
         lambda s, n, M, T: (0.02 + 0.004 * M / 1000 + s * (0.01 + 0.002 * M / 1000)) * bell(359, 4),
     ),
     "local_mesh_defect": (
-        {"order": 195, "amplitude_deg": 0.02, "phase_rad": 1, "centre_deg": 70, "width_deg": 5},
-        lambda s, n, M, T: 0.02 * np.cos(195 * X + 1) * bell(70, 5),
+        {"order": 195, "amplitude_deg": 0.02, "phase_rad": 1, "slope_deg_per_kNm": 0.004, "slope_phase_rad": -2,
+         "centre_deg": 70, "width_deg": 5},
+        lambda s, n, M, T: (0.02 * np.cos(195 * X + 1) + 0.004 * M / 1000 * np.cos(195 * X - 2)) * bell(70, 5),
     ),
     "measurement_delay": (
         {"skew_us": 300, "delay_us": 100},

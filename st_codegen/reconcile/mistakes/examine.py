@@ -46,7 +46,7 @@ from st_codegen.reconcile.mistakes.sensors import (
     wrong_angle,
     wrong_torques,
 )
-from st_codegen.reconcile.mistakes.single_runs import AS_IS, Mistake, mistaken_runs
+from st_codegen.reconcile.mistakes.single_runs import AS_IS, Mistake, hidden_labels, mistaken_runs
 from st_codegen.reconcile.mistakes.starts import settling
 from st_codegen.reconcile.mistakes.votes import (
     PowerSums,
@@ -119,7 +119,7 @@ def examine(
             problems.add(f"{mistake.text} (they will be left out)")
     problems.raise_if_any()
     left_out = tuple(sorted({row for mistake in runs for row in mistake.rows}))
-    untold: tuple[str, ...] = (_UNTOLD,) if data.both_directions() and not is_told else ()
+    untold = (_UNTOLD,) if data.both_directions() and not is_told else hidden_labels(data, rig)
     if all(mistake.name != "axis" for mistake in found):
         untold += hidden_wrong_angle(whole, rig)
     return Examined(data, (*found, *runs), left_out, untold)
@@ -419,7 +419,8 @@ _STILL = (
 )
 _UNTOLD = (
     f"fewer than {SETTINGS.least_votes} orders of the rig stand above the noise in both directions: exchanged "
-    "directions, another sign, another zero of the angle, or a factor on one column cannot be told from an effect"
+    "directions, another sign, another zero of the angle, or a factor on one column cannot be told from an effect, nor "
+    "a run that carries the label of another one from noise"
 )
 _DIRECTION = (
     "forward and backward seem to be exchanged: each direction of the data agrees with the other one of the rig"

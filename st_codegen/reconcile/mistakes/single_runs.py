@@ -55,23 +55,50 @@ def mistaken_runs(data: Observations, rig: RigModel) -> list[Mistake] | None:
     exchanged = _exchanged(data, rig, seen)
     data = _with_exchanged(data, [row for mistake in exchanged for row in mistake.rows])
     wrong = [*turned_over, *exchanged]
-    out = {row for mistake in wrong for row in mistake.rows}
-    model = expected_of(data, rig)
-    sigma = estimate(data, data.values - model).sigma
-    z = np.abs(data.values - model) / sigma
-    usual = np.array([np.median(own[of]) if of.any() else np.inf for own, of in zip(z.T, seen.T, strict=True)])
-    power = np.median(np.abs(model), axis=0)
-    # orders in which the rig is right for most runs, and loud
-    sure = (usual < SETTINGS.sure_order) & (power > 3 * np.median(sigma, axis=0))
-    turned = _block_of_no_effect(data, model, seen)
-    if turned or sure.sum() < SETTINGS.least_votes:
+    turned = _block_of_no_effect(data, expected_of(data, rig), seen)
+    asked = _asked(data, rig, seen)
+    if turned or asked.sure.sum() < SETTINGS.least_votes:
         return [*wrong, *turned] or None
-    # a coefficient that a curve does not tell says nothing of its label
-    values, known, weight = data.values[:, sure], model[:, sure], seen[:, sure] / sigma[:, sure] ** 2
-    blocks = [*wrong, *_block(data, values, known, weight)]
-    out |= {row for mistake in blocks for row in mistake.rows}
+    blocks = [*wrong, *_block(data, asked.values, asked.known, asked.weight)]
+    out = {row for mistake in blocks for row in mistake.rows}
     rest = np.array([row not in out for row in range(len(data))])
-    return [*blocks, *_labels(_Asked(data, rig, sure, values, known, weight), rest)]
+    return [*blocks, *_labels(asked, rest)]
+
+
+def hidden_labels(data: Observations, rig: RigModel) -> tuple[str, ...]:
+    """What is said where noise hides that runs carry the label of another one, or a factor of their own.
+
+    It does where few orders judge single runs, or most exchanges of two labels change them by too little.
+    """
+    seen = np.ones(data.values.shape, bool) if data.seen is None else data.seen
+    asked = _asked(data, rig, seen)
+    if asked.sure.sum() < SETTINGS.least_votes:
+        return (
+            f"fewer than {SETTINGS.least_votes} orders of the rig are right for most runs and above the noise of a "
+            "single one: runs that carry the label of another one, or a factor of their own, cannot be told from "
+            "effects, and few of them may be noticed",
+        )
+    usual, limit = _usual_and_limit(asked, np.ones(len(data), bool))
+    # the rows of runs that have all directions, one of each, in the same order
+    signs = np.unique(data.at.sign)
+    runs = [rows[np.argsort(data.at.sign[rows])] for rows in data.runs if len(rows) == len(signs)]
+    alike = [rows for rows in runs if (data.at.sign[rows] == signs).all()]
+    if len(alike) < 2:
+        return ()
+    of = np.array(alike)[np.linspace(0, len(alike) - 1, min(len(alike), SETTINGS.labels_tried)).astype(int)]
+    gain = asked.weight[of][:, None] * np.abs(asked.known[of][:, None] - asked.known[of][None]) ** 2
+    by_order = gain.sum(axis=2)
+    told = usual + gain.sum(axis=3).min(axis=2) > limit
+    told &= by_order.sum(axis=2) - by_order.max(axis=2) > SETTINGS.order_gain
+    labels = np.stack([axis[of[:, 0]] for axis in data.at.axes], axis=1)
+    others = (labels[:, None] != labels[None]).any(axis=2)
+    hidden, tried = int((others & ~told).sum()), int(others.sum())
+    if 2 * hidden <= tried:
+        return ()
+    return (
+        f"in this noise {100.0 * hidden / tried:.0f} % of exchanges of two runs' labels would not show: what the rig "
+        "expects of the two differs too little",
+    )
 
 
 def _turned_over(data: Observations, rig: RigModel, seen: BoolArray) -> list[Mistake]:
@@ -241,6 +268,27 @@ class _Asked:
     weight: FloatArray
 
 
+def _asked(data: Observations, rig: RigModel, seen: BoolArray) -> _Asked:
+    """What judges labels: orders in which the rig is right for most runs, and loud.
+
+    seen: (n, K), the coefficients that a curve tells; another one says nothing of its label.
+    """
+    model = expected_of(data, rig)
+    sigma = estimate(data, data.values - model).sigma
+    z = np.abs(data.values - model) / sigma
+    usual = np.array([np.median(own[of]) if of.any() else np.inf for own, of in zip(z.T, seen.T, strict=True)])
+    power = np.median(np.abs(model), axis=0)
+    sure = (usual < SETTINGS.sure_order) & (power > 3 * np.median(sigma, axis=0))
+    return _Asked(data, rig, sure, data.values[:, sure], model[:, sure], seen[:, sure] / sigma[:, sure] ** 2)
+
+
+def _usual_and_limit(asked: _Asked, rest: BoolArray) -> tuple[float, float]:
+    """The usual loss of a row, of those (n,) that are asked, and the one from which on its label is doubted."""
+    loss = (asked.weight * np.abs(asked.values - asked.known) ** 2).sum(axis=1)
+    usual = float(np.median(loss[rest])) if rest.any() else 0.0
+    return usual, SETTINGS.label_loss * max(usual, 2.0 * asked.values.shape[1])
+
+
 def _labels(asked: _Asked, rest: BoolArray) -> list[Mistake]:
     """Runs that the rig explains well under the label of another run, and badly under their own.
 
@@ -248,8 +296,7 @@ def _labels(asked: _Asked, rest: BoolArray) -> list[Mistake]:
     """
     data, at = asked.data, asked.data.at
     loss = (asked.weight * np.abs(asked.values - asked.known) ** 2).sum(axis=1)
-    usual = float(np.median(loss[rest])) if rest.any() else 0.0
-    limit = SETTINGS.label_loss * max(usual, 2.0 * asked.values.shape[1])
+    _, limit = _usual_and_limit(asked, rest)
     wrong: list[int] = []
     texts = []
     runs = data.runs

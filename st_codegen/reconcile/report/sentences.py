@@ -58,8 +58,13 @@ def verdict_text(result: Reconciliation) -> str:
             "something missing."
         )
     text = VERDICT_TEXT[result.verdict]
-    hidden = _hidden(result) if result.verdict in (Outcome.EXPLAINED, Outcome.NOTHING_MISSING) else ""
-    return f"{text.removesuffix('.')}; {hidden}." if hidden else text
+    if result.verdict not in (Outcome.EXPLAINED, Outcome.NOTHING_MISSING):
+        return text
+    also = [_hidden(result)]
+    rows = {row for row, _ in result.noise.suspects}.union(*(mistake.rows for mistake in result.mistakes))
+    if bad := len({int(result.data.number_of_run[row]) for row in rows}):
+        also.append("a run that seems bad is left out" if bad == 1 else f"{bad} runs that seem bad are left out")
+    return "; ".join([text.removesuffix("."), *filter(None, also)]) + "."
 
 
 def _hidden(result: Reconciliation) -> str:
@@ -505,7 +510,14 @@ def _defect(effect: Effect, result: Reconciliation) -> str:
 
 def _burst(effect: Effect, result: Reconciliation) -> str:
     centre, width = effect.scalar("centre_deg") % 360, 2 * effect.scalar("width_deg")
-    where = f"at {centre:.1f} deg of the output, over about {width:.1f} deg, by {_size(effect):.2g} deg"
+    at = result.data.at
+    wave = np.abs(
+        effect.complex_at("amplitude_deg", at) + effect.complex_at("slope_deg_per_kNm", at) * at.torque_Nm / 1e3
+    )
+    grows = "slope_deg_per_kNm" in effect.values or f"{BACKWARD}slope_deg_per_kNm" in effect.values
+    least = f" where it is most and {wave.min():.2g} deg where it is least (it follows the load)" if grows else ""
+    size = f"{wave.max():.2g} deg{least}"
+    where = f"at {centre:.1f} deg of the output, over about {width:.1f} deg, by {size}"
     return f"mesh order {effect.orders[0]} is another {where}, as damaged teeth or pins make it"
 
 

@@ -286,11 +286,22 @@ def _sharp(fitted: Fit) -> FitData:
     return target.about(fitted.residual) if target.data.few_points else target
 
 
-def at_nobodys_expense(without: Fit, with_it: Fit) -> bool:
-    """Whether no order is explained clearly worse: what bends other parameters to explain an order is not its cause."""
+def at_nobodys_expense(without: Fit, with_it: Fit, number: int) -> bool:
+    """Whether no order is explained clearly worse: what bends other parameters to explain an order is not its cause.
+
+    An effect of one angle reaches many orders, quiet ones too: there its form may cost what it may lack.
+    """
     change = (with_it.target.losses(with_it.residual) - with_it.target.losses(without.residual)).sum(axis=0)
     allowed = max(SETTINGS.order_gain, SETTINGS.expense * (without.loss - with_it.loss))
-    return bool(change.max(initial=0.0) < allowed)
+    if change.max(initial=0.0) < allowed:
+        return True
+    effect = with_it.state.pieces[number].effect
+    if not effect.least_foreign:
+        return False
+    power = ((np.abs(with_it.residual) ** 2 - np.abs(without.residual) ** 2)[with_it.target.good]).sum(axis=0)
+    of_its_form = np.isin(with_it.target.data.orders, effect.touched_orders())
+    worse = np.maximum(power, 0.0)
+    return bool(change[~of_its_form].max(initial=0.0) < allowed and worse.sum() < SETTINGS.left_of_place * -power.sum())
 
 
 def at_two_frequencies(without: Fit, with_it: Fit, number: int) -> bool:

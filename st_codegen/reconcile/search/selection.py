@@ -203,7 +203,7 @@ def is_sound(without: Fit, with_it: Fit, number: int) -> bool:
     """Whether piece `number` of a fit is of its form, at nobody's expense, and more than what lies around it."""
     # a part that grows on an effect is no other effect
     grown = len(without.state.pieces) == len(with_it.state.pieces)
-    sound = at_two_frequencies(without, with_it, number) and at_nobodys_expense(without, with_it)
+    sound = at_two_frequencies(without, with_it, number) and at_nobodys_expense(without, with_it, number)
     sound = sound and (grown or is_no_form_error(without, with_it, number))
     if sound and with_it.state.pieces[number].effect.least_foreign:
         sound = is_of_its_place(with_it, number)

@@ -131,12 +131,12 @@ def _split(current: Fit, number: int) -> Fit | None:
     moved = _moving(current, number, found, (number, new))
     if p_of_more(moved, found) > SETTINGS.p_changed:
         one = moved.state.pieces[number]
-        better = moved.loss < current.loss - SETTINGS.order_gain and at_nobodys_expense(current, moved)
+        better = moved.loss < current.loss - SETTINGS.order_gain and at_nobodys_expense(current, moved, number)
         return moved if better and is_a_peak(one) and not bounds_met(one) else None
     place = found.state.slices()[new]
     evidence = judge(current, found, list(range(place.start, place.stop)), new)
     both = [found.state.pieces[i] for i in (number, new)]
-    sound = all(is_a_peak(one) and not bounds_met(one) for one in both) and at_nobodys_expense(current, found)
+    sound = all(is_a_peak(one) and not bounds_met(one) for one in both) and at_nobodys_expense(current, found, new)
     return found if evidence.passed and sound else None
 
 

@@ -51,10 +51,7 @@ def bump(orders: IntArray, centre_deg: float, width_deg: float) -> ComplexArray:
 
 #: orders times width (rad) at which the waves of a bump have fallen by exp(-18)
 _FALLEN = 6.0
-_PLACE = (
-    Scalar("centre_deg", "deg", -30, 390, "its angle of the output shaft", None, Form.SHAPE),
-    Scalar("width_deg", "deg", 0.5, 6, "its half width", None, Form.SHAPE, (0.7, 1.5, 3)),
-)
+_CENTRE = Scalar("centre_deg", "deg", -30, 390, "its angle of the output shaft", None, Form.SHAPE)
 
 
 class LocalDefect(Effect):
@@ -69,7 +66,8 @@ class LocalDefect(Effect):
         Scalar("turning_deg", "deg", -1, 1, "part whose sign turns with the direction"),
         Scalar("slope_deg_per_kNm", "deg/kNm", -1, 1, "growth of the height with the torque"),
         Scalar("turning_slope_deg_per_kNm", "deg/kNm", -1, 1, "growth of the part whose sign turns"),
-        *_PLACE,
+        _CENTRE,
+        Scalar("width_deg", "deg", 0.5, 6, "its half width", None, Form.SHAPE, (0.7, 1.5, 3)),
     )
 
     def touched_orders(self) -> tuple[int, ...]:
@@ -91,8 +89,15 @@ class LocalMeshDefect(Effect):
     stage = Stage.STRUCTURE
     orders_key = "order"
     least_foreign = 8
-    scalars = _PLACE
-    phasors = (Phasor("amplitude_deg", "phase_rad", "deg", 1, "its wave at that angle", own_flanks=True),)
+    # of a few teeth: what is wider modulates the whole turn
+    scalars = (
+        _CENTRE,
+        Scalar("width_deg", "deg", 0.5, 20, "its half width", None, Form.SHAPE, (0.7, 1.5, 3, 7)),
+    )
+    phasors = (
+        Phasor("amplitude_deg", "phase_rad", "deg", 1, "its wave at that angle without load", own_flanks=True),
+        Phasor("slope_deg_per_kNm", "slope_phase_rad", "deg/kNm", 1, "load part", required=False, own_flanks=True),
+    )
 
     @classmethod
     def allowed_orders(cls, constants: Constants) -> tuple[int, ...]:
@@ -104,4 +109,5 @@ class LocalMeshDefect(Effect):
 
     def contribution(self, at: Conditions, orders: IntArray) -> ComplexArray:
         shape = bump(orders - self.orders[0], self.scalar("centre_deg"), self.scalar("width_deg"))
-        return self.complex_at("amplitude_deg", at)[:, None] * np.where(orders == 0, 0.0, shape)
+        wave = self.complex_at("amplitude_deg", at) + self.complex_at("slope_deg_per_kNm", at) * at.torque_Nm / 1000.0
+        return wave[:, None] * np.where(orders == 0, 0.0, shape)

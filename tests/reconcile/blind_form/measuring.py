@@ -243,6 +243,11 @@ WORDS: dict[str, tuple[str, ...]] = {
     "drift": ("drift", "come back"),
 }
 #: words by which a report may say that the noise of the data would hide a mistake
-HIDDEN: dict[str, tuple[str, ...]] = {"eccentric_angle": ("read wrong",), "drift": ("wanders within a turn",)}
+HIDDEN: dict[str, tuple[str, ...]] = {
+    "eccentric_angle": ("read wrong",),
+    "drift": ("wanders within a turn",),
+    "labels": ("label of another one", "two runs' labels"),
+    "block": ("factor of their own",),
+}
 #: effects that are the truth of a mistake, and known effects whose parameters it truly changes
 TRUE_NAMES: dict[str, tuple[str, ...]] = {"delay": ("measurement_delay",)}
