@@ -13,7 +13,7 @@ import pytest
 
 from st_codegen import processes
 from st_codegen.driver import generate
-from st_codegen.passes import pipeline
+from st_codegen.ir import model as ir_model
 from st_codegen.processes import shared_out
 from st_codegen.project.bundle import load
 
@@ -66,7 +66,7 @@ def test_a_worker_that_ends_is_no_answer():
 
 
 def test_layouts_are_the_same_on_one_processor_and_on_several(bundle_folder, tmp_path, monkeypatch):
-    monkeypatch.setattr(pipeline, "_MANY_NODES", 0)
+    monkeypatch.setattr(ir_model, "_MANY_NODES", 0)
     bundle = load(bundle_folder)
     several = generate(bundle, "iec", tmp_path / "several")
     monkeypatch.setenv("LOKY_MAX_CPU_COUNT", "1")
