@@ -46,13 +46,13 @@ class Contents:
 
         Raises InputError for names that Structured Text cannot have, TargetError for tables that are too long.
         """
-        made = partial(self._made, block_of)
-        blocks_made = shared_out(made, self.models, is_large=has_many_nodes(self.models))
+        given = [(model, self.extras.get(model.name, PLAIN)) for model in self.models]
+        made = shared_out(partial(_made, block_of), given, is_large=has_many_nodes(self.models))
         problems = Problems()
         found = {}
-        for model, block in zip(self.models, blocks_made, strict=True):
+        for (model, extras), block in zip(given, made, strict=True):
             with problems.collect():
-                found[model.name] = block or block_of(model, self.extras.get(model.name, PLAIN))
+                found[model.name] = block or block_of(model, extras)
         problems.raise_if_any()
         for model in self.models if self.around.connected else ():
             _check_callable(model, found[model.name])
@@ -65,11 +65,12 @@ class Contents:
         blocks = (*([self_test_block()] if is_free else []), *blocks)
         return self.extended(dataclasses.replace(self.around, types=(*types, *self.around.types), blocks=blocks))
 
-    def _made(self, block_of: Callable[[ModelIR, Extras], Block], model: ModelIR) -> Block | None:
-        """The block of a model, or nothing where it cannot be made."""
-        with suppress(InputError):
-            return block_of(model, self.extras.get(model.name, PLAIN))
-        return None
+
+def _made(block_of: Callable[[ModelIR, Extras], Block], given: tuple[ModelIR, Extras]) -> Block | None:
+    """The block of a model, or nothing where it cannot be made."""
+    with suppress(InputError):
+        return block_of(*given)
+    return None
 
 
 def _check_callable(model: ModelIR, block: Block) -> None:
