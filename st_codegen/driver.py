@@ -372,7 +372,8 @@ def _staged(
     is_large = sum(decision.candidates[0].cost.table_bytes for decision in compiled.decisions) > _LARGE_TABLES
     with reader(is_large=is_read and is_large) as other:  # who gets ready while the text is planned
         plans = _planned(bundle, compiled, purpose, target, settings, cuts)
-        files = print_plans(target, plans)
+        # whose text is mostly code first: it takes longer to read than to print, tables do not
+        files = print_plans(target, sorted(plans, key=lambda plan: sum(block.table_bytes for block in plan.blocks)))
         known = facts(bundle, compiled, purpose, plans, settings.limits.max_array)
         if out is not None:
             make_folder(out)

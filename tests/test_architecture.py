@@ -30,7 +30,7 @@ MAY_USE = {
     # three stages that know each other only through the intermediate representation
     "walkers": {"entries", "errors", "files", "ir", "processes"},
     "passes": {"errors", "processes", "ir"},
-    "emit": {"entries", "errors", "files", "ir"},
+    "emit": {"entries", "processes", "errors", "files", "ir"},
     # the reader of Structured Text shares nothing with its writer: a shared formatter would hide a shared mistake
     "st": {"errors"},
     "cost": {"errors", "st", "files"},

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 
 from st_codegen.emit.blocks.application import Application
 from st_codegen.emit.blocks.classes import class_type
@@ -13,7 +15,8 @@ from st_codegen.emit.blocks.model import PLAIN, Extras, input_variables
 from st_codegen.emit.blocks.self_test import SELF_TEST, self_test_block
 from st_codegen.emit.blocks.window import Window, window_block
 from st_codegen.errors import InputError, Problems
-from st_codegen.ir import ModelIR
+from st_codegen.ir import ModelIR, has_many_nodes
+from st_codegen.processes import shared_out
 
 #: Models that have nothing to do with each other: nothing surrounds their blocks.
 LONE = Application("Models", connected=False)
@@ -43,11 +46,13 @@ class Contents:
 
         Raises InputError for names that Structured Text cannot have, TargetError for tables that are too long.
         """
+        given = [(model, self.extras.get(model.name, PLAIN)) for model in self.models]
+        made = shared_out(partial(_made, block_of), given, is_large=has_many_nodes(self.models))
         problems = Problems()
         found = {}
-        for model in self.models:
+        for (model, extras), block in zip(given, made, strict=True):
             with problems.collect():
-                found[model.name] = block_of(model, self.extras.get(model.name, PLAIN))
+                found[model.name] = block or block_of(model, extras)
         problems.raise_if_any()
         for model in self.models if self.around.connected else ():
             _check_callable(model, found[model.name])
@@ -59,6 +64,13 @@ class Contents:
         )
         blocks = (*([self_test_block()] if is_free else []), *blocks)
         return self.extended(dataclasses.replace(self.around, types=(*types, *self.around.types), blocks=blocks))
+
+
+def _made(block_of: Callable[[ModelIR, Extras], Block], given: tuple[ModelIR, Extras]) -> Block | None:
+    """The block of a model, or nothing where it cannot be made."""
+    with suppress(InputError):
+        return block_of(*given)
+    return None
 
 
 def _check_callable(model: ModelIR, block: Block) -> None:

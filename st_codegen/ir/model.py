@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -231,6 +231,15 @@ class ModelIR:
                 compares = isinstance(op, Rank | ArgMax | Exceeds) or (isinstance(op, TreeEnsemble) and not op.linear)
                 todo += () if compares else op.inputs
         return not self.open_zeros and not any(_opens_zeros(self.ops[value - 1]) for value in reached)
+
+
+#: Nodes of all trees together from which on work on them takes seconds.
+_MANY_NODES = 500_000
+
+
+def has_many_nodes(models: Iterable[ModelIR]) -> bool:
+    """Whether the trees of some models are so large that work on them is worth sharing out."""
+    return sum(op.n_nodes for model in models for op in model.ops if isinstance(op, TreeEnsemble)) > _MANY_NODES
 
 
 def _opens_zeros(op: Operation) -> bool:

@@ -11,7 +11,16 @@ from st_codegen.ir.arrays import AnyArray, Int32Array, IntArray
 
 
 @dataclass(frozen=True)
-class Preorder:
+class Links:
+    """The roots of trees and the children of their nodes, -1 for those of leaves."""
+
+    roots: Int32Array
+    left: Int32Array
+    right: Int32Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Preorder(Links):
     """Trees laid out parent first, left child next: `order[i]` is the old number of new node `i`.
 
     `size[i]` is the number of nodes of the subtree at node `i`.
@@ -19,9 +28,6 @@ class Preorder:
 
     order: IntArray
     size: IntArray
-    roots: Int32Array
-    left: Int32Array
-    right: Int32Array
 
 
 def preorder(roots: AnyArray, left: AnyArray, right: AnyArray) -> Preorder:

@@ -20,7 +20,7 @@ from st_codegen.ir.base import (
     freeze,
     require_finite,
 )
-from st_codegen.ir.preorder import Preorder
+from st_codegen.ir.preorder import Links
 
 
 @dataclass(frozen=True)
@@ -240,8 +240,8 @@ class BranchedTree(TreeEnsemble):
     """A single tree that compares the inputs themselves, and of which each split is an IF of its own."""
 
 
-def with_nodes(op: TreeEnsemble, layout: Preorder, node: IntArray, **changes: Any) -> TreeEnsemble:
-    """An ensemble of other trees made of its nodes: those numbered `node`, in the order of `layout`.
+def with_nodes(op: TreeEnsemble, links: Links, node: IntArray, **changes: Any) -> TreeEnsemble:
+    """An ensemble of other trees made of its nodes: those numbered `node`, with other links.
 
     `changes` are the fields that have other values yet.
     """
@@ -251,7 +251,7 @@ def with_nodes(op: TreeEnsemble, layout: Preorder, node: IntArray, **changes: An
         "missing_left": op.missing_left.take(node),
         "leaf": op.leaf.take(node),
     }
-    return replace(op, roots=layout.roots, left=layout.left, right=layout.right, **{**own, **changes})
+    return replace(op, roots=links.roots, left=links.left, right=links.right, **{**own, **changes})
 
 
 def depth_of(op: TreeEnsemble) -> int:

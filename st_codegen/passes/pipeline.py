@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
-from st_codegen.ir import FactoredKernel, ModelIR, Rank, Source, TreeEnsemble
+from st_codegen.ir import FactoredKernel, ModelIR, Rank, Source, has_many_nodes
 from st_codegen.passes import tables
 from st_codegen.passes.branches import as_branches
 from st_codegen.passes.choose import (
@@ -36,8 +36,6 @@ from st_codegen.processes import shared_out
 #: Layouts of forests, of which the second is the first cut into cells.
 RANKS, CELLS = "ranked trees", "cut trees"
 BRANCHES = "nested IFs"
-#: Nodes of all trees together from which on their layouts take seconds.
-_MANY_NODES = 500_000
 
 
 @dataclass(frozen=True)
@@ -120,9 +118,8 @@ def compile_models(
     What was chosen `earlier` is kept unless another choice saves much or it is no longer possible.
     """
     options, earlier = options or Options(), earlier or Choices()
-    nodes = sum(op.n_nodes for model in models for op in model.ops if isinstance(op, TreeEnsemble))
     decide = partial(_decide, options=options, cost=cost, earlier=earlier.layouts, together=together)
-    found = shared_out(decide, models, is_large=nodes > _MANY_NODES)
+    found = shared_out(decide, models, is_large=has_many_nodes(models))
     decisions = {decision.model: decision for decision, _ in found}
     grids = {decision.model: cells for decision, cells in found}
     if options.data_bytes is not None:

@@ -15,7 +15,7 @@ from st_codegen.ir import Aggregate, IntArray, ModelIR, Precision, Rank, TreeEns
 from st_codegen.ir.preorder import preorder
 from st_codegen.ir.subtrees import distinct_rows, subtrees
 from st_codegen.ir.trees import with_nodes
-from st_codegen.passes.boxes import in_boxes
+from st_codegen.passes.boxes import Boxes
 from st_codegen.passes.ranks import compact
 
 
@@ -32,8 +32,7 @@ def pruned(model: ModelIR) -> ModelIR:
 
 
 def _pruned_pair(rank: Rank, op: TreeEnsemble, *, accepts_nan: bool) -> tuple[Rank, TreeEnsemble]:
-    low, high = rank.ends(accepts_nan=accepts_nan)
-    reached = in_boxes(op, low[None], high[None])
+    reached = Boxes.of(op, *rank.ends(accepts_nan=accepts_nan)).cut()
     trees = _rebuilt(reached, subtrees(reached, collapse=True).forward)
     return _compacted(rank, _without_constant_trees(trees))
 

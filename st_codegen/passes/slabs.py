@@ -8,14 +8,13 @@ The leaves that a row meets are those of the whole trees, in the same order.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from st_codegen.ir import CutTrees, Int32Array, IntArray, ModelIR, Rank, RankSlabs, TreeEnsemble, depth_of
+from st_codegen.ir import CutTrees, IntArray, ModelIR, Rank, RankSlabs, TreeEnsemble, depth_of
 from st_codegen.ir.subtrees import distinct_families, subtrees
-from st_codegen.passes.boxes import in_boxes
+from st_codegen.passes.boxes import Boxes, Parts
 
 #: Slabs of a feature in the first attempt, and fewest that are worth their search.
 _MOST, _FEWEST = 12, 4
@@ -54,13 +53,14 @@ def _cut(rank: Rank, op: TreeEnsemble, longest: int, *, accepts_nan: bool) -> Cu
     if op.n_nodes > _NODES or depth_of(op) < _DEEP or not _AXES <= len(groups) <= _FEATURES:
         return None
     # along the features in which leaves are short, few of them lie in several slabs
-    alone = [_in_cells(rank, op, [_Axis.of(rank, group, _FEWEST, accepts_nan)], accepts_nan) for group in groups]
-    chosen = [groups[at] for at in np.argsort([cut.n_nodes for cut in alone], kind="stable")[:_AXES]]
+    boxes = Boxes.of(op, *rank.ends(accepts_nan=accepts_nan))
+    alone = [np.count_nonzero(boxes.staying(_Axis.of(rank, group, _FEWEST, accepts_nan))) for group in groups]
+    chosen = [groups[at] for at in np.argsort(alone, kind="stable")[:_AXES]]
     whole, wanted = int(_numbers(op, subtrees(op).number, 1).sum()), _MOST
     for _ in range(2):
         axes = [_Axis.of(rank, group, wanted, accepts_nan) for group in chosen]
         slabs = tuple(axis.slabs for axis in axes)
-        cut = _in_cells(rank, op, axes, accepts_nan)
+        cut = boxes.cut(axes)
         equal = subtrees(cut).number
         numbers = _numbers(cut, equal, cut.n_trees // op.n_trees)
         size = int(numbers.sum())
@@ -87,13 +87,10 @@ def _columns_by_search(rank: Rank) -> list[list[int]]:
 
 
 @dataclass(frozen=True)
-class _Axis:
-    """An axis of the grid: its slabs, and the first and last rank of its columns in each, shape (slabs, columns)."""
+class _Axis(Parts):
+    """An axis of the grid: its slabs, and the first and last rank of its columns in each."""
 
     slabs: RankSlabs
-    columns: list[int]
-    low: Int32Array
-    high: Int32Array
 
     @classmethod
     def of(cls, rank: Rank, group: list[int], wanted: int, accepts_nan: bool) -> _Axis:
@@ -110,14 +107,4 @@ class _Axis:
         if accepts_nan:
             at = (missing + shift) // width
             low[at] = high[at] = [column.missing for column in columns]
-        return cls(slabs, group, low.astype(np.int32), high.astype(np.int32))
-
-
-def _in_cells(rank: Rank, op: TreeEnsemble, axes: list[_Axis], accepts_nan: bool) -> TreeEnsemble:
-    """The trees of every cell of the grid that axes span."""
-    shape = tuple(axis.slabs.count for axis in axes)
-    cells = math.prod(shape)
-    low, high = (np.tile(end, (cells, 1)) for end in rank.ends(accepts_nan=accepts_nan))
-    for axis, slab in zip(axes, np.unravel_index(np.arange(cells), shape), strict=True):
-        low[:, axis.columns], high[:, axis.columns] = axis.low[slab], axis.high[slab]
-    return in_boxes(op, low, high)
+        return cls(group, low.astype(np.int32), high.astype(np.int32), slabs)
