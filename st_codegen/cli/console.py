@@ -240,7 +240,7 @@ def _connection(ads: str | None, opcua: str | None, timeout: float) -> Callable[
 controller_options = gathered(
     "connect",
     _connection,
-    click.option("--ads", metavar="NETID:PORT[@HOST]", help="The controller over ADS."),
+    click.option("--ads", metavar="NETID:PORT[@HOST[:TCPPORT]]", help="The controller over ADS."),
     click.option("--opcua", metavar="URL", help="The controller over OPC UA."),
     click.option("--timeout", type=Number(min=0.01), default=5.0, help="Seconds in which an answer must come."),
 )
