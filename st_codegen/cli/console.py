@@ -196,11 +196,14 @@ class GivenModels:
 
     def load_generated(self, generated: Path) -> Bundle:
         """The models with the outputs and the numbers (LREAL, REAL) that text was generated with."""
-        from st_codegen.emit.output import is_real, kinds_of_outputs
+        from st_codegen.emit.output import check_names, is_real, kinds_of_outputs
         from st_codegen.proof.emitted import read_meanwhile
 
         with read_meanwhile(generated):
-            return self.load(kinds_of_outputs(generated), real=is_real(generated))
+            bundle = self.load(kinds_of_outputs(generated), real=is_real(generated))
+        if bundle.purpose is None:
+            check_names(generated, bundle.irs, bundle.configuration.prefix)
+        return bundle
 
 
 #: The argument MODELS and the first options of a command with models. The [build] table beside the models gives the

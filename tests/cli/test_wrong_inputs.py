@@ -153,7 +153,9 @@ def test_folders_and_generated_code(lone_folder, tmp_path, monkeypatch, capsys):
     assert "is there already; --force replaces it" in refused(capsys, "init", lone_folder)
     assert run(lone_folder, "-q") == 0
     (lone_folder / "te.txt").rename(lone_folder / "other.txt")
-    assert "the models have changed: generate again" in refused(capsys, "verify", lone_folder, "-g", "generated")
+    assert "the names te; the same models are called other now: give --block-name te, or generate again" in refused(
+        capsys, "verify", lone_folder, "-g", "generated"
+    )
     (lone_folder / "other.txt").rename(lone_folder / "te.txt")
     path = tmp_path / "generated" / "twincat" / "POUs" / "FB_Te.TcPOU"
     path.write_text(
@@ -161,6 +163,30 @@ def test_folders_and_generated_code(lone_folder, tmp_path, monkeypatch, capsys):
     )
     assert "the text is not valid Structured Text" in refused(capsys, "verify", lone_folder, "-g", "generated")
     assert "changed by hand and would be overwritten" in refused(capsys, lone_folder)
+
+
+@pytest.mark.parametrize(
+    ("given", "other", "advice"),
+    [
+        (("--block-name", "Wheel"), (), "--block-name Wheel"),
+        (("--block-name", "Wheel"), ("--block-name", "Wheal"), "--block-name Wheel"),
+        (("--block-name", "Wheel"), ("--prefix", "P2_"), "--prefix= --block-name Wheel"),
+        (("--block-name", "Wheel"), ("--prefix", "P2_", "--block-name", "Wheel"), "--prefix= (none)"),
+        (("--prefix", "P1_"), (), "--prefix P1_"),
+        (("--prefix", "P1_"), ("--prefix", "P2_"), "--prefix P1_"),
+    ],
+)
+def test_names_of_options_that_differ_from_those_at_generation(
+    given, other, advice, lone_folder, tmp_path, monkeypatch, capsys
+):
+    """What is told to type is what makes the names agree."""
+    monkeypatch.chdir(tmp_path)
+    assert run(lone_folder, "-q", "--target", "iec", *given) == 0
+    for command in ("verify", "prove"):
+        message = refused(capsys, command, lone_folder, *other)
+        assert "the same model" in message and message.endswith(f": give {advice}, or generate again")
+    options = [word for word in advice.split() if word != "(none)"]
+    assert run("verify", lone_folder, "-q", "-n", 50, *other, *options) == 0
 
 
 @pytest.mark.parametrize("name", ["unfitted", "dbscan", "dictionary"])
