@@ -5,13 +5,14 @@ from __future__ import annotations
 import functools
 import inspect
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
+from click.core import ParameterSource
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
@@ -88,6 +89,21 @@ class Whole(click.IntRange):
             return super().convert(parse_whole(value) if isinstance(value, str) else value, param, ctx)
         except ValueError as error:
             self.fail(f"{error}.", param, ctx)
+
+
+def refuse_unused(where: str, *names: str, others: Iterable[str] = ()) -> None:
+    """Raise UsageError that lists the options without effect `where`: those of some parameters that are on the command
+    line, and `others`, which are known to be.
+    """
+    context = click.get_current_context()
+    given = [
+        max(parameter.opts, key=len)
+        for parameter in context.command.params
+        if parameter.name in names and context.get_parameter_source(parameter.name) is ParameterSource.COMMANDLINE
+    ]
+    if given := [*given, *others]:
+        them = "them" if len(given) > 1 else "it"
+        raise click.UsageError(f"{', '.join(given)}: without effect {where}; leave {them} out.")
 
 
 #: Options of the command line by their names in [build], where these differ.

@@ -8,15 +8,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from click.core import ParameterSource
 
 from st_codegen.cli.choices import AS_IS, MISREAD, MISTAKES, UPDATED_CODE, UPDATED_MODELS
-from st_codegen.cli.console import PLACE, Number, console, effects_option, progress_bar, quiet_option, trust_option
+from st_codegen.cli.console import (
+    PLACE,
+    Number,
+    console,
+    effects_option,
+    progress_bar,
+    quiet_option,
+    refuse_unused,
+    trust_option,
+)
 from st_codegen.errors import InputError
 from st_codegen.files.folders import write_texts
 from st_codegen.files.temporary import temporary_folder
 from st_codegen.files.text import make_folder
-from st_codegen.project.build_options import option_name
 
 if TYPE_CHECKING:
     from st_codegen.reconcile.models.update import Update, Wish
@@ -106,6 +113,7 @@ def command(
             "Missing option '--rig': only recordings of joints do without one, whose first line names the columns "
             f"t,q,dq,tau{_first_line(measured)}."
         )
+    _refuse_unused(measured, accept, joints=bool(joints), without_rig=rig is None)
     model = RigModel() if rig is None else read_rig(rig, known)
     if out.exists() and not out.is_dir():
         raise InputError(f"{out} is a file; the report needs a folder")
@@ -113,12 +121,8 @@ def command(
     if wish is not None:
         check_models(model, wish)
     if joints:
-        if wish is not None:
-            raise InputError(f"{measured}: recordings of joints say nothing of a bundle's transmission error")
         content, text = _joints(joints, None if rig is None else model, out, scale, accept)
     elif is_spectrum(measured):
-        if wish is not None:
-            raise InputError(f"{measured}: a spectrum has no phases, so that no model can be made from it")
         content, text = _spectrum(model, measured, out, scale)
     else:
         with progress_bar("reconciling", quiet=quiet) as progress:
@@ -134,6 +138,35 @@ def command(
         console.print(text)
     if as_json:
         click.echo(json.dumps(content))
+
+
+#: Parameters that say how models are updated, and which.
+_OF_UPDATES = ("target", "profile", "trust_pickle", "features", "max_model_bytes")
+
+
+def _refuse_unused(measured: Path, accept: tuple[str, ...], *, joints: bool, without_rig: bool) -> None:
+    """Raise UsageError that lists the options without effect on this kind of measured data."""
+    from st_codegen.reconcile.run import recordings_in
+    from st_codegen.reconcile.spectrum import is_spectrum
+
+    def others(*corrected: str) -> list[str]:
+        return [f"--accept {name}" for name in accept if name not in corrected]
+
+    if joints:
+        where = f"on recordings of joints ({measured}), which say nothing of a bundle's transmission error"
+        unused = ("effects", "empirical") if without_rig else ("empirical",)
+        refuse_unused(where, *unused, "skip_bad", "models", "update", *_OF_UPDATES, others=others("sign", "all"))
+    elif is_spectrum(measured):
+        where = f"on an order spectrum ({measured}), which is one file without phases"
+        refuse_unused(where, "accept", "empirical", "skip_bad", "models", "update", *_OF_UPDATES)
+    elif recordings_in(measured):
+        refuse_unused(
+            f"on recordings over time ({measured}), which are not corrected; convert their columns",
+            *("scale", "skip_bad"),
+            others=others(AS_IS),
+        )
+    elif measured.is_file():
+        refuse_unused(f"on a harmonic table ({measured}), which is one file", "skip_bad")
 
 
 def _first_line(measured: Path) -> str:
@@ -152,11 +185,7 @@ def _wish(models: Path | None, update: bool, target: str, profile: str, trust_pi
     if update != (models is not None):
         raise InputError("--models DIR and --update-models go together: which bundle is to get what is found?")
     if models is None:
-        source = click.get_current_context().get_parameter_source
-        names = ("target", "profile", "trust_pickle")
-        given = [option_name(name) for name in names if source(name) is not ParameterSource.DEFAULT]
-        if given:
-            raise InputError(f"{', '.join(given)}: for updated models only; give --models DIR and --update-models, too")
+        refuse_unused("without --models DIR and --update-models, which they are for", *_OF_UPDATES)
         return None
     if not (models / BUNDLE_FILE).is_file():
         raise InputError(f"{models}: no bundle; --models wants a folder with {BUNDLE_FILE}")
