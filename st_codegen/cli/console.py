@@ -206,6 +206,9 @@ class GivenModels:
                 block_name=self.block_name,
                 real=real,
             )
+        if not isinstance(outputs, Mapping) and all(ir.classes is None for ir in bundle.irs):
+            of_classes = [f"--outputs {one}" for one in outputs if one in ("probability", "decision")]
+            refuse_unused("on models of which none is a classifier", others=of_classes)
         if self.trust_pickle and (left_out := pickles_left_out(self.models, bundle)):
             say(f"--trust-pickle: leave_out of st-codegen.toml leaves out {', '.join(left_out)}")
         return bundle

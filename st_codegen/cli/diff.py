@@ -11,7 +11,17 @@ from typing import TYPE_CHECKING, Any
 import click
 from rich.table import Table
 
-from st_codegen.cli.console import FILE, PLACE, Whole, console, progress_bar, quiet_option, table_of, trust_option
+from st_codegen.cli.console import (
+    FILE,
+    PLACE,
+    Whole,
+    console,
+    progress_bar,
+    quiet_option,
+    refuse_unused,
+    table_of,
+    trust_option,
+)
 from st_codegen.cli.costs import profile_option
 from st_codegen.errors import counted
 from st_codegen.files.number_text import percent, plain_number
@@ -62,6 +72,11 @@ def command(
     from st_codegen.cost.profile import load_profile
     from st_codegen.proof.review import diff
 
+    if path is None:
+        refuse_unused(
+            "on folders that are generated; they are for models in revisions of git",
+            *("trust_pickle", "features", "max_model_bytes"),
+        )
     machine = load_profile(profile)
     with two_states(old, new, path, trust_pickle=trust_pickle) as states, progress_bar("", quiet=quiet) as progress:
         found = diff(*states, rows=rows, profile=machine, progress=progress)

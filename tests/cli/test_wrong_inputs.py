@@ -55,6 +55,15 @@ OPTIONS = {
         ("-t", "iec", "--with-tests"),
         "no test suites; --with-tests goes with twincat",
     ),
+    "outputs of classifiers": (
+        ("--outputs", "class,probability,decision"),
+        "--outputs probability, --outputs decision: without effect on models of which none is a classifier",
+    ),
+    "what --check shows, without it": (
+        ("--stat", "--limit", "5", "--provenance"),
+        "--stat, --limit, --provenance: without effect without --check; leave them out",
+    ),
+    "what is written, with --check": (("--check", "--force", "--explain"), "--force, --explain: without effect with"),
     "a page without --explain": (("--html", "x.html"), "--html is a page of what --explain says"),
     "an unknown profile": (("--profile", "cx9999"), "no profile 'cx9999': use one of"),
     "a profile without a name": (("--profile", ""), "no profile '': use one of"),
@@ -149,6 +158,8 @@ def test_folders_and_generated_code(lone_folder, tmp_path, monkeypatch, capsys):
     assert refused(capsys, "m.h5").count("m.h5") == 1
     assert "no generated files; run st-codegen generate" in refused(capsys, "prove", lone_folder, "-g", "nowhere")
     assert "Missing argument 'NEW'" in refused(capsys, "diff", "empty")
+    unused = refused(capsys, "diff", "empty", "empty", "--trust-pickle", "--features", "3")
+    assert "--trust-pickle, --features: without effect on folders that are generated" in unused
     (lone_folder / "st-codegen.toml").write_text("")
     assert "is there already; --force replaces it" in refused(capsys, "init", lone_folder)
     assert run(lone_folder, "-q") == 0

@@ -155,6 +155,8 @@ def test_bad_files_stop_it_and_nothing_is_written(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        (["--skip-bad", "--cache", "x", "--most-orders", "3"], "--skip-bad, --cache: without effect on a"),
+        (["--backend", "dask", "--scheduler", "tcp://x:1", "--jobs", "2"], "--jobs: without effect on a Dask cluster"),
         (["--orders", "1,x"], "give whole numbers"),
         (["--orders", "1,7"], "order 7 is not in the harmonic table"),
         (["--families", "KNN"], "unknown family 'KNN'"),
