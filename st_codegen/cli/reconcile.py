@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+import itertools
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -9,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from st_codegen.cli.choices import AS_IS, MISREAD, MISTAKES, UPDATED_CODE, UPDATED_MODELS
+from st_codegen.cli.choices import ALL, AS_IS, MISTAKES, UPDATED_CODE, UPDATED_MODELS
 from st_codegen.cli.console import (
     PLACE,
     Number,
@@ -33,6 +35,21 @@ if TYPE_CHECKING:
     from st_codegen.rig.model import RigModel
 
 
+_NAMES = [f"{what}: {', '.join(names)}" for what, names in MISTAKES.items()]
+_NAMES.append(f"{ALL}: all that is asked about; {AS_IS}: none but those named")
+
+
+def _accepted(_context: click.Context, _option: click.Parameter, given: tuple[str, ...]) -> tuple[str, ...]:
+    """The names after --accept; for one that is none the nearest is proposed, and all are listed."""
+    known = [*itertools.chain(*MISTAKES.values()), ALL, AS_IS]
+    for name in given:
+        if name not in known:
+            near = difflib.get_close_matches(name.lower().replace("-", "_"), known, 1)
+            meant = f" Did you mean '{near[0]}'?" if near else ""
+            raise click.BadParameter("\n  ".join([f"'{name}' is none.{meant} By what is wrong, there are", *_NAMES]))
+    return given
+
+
 @click.command(
     "reconcile",
     epilog="""\b
@@ -41,7 +58,12 @@ Examples:
   st-codegen reconcile --rig rig.toml --measured harmonics.csv --out found --effects my_effects.py
   st-codegen reconcile --rig rig.toml --measured harmonics.csv --out found --scale 57.29578   measured in rad
   st-codegen reconcile --rig rig.toml --measured campaign/ --out found --models models/ --update-models
-  st-codegen reconcile --measured joint.csv --out found                   a robot's joint: t,q,dq,tau""",
+  st-codegen reconcile --measured joint.csv --out found                   a robot's joint: t,q,dq,tau
+
+\b
+Names that --accept takes, by what is wrong:
+  """
+    + "\n  ".join(_NAMES),
 )
 @click.option("--rig", type=PLACE, help="Rig model, rig.toml; recordings of joints do without one.")
 @click.option(
@@ -58,8 +80,9 @@ Examples:
 @click.option(
     "--accept",
     multiple=True,
-    type=click.Choice([*MISTAKES, *MISREAD, "all", AS_IS]),
-    help=f"Correct a mistake of measuring that was asked about, and go on; {AS_IS}: correct none but those named.",
+    callback=_accepted,
+    metavar="NAME",
+    help="Correct a mistake of measuring that was asked about, and go on; see below for the names.",
 )
 @click.option("--empirical", is_flag=True, help="Add what has a formula but no name to the rig, as it is.")
 @click.option("--skip-bad", is_flag=True, help="Leave out files that cannot be read, and say which.")
@@ -155,7 +178,7 @@ def _refuse_unused(measured: Path, accept: tuple[str, ...], *, joints: bool, wit
     if joints:
         where = f"on recordings of joints ({measured}), which say nothing of a bundle's transmission error"
         unused = ("effects", "empirical") if without_rig else ("empirical",)
-        refuse_unused(where, *unused, "skip_bad", "models", "update", *_OF_UPDATES, others=others("sign", "all"))
+        refuse_unused(where, *unused, "skip_bad", "models", "update", *_OF_UPDATES, others=others("sign", ALL))
     elif is_spectrum(measured):
         where = f"on an order spectrum ({measured}), which is one file without phases"
         refuse_unused(where, "accept", "empirical", "skip_bad", "models", "update", *_OF_UPDATES)

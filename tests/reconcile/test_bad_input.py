@@ -78,6 +78,14 @@ def test_options_without_effect_on_a_kind_of_data_are_all_named(header, options,
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(("word", "meant"), [("lowpass", "low_pass"), ("Home-Offset", "home_offset"), ("qq", "")])
+def test_a_misspelt_name_of_a_mistake(word, meant, capsys):
+    assert run("reconcile", "--measured", "x", "--out", "y", "--accept", "sign", "--accept", word) == 2
+    shown = capsys.readouterr().err
+    assert (f"'{word}' is none. Did you mean '{meant}'? By" if meant else f"'{word}' is none. By") in shown
+    assert "\n  single runs: block, labels\n  all: all that is asked about; as_is:" in shown
+
+
 def test_effects_of_no_rig_are_without_effect(tmp_path, capsys):
     (tmp_path / "data.csv").write_text("t,q,dq,tau\n")
     own = Path(__file__).parents[2] / "examples" / "effects" / "motor_cogging.py"
