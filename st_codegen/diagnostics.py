@@ -412,7 +412,7 @@ DIAGNOSTICS = (
     Diagnostic(
         "STC1711",
         "The address of the controller is not one",
-        "--ads takes NETID:PORT or NETID:PORT@HOST, --opcua a URL, and one of the two must be there.",
+        "--ads takes NETID:PORT or NETID:PORT@HOST[:TCPPORT], --opcua a URL, and one of the two must be there.",
         "Such as --ads 192.168.0.5.1.1:851 or --opcua opc.tcp://192.168.0.5:4840/.",
         places=(
             "live.controller:AdsController.__init__",

@@ -15,16 +15,17 @@ TASK_FORMS = ("one", "two", "split")
 FAMILIES = ("SVM", "MLP", "RF", "DT", "ET", "ERT", "GBM", "HGBM", "LGBM", "XGBM", "ELM")
 MODEL_FORMS = ("native", "skops", "onnx")
 LARGEST_SEED = 2**31 - 1
-#: Mistakes of measuring that `reconcile --accept` corrects: those that are looked for first, what may stand in place of
-#: changes of the rig, and the word for none but those named.
-MISTAKES = (
-    "sign", "direction", "home_offset", "column_scale", "ratio", "drift", "axis", "torque", "low_pass", "smoothing",
-    "filter", "block", "labels", "start", "conditions", "taken_off", "copied", "shifted", "waves",
-)  # fmt: skip
-MISREAD = (
-    "misread_torque", "misread_temperature", "misread_speed", "misread_angle", "misread_ratio", "misread_te",
-    "exchanged_directions",
-)  # fmt: skip
-AS_IS = "as_is"
+#: Mistakes of measuring that `reconcile --accept` corrects, by what they are of, the word for all that is asked about,
+#: and the one for none but those named.
+MISTAKES = {
+    "transmission error": (
+        "sign", "column_scale", "waves", "low_pass", "smoothing", "filter", "start", "drift", "taken_off", "misread_te",
+    ),
+    "angles": ("home_offset", "axis", "ratio", "misread_angle", "misread_ratio"),
+    "conditions": ("conditions", "torque", "misread_torque", "misread_temperature", "misread_speed"),
+    "directions and columns": ("direction", "exchanged_directions", "copied", "shifted"),
+    "single runs": ("block", "labels"),
+}  # fmt: skip
+ALL, AS_IS = "all", "as_is"
 #: Where `reconcile --update-models` puts models and code.
 UPDATED_MODELS, UPDATED_CODE = "models", "plc"

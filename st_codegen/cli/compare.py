@@ -22,6 +22,7 @@ from st_codegen.cli.console import (
     models_options,
     progress_bar,
     reading_options,
+    refuse_unused,
     rows_options,
     say,
 )
@@ -93,9 +94,11 @@ def command(
     from st_codegen.live.compare import compare, generated_folder
     from st_codegen.live.live_report import times_csv
 
-    base = load_profile(profile)
-    if calibrated is not None:
+    if calibrated is None:
+        refuse_unused("without --calibrated, which starts from it", "profile")
+    else:
         must_be_a_profile(calibrated)
+    base = load_profile(profile)
     folder = generated_folder(generated)
     bundle = given.load_generated(generated)
     with progress_bar("comparing", quiet=given.quiet) as progress:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import functools
 import inspect
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
+from click.core import ParameterSource
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
@@ -88,6 +89,21 @@ class Whole(click.IntRange):
             return super().convert(parse_whole(value) if isinstance(value, str) else value, param, ctx)
         except ValueError as error:
             self.fail(f"{error}.", param, ctx)
+
+
+def refuse_unused(where: str, *names: str, others: Iterable[str] = ()) -> None:
+    """Raise UsageError that lists the options without effect `where`: those of some parameters that are on the command
+    line, and `others`, which are known to be.
+    """
+    context = click.get_current_context()
+    given = [
+        max(parameter.opts, key=len)
+        for parameter in context.command.params
+        if parameter.name in names and context.get_parameter_source(parameter.name) is ParameterSource.COMMANDLINE
+    ]
+    if given := [*given, *others]:
+        them = "them" if len(given) > 1 else "it"
+        raise click.UsageError(f"{', '.join(given)}: without effect {where}; leave {them} out.")
 
 
 #: Options of the command line by their names in [build], where these differ.
@@ -190,17 +206,23 @@ class GivenModels:
                 block_name=self.block_name,
                 real=real,
             )
+        if not isinstance(outputs, Mapping) and all(ir.classes is None for ir in bundle.irs):
+            of_classes = [f"--outputs {one}" for one in outputs if one in ("probability", "decision")]
+            refuse_unused("on models of which none is a classifier", others=of_classes)
         if self.trust_pickle and (left_out := pickles_left_out(self.models, bundle)):
             say(f"--trust-pickle: leave_out of st-codegen.toml leaves out {', '.join(left_out)}")
         return bundle
 
     def load_generated(self, generated: Path) -> Bundle:
         """The models with the outputs and the numbers (LREAL, REAL) that text was generated with."""
-        from st_codegen.emit.output import is_real, kinds_of_outputs
+        from st_codegen.emit.output import check_names, is_real, kinds_of_outputs
         from st_codegen.proof.emitted import read_meanwhile
 
         with read_meanwhile(generated):
-            return self.load(kinds_of_outputs(generated), real=is_real(generated))
+            bundle = self.load(kinds_of_outputs(generated), real=is_real(generated))
+        if bundle.purpose is None:
+            check_names(generated, bundle.irs, bundle.configuration.prefix)
+        return bundle
 
 
 #: The argument MODELS and the first options of a command with models. The [build] table beside the models gives the
@@ -240,7 +262,7 @@ def _connection(ads: str | None, opcua: str | None, timeout: float) -> Callable[
 controller_options = gathered(
     "connect",
     _connection,
-    click.option("--ads", metavar="NETID:PORT[@HOST]", help="The controller over ADS."),
+    click.option("--ads", metavar="NETID:PORT[@HOST[:TCPPORT]]", help="The controller over ADS."),
     click.option("--opcua", metavar="URL", help="The controller over OPC UA."),
     click.option("--timeout", type=Number(min=0.01), default=5.0, help="Seconds in which an answer must come."),
 )

@@ -4,13 +4,24 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 from rich.table import Table
 
-from st_codegen.cli.console import FILE, PLACE, Whole, console, progress_bar, quiet_option, table_of, trust_option
+from st_codegen.cli.console import (
+    FILE,
+    PLACE,
+    Whole,
+    console,
+    progress_bar,
+    quiet_option,
+    refuse_unused,
+    table_of,
+    trust_option,
+)
 from st_codegen.cli.costs import profile_option
 from st_codegen.errors import counted
 from st_codegen.files.number_text import percent, plain_number
@@ -61,6 +72,11 @@ def command(
     from st_codegen.cost.profile import load_profile
     from st_codegen.proof.review import diff
 
+    if path is None:
+        refuse_unused(
+            "on folders that are generated; they are for models in revisions of git",
+            *("trust_pickle", "features", "max_model_bytes"),
+        )
     machine = load_profile(profile)
     with two_states(old, new, path, trust_pickle=trust_pickle) as states, progress_bar("", quiet=quiet) as progress:
         found = diff(*states, rows=rows, profile=machine, progress=progress)
@@ -90,7 +106,7 @@ def _show(found: Review) -> None:
         console.print(tried_text(changed, found.target))
 
 
-#: Changes of labels that a line names.
+#: Changes of labels, or of their numbers, that a line names.
 _MOST_LABELS = 5
 
 
@@ -109,16 +125,28 @@ def _lines(found: Review) -> list[str]:
                 f"{model.name}: of {counted(model.rows, 'operating point')}, {model.rows_lost:,} lost their answer, "
                 f"{model.rows_gained:,} gained one"
             )
-        if model.labels:
-            share = sum(change.share for change in model.labels)
-            most = ", ".join(f"{c.before} -> {c.after} {percent(c.share)}" for c in model.labels[:_MOST_LABELS])
-            more = ", .." if len(model.labels) > _MOST_LABELS else ""
-            lines.append(f"{model.name}: another label at {percent(share)} of {model.points}: {most}{more}")
+        lines += [f"{model.name}: {line}" for line in _label_lines(model)]
         if model.changed and not model.facts and not any(output.largest for output in model.outputs):
             lines.append(f"{model.name}: text changed, no output moved at {model.points}")
     counts = {kind: sum(1 for k in found.files.values() if k == kind) for kind in ("added", "removed", "changed")}
     files = [f"{count} {kind}" for kind, count in counts.items() if count]
     return [*lines, f"files: {', '.join(files)}"] if files else lines
+
+
+def _label_lines(model: ModelChange) -> Iterator[str]:
+    """Which labels have other numbers than before, and which came in place of which others."""
+    if numbers := [f"{label} {old} -> {new}" for label, (old, new) in model.renumbered.items()]:
+        yield f"classes have other numbers: {_first(numbers)}; what compares or counts by them must follow"
+        if model.answered and not model.labels:
+            yield f"no other label at {model.points}"
+    if model.labels:
+        share = sum(change.share for change in model.labels)
+        most = _first([f"{c.before} -> {c.after} {percent(c.share)}" for c in model.labels])
+        yield f"another label at {percent(share)} of {model.points}: {most}"
+
+
+def _first(changes: list[str]) -> str:
+    return ", ".join(changes[:_MOST_LABELS]) + (", .." if len(changes) > _MOST_LABELS else "")
 
 
 def _sentence(prefix: str, change: Change) -> str:
@@ -151,5 +179,6 @@ def _table(models: list[ModelChange]) -> Table:
         for output in model.outputs:
             name = model.name if len(model.outputs) == 1 else f"{model.name}[{output.output}]"
             where = ", ".join(f"{key} = {value:.6g}" for key, value in output.where.items()) if output.largest else ""
-            table.add_row(name, f"{output.largest:.3g}", f"{output.mean:.3g}", percent(output.moved), where)
+            sizes = (one if isinstance(one, str) else f"{one:.3g}" for one in output.sizes)
+            table.add_row(name, *sizes, percent(output.moved), where)
     return table

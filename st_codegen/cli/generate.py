@@ -22,6 +22,7 @@ from st_codegen.cli.console import (
     models_options,
     outputs_option,
     reading_options,
+    refuse_unused,
     say,
     table_of,
 )
@@ -139,6 +140,10 @@ def command(
 
     if html is not None and (only_check or not explain):
         raise click.UsageError("--html is a page of what --explain says: give --explain, without --check.")
+    if only_check:
+        refuse_unused("with --check, which writes nothing", "force", "explain")
+    else:
+        refuse_unused("without --check", "stat", "limit", "provenance")
     chosen = [target_named(name) for name in targets or ("twincat",)]
     pricing = _pricing(chosen, profile, wished["max_array"]) if explain or profile is not None else {}
     for target in chosen:

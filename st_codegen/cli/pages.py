@@ -61,8 +61,7 @@ def review_sections(found: Review, lines: list[str], *, draw: bool) -> tuple[str
         rows = [
             (
                 _label(model, output.output),
-                output.largest,
-                output.mean,
+                *output.sizes,
                 percent(output.moved),
                 ", ".join(f"{name} = {value:.6g}" for name, value in output.where.items()) if output.largest else "",
             )

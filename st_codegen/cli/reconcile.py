@@ -2,21 +2,30 @@
 
 from __future__ import annotations
 
+import difflib
+import itertools
 import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from click.core import ParameterSource
 
-from st_codegen.cli.choices import AS_IS, MISREAD, MISTAKES, UPDATED_CODE, UPDATED_MODELS
-from st_codegen.cli.console import PLACE, Number, console, effects_option, progress_bar, quiet_option, trust_option
+from st_codegen.cli.choices import ALL, AS_IS, MISTAKES, UPDATED_CODE, UPDATED_MODELS
+from st_codegen.cli.console import (
+    PLACE,
+    Number,
+    console,
+    effects_option,
+    progress_bar,
+    quiet_option,
+    refuse_unused,
+    trust_option,
+)
 from st_codegen.errors import InputError
 from st_codegen.files.folders import write_texts
 from st_codegen.files.temporary import temporary_folder
 from st_codegen.files.text import make_folder
-from st_codegen.project.build_options import option_name
 
 if TYPE_CHECKING:
     from st_codegen.reconcile.models.update import Update, Wish
@@ -24,6 +33,21 @@ if TYPE_CHECKING:
     from st_codegen.reconcile.result import Reconciliation
     from st_codegen.rig.effects import Effect
     from st_codegen.rig.model import RigModel
+
+
+_NAMES = [f"{what}: {', '.join(names)}" for what, names in MISTAKES.items()]
+_NAMES.append(f"{ALL}: all that is asked about; {AS_IS}: none but those named")
+
+
+def _accepted(_context: click.Context, _option: click.Parameter, given: tuple[str, ...]) -> tuple[str, ...]:
+    """The names after --accept; for one that is none the nearest is proposed, and all are listed."""
+    known = [*itertools.chain(*MISTAKES.values()), ALL, AS_IS]
+    for name in given:
+        if name not in known:
+            near = difflib.get_close_matches(name.lower().replace("-", "_"), known, 1)
+            meant = f" Did you mean '{near[0]}'?" if near else ""
+            raise click.BadParameter("\n  ".join([f"'{name}' is none.{meant} By what is wrong, there are", *_NAMES]))
+    return given
 
 
 @click.command(
@@ -34,7 +58,12 @@ Examples:
   st-codegen reconcile --rig rig.toml --measured harmonics.csv --out found --effects my_effects.py
   st-codegen reconcile --rig rig.toml --measured harmonics.csv --out found --scale 57.29578   measured in rad
   st-codegen reconcile --rig rig.toml --measured campaign/ --out found --models models/ --update-models
-  st-codegen reconcile --measured joint.csv --out found                   a robot's joint: t,q,dq,tau""",
+  st-codegen reconcile --measured joint.csv --out found                   a robot's joint: t,q,dq,tau
+
+\b
+Names that --accept takes, by what is wrong:
+  """
+    + "\n  ".join(_NAMES),
 )
 @click.option("--rig", type=PLACE, help="Rig model, rig.toml; recordings of joints do without one.")
 @click.option(
@@ -51,8 +80,9 @@ Examples:
 @click.option(
     "--accept",
     multiple=True,
-    type=click.Choice([*MISTAKES, *MISREAD, "all", AS_IS]),
-    help=f"Correct a mistake of measuring that was asked about, and go on; {AS_IS}: correct none but those named.",
+    callback=_accepted,
+    metavar="NAME",
+    help="Correct a mistake of measuring that was asked about, and go on; see below for the names.",
 )
 @click.option("--empirical", is_flag=True, help="Add what has a formula but no name to the rig, as it is.")
 @click.option("--skip-bad", is_flag=True, help="Leave out files that cannot be read, and say which.")
@@ -106,6 +136,7 @@ def command(
             "Missing option '--rig': only recordings of joints do without one, whose first line names the columns "
             f"t,q,dq,tau{_first_line(measured)}."
         )
+    _refuse_unused(measured, accept, joints=bool(joints), without_rig=rig is None)
     model = RigModel() if rig is None else read_rig(rig, known)
     if out.exists() and not out.is_dir():
         raise InputError(f"{out} is a file; the report needs a folder")
@@ -113,12 +144,8 @@ def command(
     if wish is not None:
         check_models(model, wish)
     if joints:
-        if wish is not None:
-            raise InputError(f"{measured}: recordings of joints say nothing of a bundle's transmission error")
         content, text = _joints(joints, None if rig is None else model, out, scale, accept)
     elif is_spectrum(measured):
-        if wish is not None:
-            raise InputError(f"{measured}: a spectrum has no phases, so that no model can be made from it")
         content, text = _spectrum(model, measured, out, scale)
     else:
         with progress_bar("reconciling", quiet=quiet) as progress:
@@ -134,6 +161,35 @@ def command(
         console.print(text)
     if as_json:
         click.echo(json.dumps(content))
+
+
+#: Parameters that say how models are updated, and which.
+_OF_UPDATES = ("target", "profile", "trust_pickle", "features", "max_model_bytes")
+
+
+def _refuse_unused(measured: Path, accept: tuple[str, ...], *, joints: bool, without_rig: bool) -> None:
+    """Raise UsageError that lists the options without effect on this kind of measured data."""
+    from st_codegen.reconcile.run import recordings_in
+    from st_codegen.reconcile.spectrum import is_spectrum
+
+    def others(*corrected: str) -> list[str]:
+        return [f"--accept {name}" for name in accept if name not in corrected]
+
+    if joints:
+        where = f"on recordings of joints ({measured}), which say nothing of a bundle's transmission error"
+        unused = ("effects", "empirical") if without_rig else ("empirical",)
+        refuse_unused(where, *unused, "skip_bad", "models", "update", *_OF_UPDATES, others=others("sign", ALL))
+    elif is_spectrum(measured):
+        where = f"on an order spectrum ({measured}), which is one file without phases"
+        refuse_unused(where, "accept", "empirical", "skip_bad", "models", "update", *_OF_UPDATES)
+    elif recordings_in(measured):
+        refuse_unused(
+            f"on recordings over time ({measured}), which are not corrected; convert their columns",
+            *("scale", "skip_bad"),
+            others=others(AS_IS),
+        )
+    elif measured.is_file():
+        refuse_unused(f"on a harmonic table ({measured}), which is one file", "skip_bad")
 
 
 def _first_line(measured: Path) -> str:
@@ -152,11 +208,7 @@ def _wish(models: Path | None, update: bool, target: str, profile: str, trust_pi
     if update != (models is not None):
         raise InputError("--models DIR and --update-models go together: which bundle is to get what is found?")
     if models is None:
-        source = click.get_current_context().get_parameter_source
-        names = ("target", "profile", "trust_pickle")
-        given = [option_name(name) for name in names if source(name) is not ParameterSource.DEFAULT]
-        if given:
-            raise InputError(f"{', '.join(given)}: for updated models only; give --models DIR and --update-models, too")
+        refuse_unused("without --models DIR and --update-models, which they are for", *_OF_UPDATES)
         return None
     if not (models / BUNDLE_FILE).is_file():
         raise InputError(f"{models}: no bundle; --models wants a folder with {BUNDLE_FILE}")

@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from st_codegen.cli.console import PLACE, Number, Whole, generated_option
+from st_codegen.cli.console import PLACE, Number, Whole, generated_option, refuse_unused
 from st_codegen.errors import InputError
 
 
@@ -71,6 +71,8 @@ def command(
 
     if not ads and not opcua:
         raise InputError("name a protocol: --ads, --opcua or both")
+    of_others = {"ads_port": ads, "ams_port": ads, "opcua_port": opcua, "seed": rig}
+    refuse_unused("without the --ads, --opcua or --rig they are of", *(one for one in of_others if not of_others[one]))
     folders = target_folders(generated)
     folder = next((folder for folder in folders if folder.name == "twincat"), folders[0])
     begin = time.monotonic()

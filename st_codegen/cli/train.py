@@ -20,6 +20,7 @@ from st_codegen.cli.console import (
     console,
     progress_bar,
     quiet_option,
+    refuse_unused,
     say,
     table_of,
 )
@@ -106,6 +107,8 @@ def command(
     from st_codegen.training.page import training_page
     from st_codegen.training.store import FitStore
 
+    if campaign.is_file():
+        refuse_unused(f"on a harmonic table ({campaign})", "most_orders", "skip_bad", "cache")
     check_place(out)
     identifier(name, "--name")
     settings = only_exportable(settings, form)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from st_codegen.cli.choices import FAMILIES, LARGEST_SEED
-from st_codegen.cli.console import FILE, Whole, gathered, together
+from st_codegen.cli.console import FILE, Whole, gathered, refuse_unused, together
 from st_codegen.errors import InputError
 
 if TYPE_CHECKING:
@@ -33,6 +33,8 @@ def _backend(backend: str, scheduler: str | None, jobs: int | None) -> Backend:
 
     if (backend == "dask") != (scheduler is not None):
         raise InputError("--backend dask and --scheduler ADDRESS go together: give both or none")
+    if scheduler is not None:
+        refuse_unused("on a Dask cluster, whose workers are as many as they are", "jobs")
     return Backend(-1 if jobs is None else jobs, scheduler)
 
 

@@ -14,7 +14,7 @@ import json
 import os
 import shutil
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -93,10 +93,13 @@ def block_of(folder: Path, model: ModelIR) -> tuple[str, tuple[int, ...]]:
 
     Raises GeneratedCodeError where the folder was generated without this model, or with other outputs or classes.
     """
-    facts = read_manifest(folder).facts["models"].get(model.name)
+    models = read_manifest(folder).facts["models"]
+    facts = models.get(model.name)
     if facts is None:
         raise GeneratedCodeError(
-            f"{folder}: no block {block_name(model.name)}; the models have changed: generate again"
+            f"{folder}: no block {block_name(model.name)}"
+            + "".join(f", but {block_name(name)} of the same model" for name in _names_of(model, models)[:1])
+            + "; names or models have changed: name them as before, or generate again"
         )
     labels = [] if model.classes is None else list(model.classes.labels)
     if facts["outputs"] != list(model.outputs) or facts.get("labels", []) != labels:
@@ -107,10 +110,50 @@ def block_of(folder: Path, model: ModelIR) -> tuple[str, tuple[int, ...]]:
     return facts["block"], tuple(facts.get("block_outputs", range(len(facts["outputs"]))))
 
 
+def _names_of(model: ModelIR, models: Mapping[str, Any]) -> list[str]:
+    """By which names a manifest has a model: one that computes the same."""
+    return [name for name, facts in models.items() if model.source.digest == facts.get("digest", "") != ""]
+
+
+def check_names(generated: Path, models: Sequence[ModelIR], prefix: str) -> None:
+    """Raise GeneratedCodeError where generated folders have lone models by other names, and tell how to give these.
+
+    `prefix` stands in front of the names of `models`. Models that are not there are told by `block_of`.
+    """
+    for folder in _folders_in(generated):
+        known = read_manifest(folder).facts["models"]
+        named = {model.name: _names_of(model, known) for model in models}
+        if all(name in known for name in named) or not all(named.values()):
+            continue
+        was = dict.fromkeys(name for its in named.values() for name in its)
+        raise GeneratedCodeError(
+            f"{folder}: generated with the names {', '.join(was)}; the same models are called {', '.join(named)} now: "
+            f"{_options(named, prefix)}, or generate again"
+        )
+
+
+def _options(named: Mapping[str, Sequence[str]], prefix: str) -> str:
+    """What to give so that models get the names they were generated with; `named`: those, by the names they have."""
+    own = {name.removeprefix(prefix): its for name, its in named.items()}
+    first, names = next(iter(own.items()))
+    for front in (name.removesuffix(first) for name in names if name.endswith(first)):
+        if all(front + name in its for name, its in own.items()):
+            return f"give --prefix {front}" if front else "give --prefix= (none)"
+    if len(own) == len(names) == 1:
+        kept = names[0].startswith(prefix)
+        return f"give {'' if kept else '--prefix= '}--block-name {names[0].removeprefix(prefix)}"
+    return "give the names that they were generated with"
+
+
 def _models_in(generated: Path) -> Iterator[tuple[str, Mapping[str, Any]]]:
     """The models of generated folders (`generated` is one, or holds them) by name, with the facts of each."""
-    for folder in (generated, *(sorted(generated.iterdir()) if generated.is_dir() else ())):
+    for folder in _folders_in(generated):
         yield from read_manifest(folder).facts["models"].items()
+
+
+def _folders_in(generated: Path) -> tuple[Path, ...]:
+    """A folder and those in it, of which some are generated."""
+    return (generated, *(sorted(generated.iterdir()) if generated.is_dir() else ()))
 
 
 def kinds_of_outputs(generated: Path) -> dict[str, tuple[OutputKind, ...]]:

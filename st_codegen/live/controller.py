@@ -80,12 +80,15 @@ class Controller(AbstractContextManager["Controller"], Protocol):
 
 
 class AdsController(Controller):
-    """Over ADS, `NETID:PORT`, or `NETID:PORT@HOST` where the host is not the first part of the net id."""
+    """Over ADS, `NETID:PORT`, or `NETID:PORT@HOST[:TCPPORT]` where the host is not the first part of the net id."""
 
     def __init__(self, address: str, timeout_s: float) -> None:
         found = _ADDRESS.fullmatch(address)
         if found is None:
-            raise InputError(f"--ads {address}: give NETID:PORT, such as 192.168.0.5.1.1:851, or NETID:PORT@HOST")
+            raise InputError(
+                f"--ads {address}: give NETID:PORT, such as 192.168.0.5.1.1:851, or NETID:PORT@HOST, or "
+                f"NETID:PORT@HOST:TCPPORT where its ADS is not at TCP port {_ADS_TCP_PORT}"
+            )
         self.address = f"ads {address}"
         net_id, ams_port, host, tcp_port = found.groups()
         if max(map(int, net_id.split("."))) > 255 or max(int(ams_port), int(tcp_port or 0)) > 65535:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -73,7 +73,8 @@ class Sweep:
 class OutputChange:
     """How one output moved over the operating range; `where` is the operating point of the largest change.
 
-    `moved` is the share of the points that both texts answer at which the output is another number.
+    `moved` is the share of the points that both texts answer at which the output is another number; of the number of a
+    class (`is_label`), which has no size, at which it stands for another label: `largest` is then 1.
     """
 
     output: str
@@ -82,6 +83,12 @@ class OutputChange:
     where: dict[str, float]
     moved: float = 0.0
     curves: tuple[Sweep, ...] = ()
+    is_label: bool = False
+
+    @property
+    def sizes(self) -> tuple[float | str, float | str]:
+        """The largest change and the mean; nothing of what has no size."""
+        return ("", "") if self.is_label else (self.largest, self.mean)
 
 
 @dataclass(frozen=True)
@@ -119,6 +126,15 @@ class ModelChange:
         if self.answered == self.rows:
             return counted(self.rows, "point")
         return f"the {self.answered:,} of {self.rows:,} points that both texts answer"
+
+    @property
+    def renumbered(self) -> dict[Any, tuple[int, int]]:
+        """The labels of both that have another number than before, with it and the new one."""
+        for change in self.facts:
+            if change.what == _FACTS["labels"] and change.before and change.after:
+                old, new = ({label: n for n, label in enumerate(labels)} for labels in (change.before, change.after))
+                return {label: (old[label], new[label]) for label in old if new.get(label, old[label]) != old[label]}
+        return {}
 
     @property
     def changed(self) -> bool:
@@ -315,7 +331,10 @@ def _compare_model(
         name,
         changes,
         tuple(
-            _output_change(output, number, difference[:, number], x[both], names, sweep)
+            replace(
+                _output_change(output, number, difference[:, number], x[both], names, sweep),
+                is_label=classifies and number == 0,
+            )
             for number, output in enumerate(new["outputs"][: difference.shape[1]])
             if both.any()
         ),

@@ -144,7 +144,7 @@ class GeneratedCode:
             return self.project.pous[block.upper()]
         except KeyError:
             raise GeneratedCodeError(
-                f"{self.folder}: no block {block}; the models have changed: generate again"
+                f"{self.folder}: no block {block}; text or models have changed: generate again"
             ) from None
 
     def check_block(self, block: str, inputs: int, outputs: Sequence[int]) -> None:

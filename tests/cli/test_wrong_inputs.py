@@ -55,6 +55,15 @@ OPTIONS = {
         ("-t", "iec", "--with-tests"),
         "no test suites; --with-tests goes with twincat",
     ),
+    "outputs of classifiers": (
+        ("--outputs", "class,probability,decision"),
+        "--outputs probability, --outputs decision: without effect on models of which none is a classifier",
+    ),
+    "what --check shows, without it": (
+        ("--stat", "--limit", "5", "--provenance"),
+        "--stat, --limit, --provenance: without effect without --check; leave them out",
+    ),
+    "what is written, with --check": (("--check", "--force", "--explain"), "--force, --explain: without effect with"),
     "a page without --explain": (("--html", "x.html"), "--html is a page of what --explain says"),
     "an unknown profile": (("--profile", "cx9999"), "no profile 'cx9999': use one of"),
     "a profile without a name": (("--profile", ""), "no profile '': use one of"),
@@ -149,11 +158,15 @@ def test_folders_and_generated_code(lone_folder, tmp_path, monkeypatch, capsys):
     assert refused(capsys, "m.h5").count("m.h5") == 1
     assert "no generated files; run st-codegen generate" in refused(capsys, "prove", lone_folder, "-g", "nowhere")
     assert "Missing argument 'NEW'" in refused(capsys, "diff", "empty")
+    unused = refused(capsys, "diff", "empty", "empty", "--trust-pickle", "--features", "3")
+    assert "--trust-pickle, --features: without effect on folders that are generated" in unused
     (lone_folder / "st-codegen.toml").write_text("")
     assert "is there already; --force replaces it" in refused(capsys, "init", lone_folder)
     assert run(lone_folder, "-q") == 0
     (lone_folder / "te.txt").rename(lone_folder / "other.txt")
-    assert "the models have changed: generate again" in refused(capsys, "verify", lone_folder, "-g", "generated")
+    assert "the names te; the same models are called other now: give --block-name te, or generate again" in refused(
+        capsys, "verify", lone_folder, "-g", "generated"
+    )
     (lone_folder / "other.txt").rename(lone_folder / "te.txt")
     path = tmp_path / "generated" / "twincat" / "POUs" / "FB_Te.TcPOU"
     path.write_text(
@@ -161,6 +174,30 @@ def test_folders_and_generated_code(lone_folder, tmp_path, monkeypatch, capsys):
     )
     assert "the text is not valid Structured Text" in refused(capsys, "verify", lone_folder, "-g", "generated")
     assert "changed by hand and would be overwritten" in refused(capsys, lone_folder)
+
+
+@pytest.mark.parametrize(
+    ("given", "other", "advice"),
+    [
+        (("--block-name", "Wheel"), (), "--block-name Wheel"),
+        (("--block-name", "Wheel"), ("--block-name", "Wheal"), "--block-name Wheel"),
+        (("--block-name", "Wheel"), ("--prefix", "P2_"), "--prefix= --block-name Wheel"),
+        (("--block-name", "Wheel"), ("--prefix", "P2_", "--block-name", "Wheel"), "--prefix= (none)"),
+        (("--prefix", "P1_"), (), "--prefix P1_"),
+        (("--prefix", "P1_"), ("--prefix", "P2_"), "--prefix P1_"),
+    ],
+)
+def test_names_of_options_that_differ_from_those_at_generation(
+    given, other, advice, lone_folder, tmp_path, monkeypatch, capsys
+):
+    """What is told to type is what makes the names agree."""
+    monkeypatch.chdir(tmp_path)
+    assert run(lone_folder, "-q", "--target", "iec", *given) == 0
+    for command in ("verify", "prove"):
+        message = refused(capsys, command, lone_folder, *other)
+        assert "the same model" in message and message.endswith(f": give {advice}, or generate again")
+    options = [word for word in advice.split() if word != "(none)"]
+    assert run("verify", lone_folder, "-q", "-n", 50, *other, *options) == 0
 
 
 @pytest.mark.parametrize("name", ["unfitted", "dbscan", "dictionary"])

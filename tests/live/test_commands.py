@@ -95,11 +95,13 @@ def test_one_message_and_exit_code_2_where_nobody_listens(lone, tmp_path, capsys
     [
         (["serve"], "--ads, --opcua or both"),
         (["serve", "--ads", "--generated", "nowhere"], "no generated files"),
+        (["serve", "--ads", "--opcua-port", "1", "--seed", "1"], "--opcua-port, --seed: without effect without"),
         (["compare", "{models}", "--generated", "{generated}"], "--ads NETID:PORT or --opcua URL"),
-        (["compare", "{models}", "--generated", "{generated}", "--ads", "here"], "give NETID:PORT"),
+        (["compare", "{models}", "--generated", "{generated}", "--ads", "here"], "NETID:PORT@HOST:TCPPORT"),
         (["compare", "{models}", "--generated", "{generated}", "--opcua", "here"], "give opc.tcp://"),
         (["compare", "{models}", "--ads", "1.2.3.4.5.6:851", "--calibrated", "x.csv"], "a profile is a .toml file"),
-        (["compare", "{models}", "--ads", "1.2.3.4.5.6:851", "--profile", "nowhere"], "nowhere"),
+        (["compare", "{models}", "--ads", "1.2.3.4.5.6:851", "--calibrated", "x.toml", "--profile", "n"], "no profile"),
+        (["compare", "{models}", "--ads", "1.2.3.4.5.6:851", "--profile", "cx5140"], "without effect without --cal"),
     ],
 )
 def test_wrong_use(lone, arguments, message, capsys):

@@ -158,6 +158,37 @@ def test_labels_are_compared_by_what_they_say(tmp_path):
     assert any(f"another label at {share:.1%} of 500 points" in line for line in _lines(wider))
 
 
+def test_labels_of_other_numbers_are_told_beside_how_many_points_have_another_label(tmp_path):
+    """Such a model decides as before, and every program that knows its classes by number is wrong."""
+    from sklearn.tree import DecisionTreeClassifier
+
+    from st_codegen.cli.diff import _lines, _table
+    from tests.classifiers import THREE, X
+
+    def made(labels, name, order=slice(None)):
+        model = DecisionTreeClassifier(max_depth=3, random_state=0).fit(X, labels)
+        model.tree_.value[:] = model.tree_.value[:, :, order]
+        model.classes_ = model.classes_[order]
+        generate({"m": model}, "iec", tmp_path / name)
+        return tmp_path / name
+
+    words = np.array(["cold", "good", "hot"])
+    old = made(words[THREE], "old")
+    turned = diff(old, made(words[THREE], "turned", [2, 0, 1]), rows=500)
+    (model,) = turned.models
+    assert model.renumbered == {"cold": (0, 1), "good": (1, 2), "hot": (2, 0)}
+    assert any("classes have other numbers: cold 0 -> 1, good 1 -> 2, hot 2 -> 0; " in line for line in _lines(turned))
+    assert "m: no other label at 500 points" in _lines(turned)
+    # a class that comes in between moves those behind it
+    wider = diff(old, made(np.where(X[:, 1] > 5, "fine", words[THREE]), "wider"), rows=500)
+    (model,) = wider.models
+    assert model.renumbered == {"good": (1, 2), "hot": (2, 3)}
+    assert "no other label" not in " ".join(_lines(wider))
+    (output,) = model.outputs
+    assert output.moved == pytest.approx(sum(change.share for change in model.labels)) and output.sizes == ("", "")
+    assert list(_table([model]).columns[1].cells) == [""]
+
+
 def test_ranges_and_the_bundle_before_and_after(bundle_folder, tmp_path):
     old = make(bundle_folder, tmp_path / "a")
     path = bundle_folder / "bundle.toml"

@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -53,6 +54,44 @@ def refused(folder, path, *words):
 
 def grid():
     return layout.conditions(np.random.default_rng(2), "grid", "dense")
+
+
+@pytest.mark.parametrize(
+    ("header", "options", "unused", "kind"),
+    [
+        ("t,q,dq,tau", ["--empirical", "--skip-bad", "--accept", "drift", "--scale", "2"],
+         "--empirical, --skip-bad, --accept drift", "recordings of joints"),
+        ("t,q,dq,tau", ["--accept", "sign", "--models", "m", "--update-models", "--trust-pickle", "--target", "iec"],
+         "--models, --update-models, --target, --trust-pickle", "recordings of joints"),
+        ("direction,order,median_deg", ["--accept", "as_is", "--empirical", "--skip-bad", "--profile", "none"],
+         "--accept, --empirical, --skip-bad, --profile", "an order spectrum"),
+        ("t,theta_in,theta_out,torque_Nm,temperature_C", ["--scale", "2", "--skip-bad", "--accept", "all"],
+         "--scale, --skip-bad, --accept all", "recordings over time"),
+        ("speed_rpm,torque_Nm", ["--skip-bad", "--accept", "all"], "--skip-bad", "a harmonic table"),
+    ],
+)  # fmt: skip
+def test_options_without_effect_on_a_kind_of_data_are_all_named(header, options, unused, kind, tmp_path, rig, capsys):
+    (tmp_path / "data.csv").write_text(f"{header}\n")
+    given = ["--rig", tmp_path / "rig.toml", "--measured", tmp_path / "data.csv", "--out", tmp_path / "out"]
+    assert run("reconcile", *given, *options) == 2
+    assert f"Error: {unused}: without effect on {kind} (" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(("word", "meant"), [("lowpass", "low_pass"), ("Home-Offset", "home_offset"), ("qq", "")])
+def test_a_misspelt_name_of_a_mistake(word, meant, capsys):
+    assert run("reconcile", "--measured", "x", "--out", "y", "--accept", "sign", "--accept", word) == 2
+    shown = capsys.readouterr().err
+    assert (f"'{word}' is none. Did you mean '{meant}'? By" if meant else f"'{word}' is none. By") in shown
+    assert "\n  single runs: block, labels\n  all: all that is asked about; as_is:" in shown
+
+
+def test_effects_of_no_rig_are_without_effect(tmp_path, capsys):
+    (tmp_path / "data.csv").write_text("t,q,dq,tau\n")
+    own = Path(__file__).parents[2] / "examples" / "effects" / "motor_cogging.py"
+    given = ["--effects", own, "--measured", tmp_path / "data.csv", "--out", tmp_path / "out"]
+    assert run("reconcile", *given) == 2
+    assert "--effects: without effect on recordings of joints (" in capsys.readouterr().err
 
 
 @pytest.mark.thorough

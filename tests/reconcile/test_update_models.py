@@ -266,7 +266,7 @@ def test_bundles_that_do_not_go_with_the_rig(fault, tmp_path, capsys):
         word = "--update-models"
     elif fault == "of none":
         options = ["--target", "nonsense", "--profile", "none"]
-        word = "--target, --profile: for updated models only; give --models DIR and --update-models"
+        word = "--target, --profile: without effect without --models DIR and --update-models"
     else:
         out = tmp_path
         word = "--out"

@@ -14,7 +14,7 @@ from st_codegen.rig.compensator import restricted
 from st_codegen.st import Machine
 from st_codegen.te.bundle_file import read_description
 from st_codegen.te.harmonics import Play
-from tests.te.projects import BOTH, PLAY, described, error_codes, loaded, parts
+from tests.te.projects import BOTH, PLAY, described, error_codes, loaded, parts, project, texts
 
 TARGETS = ["twincat", "iec"]
 CODE = error_codes()
@@ -110,6 +110,17 @@ def test_the_sets_change_over_an_angle(speed):
         travelled += 6.0 * abs(speed) / 81.0 * CYCLE
     assert travelled > angle
     assert block["fTE_deg"] == pytest.approx(te(1, -1.0), abs=1e-13)
+
+
+def test_with_a_given_load_the_sets_change_by_time_whatever_the_angle():
+    """As the comment of the input says."""
+    blocks = [compensator(bLoadGiven=True, fSignedLoad=300.0, fBlendAngle_deg=angle) for angle in (0.0, 1e-3, 10.0)]
+    for speed in (30.0, *[-30.0] * 200):
+        for block in blocks:
+            block(fSpeed_rpm=speed)
+        assert blocks[0]["fTE_deg"] == blocks[1]["fTE_deg"] == blocks[2]["fTE_deg"]
+    comment = "(* output angle over which the sets change; 0, or bLoadGiven: by time, deg, 0.0 .. 10.0 *)"
+    assert any(comment in text for text in texts(project(play=PLAY), "iec").values())
 
 
 @pytest.mark.parametrize(

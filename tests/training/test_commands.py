@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -130,6 +131,20 @@ def _only_flagged_beside(folder, te, column):
         assert block["aAmplitudeFw[0]"] == inside != 0.0
 
 
+def test_what_train_keeps_for_itself_stands_where_docs_and_options_say(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_campaign(tmp_path / "c", [a_table(speeds=4, torques=4)])
+    names = {"--work": "build/fits.sqlite", "--cache": "build/curves.parquet"}
+    page = (Path(__file__).parents[2] / "docs" / "training.md").read_text(encoding="utf-8")
+    assert all(f"`{name}`" in page and f"`{option} FILE`" in page for option, name in names.items())
+    given = [part for option in names for part in (option, tmp_path / "mine" / option.strip("-"))]
+    run("train", "c", "--orders", "0,1", *FAST, *given)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["c", "mine", "models"]
+    run("train", "c", "--orders", "0,1", *FAST)
+    kept = {path.relative_to(tmp_path).as_posix() for path in (tmp_path / "build").iterdir()}
+    assert kept >= set(names.values()) and all(name.startswith(tuple(names.values())) for name in kept)
+
+
 def test_the_page_says_which_orders_were_asked_for(tmp_path):
     write_campaign(tmp_path / "c", [a_table(speeds=4, torques=4)])
     run("train", tmp_path / "c", "--out", tmp_path / "m", "--orders", "0,1", "--report", tmp_path / "r.html", *FAST)
@@ -155,6 +170,8 @@ def test_bad_files_stop_it_and_nothing_is_written(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        (["--skip-bad", "--cache", "x", "--most-orders", "3"], "--skip-bad, --cache: without effect on a"),
+        (["--backend", "dask", "--scheduler", "tcp://x:1", "--jobs", "2"], "--jobs: without effect on a Dask cluster"),
         (["--orders", "1,x"], "give whole numbers"),
         (["--orders", "1,7"], "order 7 is not in the harmonic table"),
         (["--families", "KNN"], "unknown family 'KNN'"),

@@ -543,6 +543,17 @@ def test_missing_values_are_refused_where_the_library_refuses_them():
     assert np.array_equal(usable, ~np.isnan(gaps[:, 0]))
 
 
+def test_missing_values_in_eliminated_columns_are_refused_where_the_library_refuses_them(tmp_path):
+    """RFE checks all columns, also those that it leaves out; the block had an answer to such rows."""
+    columns = ColumnTransformer([("a", SimpleImputer(), [0])], remainder="passthrough")
+    ridge = RFE(linear_model.Ridge(), n_features_to_select=1)
+    model = loaded(fit(make_pipeline(columns, ridge), X, SCORE))
+    assert model.ir.must_be_present == (1, 2)
+    verified(model, tmp_path, "iec", rows=200)
+    trees = RFE(DecisionTreeClassifier(max_depth=3), n_features_to_select=1)  # takes missing values where they do
+    assert loaded(fit(make_pipeline(columns, trees), X, THREE)).ir.must_be_present == ()
+
+
 def test_a_label_behind_selected_columns(tmp_path):
     pipeline = make_pipeline(SelectKBest(k=2), StandardScaler(), DecisionTreeClassifier(max_depth=4, random_state=0))
     report = verified(loaded(fit(pipeline, X, THREE)), tmp_path)

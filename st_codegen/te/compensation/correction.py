@@ -59,7 +59,11 @@ def _load_inputs(te: TransmissionError, play: Play) -> tuple[BlockVariable, ...]
         boolean("bLoadGiven", f"TRUE: {SIGNED_LOAD.name} is given; FALSE: the load opposes the motion", "FALSE"),
         lreal("fLoadTime_s", "time constant with which the load follows it, s, 0.0 .. 10.0", "0.0"),
         lreal("fLoadChange", f"load from which its sign counts, {unit}, 0.0 .. 1.0E6", "5.0"),
-        lreal("fBlendAngle_deg", "output angle over which the sets change; 0: by time, deg, 0.0 .. 10.0", "0.0"),
+        lreal(
+            "fBlendAngle_deg",
+            "output angle over which the sets change; 0, or bLoadGiven: by time, deg, 0.0 .. 10.0",
+            "0.0",
+        ),
     )
 
 

@@ -19,7 +19,7 @@ from st_codegen.ir.arrays import FloatArray, Int32Array
 from st_codegen.walkers.base import GraphBuilder, Walked, transforms, walk_any, walk_estimator, walk_transform, walks
 from st_codegen.walkers.fitted import Fitted
 from st_codegen.walkers.sklearn.pieces import inverse_quantiles
-from st_codegen.walkers.sklearn.transforms import inverse_power, weighted
+from st_codegen.walkers.sklearn.transforms import inverse_power, walk_selection, weighted
 
 Steps = list[tuple[str, FloatArray]]
 
@@ -85,9 +85,8 @@ def walk_search(fitted: Fitted, builder: GraphBuilder, value: int) -> Walked:
 
 @walks("RFE RFECV", single=True)
 def walk_elimination(fitted: Fitted, builder: GraphBuilder, value: int) -> Walked:
-    """The estimator on the features that are left (`feature_selection/_rfe.py: predict`)."""
-    left = np.flatnonzero(fitted.flags("support_", (builder.width(value),))).astype(np.int32)
-    return walk_any(fitted.get("estimator_"), builder, builder.select(left, value))
+    """The estimator on the features that are left, which `transform` picks (`feature_selection/_rfe.py: predict`)."""
+    return walk_any(fitted.get("estimator_"), builder, walk_selection(fitted, builder, value))
 
 
 @transforms(

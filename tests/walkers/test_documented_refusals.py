@@ -1,0 +1,196 @@
+"""What docs/models.md says is refused: the page has this list, and each is refused in one line with these words."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import sparse
+from sklearn import (
+    calibration,
+    cluster,
+    dummy,
+    ensemble,
+    gaussian_process,
+    impute,
+    linear_model,
+    multioutput,
+    naive_bayes,
+    neighbors,
+    pipeline,
+    preprocessing,
+    svm,
+    tree,
+)
+from sklearn.experimental import enable_iterative_imputer  # noqa: F401 - imported for what it does
+
+from st_codegen.errors import InputError
+from st_codegen.walkers.files import load_model
+from tests.classifiers import SCORE, THREE, TWO, X, loaded
+
+PAGE = Path(__file__).parents[2] / "docs" / "models.md"
+LABELS = np.column_stack([TWO, THREE > 0]).astype(int)
+TEXTS = np.array([["a"], ["b"], ["c"]])[THREE]
+
+
+def before(step, x=X):
+    """A step in front of a model."""
+    return pipeline.make_pipeline(step, linear_model.Ridge()).fit(x, SCORE)
+
+
+def lightgbm(**options):
+    made = pytest.importorskip("lightgbm").LGBMClassifier(n_estimators=2, num_leaves=4, verbose=-1, **options)
+    return made.fit(X, TWO.astype(int))
+
+
+def xgboost(**options):
+    made = pytest.importorskip("xgboost").XGBRegressor(n_estimators=2, max_depth=2, nthread=1, **options)
+    return made.fit(X, SCORE)
+
+
+def saved(write):
+    """A file of XGBoost's, as a function of a booster and a path writes it."""
+
+    def made(folder):
+        write(xgboost().get_booster(), folder / "m.json")
+        return load_model(folder / "m.json", "m")
+
+    return made
+
+
+def deviation(_):
+    several = gaussian_process.GaussianProcessRegressor(alpha=1.0, optimizer=None)
+    return loaded(several.fit(np.resize(X, (513, 3)), np.resize(SCORE, 513)), {"mean", "deviation"})
+
+
+#: By library, the words of the page, what makes such a model (or loads it from a folder), and words of the message.
+REFUSED = {
+    "scikit-learn": {
+        "IterativeImputer": (lambda: before(impute.IterativeImputer()), "IterativeImputer is not supported"),
+        "QuantileTransformer with a normal distribution": (
+            lambda: before(preprocessing.QuantileTransformer(n_quantiles=9, output_distribution="normal")),
+            "output_distribution='normal'",
+        ),
+        "SplineTransformer with 'continue' beyond its knots": (
+            lambda: before(preprocessing.SplineTransformer(extrapolation="continue")),
+            "extrapolation='continue'",
+        ),
+        "categories that are texts": (
+            lambda: before(preprocessing.OneHotEncoder(), TEXTS),
+            "has categories that are no numbers",
+        ),
+        "KBinsDiscretizer with dtype=float32": (
+            lambda: before(preprocessing.KBinsDiscretizer(3, dtype=np.float32)),
+            "KBinsDiscretizer with dtype=float32",
+        ),
+        "functions of a FunctionTransformer that are not listed above": (
+            lambda: before(preprocessing.FunctionTransformer(np.arctan)),
+            "func=arctan: a function that is not compiled",
+        ),
+        "FeatureAgglomeration by another function than the mean": (
+            lambda: before(cluster.FeatureAgglomeration(2, pooling_func=np.max)),
+            "pooling_func other than numpy.mean",
+        ),
+        "kernels that are precomputed, or functions": (
+            lambda: svm.SVR(kernel="precomputed").fit(X @ X.T, SCORE),
+            "kernel=precomputed",
+        ),
+        "support vectors and neighbours that were fitted on a sparse matrix": (
+            lambda: neighbors.KNeighborsRegressor(3).fit(sparse.csr_matrix(X), SCORE),
+            "was fitted on a sparse matrix",
+        ),
+        "distances other than the Euclidean and the Manhattan one": (
+            lambda: neighbors.KNeighborsRegressor(metric="chebyshev").fit(X, SCORE),
+            "metric='chebyshev'",
+        ),
+        "weights by distance within a radius": (
+            lambda: neighbors.RadiusNeighborsRegressor(weights="distance").fit(X, SCORE),
+            "supported are uniform",
+        ),
+        "an `outlier_label`": (
+            lambda: neighbors.RadiusNeighborsClassifier(100.0, outlier_label=0).fit(X, THREE),
+            "with an outlier_label",
+        ),
+        "LocalOutlierFactor without novelty": (lambda: neighbors.LocalOutlierFactor().fit(X), "novelty=True only"),
+        "NearestCentroid with priors that differ": (
+            lambda: neighbors.NearestCentroid(priors=[0.1, 0.9]).fit(X, TWO),
+            "equal priors",
+        ),
+        "Matern kernels with a `nu` other than 0.5, 1.5, 2.5 and infinity": (
+            lambda: gaussian_process.GaussianProcessRegressor(
+                gaussian_process.kernels.Matern(nu=1.0), optimizer=None, alpha=1.0
+            ).fit(X, SCORE),
+            "Matern with nu=1.0",
+        ),
+        "standard deviations of Gaussian processes of more than 512 training rows": (
+            deviation,
+            "at most 512 training rows",
+        ),
+        "SVC with `break_ties` and 'ovo' (scikit-learn raises, too)": (
+            lambda: svm.SVC(break_ties=True, decision_function_shape="ovo").fit(X, THREE),
+            "its own predict raises",
+        ),
+        "probabilities of SVC and NuSVC where the whole needs them": (
+            lambda: ensemble.VotingClassifier([("a", svm.SVC(probability=True))], voting="soft").fit(X, TWO),
+            "its probabilities are not compiled",
+        ),
+        "GradientBoostingClassifier with a model as `init`": (
+            lambda: ensemble.GradientBoostingClassifier(n_estimators=2, init=linear_model.LogisticRegression()).fit(
+                X, TWO
+            ),
+            "init=LogisticRegression: supported are",
+        ),
+        "calibration by temperature (its answer for a row depends on the other rows)": (
+            lambda: calibration.CalibratedClassifierCV(tree.DecisionTreeClassifier(), method="temperature", cv=2).fit(
+                X, TWO
+            ),
+            "supported are 'sigmoid' and 'isotonic'",
+        ),
+        "ClassifierChain by `predict_log_proba`": (
+            lambda: multioutput.ClassifierChain(naive_bayes.GaussianNB(), chain_method="predict_log_proba").fit(
+                X, LABELS
+            ),
+            "ClassifierChain by the predict_log_proba",
+        ),
+        "DummyClassifier that draws at random": (
+            lambda: dummy.DummyClassifier(strategy="stratified").fit(X, TWO),
+            "draws its answers at random",
+        ),
+        "labels other than 0, 1, .. of several outputs": (
+            lambda: tree.DecisionTreeClassifier().fit(X, LABELS + 1),
+            "beside other outputs: encode them as 0, 1, ..",
+        ),
+    },
+    "LightGBM": {
+        "classifiers and rankers with `pred_early_stop`": (lambda: lightgbm(pred_early_stop=True), "pred_early_stop"),
+    },
+    "XGBoost": {
+        "what `dump_model` and `save_config` write": (
+            saved(lambda booster, path: path.write_text(booster.save_config())),
+            "save_config gives has no trees",
+        ),
+        "the binary format (load such a file with XGBoost 1.0 to 2.1, and save it again as JSON)": (
+            saved(lambda booster, path: path.write_bytes(b"binf\0gbtree")),
+            "XGBoost's binary format",
+        ),
+        "`missing=inf`": (lambda: xgboost(missing=np.inf), "missing=inf: use NaN or a finite number"),
+    },
+}
+
+
+def test_the_page_has_this_list():
+    """Neither more nor less: what a walker refuses beside it is a class that the table of classes does not have."""
+    section = PAGE.read_text(encoding="utf-8").split("## What is refused\n")[1].split("\n## ")[0]
+    found = [line for line in section.splitlines() if line.startswith("- ")]
+    assert found == [f"- {library}: {'; '.join(cases)}." for library, cases in REFUSED.items()]
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [case for cases in REFUSED.values() for case in cases.values()],
+    ids=[words for cases in REFUSED.values() for words in cases],
+)
+def test_what_the_page_says_is_refused_is_refused_in_one_line(make, message, tmp_path):
+    with pytest.raises(InputError) as caught:
+        loaded(make(tmp_path) if make.__code__.co_argcount else make())
+    assert message in str(caught.value) and "\n" not in str(caught.value)
