@@ -283,6 +283,7 @@ def test_a_hum_above_the_orders_is_not_called_nothing(floor, near, is_said):
         data=data,
         unexplained=(),
         mistakes=(),
+        noise=SimpleNamespace(suspects=()),
         held_out=SimpleNamespace(noise_floor=floor),
     )
     said = verdict_text(result)
