@@ -219,9 +219,8 @@ def _not_looked_at(
     types: Mapping[str, Sequence[Campaigns]], fleet: Sequence[Campaigns], spreads: Sequence[Spread]
 ) -> list[str]:
     found = [
-        f"{kind or 'axes without a type'}: {counted(len(axes), 'axis', 'axes')}, fewer than {LEAST_AXES}: nothing can "
-        "be said of who "
-        "stands out, nor of effects that few have"
+        f"{kind or 'axes without a type'}: {counted(len(axes), 'axis', 'axes')} whose newest campaign was reconciled, "
+        f"fewer than {LEAST_AXES}: nothing can be said of who stands out, nor of effects that few have"
         for kind, axes in types.items()
         if len(axes) < LEAST_AXES
     ]

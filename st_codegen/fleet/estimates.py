@@ -57,7 +57,7 @@ def estimates(result: Reconciliation) -> list[Estimate]:
                 continue
             grows = {Form.LINEAR: 1, Form.INVERSE: -1}.get(form, 0)
             stderr = float(math.inf if entry["stderr"] is None else entry["stderr"])
-            known = stderr if math.isfinite(stderr) else None
+            known = stderr if 0.0 < stderr < math.inf else None  # of 0 nothing is measured
             is_phase = own in phases
             found.append(Estimate(label, key, entry["value"], known, entry["unit"], grows, is_phase, fitted.added))
     return found

@@ -102,8 +102,10 @@ class FleetReport:
         parts = [f"{counted(len(self.axes), 'axis', 'axes')}; failed: {_named(failed)}; {text}."]
         if any(spread.limit is not None for spread in compared.spreads):
             parts.append(f"Stand out: {_named(odd)}; with an effect that fewer than half have: {_named(rare)}.")
-        else:
-            parts.append(f"With fewer than {LEAST_AXES} axes of a type nothing is said of who stands out.")
+        judged = {spread.type for spread in compared.spreads if spread.limit is not None}
+        if others := [axis.name for axis in self.axes if axis.type not in judged]:
+            few = f"of whose type fewer than {LEAST_AXES} with a parameter in common were reconciled"
+            parts.append(f"Nothing is said of who stands out among axes {few}: {_named(others)}.")
         if compared.growth_limit is not None:
             parts.append(f"With effects that have grown: {_named(grown)}.")
         if new:

@@ -74,7 +74,7 @@ def test_of_few_axes_nothing_is_said():
     found = compare(fleet([*normal(LEAST_AXES - 2), 50.0]))
     assert [(spread.limit, spread.deviation, spread.distances) for spread in found.spreads] == [(None, None, {})]
     assert found.spreads[0].outliers == ()
-    assert "7 axes, fewer than 8: nothing can be said" in found.not_looked_at[0]
+    assert "7 axes whose newest campaign was reconciled, fewer than 8: nothing can be said" in found.not_looked_at[0]
     assert compare([]).spreads == ()
 
 

@@ -108,6 +108,25 @@ def test_every_parameter_has_its_row(done):
     assert own["output_shaft_eccentricity", "phase_rad"]["median"] == ""
 
 
+def test_a_campaign_that_is_not_named_any_more_leaves_no_report(inputs, done, tmp_path):
+    out = copy(done, tmp_path)
+    (out / "worn" / "earlier" / "7").mkdir()
+    result = do_axis((read_fleet(inputs)[0], out))
+    assert result.done_now == () and [path.name for path in (out / "worn" / "earlier").iterdir()] == ["1"]
+    do_axis((replace(read_fleet(inputs)[0], earlier=()), out))
+    assert not list((out / "worn" / "earlier").iterdir())
+
+
+def test_sizes_that_look_like_another_unit_are_asked_about_by_what_a_fleet_can_do(inputs, tmp_path):
+    axis = read_fleet(inputs)[0]
+    other = write_campaign(tmp_path / "arcmin.csv", amplitude_deg=0.017 * 60, stiffness_Nm_per_arcmin=450 / 60)
+    axis = replace(axis, campaign=other, earlier=())
+    asked = do_axis((axis, tmp_path / "out")).errors
+    assert list(asked) == [RECONCILE] and "as_is = true to take them as they are" in asked[RECONCILE]
+    taken = do_axis((replace(axis, options=replace(axis.options, as_is=True)), tmp_path / "out"))
+    assert (taken.errors, taken.done_now) == ({}, (RECONCILE,))
+
+
 def copy(done, tmp_path):
     return Path(shutil.copytree(done, tmp_path / "out"))
 
