@@ -162,7 +162,9 @@ def split_rows(table: HarmonicTable, plan: LearningPlan) -> BoolArray:
     points = [tuple(map(float, row)) for row in table.conditions]
     if missing := sorted(wanted - set(points)):
         first = ", ".join(map(str, missing[:3]))
-        raise InputError(f"{len(missing)} of {len(wanted)} test points are not in the harmonic table: {first}, ..")
+        raise InputError(
+            f"{len(missing)} of {len(wanted)} test points are not in the harmonic table: {first}, ..: is it of the same measurement?"
+        )
     return np.array([point in wanted for point in points])
 
 

@@ -93,6 +93,7 @@ def test_growth_is_named(done):
         "What has grown, or was not found in the last campaign before: 1",
         "odd.csv",
         "nothing can be said of who",
+        "its size (of a stiffness its inverse) is larger",
         "What was not looked at",
     ):
         assert part in page
