@@ -237,7 +237,10 @@ def _not_looked_at(
         if one.stderr is None
     )
     if unsure:
-        found.append(f"parameters without a standard error, in the axes where they have none: {', '.join(unsure)}")
+        found.append(
+            "parameters without standard error, or of which the campaign says less than the rig file, in axes where "
+            f"it is so: {', '.join(unsure)}"
+        )
     if alone := [axis.axis for axis in fleet if len(axis.estimates) < 2]:
         found.append(f"growth, for want of an earlier campaign that was reconciled: {', '.join(alone)}")
     return found

@@ -167,4 +167,4 @@ def test_a_campaign_that_is_there_twice_is_told():
 def test_parameters_without_a_standard_error_are_not_compared_and_named():
     found = compare(fleet(normal(20), stderr=None))
     assert found.spreads == ()
-    assert "in the axes where they have none: backlash gap_arcmin" in found.not_looked_at[0]
+    assert "in axes where it is so: backlash gap_arcmin" in found.not_looked_at[0]
