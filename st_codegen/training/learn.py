@@ -129,7 +129,7 @@ class Lesson:
 
 
 def check_learnable(table: HarmonicTable) -> None:
-    """Raise one InputError where a direction has too few operating points, or numbers are too large to be learned."""
+    """Raise one InputError where a direction has too few operating points, or numbers cannot be learned."""
     problems = Problems("harmonic table")
     for direction in table.directions():
         if (points := operating_points(table.direction(direction))) < LEAST_POINTS:
@@ -138,6 +138,11 @@ def check_learnable(table: HarmonicTable) -> None:
                 "needed to learn "
                 "from"
             )
+    if standing := int((table.speed_rpm <= 0.0).sum()):
+        problems.add(
+            f"{counted(standing, 'run')} with a speed of 0 rpm or less: speeds are above 0, and the direction has a "
+            "column of its own"
+        )
     columns = {"speed_rpm": table.speed_rpm, "torque_Nm": table.torque_Nm, "temperature_C": table.temperature_C}
     columns |= {f"A{order}": np.abs(table.column(order)) for order in table.orders}
     for name, column in columns.items():

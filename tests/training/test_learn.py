@@ -333,6 +333,13 @@ def test_a_faulty_run_among_those_kept_apart_is_not_one_of_the_training_part():
     assert "0 faulty runs kept;" in _summary(kept, "kept").title
 
 
+def test_a_speed_with_the_sign_of_the_direction_is_refused():
+    """It was learned, and the bundle had a range below zero, which reconcile refuses."""
+    rows = a_table()
+    with pytest.raises(InputError, match="2 runs with a speed of 0 rpm or less: speeds are above 0"):
+        check_learnable(replace(rows, speed_rpm=np.where(np.arange(len(rows)) < 2, -200.0, rows.speed_rpm)))
+
+
 def test_runs_with_the_numbers_of_another_one_are_told():
     sound = a_table(noise=1e-6)
     rows = changed(sound, [5, 9], lambda c: np.array(sound.coefficients)[[4, 4]])
