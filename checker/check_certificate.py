@@ -946,14 +946,18 @@ def limit(model, entry, ranges, given):
 
 
 def named(entry, together):
-    """The file of an entry where it is called otherwise; the block has the name of its model, but may hold several."""
+    """The file of an entry where it is called otherwise, and the outputs in a bundle, whose blocks hold several models.
+
+    Elsewhere the block has the name of its model.
+    """
     model, file, block = entry["model"], entry["file"], entry["block"].lower()
     need(re.fullmatch(r"[a-z_]\w*", block, re.A), f"the name of the block {block}")
     stem = Path(file).stem
     own = re.sub("_+", "_", re.sub(r"\W", "_", model, flags=re.A)).strip("_").lower()
     need(model == stem or block == f"fb_{own}", "another file")  # a name that the settings or the user gave
     need(together or (block.startswith("fb_") and block.endswith(own)), "another model's block")  # behind a prefix
-    return "" if model == stem else f" ({file})"
+    said = [file] * (model != stem) + [f"{entry['block']}.{name}" for name in entry["outputs"]] * together
+    return f" ({', '.join(said)})" if said else ""
 
 
 def folder_of(target, out):
