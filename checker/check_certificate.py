@@ -40,7 +40,10 @@ WORDS = {
     "EXIT": "break",
 }
 KNOWN = {*"+-*/()[],<>", "<=", ">="}
-ELEMENTS = {"TcPlcObject", "POU", "DUT", "Declaration", "Implementation", "ST"}
+ELEMENTS = {"TcPlcObject", "POU", "DUT", "GVL", "Declaration", "Implementation", "ST"}
+UNIT = re.compile(
+    r"(?i)\b(FUNCTION|FUNCTION_BLOCK)\s+(?:(?:PUBLIC|INTERNAL|PRIVATE|PROTECTED|ABSTRACT|FINAL)\s+)*(\w+)"
+)
 TOKEN = re.compile(r"\s*((?:\w+#)?16#[0-9A-Fa-f_]+|\d+\.\d+(?:E[-+]?\d+)?|\d+|[A-Za-z_]\w*|:=|<=|>=|<>|\S)")
 
 
@@ -78,19 +81,36 @@ def translated(code):
     return ast.parse("\n".join(lines)).body
 
 
+#: What a compiler reads as one piece: comments, strings and pragmas, in which the signs of the others mean nothing.
+STRINGS = r"""'(?:[^'$\n]|\$.)*'|"(?:[^"$\n]|\$.)*\""""
+PIECE = re.compile(rf"""\(\*.*?\*\)|//[^\n]*|{STRINGS}|\{{(?:[^{{}}'"\n]|{STRINGS})*\}}""", re.S)
+#: Signs by which the pieces may end elsewhere for another compiler.
+STRAY = re.compile(r"""['"{}]|/\*|\*/|\(\*|\*\)""")
+
+
+def uncommented(text, name):
+    """Structured Text without comments; of strings, pragmas and comments to the end of a line their first sign is left.
+
+    Where compilers may disagree on what is a comment, there is none: of each of them the text would be another one.
+    """
+    nested = any("(*" in piece[2:] for piece in PIECE.findall(text) if piece[:2] == "(*")
+    need(not nested and not STRAY.search(PIECE.sub(" ", text)), f"{name}: a comment, string or pragma without its end")
+    return PIECE.sub(lambda piece: {"(": " ", "/": "//"}.get(piece[0][0], piece[0][0]), text)
+
+
 def codes(folder):
     """The Structured Text of all files of a target, without comments. Their names mean what the standard says."""
     found = []
-    for path in sorted(path for path in folder.rglob("*") if path.suffix.lower() in (".st", ".tcpou", ".tcdut")):
+    for path in sorted(path for path in folder.rglob("*") if path.suffix.lower() in READ):
         text = path.read_text("utf-8-sig")
+        parts = {"ST": text}
         if path.suffix.lower() != ".st":
             elements = list(ElementTree.fromstring(text.encode()).iter())
             parts = {e.tag: e.text for e in elements}
             need(len(parts) == len(elements) and parts.keys() <= ELEMENTS, f"{path.name}: methods, or several units")
-            text = "\n".join(parts[name] for name in ("Declaration", "ST") if name in parts)
-        found.append(re.sub(r"\(\*.*?\*\)", " ", text, flags=re.S))
+        found.append("\n".join(uncommented(parts[part], path.name) for part in ("Declaration", "ST") if part in parts))
     every = "\n".join(found)
-    names = [name.upper() for name in re.findall(r"\b(?:FUNCTION|FUNCTION_BLOCK)\s+(\w+)", every, re.I)]
+    names = [name.upper() for _, name in UNIT.findall(every)]
     names += [name.upper() for name in re.findall(r"\b(\w+)\s*:\s*(?:STRUCT|UNION)\b", every, re.I)]
     other = rf"(?i)\b(?:{'|'.join(TYPES)})\s*:(?!=)|\b(?:{'|'.join(FUNCTIONS)})\b(?!\()"
     need(len(set(names)) == len(names) and not re.search(other, every), "a name of two meanings")
@@ -840,7 +860,9 @@ UNPROVED = ENTRY - {"method", "trees"} | {"reason"}
 BY_CLASS = "the model's expression of its trees"
 EXPRESSIONS = {"the model's expression", BY_CLASS}
 BLOCK = {"block", "target", "verdict"}
-TEXTS = {".st", ".scl", ".tcpou", ".tcdut", ".tcgvl", ".xml"}
+#: Files of Structured Text, and those of them that are read here.
+READ = {".st", ".tcpou", ".tcdut", ".tcgvl"}
+TEXTS = READ | {".scl", ".xml"}
 
 
 def sha256(path):
@@ -880,10 +902,16 @@ def texts_in(folder):
     return [path for path in every if path.suffix.lower() in TEXTS]
 
 
+def unread(folder):
+    """Why nothing is said of the texts of a folder: a file of them is not read here, and may be what is imported."""
+    names = sorted(path.name for path in texts_in(folder) if path.suffix.lower() not in READ)
+    return f"not checked: {names[0]} is not read by this checker" if names else None
+
+
 def blocks_in(path):
     """The names of the function blocks of a file, in small letters."""
-    text = re.sub(r"\(\*.*?\*\)", " ", path.read_bytes().decode("utf-8", "replace"), flags=re.S)
-    return {name.lower() for name in re.findall(r"\bFUNCTION_BLOCK\s+(\w+)", text, re.I)}
+    found = UNIT.findall(PIECE.sub(" ", path.read_bytes().decode("utf-8", "replace")))
+    return {name.lower() for kind, name in found if kind.upper() == "FUNCTION_BLOCK"}
 
 
 def unchecked(entry):
@@ -918,14 +946,18 @@ def limit(model, entry, ranges, given):
 
 
 def named(entry, together):
-    """The file of an entry where it is called otherwise; the block has the name of its model, but may hold several."""
+    """The file of an entry where it is called otherwise, and the outputs in a bundle, whose blocks hold several models.
+
+    Elsewhere the block has the name of its model.
+    """
     model, file, block = entry["model"], entry["file"], entry["block"].lower()
     need(re.fullmatch(r"[a-z_]\w*", block, re.A), f"the name of the block {block}")
     stem = Path(file).stem
     own = re.sub("_+", "_", re.sub(r"\W", "_", model, flags=re.A)).strip("_").lower()
     need(model == stem or block == f"fb_{own}", "another file")  # a name that the settings or the user gave
     need(together or (block.startswith("fb_") and block.endswith(own)), "another model's block")  # behind a prefix
-    return "" if model == stem else f" ({file})"
+    said = [file] * (model != stem) + [f"{entry['block']}.{name}" for name in entry["outputs"]] * together
+    return f" ({', '.join(said)})" if said else ""
 
 
 def folder_of(target, out):
@@ -974,7 +1006,7 @@ def main(certificate, models, out):
             block = entry["block"].lower()
             shared = [e for e in proofs if e is not entry and e["target"] == entry["target"]]
             others = [name for e in shared if e["block"].lower() == block for name in e["outputs"]]
-            other = unchecked(entry)
+            other = unchecked(entry) or unread(targets[entry["target"]])
             try:
                 model = other or read_model(folder / entry["file"])
                 need(other or model.label == names_class(entry), "a decision of another kind")

@@ -53,6 +53,8 @@ def choose_orders(
     band = min(len(fit.spectrum) for fit in fits)
     spectrum = np.stack([fit.spectrum[:band] for fit in fits])
     floor = np.stack([fit.spectrum_floor[:band] for fit in fits])
+    # of a TE that does not change the rest is what rounding leaves of its mean
+    floor = np.maximum(floor, np.finfo(np.float64).eps * spectrum[:, :1])
     above = (spectrum > SIGNIFICANT * floor).sum(axis=0)
     # what noise adds to a mean square is taken off
     rms = np.sqrt(np.maximum((spectrum**2 - floor**2).mean(axis=0), 0.0))

@@ -42,6 +42,8 @@ _NUMBER = r"(-?\d+(?:[.,]\d+)?)"
 _NAME = re.compile(rf"{_NUMBER}rpm_?{_NUMBER}Nm_?{_NUMBER}deg(?:C|ree)?.*", re.IGNORECASE)
 #: a curve must cover this part of a revolution (deg): an order needs whole periods to be told from its neighbours
 _LEAST_SPAN_DEG = 350.0
+#: and no larger part may be without a sample
+MOST_GAP_DEG = 360.0 - _LEAST_SPAN_DEG
 _LEAST_SAMPLES = 100
 
 
@@ -293,7 +295,7 @@ def _curve(path: Path, layout: _Layout, direction: Direction, angle: Any, te: An
     if span < _LEAST_SPAN_DEG:
         hint = "; it looks like rad, and must be deg" if 6.0 < span < 6.6 else ""
         raise BadFileError(path, layout.skip + samples, f"{direction}: the angle covers {span:.4g} deg of 360{hint}")
-    if (gap := _gap(arrays[0])) > 360.0 - _LEAST_SPAN_DEG:
+    if (gap := largest_gap(arrays[0])) > MOST_GAP_DEG:
         reason = f"{direction}: {gap:.4g} deg of the revolution are without a sample; were samples lost?"
         raise BadFileError(path, layout.skip + samples, reason)
     if bool(arrays[0][-1] < arrays[0][0]) == (direction is Direction.FORWARD):
@@ -302,7 +304,7 @@ def _curve(path: Path, layout: _Layout, direction: Direction, angle: Any, te: An
     return Curve(*arrays)
 
 
-def _gap(angle_deg: FloatArray) -> float:
+def largest_gap(angle_deg: FloatArray) -> float:
     """The largest part of a revolution without a sample, deg; 0 where there is a sample in every 5 deg."""
     turned = np.mod(angle_deg, 360.0)
     if np.bincount((turned // 5.0).astype(np.int64), minlength=72)[:72].all():

@@ -105,7 +105,7 @@ def command(
         report = compare(bundle, folder, connect, rows=rows, seed=seed, block=block, progress=progress)
     report.same_bits = same_bits
     _write(report, given.models, json_file, html)
-    if times is not None:
+    if times is not None and report.passed:
         write_text(times, times_csv(report))
     if not given.quiet:
         console.print(agreement_table(f"library and controller compared, {report.address}", report.models))
@@ -113,11 +113,17 @@ def command(
             say(line)
     for name, line in report.failures():
         say(Text.assemble((name, "red"), f": {line}"))
+    if times is not None and not report.passed:
+        say(f"{times} is not written: {_OF_ANOTHER}")
     if calibrated is not None:
         _calibrate(report, folder, base, calibrated, quiet=given.quiet)
     if not report.passed:
         show_codes(["STC2003"])
     sys.exit(0 if report.passed else 1)
+
+
+#: Why times of a comparison that failed are kept nowhere.
+_OF_ANOTHER = "the times may be those of another text"
 
 
 def _write(report: LiveReport, models: Path, json_file: Path | None, html: Path | None) -> None:
@@ -140,7 +146,7 @@ def _calibrate(report: LiveReport, folder: Path, base: Profile, out: Path, *, qu
 
     measured = tuple(Measurement(name, False, high_us) for name, high_us in known_times(report).items())
     if not report.passed:
-        say(f"{out} is not written: the times may be those of another text")
+        say(f"{out} is not written: {_OF_ANOTHER}")
     elif not measured:
         say(f"{out} is not written: all calls were quicker than the controller's clock")
     else:

@@ -142,7 +142,7 @@ def _print(lessons: list[Lesson], head: BundleHead, out: Path, faulty_are: str) 
     """What was learned, and what is the same in all runs."""
     for lesson in lessons:
         console.print(_summary(lesson, faulty_are))
-        if remark := lesson.remark():
+        for remark in lesson.remarks():
             say(remark)
     for lesson in lessons:
         if narrower := head.narrower(lesson.learned_from.conditions):
@@ -195,9 +195,12 @@ def _facts(lesson: Lesson) -> dict[str, Any]:
 
 def _summary(lesson: Lesson, faulty_are: str) -> Table:
     faulty = int(lesson.faulty.rows.sum())
+    others = (
+        "" if faulty_are == "kept" or lesson.left_out == faulty else f" ({lesson.left_out} of all runs for the models)"
+    )
     title = (
         f"{lesson.direction}: worst case {lesson.cost_us:.0f} us (estimate for models as trained), "
-        f"{counted(faulty, 'faulty run')} {faulty_are}; errors at the operating points of "
+        f"{counted(faulty, 'faulty run')} {faulty_are}{others}; errors at the operating points of "
         f"{counted(len(lesson.study.test), 'run')} that were kept apart"
     )
     table = table_of(title, ">order", "models", ">amplitude MAE, deg", ">phase MAE, rad", ">complex MAE, deg")

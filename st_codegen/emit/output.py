@@ -322,6 +322,10 @@ def _same_content(path: Path, target: Path) -> bool:
     return found == wanted or without_traces(path.name, found) == without_traces(target.name, wanted)
 
 
+#: Files in which a development environment keeps what belongs to a controller: targets, terminals, links.
+_SOLUTION = (".sln", ".tsproj")
+
+
 def _refuse_to_lose_changes(folder: Path, stage: Path) -> None:
     """Raises InputError where a generated file that was changed by hand would be overwritten by another text."""
     lost = [
@@ -335,10 +339,12 @@ def _refuse_to_lose_changes(folder: Path, stage: Path) -> None:
     lines = [line for name in lost for line in FileChange.between(name, folder, stage).lines()]
     shown = "\n".join(line.rstrip("\n") for line in lines[:_SHOWN])
     more = f"\n.. and {counted(len(lines) - _SHOWN, 'more line')}" if len(lines) > _SHOWN else ""
+    systems = any(Path(name).suffix in _SOLUTION for name in lost)
+    solution = "; a solution that is yours from now on stays as it is with --project plc" if systems else ""
     raise InputError(
         f"{len(lost)} generated file{' was' if len(lost) == 1 else 's were'} changed by hand and would be overwritten: "
         f"{', '.join(str(folder / name) for name in lost)}. Put the change into the model or the configuration, or "
-        f"into a file of your own; --force overwrites. On disk (-) and as generated now (+):\n{shown}{more}"
+        f"into a file of your own{solution}; --force overwrites. On disk (-) and as generated now (+):\n{shown}{more}"
     )
 
 

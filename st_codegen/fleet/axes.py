@@ -189,7 +189,12 @@ def _matched(table: TomlTable, base: Path, pattern: str) -> dict[str, Path]:
 
 def _is_name(table: TomlTable, name: str) -> bool:
     """Whether an axis can have a name: it is that of a folder on every system, and of a project in the PLC."""
-    if not _NAME.fullmatch(name) or name.lower() in _DEVICES:
+    if name.lower() in _DEVICES:
+        table.note(
+            f"name = {shown(name)}: Windows has no folder of this name, which is that of a device; rename the axis"
+        )
+        return False
+    if not _NAME.fullmatch(name):
         table.note(f"name = {shown(name)}: letters, digits, '_' and '-' inside, at most 64 (it names a folder)")
         return False
     with table.collect():

@@ -219,9 +219,8 @@ def _not_looked_at(
     types: Mapping[str, Sequence[Campaigns]], fleet: Sequence[Campaigns], spreads: Sequence[Spread]
 ) -> list[str]:
     found = [
-        f"{kind or 'axes without a type'}: {counted(len(axes), 'axis', 'axes')}, fewer than {LEAST_AXES}: nothing can "
-        "be said of who "
-        "stands out, nor of effects that few have"
+        f"{kind or 'axes without a type'}: {counted(len(axes), 'axis', 'axes')} whose newest campaign was reconciled, "
+        f"fewer than {LEAST_AXES}: nothing can be said of who stands out, nor of effects that few have"
         for kind, axes in types.items()
         if len(axes) < LEAST_AXES
     ]
@@ -238,7 +237,10 @@ def _not_looked_at(
         if one.stderr is None
     )
     if unsure:
-        found.append(f"parameters without a standard error, in the axes where they have none: {', '.join(unsure)}")
+        found.append(
+            "parameters without standard error, or of which the campaign says less than the rig file, in axes where "
+            f"it is so: {', '.join(unsure)}"
+        )
     if alone := [axis.axis for axis in fleet if len(axis.estimates) < 2]:
         found.append(f"growth, for want of an earlier campaign that was reconciled: {', '.join(alone)}")
     return found

@@ -7,17 +7,21 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from st_codegen.reconcile.judge.errors import standard_errors
+from st_codegen.reconcile.judge.errors import shares_of_prior, standard_errors
 from st_codegen.reconcile.report.output import parameters_of
 from st_codegen.reconcile.result import Reconciliation
 from st_codegen.rig.effects import Effect, Form, Stage
+
+#: From this share on a value is more what was known before than what was measured.
+_MOST_OF_RIG = 0.5
 
 
 @dataclass(frozen=True)
 class Estimate:
     """A parameter of an effect, as a campaign has it with all parameters free.
 
-    effect: name and order; stderr: None where nothing is known of it; grows: 1 where the effect grows with the size of
+    effect: name and order; stderr: None where nothing is known of it, or where the value is more the rig file's than
+    the campaign's, as of an order that was not measured; grows: 1 where the effect grows with the size of
     the value, -1 where it shrinks (a stiffness), 0 where the parameter says nothing of a size (a frequency, a phase);
     is_phase: an angle that depends on how the axis was mounted; added: the rig has no such effect.
     """
@@ -36,6 +40,7 @@ class _Fitted(NamedTuple):
     effect: Effect
     stderr: dict[str, float]
     added: bool
+    shares: dict[str, float]
 
 
 def estimates(result: Reconciliation) -> list[Estimate]:
@@ -57,7 +62,8 @@ def estimates(result: Reconciliation) -> list[Estimate]:
                 continue
             grows = {Form.LINEAR: 1, Form.INVERSE: -1}.get(form, 0)
             stderr = float(math.inf if entry["stderr"] is None else entry["stderr"])
-            known = stderr if math.isfinite(stderr) else None
+            is_measured = fitted.shares.get(key, 0.0) < _MOST_OF_RIG
+            known = stderr if is_measured and 0.0 < stderr < math.inf else None  # of 0 nothing is measured
             is_phase = own in phases
             found.append(Estimate(label, key, entry["value"], known, entry["unit"], grows, is_phase, fitted.added))
     return found
@@ -68,10 +74,10 @@ def _fitted(result: Reconciliation) -> Iterator[_Fitted]:
     joint, claims = result.conclusions.joint, result.conclusions.claims
     for number, piece in enumerate(joint.state.pieces):
         if not piece.added or result.taken_back is None:
-            yield _Fitted(piece.effect, standard_errors(joint, number), piece.added)
+            yield _Fitted(piece.effect, standard_errors(joint, number), piece.added, shares_of_prior(joint, number))
     for claim in claims:
         if claim.piece.effect.stage is Stage.AXIS:
-            yield _Fitted(claim.piece.effect, claim.stderr, True)
+            yield _Fitted(claim.piece.effect, claim.stderr, True, {})
     for entry in result.conclusions.retuned:
         if entry.after.stage is Stage.AXIS:
-            yield _Fitted(entry.after, entry.stderr, False)
+            yield _Fitted(entry.after, entry.stderr, False, {})

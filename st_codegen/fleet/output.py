@@ -32,8 +32,9 @@ RULE = (
     f"Parameters that fewer than {LEAST_AXES} axes of a type have are not judged."
 )
 RULE_OF_GROWTH = (
-    "Rule: an effect has grown where its size is larger than in the last reconciled campaign before, in the order of "
-    "the file, by more than the limit, in standard errors of the difference; what became smaller is not named. Where "
+    "Rule: an effect has grown where its size (of a stiffness its inverse) is larger than in the last reconciled "
+    "campaign before, in the order of the file, by more than the limit, in standard errors of the difference; what "
+    "became smaller is not named. Where "
     f"nothing grew, this names something in {FALSE_ALARM:.0%} of all fleets or fewer, if the standard errors are right "
     "and the errors of both campaigns normally distributed. What that campaign did not find has no such rate: it may "
     "have been there, too small to be found."
@@ -102,8 +103,10 @@ class FleetReport:
         parts = [f"{counted(len(self.axes), 'axis', 'axes')}; failed: {_named(failed)}; {text}."]
         if any(spread.limit is not None for spread in compared.spreads):
             parts.append(f"Stand out: {_named(odd)}; with an effect that fewer than half have: {_named(rare)}.")
-        else:
-            parts.append(f"With fewer than {LEAST_AXES} axes of a type nothing is said of who stands out.")
+        judged = {spread.type for spread in compared.spreads if spread.limit is not None}
+        if others := [axis.name for axis in self.axes if axis.type not in judged]:
+            few = f"of whose type fewer than {LEAST_AXES} with a parameter in common were reconciled"
+            parts.append(f"Nothing is said of who stands out among axes {few}: {_named(others)}.")
         if compared.growth_limit is not None:
             parts.append(f"With effects that have grown: {_named(grown)}.")
         if new:

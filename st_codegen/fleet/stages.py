@@ -49,7 +49,12 @@ RECORD = "stages.json"
 TRAIN, COMPILE, CHECK, RECONCILE = "train", "compile", "check", "reconcile"
 EARLIER = "earlier"
 #: Which facts stages tell of themselves: of another number they are done again.
-FACTS = "2"
+FACTS = "3"
+#: What is said in place of options of `reconcile`, which a fleet does not have.
+_IN_A_FLEET = (
+    "; in a fleet: correct the files of the campaign, which the models learn from, too, or give as_is = true to take "
+    "them as they are"
+)
 #: What a stage writes, below the folder of the axis.
 PLACES = {TRAIN: "models", COMPILE: "plc", CHECK: "certificate.json", RECONCILE: "reconcile"}
 
@@ -105,6 +110,7 @@ def do_axis(job: tuple[FleetAxis, Path]) -> AxisResult:
 def _done(stages: list[AxisStage], folder: Path) -> AxisResult:
     """Do the stages that are not done yet, those of which what they need did not fail."""
     kept, keys, errors = _read_record(folder), dict[str, str](), dict[str, str]()
+    _remove_others(folder / EARLIER, {folder / stage.place for stage in stages})
     facts: dict[str, dict[str, Any]] = {}
     done, defect = [], False
     for stage in stages:
@@ -235,8 +241,16 @@ class _Stages:
     def _reconcile(self, measured: Path, place: str) -> dict[str, Any]:
         if is_spectrum(measured):
             raise InputError(f"{measured}: an order spectrum; a fleet wants curves or a harmonic table")
-        options, accepted = self.options, {AS_IS} if self.options.as_is else ()
-        result = reconcile_files(self._rig, measured, catalogue(), accept=accepted, skip_bad=options.skip_bad)
+        options = self.options
+        accepted, scale = ({AS_IS}, 1.0) if options.as_is else ((), None)
+        try:
+            result = reconcile_files(
+                self._rig, measured, catalogue(), scale=scale, accept=accepted, skip_bad=options.skip_bad
+            )
+        except InputError as error:
+            if not any(option in str(error) for option in ("--scale", "--accept")):
+                raise
+            raise InputError(f"{error}{_IN_A_FLEET}") from None
         write_texts(self.folder / place, report_texts(result, next_runs(result)))
         return {
             "measured": content_of(result.data.at.axes, result.data.at.sign, result.data.orders, result.data.values),
@@ -271,6 +285,13 @@ def _forget(kept: dict[str, Any], stage: AxisStage, folder: Path) -> None:
     if kept.pop(stage.name, None) is not None:
         _write_record(folder, kept)
     _remove(folder / stage.place)
+
+
+def _remove_others(folder: Path, places: set[Path]) -> None:
+    """Remove what no stage writes, such as reports of campaigns that fleet.toml does not name any more."""
+    for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+        if path not in places:
+            _remove(path)
 
 
 def _remove(path: Path) -> None:

@@ -18,7 +18,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from st_codegen.emit.blocks.comparison import LIST
-from st_codegen.errors import InputError, MissingExtraError
+from st_codegen.errors import InputError, MissingExtraError, counted
 from st_codegen.live.failures import (
     ControllerError,
     NoPlcError,
@@ -122,10 +122,7 @@ class AdsController(Controller):
         for name in names:
             if isinstance(found[name], str):  # pyads puts the message of an error in the place of a number
                 raise self._named(name, found[name])
-        return [
-            found[signal.name] if signal.length is None else np.asarray(found[signal.name], signal.dtype)
-            for signal in signals
-        ]
+        return [_as_declared(self.address, signal, found[signal.name]) for signal in signals]
 
     def write_all(self, values: Sequence[tuple[Signal, Any]]) -> None:
         plain = {signal.name: np.asarray(value, signal.dtype).tolist() for signal, value in values}
@@ -194,6 +191,19 @@ def _pyads() -> Any:
     return pyads
 
 
+def _as_declared(address: str, signal: Signal, value: Any) -> Any:
+    """What was read of a variable: a number, or an array. Raises UnknownVariableError for another type or length."""
+    wanted = () if signal.length is None else (signal.length,)
+    try:
+        found = np.asarray(value, np.dtype(signal.dtype)) if value is not None else None
+    except (ValueError, TypeError, OverflowError):
+        found = None
+    if found is None or found.shape != wanted:
+        kind = "one number" if signal.length is None else f"an array of {counted(signal.length, 'number')}"
+        raise UnknownVariableError(f"{address}: {signal.name} is not {kind} there: another project runs there")
+    return found.item() if signal.length is None else found
+
+
 def _must_listen(address: str, host: str, port: int, timeout_s: float) -> None:
     try:
         socket.create_connection((host, port), timeout_s).close()
@@ -238,7 +248,7 @@ class OpcUaController(Controller):
     def state(self) -> str:
         """What the server says; UNKNOWN where it does not: servers of controllers have no common name for it."""
         try:
-            return str(self.read(Signal("PLC.State")))
+            return str(self.read(Signal("PLC.State", "U")))
         except UnknownVariableError:
             return UNKNOWN
 
@@ -246,10 +256,7 @@ class OpcUaController(Controller):
         nodes = [self._node(signal.name) for signal in signals]
         with self._explained(", ".join(signal.name for signal in signals)):
             values = self._client.read_values(nodes)
-        return [
-            value if signal.length is None else np.asarray(value, signal.dtype)
-            for value, signal in zip(values, signals, strict=True)
-        ]
+        return [_as_declared(self.address, signal, value) for value, signal in zip(values, signals, strict=True)]
 
     def write_all(self, values: Sequence[tuple[Signal, Any]]) -> None:
         nodes = [self._node(signal.name) for signal, _ in values]

@@ -18,7 +18,15 @@ from typing import Any
 import numpy as np
 
 from st_codegen.campaign.conditions import CONDITION_COLUMNS, OperatingPoint
-from st_codegen.campaign.curves import CONDITIONS_FILE, Curve, Run, run_paths, write_run
+from st_codegen.campaign.curves import (
+    CONDITIONS_FILE,
+    MOST_GAP_DEG,
+    Curve,
+    Run,
+    largest_gap,
+    run_paths,
+    write_run,
+)
 from st_codegen.emit.output import COMPARISON, read_manifest
 from st_codegen.errors import GeneratedCodeError, InputError, Problems, counted
 from st_codegen.files.csv_tables import csv_text
@@ -405,6 +413,10 @@ def _curves(samples: list[Any], ratio: float) -> dict[Direction, Curve]:
         span = abs(curve.angle_deg[-1] - curve.angle_deg[0]) if len(curve.angle_deg) else 0.0
         if span < _LEAST_SPAN_DEG:
             raise MeasurementError(f"the samples {direction} cover {span:.1f} deg of a revolution")
+        if (gap := largest_gap(curve.angle_deg)) > MOST_GAP_DEG:
+            raise MeasurementError(
+                f"{gap:.1f} deg of the revolution {direction} are without a sample: were samples lost?"
+            )
         found[direction] = curve
     return found
 

@@ -70,7 +70,7 @@ class Lesson:
 
     The final models are learned anew from all runs: `test_errors` are those of models learned without the points.
     learned_from: the rows of these, faulty ones left out; costs_us: by order, their worst case; intervals: by order, of
-    the complex MAE (deg) over repeated splits, where there were any.
+    the complex MAE (deg) over repeated splits, where there were any; copied: how many runs are as `copies` counts.
     """
 
     direction: Direction
@@ -83,6 +83,17 @@ class Lesson:
     learned_from: HarmonicTable
     costs_us: Mapping[int, float]
     intervals: Mapping[int, ConfidenceInterval] = field(default_factory=dict)
+    copied: int = 0
+
+    @property
+    def runs(self) -> int:
+        """How many runs there are, those that are faulty or were kept apart included."""
+        return len(self.train) + len(self.study.test)
+
+    @property
+    def left_out(self) -> int:
+        """How many runs the final models were not learned from, since they are faulty among all."""
+        return self.runs - len(self.learned_from)
 
     @property
     def cost_us(self) -> float:
@@ -95,8 +106,17 @@ class Lesson:
         constant = np.full(len(truth), self.study.learn.column(order).mean())
         return errors_of(order, constant, truth).complex_mae
 
-    def remark(self) -> str:
-        """Of which orders the models are no better than a constant; empty where there are none."""
+    def remarks(self) -> list[str]:
+        """Of which orders the models are no better than a constant, and whether runs look like copies of others."""
+        found = [self._no_better()]
+        if self.copied:
+            found.append(
+                f"{self.direction}, {self.copied} of {counted(self.runs, 'run')}: the very numbers of a run at another "
+                "operating point, as copies have; errors at points kept apart may be too small for it"
+            )
+        return [text for text in found if text]
+
+    def _no_better(self) -> str:
         constant = {order: self.constant_mae(order) for order in self.test_errors}
         orders = [order for order, own in self.test_errors.items() if own.complex_mae >= constant[order] > 0.0]
         if not orders:
@@ -109,7 +129,7 @@ class Lesson:
 
 
 def check_learnable(table: HarmonicTable) -> None:
-    """Raise one InputError where a direction has too few operating points, or numbers are too large to be learned."""
+    """Raise one InputError where a direction has too few operating points, or numbers cannot be learned."""
     problems = Problems("harmonic table")
     for direction in table.directions():
         if (points := operating_points(table.direction(direction))) < LEAST_POINTS:
@@ -118,6 +138,11 @@ def check_learnable(table: HarmonicTable) -> None:
                 "needed to learn "
                 "from"
             )
+    if standing := int((table.speed_rpm <= 0.0).sum()):
+        problems.add(
+            f"{counted(standing, 'run')} with a speed of 0 rpm or less: speeds are above 0, and the direction has a "
+            "column of its own"
+        )
     columns = {"speed_rpm": table.speed_rpm, "torque_Nm": table.torque_Nm, "temperature_C": table.temperature_C}
     columns |= {f"A{order}": np.abs(table.column(order)) for order in table.orders}
     for name, column in columns.items():
@@ -142,7 +167,10 @@ def split_rows(table: HarmonicTable, plan: LearningPlan) -> BoolArray:
     points = [tuple(map(float, row)) for row in table.conditions]
     if missing := sorted(wanted - set(points)):
         first = ", ".join(map(str, missing[:3]))
-        raise InputError(f"{len(missing)} of {len(wanted)} test points are not in the harmonic table: {first}, ..")
+        raise InputError(
+            f"{len(missing)} of {len(wanted)} test points are not in the harmonic table: {first}, ..: is it of the "
+            "same measurement?"
+        )
     return np.array([point in wanted for point in points])
 
 
@@ -166,7 +194,15 @@ def learn(
     errors = {s.order: errors_of(s.order, s.test, test.column(s.order)) for s in choice.solutions}
     costs = {s.order: costs_us(model for model in models if model.order == s.order) for s in choice.solutions}
     intervals = repeated(rows, choice, plan, store, backend, progress) if plan.repeats else {}
-    return Lesson(direction, faulty, train, searched, choice, errors, models, every, costs, intervals)
+    return Lesson(direction, faulty, train, searched, choice, errors, models, every, costs, intervals, copies(rows))
+
+
+def copies(rows: HarmonicTable) -> int:
+    """How many runs of one direction have the coefficients of one at another operating point, digit by digit."""
+    numbers = np.concatenate([rows.coefficients.real, rows.coefficients.imag], axis=1)
+    same = np.unique(numbers, axis=0, return_inverse=True)[1].ravel()
+    pairs = np.unique(np.stack([same, point_numbers(rows.conditions)], axis=1), axis=0)
+    return int((np.bincount(pairs[:, 0]) > 1)[same].sum())
 
 
 def chosen_models(

@@ -75,14 +75,15 @@ def _models_section(lesson: Lesson) -> PageSection:
     repeated = ("complex, repeated splits (95 %)",) if lesson.intervals else ()
     errors_of = ("amplitude MAE, deg", "phase MAE, rad", "complex MAE, deg", "of a constant", *repeated)
     columns = ("order", "models", *errors_of, "worst case, us")
+    but = f" but {lesson.left_out} that are faulty where all are judged together" if lesson.left_out else ""
     text = (
         f"Chosen by cross-validation on {len(lesson.study.learn)} runs, errors on {len(lesson.study.test)} at "
-        "operating points that were kept apart. The models of the bundle were learned again from the runs of both that "
-        "are not faulty where all are judged together, so that of themselves no error is known. Their worst case: "
+        f"operating points that were kept apart. The models of the bundle were learned again from the runs of "
+        f"both{but}, so that of themselves no error is known. Their worst case: "
         f"{lesson.cost_us:.0f} us (an estimate for models as trained; a table of cells takes less). Of a constant: "
         "what the mean of the runs that it was chosen on leaves at the points kept apart."
     )
-    if remark := lesson.remark():
+    for remark in lesson.remarks():
         text += f"\n\n{remark[0].upper()}{remark[1:]}."
     return PageSection(f"Models, {lesson.direction}", text, PageTable(columns, rows))
 

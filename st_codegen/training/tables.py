@@ -148,7 +148,7 @@ def _table_6(comparison: PaperComparison) -> PageSection:
             [order, ", ".join(theirs), solution.name, _described(solution.candidates), f"{solution.cost_us:.0f}"]
         )
     columns = ("order", "authors' best (amplitude, phase)", "chosen here", "parameters", "worst case, us")
-    text = "For each order the pair of models with the least complex error by cross-validation: what the bundle holds."
+    text = "For each order the pair of models with the least complex error by cross-validation, as train chooses them."
     return PageSection("Table 6: the chosen models", text, PageTable(columns, rows))
 
 

@@ -183,3 +183,10 @@ def test_images_of_an_order_at_coarse_angles_take_nothing_from_it(steps):
     (size,) = np.abs(fit_orders(Curve(read, te), (1,)).coefficients)
     # the mean over a step of the angle
     assert size == pytest.approx(np.sinc(1 / steps), abs=0.01)
+
+
+def test_of_a_te_that_does_not_change_no_order_is_taken():
+    """What rounding leaves of a constant stood above a noise of nothing."""
+    angle = np.linspace(0.0, 360.0, 400, endpoint=False)
+    fits = [fit_orders(curve_sums(Curve(angle + shift, np.full(400, 0.01))), ()) for shift in (0.0, 0.01, 0.02, 0.03)]
+    assert [reason.order for reason in choose_orders(fits) if reason.chosen] == [0]

@@ -109,6 +109,9 @@ def test_tables_of_one_block_may_read_different_inputs(tmp_path):
     generate(load(models), "iec", tmp_path / "out")
     result = check(written(tmp_path, models, tmp_path / "out"), models, tmp_path / "out")
     assert (result.returncode, result.stdout.count(": confirmed")) == (3, 4), result.stdout  # FB_TEPredict: not checked
+    for entry in json.loads((tmp_path / "certificate.json").read_text())["proofs"]:
+        # whoever exchanges the outputs of two models is seen
+        assert f"{entry['model']}, iec ({entry['block']}.{entry['outputs'][0]}): confirmed" in result.stdout
 
 
 def test_a_folder_that_is_called_as_a_target_is_no_target(tmp_path):

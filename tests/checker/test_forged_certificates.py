@@ -167,6 +167,62 @@ def test_what_is_no_number(proved):
     assert "NaN in the certificate" in check(path, models, out).stdout
 
 
+#: Texts beside those of a block by which its words would mean something else, hidden from who takes `(*` as it stands.
+HIDDEN = {
+    "behind a line's comment": "// (*\n{}\n// *)\n",
+    "behind a string": "VAR_GLOBAL s : STRING := '(*'; END_VAR\n{}\n(* ' *)\n",
+    "behind a pragma": "{{info '(*'}}\n{}\n(* *)\n",
+    "behind a comment of another kind": "/* (* */\n{}\n/* *) */\n",
+}
+OTHER = {
+    "a type": "TYPE LREAL : REAL; END_TYPE",
+    "a function": "FUNCTION ABS : LREAL\nVAR_INPUT x : LREAL; END_VAR\nABS := x + 1.0;\nEND_FUNCTION",
+    "the block": f"FUNCTION_BLOCK PUBLIC {BLOCK}\nEND_FUNCTION_BLOCK",
+}
+
+
+@pytest.mark.parametrize("name", ["{}", *HIDDEN.values()], ids=["plainly", *HIDDEN])
+@pytest.mark.parametrize("what", OTHER)
+def test_what_gives_names_another_meaning_cannot_be_hidden(what, name, proved):
+    path, models, out = proved
+    with_text(path, out / "iec" / "Other.st", name.format(OTHER[what]))
+    result = check(path, models, out)
+    assert (result.returncode, "confirmed" in result.stdout) == (1, False), result.stdout
+
+
+def with_text(path, text, content):
+    """Add a text to a target's folder and to the certificate."""
+    text.write_text(content)
+    digest = hashlib.sha256(text.read_bytes()).hexdigest()
+    changed(path, lambda content: content["texts"][text.parent.name].update({text.name: digest}))
+
+
+def test_a_type_in_a_list_of_globals_is_rejected(proved):
+    path, models, out = proved
+    declared = f"<TcPlcObject><GVL><Declaration>{OTHER['a type']}</Declaration></GVL></TcPlcObject>"
+    with_text(path, out / "iec" / "Other.TcGVL", declared)
+    result = check(path, models, out)
+    assert (result.returncode, "confirmed" in result.stdout) == (1, False), result.stdout
+
+
+def test_strings_pragmas_and_comments_of_other_files_are_no_reason_to_reject(proved):
+    path, models, out = proved
+    text = "// it's (* \n{attribute 'a(*'}\nVAR_GLOBAL\n    s : STRING := 'a$'b // (*'; (* it's // *)\nEND_VAR\n"
+    with_text(path, out / "iec" / "Other.st", text)
+    assert check(path, models, out).returncode == 0
+
+
+@pytest.mark.parametrize("target", ["codesys", "plcopen", "scl"])
+def test_files_that_are_not_read_are_named_and_nothing_is_confirmed(target, proved, tmp_path):
+    """The file that CODESYS imports is the .xml: what the .st beside it says shows nothing."""
+    _, models, out = proved
+    out = tmp_path / target
+    generate(load(models), target, out)
+    result = check(written(tmp_path, models, out), models, out)
+    assert result.returncode == 3 and "is not read by this checker" in result.stdout, result.stdout
+    assert "rejected" not in result.stdout
+
+
 def test_blocks_of_which_nothing_is_said_are_named(proved):
     path, models, out = proved
     (out / "twincat").mkdir()

@@ -135,6 +135,8 @@ def test_what_an_engineer_adds_to_the_solution_is_a_change_and_is_kept(lone_fold
     if suffix == "plcproj":
         return
     kept = (folder / f"Models.{suffix}").read_bytes()
+    with pytest.raises(InputError, match="a solution that is yours from now on stays as it is with --project plc; --f"):
+        generate(bundle, "twincat", tmp_path)
     made = generate(bundle, "twincat", tmp_path, packaging=Packaging(ProjectForm.PLC))
     assert made.changed == (f"Models.{suffix}",)
     assert (folder / "Models.sln").exists()  # what belongs together stays together

@@ -47,6 +47,11 @@ def test_a_name_that_is_no_folder_below(folder, name):
         read_fleet(fleet_file(folder, DEFAULTS + axis(name)))
 
 
+def test_a_name_of_a_device_is_said_to_be_one(folder):
+    with pytest.raises(InputError, match="that of a device; rename the axis"):
+        read_fleet(fleet_file(folder, DEFAULTS + axis("Aux")))
+
+
 BAD = {
     "campaign": (axis("a", "none"), "there is no campaign .*none"),
     "two of one name": (axis("a") + axis("a", "b.csv"), "two axes are called 'a'"),

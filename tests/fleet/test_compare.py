@@ -74,7 +74,7 @@ def test_of_few_axes_nothing_is_said():
     found = compare(fleet([*normal(LEAST_AXES - 2), 50.0]))
     assert [(spread.limit, spread.deviation, spread.distances) for spread in found.spreads] == [(None, None, {})]
     assert found.spreads[0].outliers == ()
-    assert "7 axes, fewer than 8: nothing can be said" in found.not_looked_at[0]
+    assert "7 axes whose newest campaign was reconciled, fewer than 8: nothing can be said" in found.not_looked_at[0]
     assert compare([]).spreads == ()
 
 
@@ -167,4 +167,4 @@ def test_a_campaign_that_is_there_twice_is_told():
 def test_parameters_without_a_standard_error_are_not_compared_and_named():
     found = compare(fleet(normal(20), stderr=None))
     assert found.spreads == ()
-    assert "in the axes where they have none: backlash gap_arcmin" in found.not_looked_at[0]
+    assert "in axes where it is so: backlash gap_arcmin" in found.not_looked_at[0]

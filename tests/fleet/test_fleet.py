@@ -15,10 +15,15 @@ from st_codegen.cli.main import main
 from st_codegen.errors import InputError
 from st_codegen.fleet import run, stages
 from st_codegen.fleet.axes import read_fleet
+from st_codegen.fleet.compare import LEAST_AXES, Campaigns, compare
+from st_codegen.fleet.estimates import estimates
 from st_codegen.fleet.output import PAGE, FleetReport
 from st_codegen.fleet.run import MARK, run_fleet
 from st_codegen.fleet.stages import CHECK, COMPILE, RECONCILE, TRAIN, AxisResult, do_axis
 from st_codegen.project.bundle import load
+from st_codegen.reconcile.run import reconcile_files
+from st_codegen.rig.effects import catalogue
+from st_codegen.rig.model import parse_rig
 from st_codegen.training.search import Backend
 from tests.cli.helpers import snapshot
 from tests.fleet.conftest import DEFAULTS, RIG, fleet_file, write_campaign
@@ -93,6 +98,7 @@ def test_growth_is_named(done):
         "What has grown, or was not found in the last campaign before: 1",
         "odd.csv",
         "nothing can be said of who",
+        "its size (of a stiffness its inverse) is larger",
         "What was not looked at",
     ):
         assert part in page
@@ -106,6 +112,41 @@ def test_every_parameter_has_its_row(done):
     assert 0 < float(row["stderr"]) < 1e-4
     assert (row["unit"], row["limit"], row["stands_out"]) == ("deg", "", "False")
     assert own["output_shaft_eccentricity", "phase_rad"]["median"] == ""
+
+
+def test_a_campaign_that_is_not_named_any_more_leaves_no_report(inputs, done, tmp_path):
+    out = copy(done, tmp_path)
+    (out / "worn" / "earlier" / "7").mkdir()
+    result = do_axis((read_fleet(inputs)[0], out))
+    assert result.done_now == () and [path.name for path in (out / "worn" / "earlier").iterdir()] == ["1"]
+    do_axis((replace(read_fleet(inputs)[0], earlier=()), out))
+    assert not list((out / "worn" / "earlier").iterdir())
+
+
+def test_sizes_that_look_like_another_unit_are_asked_about_by_what_a_fleet_can_do(inputs, tmp_path):
+    axis = read_fleet(inputs)[0]
+    other = write_campaign(tmp_path / "arcmin.csv", amplitude_deg=0.017 * 60, stiffness_Nm_per_arcmin=450 / 60)
+    axis = replace(axis, campaign=other, earlier=())
+    asked = do_axis((axis, tmp_path / "out")).errors
+    assert list(asked) == [RECONCILE] and "as_is = true to take them as they are" in asked[RECONCILE]
+    taken = do_axis((replace(axis, options=replace(axis.options, as_is=True)), tmp_path / "out"))
+    assert (taken.errors, taken.done_now) == ({}, (RECONCILE,))
+
+
+def test_what_a_campaign_does_not_measure_is_no_number_of_the_axis(tmp_path):
+    """An order that a table does not have had the rig file's value and about as large a standard error."""
+    pins = '\n[[effect]]\nname = "pin_error"\norder = 40\namplitude_deg = 0.0009\nphase_rad = 0.1\n'
+    table = write_campaign(tmp_path / "c.csv", 4, amplitude_deg=0.0175)
+    found = {
+        (one.effect, one.key): one for one in estimates(reconcile_files(parse_rig(RIG + pins), table, catalogue()))
+    }
+    unseen = found["pin_error of order 40", "amplitude_deg"]
+    assert (unseen.value, unseen.stderr) == (pytest.approx(0.0009), None)
+    assert 0 < found["output_shaft_eccentricity", "amplitude_deg"].stderr < 1e-4
+    axes = [Campaigns(f"a{i}", "t", (tuple(found.values()),)) for i in range(LEAST_AXES)]
+    compared = compare(axes)
+    assert all("pin_error" not in spread.effect for spread in compared.spreads) and compared.spreads
+    assert any("less than the rig file" in text and "pin_error of order 40" in text for text in compared.not_looked_at)
 
 
 def copy(done, tmp_path):

@@ -71,6 +71,14 @@ def test_a_fleet_of_which_nothing_was_checked_does_not_sound_as_if_all_had_passe
     assert FleetReport.of(axes, {"r9": result(9)}).summary().startswith("1 axis; failed: 1 (r9); no text was checked.")
 
 
+def test_axes_of_small_types_are_said_not_to_be_judged_beside_those_that_are():
+    types = {f"r{i}": "rare" if i > 17 else "small" for i in range(COUNT)}
+    axes = [FleetAxis(name, kind, Path("c"), (), Path("rig.toml"), AxisOptions()) for name, kind in types.items()]
+    small = FleetReport.of(axes, {axis.name: result(i) for i, axis in enumerate(axes)})
+    assert "Stand out: 1 (r4)" in small.summary()
+    assert "fewer than 8 with a parameter in common were reconciled: 2 (r18, r19)." in small.summary()
+
+
 def test_the_files(report, tmp_path):
     report.write(tmp_path)
     facts = json.loads((tmp_path / "fleet.json").read_text())

@@ -16,6 +16,8 @@ from st_codegen import generate, load
 from st_codegen.cost.calibrate import read_measurements
 from st_codegen.cost.profile import load_profile
 from st_codegen.live import plc
+from st_codegen.live.live_report import BlockTimes, LiveReport
+from st_codegen.proof.verify_report import ModelReport
 from tests.cli.helpers import run
 from tests.live.conftest import NET_IDS, Running, soft_plc
 
@@ -68,6 +70,16 @@ def test_compare_against_serve_and_serve_stops_cleanly(lone, process, tmp_path, 
     assert "task ComparisonTask: 10000 us, PRG_Comparison" in text
     assert "state RUN -> STOP" in text
     assert "Traceback" not in text
+
+
+def test_times_of_another_text_are_not_written(lone, tmp_path, monkeypatch, capsys):
+    times, models = {"FB_Te": BlockTimes(10, 1.0, 1.0)}, [ModelReport("te", refusal="it has no answer")]
+    failed = LiveReport("ads", "RUN", "0", "out", models, times=times)
+    monkeypatch.setattr("st_codegen.live.compare.compare", lambda *_, **__: failed)
+    wanted = ("compare", str(lone[0]), "--generated", str(lone[1]), "--ads", "1.2.3.4.5.6:851")
+    assert run(*wanted, "--times", str(tmp_path / "times.csv"), "--json", str(tmp_path / "record.json")) == 1
+    assert "times.csv is not written: the times may be those of" in " ".join(capsys.readouterr().err.split())
+    assert [path.name for path in tmp_path.iterdir()] == ["record.json"]
 
 
 def test_compare_takes_the_names_that_the_project_was_generated_with(lone, tmp_path, capsys):

@@ -371,6 +371,28 @@ def test_an_interrupted_call_does_not_slow_down_all_that_follow(models, lone):
     assert set(answering.per_cycle[7:]) == {500}
 
 
+@pytest.mark.parametrize(
+    ("signal", "found"),
+    [
+        (Signal("x", length=3), [0.5, 1.0]),
+        (Signal("x", length=3), [0.5] * 4),
+        (Signal("x", length=3), 0.5),
+        (Signal("x", length=3), ["a", "b", "c"]),
+        (Signal("x", "<u8"), "abc"),
+        (Signal("x", "<u8"), float("nan")),
+        (Signal("x", "<u8"), -1),
+        (Signal("x"), None),
+        (Signal("x"), [0.5]),
+    ],
+)
+def test_a_variable_of_another_type_or_length_is_that_of_another_project(lone_plc, monkeypatch, signal, found):
+    """Tracebacks of NumPy, or rows that were cut off, came of it."""
+    with connected(lone_plc.ads, None, 600.0) as controller:
+        monkeypatch.setattr(controller._connection, "read_list_by_name", lambda names: dict.fromkeys(names, found))
+        with pytest.raises(ControllerError, match=r"x is not (one number|an array of 3 numbers) there|x: abc"):
+            controller.read(signal)
+
+
 def test_nan_and_infinities_go_there_and_back(models, lone, lone_plc):
     project = compared_project(lone[1], models, None)
     x = np.array([[np.nan, 1.0, 2.0], [np.inf, -np.inf, np.nan], [0.0, -0.0, 5e-324]])

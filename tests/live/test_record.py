@@ -238,6 +238,21 @@ def test_samples_that_are_no_numbers_are_no_curve(place):
         _curves(samples, 81.0)
 
 
+def test_a_part_of_the_revolution_that_is_lost_is_no_curve():
+    """It was written, and `train` refused the file when the whole campaign was measured."""
+    up = np.linspace(0.0, 2.0 * np.pi, 400)
+    lost = up[(up < 2.0) | (up > 2.4)]
+    for forward in (up, lost):
+        angle = np.concatenate([forward, up[::-1]])
+        backward = np.arange(len(angle)) >= len(forward)
+        samples = [angle * 81.0, angle, angle, angle, angle, backward]
+        if forward is up:
+            assert len(_curves(samples, 81.0)) == 2
+        else:
+            with pytest.raises(MeasurementError, match=r"2\d\.\d deg of the revolution forward are without a sample"):
+                _curves(samples, 81.0)
+
+
 def test_a_client_that_is_gone_leaves_nothing_moving(plc, project, tmp_path):
     """The connection is lost in the middle: no farewell, and the controller ends the measurement by itself."""
     with connected(plc.ads, None, 600.0) as controller:

@@ -294,7 +294,16 @@ def test_a_machine_whose_parts_are_all_of_another_size_is_no_unit():
     assert all(mistake.name != "unit" for mistake in examine(data, RIG, PATH, accept=("as_is",)).mistakes)
 
 
-@pytest.mark.parametrize(("factor", "word"), [(60.0, "arcmin"), (3600.0, "arcsec"), (np.pi / 180, "in rad")])
+@pytest.mark.parametrize(
+    ("factor", "word"),
+    [
+        (60.0, "arcmin"),
+        (3600.0, "arcsec"),
+        (np.pi / 180, "in rad"),
+        (1e3, "in mdeg"),
+        (1e6 * np.pi / 180, "in urad"),
+    ],
+)
 def test_units_are_asked_about_with_the_factor_that_undoes_them(factor, word):
     with pytest.raises(InputError, match=word) as asked:
         examine(measured().scaled(factor), RIG, PATH)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from st_codegen.campaign.harmonic_table import HarmonicTable, joined
+from st_codegen.cli.train import _summary
 from st_codegen.driver import Evaluator, predict
 from st_codegen.errors import InputError
 from st_codegen.ir.reference import evaluate
@@ -24,12 +25,14 @@ from st_codegen.training.learn import (
     LearningPlan,
     bundle_head,
     check_learnable,
+    copies,
     interval,
     learn,
     only_exportable,
     play_deg,
     split_rows,
 )
+from st_codegen.training.page import _models_section
 from st_codegen.training.paper import reconstruction
 from st_codegen.training.search import Backend, fold_numbers
 from st_codegen.training.store import FitStore
@@ -205,8 +208,8 @@ def test_that_nothing_was_learned_is_said():
         lesson = learn(rows, rows.directions()[0], LearningPlan(settings), store, Backend(1))
     noise = sound.orders[2]
     assert lesson.test_errors[noise].complex_mae >= lesson.constant_mae(noise)
-    assert lesson.remark().startswith(f"forward, order {noise} of ")
-    assert "no better predicted than by the mean of the runs" in lesson.remark()
+    assert lesson.remarks()[0].startswith(f"forward, order {noise} of ")
+    assert "no better predicted than by the mean of the runs" in lesson.remarks()[0]
 
 
 def test_parts_are_chosen_where_phases_wrap():
@@ -313,6 +316,41 @@ def test_ranges_are_those_of_the_runs_learned_from():
     with FitStore(None) as store:
         lesson = learn(rows, direction, LearningPlan(settings), store, Backend(1))
     assert bundle_head(lesson.learned_from, "small", 81.0).ranges[0, 1] < speed[fastest]
+
+
+def test_a_faulty_run_among_those_kept_apart_is_not_one_of_the_training_part():
+    """The models are learned from all runs but it, though the training part has none that is faulty."""
+    sound, settings = a_table(noise=1e-6), replace(SETTINGS, candidates=SETTINGS.candidates[1:2])
+    kept_apart = np.flatnonzero(split_rows(sound, LearningPlan(settings)))
+    rows = changed(sound, kept_apart[3:4], lambda c: c + 0.05 * np.where(np.array(ORDERS) == 0, 1.0, 1.0 + 1.0j))
+    with FitStore(None) as store:
+        lesson = learn(rows, Direction.FORWARD, LearningPlan(settings), store, Backend(1))
+        kept = learn(rows, Direction.FORWARD, LearningPlan(settings, keep_faulty=True), store, Backend(1))
+    assert (lesson.faulty.rows.sum(), lesson.left_out, kept.left_out) == (0, 1, 0)
+    assert "0 faulty runs left out (1 of all runs for the models);" in _summary(lesson, "left out").title
+    assert "runs of both but 1 that are faulty where" in _models_section(lesson).text
+    assert "faulty" not in _models_section(kept).text
+    assert "0 faulty runs kept;" in _summary(kept, "kept").title
+
+
+def test_a_speed_with_the_sign_of_the_direction_is_refused():
+    """It was learned, and the bundle had a range below zero, which reconcile refuses."""
+    rows = a_table()
+    with pytest.raises(InputError, match="2 runs with a speed of 0 rpm or less: speeds are above 0"):
+        check_learnable(replace(rows, speed_rpm=np.where(np.arange(len(rows)) < 2, -200.0, rows.speed_rpm)))
+
+
+def test_runs_with_the_numbers_of_another_one_are_told():
+    sound = a_table(noise=1e-6)
+    rows = changed(sound, [5, 9], lambda c: np.array(sound.coefficients)[[4, 4]])
+    assert (copies(sound), copies(rows)) == (0, 3)
+    again = joined([rows, rows])  # runs that repeat at one point
+    assert copies(again) == 6
+    assert copies(joined([sound, sound])) == 0
+    settings = replace(SETTINGS, candidates=SETTINGS.candidates[1:2])
+    with FitStore(None) as store:
+        lesson = learn(rows, Direction.FORWARD, LearningPlan(settings), store, Backend(1))
+    assert f"forward, 3 of {len(rows)} runs: the very numbers of a run at another" in lesson.remarks()[-1]
 
 
 def test_a_direction_that_was_measured_over_less_than_the_range_is_told():

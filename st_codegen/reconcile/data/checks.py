@@ -91,6 +91,8 @@ def unit_choices(factor: float, ratio: float, *, agreed: bool = False) -> str:
         1 / _DEGREES: "in rad instead of deg (a factor of 57.3)",
         _DEGREES: "multiplied by 57.3, as if it had been in rad",
         1000.0 / _DEGREES: "in mrad instead of deg (a factor of 17.5)",
+        1000.0: "in mdeg instead of deg (a factor of 1000)",
+        1e6 / _DEGREES: "in urad instead of deg (a factor of 1.75e+04)",
         60.0: "in arcmin instead of deg (a factor of 60)",
         3600.0: "in arcsec instead of deg (a factor of 3600)",
         ratio: f"that of the motor side (a factor of {ratio:g})",

@@ -113,3 +113,19 @@ def standard_errors(
             found[c.key + suffix] = float(np.sqrt(max(float(along @ block @ along), 0.0)))
             found[c.phase_key + suffix] = float(np.sqrt(max(float(across @ block @ across), 0.0)) / size)
     return found
+
+
+def shares_of_prior(joint: Fit, number: int) -> dict[str, float]:
+    """How much of each free key of a piece is what was known before: 1 where the data say nothing of it, 0 where all.
+
+    Keys are those of `standard_errors`.
+    """
+    piece, place = joint.state.pieces[number], joint.state.slices()[number]
+    shares, found = (joint.prior * np.diag(joint.inverse))[place], dict[str, float]()
+    for i, c in enumerate(piece.coordinates()):
+        if c.part == 0:
+            found[c.key] = float(shares[i])
+        elif c.part == 1:
+            suffix = f"[{piece.effect.orders[c.place]}]" if piece.effect.orders_key == "orders" else ""
+            found[c.key + suffix] = found[c.phase_key + suffix] = float(shares[i : i + 2].mean())
+    return found
