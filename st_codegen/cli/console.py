@@ -206,7 +206,8 @@ class GivenModels:
                 block_name=self.block_name,
                 real=real,
             )
-        if not isinstance(outputs, Mapping) and all(ir.classes is None for ir in bundle.irs):
+        asked = click.get_current_context().get_parameter_source("outputs") is ParameterSource.COMMANDLINE
+        if asked and not isinstance(outputs, Mapping) and all(ir.classes is None for ir in bundle.irs):
             of_classes = [f"--outputs {one}" for one in outputs if one in ("probability", "decision")]
             refuse_unused("on models of which none is a classifier", others=of_classes)
         if self.trust_pickle and (left_out := pickles_left_out(self.models, bundle)):

@@ -184,7 +184,7 @@ def _refuse_unused(measured: Path, accept: tuple[str, ...], *, joints: bool, wit
         refuse_unused(where, "accept", "empirical", "skip_bad", "models", "update", *_OF_UPDATES)
     elif recordings_in(measured):
         refuse_unused(
-            f"on recordings over time ({measured}), which are not corrected; convert their columns",
+            f"on recordings over time ({measured}), which are taken as they are (convert columns, take out bad files)",
             *("scale", "skip_bad"),
             others=others(AS_IS),
         )

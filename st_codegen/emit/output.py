@@ -22,6 +22,7 @@ from typing import Any
 from st_codegen.emit.blocks.model import block_name
 from st_codegen.emit.manifest_shape import check_manifest
 from st_codegen.emit.render import RenderedFile
+from st_codegen.emit.targets import TARGETS
 from st_codegen.emit.traces import without_traces
 from st_codegen.errors import GeneratedCodeError, InputError, counted
 from st_codegen.files.folders import replace_folder
@@ -126,6 +127,8 @@ def check_names(generated: Path, models: Sequence[ModelIR], prefix: str) -> None
         if all(name in known for name in named) or not all(named.values()):
             continue
         was = dict.fromkeys(name for its in named.values() for name in its)
+        if len(was) < len(named):  # a model that is there twice has one block
+            continue
         raise GeneratedCodeError(
             f"{folder}: generated with the names {', '.join(was)}; the same models are called {', '.join(named)} now: "
             f"{_options(named, prefix)}, or generate again"
@@ -142,7 +145,7 @@ def _options(named: Mapping[str, Sequence[str]], prefix: str) -> str:
     if len(own) == len(names) == 1:
         kept = names[0].startswith(prefix)
         return f"give {'' if kept else '--prefix= '}--block-name {names[0].removeprefix(prefix)}"
-    return "give the names that they were generated with"
+    return "name the model files as they were"
 
 
 def _models_in(generated: Path) -> Iterator[tuple[str, Mapping[str, Any]]]:
@@ -152,8 +155,8 @@ def _models_in(generated: Path) -> Iterator[tuple[str, Mapping[str, Any]]]:
 
 
 def _folders_in(generated: Path) -> tuple[Path, ...]:
-    """A folder and those in it, of which some are generated."""
-    return (generated, *(sorted(generated.iterdir()) if generated.is_dir() else ()))
+    """A folder and those of targets in it, of which some are generated."""
+    return (generated, *(generated / name for name in TARGETS))
 
 
 def kinds_of_outputs(generated: Path) -> dict[str, tuple[OutputKind, ...]]:

@@ -200,6 +200,21 @@ def test_names_of_options_that_differ_from_those_at_generation(
     assert run("verify", lone_folder, "-q", "-n", 50, *other, *options) == 0
 
 
+def test_names_in_folders_that_are_no_targets_are_nobodys_matter(lone_folder, tmp_path, monkeypatch):
+    """An older text that was put aside, as iec_old, refused the text beside it."""
+    monkeypatch.chdir(tmp_path)
+    assert run(lone_folder, "-q", "--target", "iec", "--block-name", "Old") == 0
+    (tmp_path / "generated" / "iec").rename(tmp_path / "generated" / "iec_old")
+    assert run(lone_folder, "-q", "--target", "iec") == 0
+    assert run("verify", lone_folder, "-q", "-n", 50) == 0
+
+
+def test_a_default_of_classifiers_is_none_of_the_command_line(lone_folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (lone_folder / "st-codegen.toml").write_text('[build]\noutputs = "class,probability"\n')
+    assert run(lone_folder, "-q", "--target", "iec") == 0
+
+
 @pytest.mark.parametrize("name", ["unfitted", "dbscan", "dictionary"])
 def test_estimators(name, tmp_path, capsys):
     skops, joblib = pytest.importorskip("skops.io"), pytest.importorskip("joblib")

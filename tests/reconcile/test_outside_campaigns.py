@@ -210,6 +210,8 @@ def test_where_runs_are_few_nothing_was_found_but_large_things():
     result = reconcile_observations(RIG, bad, KNOWN)
     assert {int(data.number_of_run[row]) for row, _ in result.noise.suspects} == {7}
     assert verdict_text(result).endswith("in the differences; a run that seems bad is left out.")
+    one = replace(result, noise=replace(result.noise, suspects=result.noise.suspects[:1]))
+    assert verdict_text(one).endswith("; a curve that seems bad is left out.")
 
 
 @pytest.fixture(scope="module")

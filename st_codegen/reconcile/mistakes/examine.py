@@ -112,14 +112,17 @@ def examine(
         with problems.collect():
             check_units(whole, rig, path)
     # what a filter has taken from single runs says nothing of their labels
-    runs = [] if any(mistake.name == "filter" for mistake in found) else mistaken_runs(data, rig) or []
+    is_filtered = any(mistake.name == "filter" for mistake in found)
+    runs = [] if is_filtered else mistaken_runs(data, rig) or []
     if problems.errors:
         # what concerns single runs is told in the same message
         for mistake in runs:
             problems.add(f"{mistake.text} (they will be left out)")
     problems.raise_if_any()
     left_out = tuple(sorted({row for mistake in runs for row in mistake.rows}))
-    untold = (_UNTOLD,) if data.both_directions() and not is_told else hidden_labels(data, rig)
+    untold = (_UNTOLD,) if data.both_directions() and not is_told else () if is_filtered else hidden_labels(data, rig)
+    if is_filtered:
+        untold += (_UNLABELLED,)
     if all(mistake.name != "axis" for mistake in found):
         untold += hidden_wrong_angle(whole, rig)
     return Examined(data, (*found, *runs), left_out, untold)
@@ -421,6 +424,9 @@ _UNTOLD = (
     f"fewer than {SETTINGS.least_votes} orders of the rig stand above the noise in both directions: exchanged "
     "directions, another sign, another zero of the angle, or a factor on one column cannot be told from an effect, nor "
     "a run that carries the label of another one from noise"
+)
+_UNLABELLED = (
+    "what a filter took from single runs looks like another label: whether runs carry that of another one was not asked"
 )
 _DIRECTION = (
     "forward and backward seem to be exchanged: each direction of the data agrees with the other one of the rig"

@@ -78,27 +78,34 @@ def hidden_labels(data: Observations, rig: RigModel) -> tuple[str, ...]:
             "single one: runs that carry the label of another one, or a factor of their own, cannot be told from "
             "effects, and few of them may be noticed",
         )
-    usual, limit = _usual_and_limit(asked, np.ones(len(data), bool))
-    # the rows of runs that have all directions, one of each, in the same order
-    signs = np.unique(data.at.sign)
-    runs = [rows[np.argsort(data.at.sign[rows])] for rows in data.runs if len(rows) == len(signs)]
-    alike = [rows for rows in runs if (data.at.sign[rows] == signs).all()]
-    if len(alike) < 2:
-        return ()
-    of = np.array(alike)[np.linspace(0, len(alike) - 1, min(len(alike), SETTINGS.labels_tried)).astype(int)]
-    gain = asked.weight[of][:, None] * np.abs(asked.known[of][:, None] - asked.known[of][None]) ** 2
-    by_order = gain.sum(axis=2)
-    told = usual + gain.sum(axis=3).min(axis=2) > limit
-    told &= by_order.sum(axis=2) - by_order.max(axis=2) > SETTINGS.order_gain
-    labels = np.stack([axis[of[:, 0]] for axis in data.at.axes], axis=1)
-    others = (labels[:, None] != labels[None]).any(axis=2)
-    hidden, tried = int((others & ~told).sum()), int(others.sum())
+    hidden, tried = _exchanges(asked)
     if 2 * hidden <= tried:
         return ()
     return (
-        f"in this noise {100.0 * hidden / tried:.0f} % of exchanges of two runs' labels would not show: what the rig "
-        "expects of the two differs too little",
+        f"in this noise at least about {100 * hidden // tried} % of runs with the label of another one would not be "
+        "noticed: what the rig expects of the two differs too little",
     )
+
+
+def _exchanges(asked: _Asked) -> tuple[int, int]:
+    """How many runs would hardly be noticed under the label of another one, of so many pairs that were tried."""
+    data = asked.data
+    usual, limit = _usual_and_limit(asked, np.ones(len(data), bool))
+    by_directions: dict[tuple[float, ...], list[IntArray]] = {}
+    for run in data.runs:
+        rows = run[np.argsort(data.at.sign[run], kind="stable")]
+        by_directions.setdefault(tuple(data.at.sign[rows].tolist()), []).append(rows)
+    hidden = tried = 0
+    for runs in by_directions.values():
+        of = np.array(runs)[np.linspace(0, len(runs) - 1, min(len(runs), SETTINGS.labels_tried)).astype(int)]
+        gain = asked.weight[of][:, None] * np.abs(asked.known[of][:, None] - asked.known[of][None]) ** 2
+        by_order = gain.sum(axis=2)
+        told = usual + gain.sum(axis=3).min(axis=2) > limit
+        told &= by_order.sum(axis=2) - by_order.max(axis=2) > SETTINGS.order_gain
+        labels = np.stack([axis[of[:, 0]] for axis in data.at.axes], axis=1)
+        others = (labels[:, None] != labels[None]).any(axis=2)
+        hidden, tried = hidden + int((others & ~told).sum()), tried + int(others.sum())
+    return hidden, tried
 
 
 def _turned_over(data: Observations, rig: RigModel, seen: BoolArray) -> list[Mistake]:

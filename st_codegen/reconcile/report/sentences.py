@@ -62,8 +62,11 @@ def verdict_text(result: Reconciliation) -> str:
         return text
     also = [_hidden(result)]
     rows = {row for row, _ in result.noise.suspects}.union(*(mistake.rows for mistake in result.mistakes))
-    if bad := len({int(result.data.number_of_run[row]) for row in rows}):
-        also.append("a run that seems bad is left out" if bad == 1 else f"{bad} runs that seem bad are left out")
+    if rows:
+        runs = {int(result.data.number_of_run[row]) for row in rows}
+        whole = len(rows) == np.isin(result.data.number_of_run, list(runs)).sum()
+        bad, what = (len(runs), "run") if whole else (len(rows), "curve")
+        also.append(f"a {what} that seems bad is left out" if bad == 1 else f"{bad} {what}s that seem bad are left out")
     return "; ".join([text.removesuffix("."), *filter(None, also)]) + "."
 
 
@@ -510,15 +513,22 @@ def _defect(effect: Effect, result: Reconciliation) -> str:
 
 def _burst(effect: Effect, result: Reconciliation) -> str:
     centre, width = effect.scalar("centre_deg") % 360, 2 * effect.scalar("width_deg")
-    at = result.data.at
-    wave = np.abs(
-        effect.complex_at("amplitude_deg", at) + effect.complex_at("slope_deg_per_kNm", at) * at.torque_Nm / 1e3
+    at, sizes, follows = result.data.at.rows(result.noise.good), [], False
+    for sign, name in ((1.0, "forward"), (-1.0, "backward")):
+        there = at.rows(at.sign == sign)
+        if not len(there):
+            continue
+        load = effect.complex_at("slope_deg_per_kNm", there) * there.torque_Nm / 1000.0
+        wave = np.abs(effect.complex_at("amplitude_deg", there) + load)
+        sizes.append(f"{wave.mean():.2g} deg {name}")
+        follows |= bool(np.ptp(wave) > 0.5 * wave.max())
+    where = (
+        f"at {centre:.1f} deg of the output, over about {width:.1f} deg, in the mean of the runs by {', '.join(sizes)}"
     )
-    grows = "slope_deg_per_kNm" in effect.values or f"{BACKWARD}slope_deg_per_kNm" in effect.values
-    least = f" where it is most and {wave.min():.2g} deg where it is least (it follows the load)" if grows else ""
-    size = f"{wave.max():.2g} deg{least}"
-    where = f"at {centre:.1f} deg of the output, over about {width:.1f} deg, by {size}"
-    return f"mesh order {effect.orders[0]} is another {where}, as damaged teeth or pins make it"
+    return (
+        f"mesh order {effect.orders[0]} is another {where}{', and follows the load' if follows else ''}, as damaged "
+        "teeth or pins make it"
+    )
 
 
 def _size(effect: Effect) -> float:

@@ -298,7 +298,7 @@ def at_nobodys_expense(without: Fit, with_it: Fit, number: int) -> bool:
     effect = with_it.state.pieces[number].effect
     if not effect.least_foreign:
         return False
-    power = ((np.abs(with_it.residual) ** 2 - np.abs(without.residual) ** 2)[with_it.target.good]).sum(axis=0)
+    power = (with_it.target.counts * (np.abs(with_it.residual) ** 2 - np.abs(without.residual) ** 2)).sum(axis=0)
     of_its_form = np.isin(with_it.target.data.orders, effect.touched_orders())
     worse = np.maximum(power, 0.0)
     return bool(change[~of_its_form].max(initial=0.0) < allowed and worse.sum() < SETTINGS.left_of_place * -power.sum())

@@ -246,7 +246,7 @@ WORDS: dict[str, tuple[str, ...]] = {
 HIDDEN: dict[str, tuple[str, ...]] = {
     "eccentric_angle": ("read wrong",),
     "drift": ("wanders within a turn",),
-    "labels": ("label of another one", "two runs' labels"),
+    "labels": ("label of another",),
     "block": ("factor of their own",),
 }
 #: effects that are the truth of a mistake, and known effects whose parameters it truly changes
