@@ -369,7 +369,10 @@ class _Registry(Generic[_Result]):
                         "models of XGBoost give them, and scikit-learn computes in float32 with them: use "
                         "dtype='float64', or passthrough=True in a stack"
                     )
-                return walker(estimator if names[0][0] else Fitted(estimator), builder, value)
+                result = walker(estimator if names[0][0] else Fitted(estimator), builder, value)
+                if isinstance(result, int) and not builder.width(result):
+                    raise UnsupportedModelError(f"{type(estimator).__name__} keeps no column")
+                return result
 
             _TRUSTED.update(trusts)
             for package, _, name in names:

@@ -10,6 +10,7 @@ pytest.importorskip("sklearn")
 from sklearn import (
     cross_decomposition,
     discriminant_analysis,
+    dummy,
     ensemble,
     linear_model,
     multiclass,
@@ -272,8 +273,11 @@ def test_the_nearest_centre_by_the_manhattan_distance(tmp_path):
 
 
 def test_what_does_not_say_how_many_features_it_takes_is_not_called_unfitted():
-    with pytest.raises(InputError, match=r"^SVC does not say how many features it takes: fit it on numbers"):
+    said = "does not say how many features it takes: fit it on an array of numbers"
+    with pytest.raises(InputError, match=rf"^SVC {said}, with a kernel of sklearn$"):
         loaded(svm.SVC(kernel=lambda a, b: a @ b.T).fit(X, TWO))
+    with pytest.raises(InputError, match=rf"^DummyClassifier {said}$"):
+        loaded(dummy.DummyClassifier().fit(None, TWO))
     with pytest.raises(InputError, match=r"^SVC is not fitted: call fit"):
         loaded(svm.SVC())
     with pytest.raises(UnsupportedModelError, match="CountVectorizer is not supported"):

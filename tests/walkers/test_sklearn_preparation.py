@@ -362,7 +362,8 @@ def test_quantiles_of_one_number(x, tmp_path):
 @pytest.mark.parametrize(
     ("estimator", "x", "message"),
     [
-        (decomposition.PCA(0), X, "PCA keeps no component"),
+        (decomposition.PCA(0), X, "PCA keeps no column"),
+        (decomposition.KernelPCA(), X * 0.0, "KernelPCA keeps no column"),
         (GaussianNB(priors=[0.5, 0.5, 0.0]), X, "class number 2 has a prior of 0"),
         (RobustScaler(quantile_range=(0, 100), unit_variance=True), X, "RobustScaler divides by 0"),
         (HistGradientBoostingRegressor(max_iter=3), INFINITE, "a split at -infinity, as training data with infinities"),
