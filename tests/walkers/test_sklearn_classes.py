@@ -14,6 +14,7 @@ from sklearn import (
     ensemble,
     linear_model,
     multiclass,
+    multioutput,
     naive_bayes,
     neighbors,
     svm,
@@ -182,7 +183,7 @@ def test_a_row_on_the_border_is_open_and_not_wrong(tmp_path):
 @pytest.mark.parametrize(
     ("estimator", "y", "message"),
     [
-        (tree.DecisionTreeClassifier(), np.column_stack([TWO, THREE + 1]), "labels .1 2 3., .. beside other outputs"),
+        (tree.DecisionTreeClassifier(), np.column_stack([WORDS, WORDS]), "labels .'.*, .. beside other outputs"),
         (neighbors.NearestCentroid(priors=[0.1, 0.9]), TWO, r"metric='euclidean' and priors .0\.1 0\.9."),
         (svm.SVC(kernel="precomputed"), TWO, "kernel=precomputed"),
     ],
@@ -220,6 +221,26 @@ def test_several_labels_a_row_are_outputs_of_numbers(name, tmp_path):
     assert model.ir.exact or not by_trees
     verified(model, tmp_path, rows=300)
     if by_trees:
+        assert prove(Bundle((model,)), tmp_path).proved
+
+
+NUMBERED = {
+    "tree": tree.DecisionTreeClassifier(max_depth=4, random_state=0),
+    "one an output": multioutput.MultiOutputClassifier(linear_model.LogisticRegression()),
+    "chain": multioutput.ClassifierChain(tree.DecisionTreeClassifier(max_depth=3, random_state=0)),
+}
+
+
+@pytest.mark.parametrize("name", NUMBERED)
+def test_labels_beside_others_are_any_whole_numbers(name, tmp_path):
+    labels = np.column_stack([2 * TWO - 1, np.array([7, -3, 40])[THREE], np.full(len(X), 5)])
+    columns = slice(0, 2 if name == "one an output" else 3)  # LogisticRegression takes no single label
+    model = loaded(fit(NUMBERED[name], X, labels[:, columns]))
+    library, found = model.predict(X), reference.evaluate(model.ir, X)
+    assert np.array_equal(library, found) and set(found[:, 1]) == {7, -3, 40}
+    assert model.ir.exact == (name != "one an output")
+    verified(model, tmp_path, rows=300)
+    if name == "tree":
         assert prove(Bundle((model,)), tmp_path).proved
 
 
