@@ -491,7 +491,13 @@ def is_known(package: str, name: str) -> bool:
 _NEAR = {
     "GaussianProcessClassifier": "SVC with kernel='rbf'",
     "IterativeImputer": "SimpleImputer and KNNImputer",
-    "SparsePCA": "PCA",
+    "LabelBinarizer": "OneHotEncoder for inputs (labels of scikit-learn's classifiers need none)",
+    "LabelEncoder": "OrdinalEncoder for inputs (labels of scikit-learn's classifiers need none)",
+    **dict.fromkeys(("DictionaryLearning", "MiniBatchDictionaryLearning", "MiniBatchNMF", "NMF", "SparsePCA"), "PCA"),
+    **dict.fromkeys(
+        ("AgglomerativeClustering", "DBSCAN", "HDBSCAN", "OPTICS", "SpectralClustering"),
+        "KMeans (this one labels no new rows in scikit-learn either)",
+    ),
 }
 
 
