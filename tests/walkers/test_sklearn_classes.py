@@ -293,6 +293,13 @@ def test_the_nearest_centre_by_the_manhattan_distance(tmp_path):
     verified(model, tmp_path, rows=300)
 
 
+def test_a_discriminant_of_one_class_has_no_probability(tmp_path):
+    """Its predict_proba raises."""
+    model = loaded(fit(discriminant_analysis.LinearDiscriminantAnalysis(), X, np.ones(len(X))))
+    assert model.ir.kinds == ("class", "decision") and np.array_equal(model.predict(X), np.zeros((len(X), 2)))
+    verified(model, tmp_path, rows=300)
+
+
 def test_what_does_not_say_how_many_features_it_takes_is_not_called_unfitted():
     said = "does not say how many features it takes: fit it on an array of numbers"
     with pytest.raises(InputError, match=rf"^SVC {said}, with a kernel of sklearn$"):

@@ -93,6 +93,7 @@ def walk_linear_classifier(fitted: Fitted, builder: GraphBuilder, value: int) ->
             f"{counted(len(labels), 'class', 'classes')}: train one for each"
         )
     logistic = fitted.kind in ("LogisticRegression", "LogisticRegressionCV", "LinearDiscriminantAnalysis")
+    logistic &= len(labels) > 1  # of one class predict_proba raises
     loss = fitted.estimator.loss if fitted.kind == "SGDClassifier" else ""
     probability = None
     if logistic and count > 1:
