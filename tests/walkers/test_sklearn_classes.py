@@ -293,6 +293,19 @@ def test_the_nearest_centre_by_the_manhattan_distance(tmp_path):
     verified(model, tmp_path, rows=300)
 
 
+@pytest.mark.parametrize("kind", ["BernoulliNB", "CategoricalNB", "ComplementNB", "MultinomialNB"])
+def test_a_class_of_rows_without_weight_is_named_where_it_is_never_predicted(kind, tmp_path):
+    x = np.digitize(X, [-1.0, 0.0, 1.0]).astype(float)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        estimator = getattr(naive_bayes, kind)().fit(x, THREE, sample_weight=(THREE != 1).astype(float))
+    if kind == "ComplementNB":  # which reads no priors
+        verified(loaded(estimator), tmp_path, rows=300)
+        return
+    with pytest.raises(UnsupportedModelError, match=f"^{kind}: class number 1 has a prior of 0, so that it is never"):
+        loaded(estimator)
+
+
 def test_a_discriminant_of_one_class_has_no_probability(tmp_path):
     """Its predict_proba raises."""
     model = loaded(fit(discriminant_analysis.LinearDiscriminantAnalysis(), X, np.ones(len(X))))
