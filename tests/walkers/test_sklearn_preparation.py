@@ -556,3 +556,16 @@ def test_rows_are_tried_that_encoders_of_several_columns_take(tmp_path):
     model = loaded(fit(make_pipeline(OneHotEncoder(), DecisionTreeClassifier(max_depth=4)), codes, THREE))
     report = verified(model, tmp_path, rows=600)
     assert report.exact and report.unanswered < 0.7 * report.n
+
+
+def test_an_encoder_of_many_categories_is_asked_about_many_at_once(monkeypatch):
+    x = np.arange(3000.0)[:, None]
+    encoder = OrdinalEncoder().fit(x)
+    transform, calls = OrdinalEncoder.transform, []
+    monkeypatch.setattr(
+        OrdinalEncoder, "transform", lambda self, rows: calls.append(len(rows)) or transform(self, rows)
+    )
+    model = loaded(encoder)
+    assert len(calls) < 40
+    assert np.array_equal(reference.evaluate(model.ir, x)[:, 0], x[:, 0])
+    assert np.isnan(reference.evaluate(model.ir, np.array([[3000.0], [0.5], [-1.0]]))).all()
