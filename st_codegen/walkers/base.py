@@ -369,7 +369,10 @@ class _Registry(Generic[_Result]):
                         "models of XGBoost give them, and scikit-learn computes in float32 with them: use "
                         "dtype='float64', or passthrough=True in a stack"
                     )
-                return walker(estimator if names[0][0] else Fitted(estimator), builder, value)
+                result = walker(estimator if names[0][0] else Fitted(estimator), builder, value)
+                if isinstance(result, int) and not builder.width(result):
+                    raise UnsupportedModelError(f"{type(estimator).__name__} keeps no column")
+                return result
 
             _TRUSTED.update(trusts)
             for package, _, name in names:
@@ -488,7 +491,13 @@ def is_known(package: str, name: str) -> bool:
 _NEAR = {
     "GaussianProcessClassifier": "SVC with kernel='rbf'",
     "IterativeImputer": "SimpleImputer and KNNImputer",
-    "SparsePCA": "PCA",
+    "LabelBinarizer": "OneHotEncoder for inputs (labels of scikit-learn's classifiers need none)",
+    "LabelEncoder": "OrdinalEncoder for inputs (labels of scikit-learn's classifiers need none)",
+    **dict.fromkeys(("DictionaryLearning", "MiniBatchDictionaryLearning", "MiniBatchNMF", "NMF", "SparsePCA"), "PCA"),
+    **dict.fromkeys(
+        ("AgglomerativeClustering", "DBSCAN", "HDBSCAN", "OPTICS", "SpectralClustering"),
+        "KMeans (this one labels no new rows in scikit-learn either)",
+    ),
 }
 
 

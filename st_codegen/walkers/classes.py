@@ -48,6 +48,23 @@ def numbers_of(labels: tuple[Label, ...], found: Iterable[Any]) -> FloatArray:
         raise InputError(f"the library answers with the label {error}, which the model does not list") from None
 
 
+def numbered(builder: GraphBuilder, index: int, labels: Iterable[Any], kind: str) -> int:
+    """The label itself, a whole number, of the number of a class that is one of several outputs.
+
+    It is the first label and the steps up to it. Raises UnsupportedModelError for other labels, such as texts.
+    """
+    given = [label_of(label) for label in labels]
+    if given == list(range(len(given))):
+        return index
+    if not all(isinstance(label, int | float) and label % 1 == 0 and abs(label) < 2**31 for label in given):
+        raise UnsupportedModelError(
+            f"{kind} with labels {tuple(given[:3])}, .. beside other outputs: encode them as whole numbers"
+        )
+    steps = np.diff(np.array(given, np.float64), append=given[-1])
+    reached = builder.add(Exceeds((builder.select([0] * len(given), index),), np.arange(0.5, len(given))))
+    return whole_sums(builder, reached, steps[None, :], np.array([given[0]], np.float64))
+
+
 def largest(builder: GraphBuilder, scores: int) -> int:
     """The number of the largest column, the first of equal ones (`numpy.argmax`)."""
     return builder.add(ArgMax((scores,), builder.width(scores)))

@@ -94,7 +94,7 @@ REFUSED = {
             lambda: svm.SVR(kernel="precomputed").fit(X @ X.T, SCORE),
             "kernel=precomputed",
         ),
-        "support vectors and neighbours that were fitted on a sparse matrix": (
+        "neighbours that were fitted on a sparse matrix": (
             lambda: neighbors.KNeighborsRegressor(3).fit(sparse.csr_matrix(X), SCORE),
             "was fitted on a sparse matrix",
         ),
@@ -155,9 +155,9 @@ REFUSED = {
             lambda: dummy.DummyClassifier(strategy="stratified").fit(X, TWO),
             "draws its answers at random",
         ),
-        "labels other than 0, 1, .. of several outputs": (
-            lambda: tree.DecisionTreeClassifier().fit(X, LABELS + 1),
-            "beside other outputs: encode them as 0, 1, ..",
+        "labels of several outputs that are no whole numbers": (
+            lambda: tree.DecisionTreeClassifier().fit(X, LABELS.astype(str)),
+            "beside other outputs: encode them as whole numbers",
         ),
     },
     "LightGBM": {

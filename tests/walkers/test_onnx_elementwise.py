@@ -444,8 +444,22 @@ def test_thresholds_and_categories(tmp_path):
         near = [value + step for value in (-3.0, -2.0, -1.0, 0.0, 1.0, 3.0, 4.0, 7.0, 8.0) for step in (0.0, 0.5, -0.5)]
         x = build.special_rows(2, near, np.random.default_rng(11), n=300)
         agree(loaded, x[np.all(np.abs(x) < 1e9, axis=1)])
-    with pytest.raises(UnsupportedModelError, match="fails on an unknown category"):
-        build.load(ml("OneHotEncoder", 2, cats_int64s=[1], zeros=0), tmp_path)
+
+
+@pytest.mark.parametrize("elem_type", [FLOAT, DOUBLE, INT64])
+def test_categories_without_which_a_row_has_no_answer(tmp_path, elem_type):
+    """With zeros=0 onnxruntime fails on an unknown category; so skl2onnx writes what is not told to ignore it."""
+    categories = [3, -2, 4, 7]
+    loaded = build.load(ml("OneHotEncoder", 2, elem_type, cats_int64s=categories, zeros=0), tmp_path)
+    assert loaded.ir.exact
+    near = [value + step for value in (-4, -2, 0, 3, 4, 5, 7, 8) for step in (0.0, 0.5, -0.5, 1e-9, -1e-9)]
+    x = np.array([[one, other] for one in near for other in near])
+    ours = reference.evaluate(loaded.ir, x)
+    known = np.isin(np.trunc(x.astype(np.float32) if elem_type == FLOAT else x), categories).all(axis=1)
+    assert np.array_equal(np.isfinite(ours).all(axis=1), known) and known.any()
+    assert np.array_equal(ours[known], loaded.predict(x[known]))
+    with pytest.raises(InputError, match="Unknown Category"):
+        loaded.predict(x[~known][:1])
 
 
 def test_labels_encoded(tmp_path):

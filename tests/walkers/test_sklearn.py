@@ -21,7 +21,7 @@ from sklearn.ensemble import (  # noqa: E402
 from sklearn.linear_model import ElasticNet, Lasso, LinearRegression, LogisticRegression, Ridge  # noqa: E402
 from sklearn.multioutput import MultiOutputRegressor  # noqa: E402
 from sklearn.neural_network import MLPRegressor  # noqa: E402
-from sklearn.pipeline import make_pipeline  # noqa: E402
+from sklearn.pipeline import FeatureUnion, make_pipeline  # noqa: E402
 from sklearn.preprocessing import (  # noqa: E402
     FunctionTransformer,
     MaxAbsScaler,
@@ -291,10 +291,21 @@ class _Own(BaseEstimator):
         return self
 
 
+class _Plain(BaseEstimator):
+    """One of the many that do not say how many features they take."""
+
+    def fit(self, x, y=None):
+        return self
+
+    def transform(self, x):
+        return x
+
+
 @pytest.mark.parametrize(
     ("estimator", "reason"),
     [
         (make_pipeline(StandardScaler(), _Own()), ".*_Own is not supported"),
+        (FeatureUnion([("own", _Plain())]), r"^tests._Plain is not supported"),
         (SVR(kernel="precomputed", max_iter=10), "kernel=precomputed"),
         (make_pipeline(FunctionTransformer(np.arctan), Ridge()), "func=arctan: a function that is not compiled"),
         (
@@ -311,7 +322,7 @@ class _Own(BaseEstimator):
             "init=LogisticRegression: supported are",
         ),
     ],
-    ids=["own class", "precomputed", "tan", "limits in lists", "clip by a rule", "lambda", "init"],
+    ids=["own class", "own class alone", "precomputed", "tan", "limits in lists", "clip by a rule", "lambda", "init"],
 )
 def test_unsupported_models_are_named(estimator, reason):
     y = np.median(Y) < Y if isinstance(estimator, GradientBoostingClassifier) else Y

@@ -13,6 +13,7 @@ pytest.importorskip("sklearn")
 pytest.importorskip("xgboost")
 
 import xgboost
+from scipy.sparse import csc_matrix, csr_matrix
 from sklearn import ensemble, linear_model, multiclass, multioutput
 from sklearn.calibration import CalibratedClassifierCV
 from sklearn.compose import ColumnTransformer, TransformedTargetRegressor
@@ -33,10 +34,10 @@ from sklearn.preprocessing import (
     RobustScaler,
     StandardScaler,
 )
-from sklearn.svm import SVR
+from sklearn.svm import SVC, SVR, NuSVR, OneClassSVM
 from sklearn.tree import DecisionTreeRegressor
 
-from st_codegen.errors import UnsupportedModelError
+from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import reference
 from st_codegen.proof import bounds
 from tests.classifiers import SCORE, THREE, TWO, X, loaded, verified
@@ -239,6 +240,33 @@ def test_numbers_in_a_sparse_matrix_are_refused_in_front_of_xgboost(estimator):
     y = THREE_NUMBERS if isinstance(estimator[-1], multioutput.RegressorChain) else SCORE
     with pytest.raises(UnsupportedModelError, match=r"XGBRegressor.* sparse matrix.*sparse_threshold=0"):
         loaded(fit(estimator, CODES, y))
+
+
+SOME_ZEROS = np.where(np.abs(X) < 1.0, 0.0, X)
+MACHINES = {
+    "categories": (make_pipeline(OneHotEncoder(), SVC(kernel="poly", degree=2, decision_function_shape="ovo")), CODES),
+    "radial": (SVC(break_ties=True), csc_matrix(SOME_ZEROS)),
+    "linear": (NuSVR(kernel="linear"), csr_matrix(SOME_ZEROS)),
+    "sigmoid": (SVR(kernel="sigmoid", gamma=0.1), csr_matrix(SOME_ZEROS)),
+    "constant": (SVR(epsilon=100.0), csr_matrix(SOME_ZEROS)),
+    "one class": (OneClassSVM(), csr_matrix(SOME_ZEROS)),
+}
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_machines_that_were_fitted_on_a_sparse_matrix(name, tmp_path):
+    estimator, x = MACHINES[name]
+    model = loaded(fit(estimator, x, THREE))
+    verified(model, tmp_path / "out", target="iec", rows=300)
+
+
+@pytest.mark.parametrize("name", ["support_vectors_", "_dual_coef_"])
+@pytest.mark.parametrize("changed", [lambda matrix: matrix.toarray(), csc_matrix, lambda matrix: matrix[:, ::-1]])
+def test_machines_whose_sparse_matrices_are_not_as_fit_makes_them_are_refused(name, changed):
+    machine = SVR(kernel="linear").fit(csr_matrix(SOME_ZEROS), SCORE)
+    setattr(machine, name, changed(getattr(machine, name)))
+    with pytest.raises(InputError, match="the model was changed after it was fitted, or is damaged"):
+        loaded(machine)
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,11 @@ pytest.importorskip("sklearn")
 from sklearn import (
     cross_decomposition,
     discriminant_analysis,
+    dummy,
     ensemble,
     linear_model,
     multiclass,
+    multioutput,
     naive_bayes,
     neighbors,
     svm,
@@ -181,7 +183,7 @@ def test_a_row_on_the_border_is_open_and_not_wrong(tmp_path):
 @pytest.mark.parametrize(
     ("estimator", "y", "message"),
     [
-        (tree.DecisionTreeClassifier(), np.column_stack([TWO, THREE + 1]), "labels .1 2 3., .. beside other outputs"),
+        (tree.DecisionTreeClassifier(), np.column_stack([WORDS, WORDS]), "labels .'.*, .. beside other outputs"),
         (neighbors.NearestCentroid(priors=[0.1, 0.9]), TWO, r"metric='euclidean' and priors .0\.1 0\.9."),
         (svm.SVC(kernel="precomputed"), TWO, "kernel=precomputed"),
     ],
@@ -219,6 +221,26 @@ def test_several_labels_a_row_are_outputs_of_numbers(name, tmp_path):
     assert model.ir.exact or not by_trees
     verified(model, tmp_path, rows=300)
     if by_trees:
+        assert prove(Bundle((model,)), tmp_path).proved
+
+
+NUMBERED = {
+    "tree": tree.DecisionTreeClassifier(max_depth=4, random_state=0),
+    "one an output": multioutput.MultiOutputClassifier(linear_model.LogisticRegression()),
+    "chain": multioutput.ClassifierChain(tree.DecisionTreeClassifier(max_depth=3, random_state=0)),
+}
+
+
+@pytest.mark.parametrize("name", NUMBERED)
+def test_labels_beside_others_are_any_whole_numbers(name, tmp_path):
+    labels = np.column_stack([2 * TWO - 1, np.array([7, -3, 40])[THREE], np.full(len(X), 5)])
+    columns = slice(0, 2 if name == "one an output" else 3)  # LogisticRegression takes no single label
+    model = loaded(fit(NUMBERED[name], X, labels[:, columns]))
+    library, found = model.predict(X), reference.evaluate(model.ir, X)
+    assert np.array_equal(library, found) and set(found[:, 1]) == {7, -3, 40}
+    assert model.ir.exact == (name != "one an output")
+    verified(model, tmp_path, rows=300)
+    if name == "tree":
         assert prove(Bundle((model,)), tmp_path).proved
 
 
@@ -271,9 +293,32 @@ def test_the_nearest_centre_by_the_manhattan_distance(tmp_path):
     verified(model, tmp_path, rows=300)
 
 
+@pytest.mark.parametrize("kind", ["BernoulliNB", "CategoricalNB", "ComplementNB", "MultinomialNB"])
+def test_a_class_of_rows_without_weight_is_named_where_it_is_never_predicted(kind, tmp_path):
+    x = np.digitize(X, [-1.0, 0.0, 1.0]).astype(float)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        estimator = getattr(naive_bayes, kind)().fit(x, THREE, sample_weight=(THREE != 1).astype(float))
+    if kind == "ComplementNB":  # which reads no priors
+        verified(loaded(estimator), tmp_path, rows=300)
+        return
+    with pytest.raises(UnsupportedModelError, match=f"^{kind}: class number 1 has a prior of 0, so that it is never"):
+        loaded(estimator)
+
+
+def test_a_discriminant_of_one_class_has_no_probability(tmp_path):
+    """Its predict_proba raises."""
+    model = loaded(fit(discriminant_analysis.LinearDiscriminantAnalysis(), X, np.ones(len(X))))
+    assert model.ir.kinds == ("class", "decision") and np.array_equal(model.predict(X), np.zeros((len(X), 2)))
+    verified(model, tmp_path, rows=300)
+
+
 def test_what_does_not_say_how_many_features_it_takes_is_not_called_unfitted():
-    with pytest.raises(InputError, match=r"^SVC does not say how many features it takes: fit it on numbers"):
+    said = "does not say how many features it takes: fit it on an array of numbers"
+    with pytest.raises(InputError, match=rf"^SVC {said}, with a kernel of sklearn$"):
         loaded(svm.SVC(kernel=lambda a, b: a @ b.T).fit(X, TWO))
+    with pytest.raises(InputError, match=rf"^DummyClassifier {said}$"):
+        loaded(dummy.DummyClassifier().fit(None, TWO))
     with pytest.raises(InputError, match=r"^SVC is not fitted: call fit"):
         loaded(svm.SVC())
     with pytest.raises(UnsupportedModelError, match="CountVectorizer is not supported"):

@@ -124,6 +124,7 @@ WITHIN = {
     },
     "linear one class": (SGDOneClassSVM(nu=0.2, random_state=0), None),
     "threshold of a score": (FixedThresholdClassifier(LinearSVC(), threshold=0.4, pos_label=False), TWO),
+    "chain of other labels": (multioutput.ClassifierChain(GaussianNB(), chain_method="predict_proba"), 2 + LABELS),
     "chain of machines": (multioutput.ClassifierChain(LinearSVC(), chain_method="decision_function"), LABELS),
     "mixture": (mixture.GaussianMixture(3, random_state=0), None),
     "tied mixture": (mixture.GaussianMixture(2, covariance_type="tied", random_state=0), None),
@@ -242,11 +243,6 @@ def test_the_text_of_compositions(name, tmp_path):
             multioutput.ClassifierChain(GaussianNB(), chain_method="predict_log_proba"),
             LABELS,
             "by the predict_log_proba",
-        ),
-        (
-            multioutput.ClassifierChain(GaussianNB(), chain_method="predict_proba"),
-            2 + LABELS,
-            "encode them as 0, 1, ..",
         ),
     ],
 )

@@ -362,7 +362,8 @@ def test_quantiles_of_one_number(x, tmp_path):
 @pytest.mark.parametrize(
     ("estimator", "x", "message"),
     [
-        (decomposition.PCA(0), X, "PCA keeps no component"),
+        (decomposition.PCA(0), X, "PCA keeps no column"),
+        (decomposition.KernelPCA(), X * 0.0, "KernelPCA keeps no column"),
         (GaussianNB(priors=[0.5, 0.5, 0.0]), X, "class number 2 has a prior of 0"),
         (RobustScaler(quantile_range=(0, 100), unit_variance=True), X, "RobustScaler divides by 0"),
         (HistGradientBoostingRegressor(max_iter=3), INFINITE, "a split at -infinity, as training data with infinities"),
@@ -566,3 +567,16 @@ def test_rows_are_tried_that_encoders_of_several_columns_take(tmp_path):
     model = loaded(fit(make_pipeline(OneHotEncoder(), DecisionTreeClassifier(max_depth=4)), codes, THREE))
     report = verified(model, tmp_path, rows=600)
     assert report.exact and report.unanswered < 0.7 * report.n
+
+
+def test_an_encoder_of_many_categories_is_asked_about_many_at_once(monkeypatch):
+    x = np.arange(3000.0)[:, None]
+    encoder = OrdinalEncoder().fit(x)
+    transform, calls = OrdinalEncoder.transform, []
+    monkeypatch.setattr(
+        OrdinalEncoder, "transform", lambda self, rows: calls.append(len(rows)) or transform(self, rows)
+    )
+    model = loaded(encoder)
+    assert len(calls) < 40
+    assert np.array_equal(reference.evaluate(model.ir, x)[:, 0], x[:, 0])
+    assert np.isnan(reference.evaluate(model.ir, np.array([[3000.0], [0.5], [-1.0]]))).all()

@@ -241,7 +241,7 @@ def _whole(call: NodeCall) -> Operand:
 # --- choices -------------------------------------------------------------------------------------------------------
 
 
-@operator("Max Min", 8, 12, 13)
+@operator("Max Min", 6, 8, 12, 13)
 def _extreme(call: NodeCall) -> Operand:
     code = Operator.MAXIMUM if call.node.op_type == "Max" else Operator.MINIMUM
     found = call.required()

@@ -133,8 +133,8 @@ def operator(names: str, *versions: int, domain: str = "") -> Callable[[Handler]
 class GraphWalk:
     """One walk through a graph; `values` holds the tensors by name, None for what could not be computed or is left out.
 
-    `zipped` has the labels of outputs that are maps from labels to numbers, `notes` what the user has to know. `rounds`
-    counts those of all loops.
+    `zipped` has the labels of outputs that are maps from labels to numbers, `notes` what the user has to know. `takes`
+    has the numbers of features of which onnxruntime takes no others. `rounds` counts those of all loops.
     """
 
     def __init__(self, n_features: int) -> None:
@@ -142,6 +142,7 @@ class GraphWalk:
         self.values: dict[str, Operand | None] = {}
         self.zipped: dict[str, tuple[ir.Label, ...]] = {}
         self.notes: list[str] = []
+        self.takes: dict[int, ir.FloatArray] = {}
         self.opsets: dict[str, int] = {}
         self.narrows = False
         self.rounds = 0

@@ -240,19 +240,36 @@ def _one_hot_encoder(call: NodeCall) -> Operand:
     categories = call.node.integers("cats_int64s").astype(np.float64)
     if not len(categories) or len(np.unique(categories)) < len(categories) or np.any(np.abs(categories) > MAX_ID):
         raise UnsupportedModelError("categories are different integers of 32 bits")
-    if not call.node.integer("zeros", 1):
-        raise UnsupportedModelError("zeros=0, with which onnxruntime fails on an unknown category; export with zeros=1")
     # cut to an integer v is [v, v + 1) above zero, (v - 1, v] below, (-1, 1) at zero
     low = np.where(categories > 0, categories, np.nextafter(categories - 1.0, np.inf))
     high = np.where(categories < 0, np.nextafter(categories, np.inf), categories + 1.0)
     shape = (*tensor.shape, len(categories))
     columns = np.repeat(np.arange(tensor.size), len(categories)).astype(np.int32)
-    number = walk.builder.select(columns, walk.settle_finite(tensor))
+    value = walk.settle_finite(tensor)
+    if not call.node.integer("zeros", 1):  # onnxruntime fails on an unknown category
+        for feature in map(int, tensor.column[tensor.value == 0]):
+            walk.takes[feature] = np.intersect1d(walk.takes.get(feature, categories), categories)
+        value = walk.builder.add(_known(value, tensor.size, categories, low, high))
+    number = walk.builder.select(columns, value)
     reached, passed = (
         walk.builder.add(ir.Exceeds((number,), np.tile(ends, tensor.size), inclusive=True)) for ends in (low, high)
     )
     value = walk.builder.combine(reached, "-", passed)
     return walk.computed(value, shape, FLOAT32)
+
+
+def _known(value: int, width: int, categories: FloatArray, low: FloatArray, high: FloatArray) -> ir.Piecewise:
+    """The category of each number, from `low` on and below `high`; no answer between and beyond them."""
+    knots = np.unique([low, high])
+    place = np.argmax((low <= knots[:, None]) & (knots[:, None] < high), axis=1)
+    at = np.where((low[place] <= knots) & (knots < high[place]), categories[place], math.inf)
+    return ir.Piecewise(
+        inputs=(value,),
+        start=np.arange(width + 1) * len(knots),
+        knots=np.tile(knots, width),
+        at=np.tile(at, width),
+        pieces=np.tile(np.append(math.inf, at), width)[:, None],
+    )
 
 
 @operator("LabelEncoder", 2, 4, domain=_DOMAIN)

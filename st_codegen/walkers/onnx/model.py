@@ -68,7 +68,7 @@ def load(path: Path, name: str) -> LoadedModel:
         source = replace(_source(model, inputs, opsets, notes), data_files=beside)
         ir = walk.builder.model(name, _features(inputs), source, result)
     problems.raise_if_any()
-    return LoadedModel(ir, predictor(model, inputs, outputs, path.name))
+    return LoadedModel(ir, predictor(model, inputs, outputs, path.name, walk.takes))
 
 
 def _read(path: Path) -> bytes:

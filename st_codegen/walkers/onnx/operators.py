@@ -73,7 +73,7 @@ def _of_integers(walk: GraphWalk, code: ir.Operator, pair: list[Operand]) -> Ope
     return replace(found, dtype=dtype)
 
 
-@operator("Sum Mean", 8, 13)
+@operator("Sum Mean", 6, 8, 13)
 def _total(call: NodeCall) -> Operand:
     """All inputs, added in order; the mean is that times what 1 / count is in float
     (core/providers/cpu/math/element_wise_ops.cc: Mean_8).
@@ -204,7 +204,7 @@ def _matrix(constant: ConstantOperand, tensor: Tensor) -> FloatArray:
     return constant.array.astype(np.float64)
 
 
-@operator("MatMul", 9, 13)
+@operator("MatMul", 1, 9, 13)
 def _matmul(call: NodeCall) -> Operand:
     left, right = call.required(), call.required(1)
     if (

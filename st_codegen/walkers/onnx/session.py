@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
@@ -69,15 +69,21 @@ def read_largest(found: Any) -> FloatArray:
 
 
 def predictor(
-    model: onnx.ModelProto, inputs: list[GraphInput], outputs: list[tuple[str, Reader]], file: str
+    model: onnx.ModelProto,
+    inputs: list[GraphInput],
+    outputs: list[tuple[str, Reader]],
+    file: str,
+    takes: Mapping[int, FloatArray],
 ) -> Predictor:
     """onnxruntime on rows (rows, features), one at a time: the outputs that are read, laid end to end.
+
+    `takes`: the numbers with which it is tried, of features of which it takes no others.
 
     It is given the model at the first call. Raises InputError where it refuses the model, or where rows of a batch
     were seen to change each other's answers; a copy of this process tries both (see `processes`).
     """
     data = _with_double_inputs(model, inputs)
-    predict = _SessionPredictor(data, inputs, outputs, file)
+    predict = _SessionPredictor(data, inputs, outputs, file, takes)
     failure = failure_in_copy(predict.try_it)
     if failure is not None:
         raise InputError(failure if failure.startswith(file) else f"{file}: onnxruntime refuses the model: {failure}")
@@ -87,8 +93,15 @@ def predictor(
 class _SessionPredictor:
     """onnxruntime's own prediction, row by row; the model is loaded at the first call."""
 
-    def __init__(self, data: bytes, inputs: list[GraphInput], outputs: list[tuple[str, Reader]], file: str) -> None:
-        self.data, self.inputs, self.outputs, self.file = data, inputs, outputs, file
+    def __init__(
+        self,
+        data: bytes,
+        inputs: list[GraphInput],
+        outputs: list[tuple[str, Reader]],
+        file: str,
+        takes: Mapping[int, FloatArray],
+    ) -> None:
+        self.data, self.inputs, self.outputs, self.file, self.takes = data, inputs, outputs, file, takes
 
     @cached_property
     def session(self) -> Any:
@@ -109,9 +122,9 @@ class _SessionPredictor:
         """
         width = self.inputs[-1].start + self.inputs[-1].size
         try:
-            self(row := np.zeros((1, width)))  # some faults show only when a model runs
+            self(row := self._taken(np.zeros((1, width))))  # some faults show only when a model runs
         except InputError:  # 0 may be no position in a list
-            self(row := np.ones((1, width)))
+            self(row := self._taken(np.ones((1, width))))
         most = max(given.batch for given in self.inputs)
         if most == 1:
             return
@@ -132,11 +145,11 @@ class _SessionPredictor:
         random, output = np.random.default_rng(0), self.names.index(name)
         draw = partial(random.normal, 0.0, 3.0) if fractions else partial(random.integers, 0, 2)
         for changed in (0, rows - 1) * 4:
-            batch = np.asarray(draw((rows, width)), np.float64)
+            batch, fresh = (self._taken(np.asarray(draw((rows, width)), np.float64), random) for _ in range(2))
             other = batch.copy()
             for given in self.inputs:
                 if given.batch > 1:
-                    other[changed, given.columns] = draw(given.shape)
+                    other[changed, given.columns] = fresh[changed, given.columns]
             try:
                 pair = [np.asarray(self._batch(x, rows)[output]) for x in (batch, other)]
             except Exception:  # its exceptions have no common base class
@@ -153,6 +166,13 @@ class _SessionPredictor:
                     "batch dimension of 1"
                 )
         return True
+
+    def _taken(self, x: FloatArray, random: np.random.Generator | None = None) -> FloatArray:
+        """The rows, with numbers that the library takes in place of others: the first ones, or some at random."""
+        for feature, numbers in self.takes.items():
+            if len(numbers):
+                x[:, feature] = numbers[0] if random is None else random.choice(numbers, len(x))
+        return x
 
     def _batch(self, x: FloatArray, rows: int) -> list[Any]:
         """The outputs for several rows at once; inputs without a dimension for rows have the numbers of the first."""
@@ -171,7 +191,7 @@ class _SessionPredictor:
 
     def __call__(self, x: FloatArray) -> FloatArray:
         if not len(x):  # of no rows onnxruntime does not say how many outputs there are
-            return self(np.zeros((1, x.shape[1])))[:0]
+            return self(self._taken(np.zeros((1, x.shape[1]))))[:0]
         with np.errstate(over="ignore"):
             columns = {given.name: x[:, given.columns].astype(_given_type(given)) for given in self.inputs}
         result = []

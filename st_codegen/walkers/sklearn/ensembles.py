@@ -24,7 +24,17 @@ from st_codegen.walkers.base import (
     walk_estimator,
     walks,
 )
-from st_codegen.walkers.classes import above, complement, label_of, labels_of, largest, shares_of, softmax, whole_sums
+from st_codegen.walkers.classes import (
+    above,
+    complement,
+    label_of,
+    labels_of,
+    largest,
+    numbered,
+    shares_of,
+    softmax,
+    whole_sums,
+)
 from st_codegen.walkers.fitted import Fitted
 from st_codegen.walkers.sklearn.linear import negative_square_distances
 from st_codegen.walkers.sklearn.models import votes_and_confidences
@@ -366,20 +376,11 @@ def walk_stack_of_classes(fitted: Fitted, builder: GraphBuilder, value: int) -> 
 
 
 def _one_output(part: Any, builder: GraphBuilder, value: int) -> int:
-    """What an estimator gives; of a classifier the label, where the labels are the numbers 0, 1, .. themselves."""
+    """What an estimator gives; of a classifier the label, where the labels are whole numbers."""
     one = walk_any(part, builder, value)
     if not isinstance(one, Classified):
         return one.mean if isinstance(one, Estimated) else one
-    return _number(one, part)
-
-
-def _number(one: Classified, part: Any) -> int:
-    """The label of a classifier, where the labels are the numbers 0, 1, .. themselves."""
-    if tuple(one.labels) != tuple(range(len(one.labels))):
-        raise UnsupportedModelError(
-            f"{type(part).__name__} with labels {one.labels[:3]}, .. beside other outputs: encode them as 0, 1, .."
-        )
-    return one.index
+    return numbered(builder, one.index, one.labels, type(part).__name__)
 
 
 def _handed_on(one: Classified, part: Any, method: str, builder: GraphBuilder) -> int:
@@ -412,7 +413,7 @@ def walk_chain(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
             continue
         one = walk_classifier(part, builder, read)
         given.append(_handed_on(one, part, method, builder))
-        found.append(_number(one, part))
+        found.append(numbered(builder, one.index, one.labels, type(part).__name__))
     result = builder.select(np.argsort(order), builder.beside(*found))
     builder.widened.add(result)
     return result

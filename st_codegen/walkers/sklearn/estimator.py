@@ -92,12 +92,16 @@ def _features(estimator: Any) -> tuple[Feature, ...]:
     if count is None and hasattr(estimator, "X_thresholds_"):  # IsotonicRegression takes one column and does not say so
         count = 1
     if count is None:
-        package, name = type(estimator).__module__.partition(".")[0], type(estimator).__name__
-        if not is_known(package, name):
-            raise unsupported(package, name)
+        name = type(estimator).__name__
+        for part in objects_in(estimator):  # a class of the user's own need not say it
+            package, kind = type(part).__module__.partition(".")[0], type(part).__name__
+            works = not isinstance(part, type) and (hasattr(part, "predict") or hasattr(part, "transform"))
+            if (works and package not in LIBRARIES) or (part is estimator and not is_known(package, kind)):
+                raise unsupported(package, kind)
         if not _is_fitted(estimator):
             raise InputError(f"{name} is not fitted: call fit() before saving it")
-        raise InputError(f"{name} does not say how many features it takes: fit it on numbers, with a kernel of sklearn")
+        kernel = ", with a kernel of sklearn" if hasattr(estimator, "kernel") else ""
+        raise InputError(f"{name} does not say how many features it takes: fit it on an array of numbers{kernel}")
     if not isinstance(count, int | np.integer) or not 1 <= count <= MAX_COLUMNS:
         raise InputError(f"{type(estimator).__name__}.n_features_in_: {str(count)[:40]}, expected 1 .. {MAX_COLUMNS}")
     names = _first(estimator, "feature_names_in_")

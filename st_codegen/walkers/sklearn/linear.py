@@ -12,7 +12,7 @@ from functools import reduce
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError, counted
-from st_codegen.ir import Clip, Distances, Exceeds, FloatArray, Precision
+from st_codegen.ir import BoolArray, Clip, Distances, Exceeds, FloatArray, Precision
 from st_codegen.walkers.base import Classified, GraphBuilder, Walked, walk_estimator, walks
 from st_codegen.walkers.classes import above, complement, labels_of, largest, shares_of, softmax, whole_sums
 from st_codegen.walkers.fitted import SPARSE, Fitted
@@ -93,6 +93,7 @@ def walk_linear_classifier(fitted: Fitted, builder: GraphBuilder, value: int) ->
             f"{counted(len(labels), 'class', 'classes')}: train one for each"
         )
     logistic = fitted.kind in ("LogisticRegression", "LogisticRegressionCV", "LinearDiscriminantAnalysis")
+    logistic &= len(labels) > 1  # of one class predict_proba raises
     loss = fitted.estimator.loss if fitted.kind == "SGDClassifier" else ""
     probability = None
     if logistic and count > 1:
@@ -143,11 +144,7 @@ def walk_gaussian_bayes(fitted: Fitted, builder: GraphBuilder, value: int) -> Cl
     means = fitted.floats("theta_", (None, width))
     variances = fitted.floats("var_", means.shape)
     prior = fitted.floats("class_prior_", (len(means),))
-    if np.any(prior == 0):
-        raise UnsupportedModelError(
-            f"{fitted.kind}: class number {int(np.argmin(prior))} has a prior of 0, so that it is never predicted: "
-            "train without it"
-        )
+    _refuse_unpredicted(fitted, prior == 0)
     if np.any(variances <= 0) or np.any(prior < 0):
         raise fitted.fail("var_", "a variance that is not above 0, or a negative prior")
     value = builder.select(np.tile(np.arange(width), len(means)), value)
@@ -158,20 +155,30 @@ def walk_gaussian_bayes(fitted: Fitted, builder: GraphBuilder, value: int) -> Cl
     return _most_likely(fitted, builder, builder.scale(value, "+", np.log(prior)))
 
 
+def _refuse_unpredicted(fitted: Fitted, never: BoolArray) -> None:
+    """Classes whose prior is 0, as where all their training rows have a weight of 0."""
+    if np.any(never):
+        raise UnsupportedModelError(
+            f"{fitted.kind}: class number {int(np.argmax(never))} has a prior of 0, so that it is never predicted: "
+            "train without it"
+        )
+
+
 @walks("BernoulliNB MultinomialNB ComplementNB", finite=True)
 def walk_discrete_bayes(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """`naive_bayes.py: _joint_log_likelihood` of these classes, constants computed as there."""
     width = builder.width(value)
     weights = fitted.floats("feature_log_prob_", (None, width))
-    constant = fitted.floats("class_log_prior_", (len(weights),))
+    constant = np.zeros(len(weights))
+    if fitted.kind != "ComplementNB" or len(weights) == 1:
+        _refuse_unpredicted(fitted, fitted.get("class_log_prior_") == -np.inf)
+        constant = fitted.floats("class_log_prior_", (len(weights),))
     if fitted.kind == "BernoulliNB":
         if fitted.get("binarize") is not None:
             value = builder.add(Exceeds((value,), np.full(width, fitted.number("binarize"))))
         absent = np.log(1 - np.exp(weights))
         weights = weights - absent
         constant = constant + absent.sum(axis=1)
-    elif fitted.kind == "ComplementNB" and len(weights) > 1:
-        constant = np.zeros(len(weights))
     total = builder.linear(value, weights)
     return _most_likely(fitted, builder, builder.scale(total, "+", constant))
 
@@ -183,6 +190,7 @@ def walk_categorical_bayes(fitted: Fitted, builder: GraphBuilder, value: int) ->
     The library cuts numbers to integers, so that all above -1 are the category 0; it raises for categories that the
     training did not have.
     """
+    _refuse_unpredicted(fitted, fitted.get("class_log_prior_") == -np.inf)
     prior, parts = fitted.floats("class_log_prior_", (None,)), []
     for number, given in enumerate(fitted.items("feature_log_prob_", builder.width(value))):
         shares = fitted.floats_of(f"feature_log_prob_[{number}]", given, (len(prior), None))

@@ -21,7 +21,7 @@ from st_codegen.walkers.classes import (
     softmax,
     whole_sums,
 )
-from st_codegen.walkers.fitted import Fitted
+from st_codegen.walkers.fitted import SPARSE, Fitted
 from st_codegen.walkers.sklearn.transforms import KERNELS, add_kernels
 
 _FUNCTIONS = {name: Function(name) for name in ("identity", "tanh", "logistic", "relu", "exp")}
@@ -36,9 +36,6 @@ class _Machine:
     def __init__(self, fitted: Fitted, width: int, n_classes: int) -> None:
         self.fitted = fitted
         self.kernel = fitted.choice("kernel", KERNELS)
-        vectors = fitted.get("support_vectors_")
-        if not isinstance(vectors, np.ndarray) or fitted.flag("_sparse"):
-            raise UnsupportedModelError(f"{fitted.kind} was fitted on a sparse matrix: fit it on a dense array")
         self.vectors = fitted.floats("support_vectors_", (None, width))
         count, pairs = len(self.vectors), n_classes * (n_classes - 1) // 2
         self.intercept = fitted.floats("_intercept_", (pairs,))
@@ -50,6 +47,19 @@ class _Machine:
         for public, used in (("intercept_", self.intercept), ("dual_coef_", self.coefficients)):
             if not np.array_equal(fitted.floats(public, used.shape), sign * used):
                 raise fitted.fail(public, f"differs from _{public}, with which scikit-learn predicts")
+        self._check_stored()
+
+    def _check_stored(self) -> None:
+        """Whether the matrices are stored as libsvm reads them: of a sparse one row by row, and every coefficient."""
+        sparse = self.fitted.flag("_sparse")
+        for name in ("support_vectors_", "_dual_coef_"):
+            matrix = self.fitted.get(name)
+            if isinstance(matrix, np.ndarray) == sparse:
+                raise self.fitted.fail(name, f"{'dense' if sparse else 'sparse'}, where _sparse is {sparse}")
+            if sparse and not (matrix.format == "csr" and matrix.has_canonical_format):
+                raise self.fitted.fail(name, "not a sparse matrix of ordered rows")
+            if sparse and name == "_dual_coef_" and matrix.nnz != self.coefficients.size:
+                raise self.fitted.fail(name, f"{counted(matrix.nnz, 'number')}, expected {self.coefficients.size}")
 
     def add(self, builder: GraphBuilder, value: int, coefficients: FloatArray) -> int:
         """The sums of kernels with these coefficients (sums, vectors), plus the intercepts."""
@@ -71,7 +81,7 @@ class _Machine:
         )
 
 
-@walks("SVR NuSVR", single=True)
+@walks("SVR NuSVR", single=True, trusts=SPARSE)
 def walk_svr(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """Sum of dual coefficient * kernel, plus intercept (`sklearn/svm/src/libsvm/svm.cpp: svm_predict_values`)."""
     machine = _Machine(fitted, builder.width(value), 2)

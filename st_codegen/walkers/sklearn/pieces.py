@@ -152,18 +152,25 @@ def _categories(fitted: Fitted, builder: GraphBuilder, value: int) -> list[tuple
     return found
 
 
+#: An encoder is asked about so many rows at once: what it makes of them is as wide as it has categories.
+_AT_ONCE = 256
+
+
 def _answers(estimator: Any, rows: FloatArray, width: int) -> FloatArray:
-    """What an encoder makes of rows (rows, outputs); infinity where it refuses one."""
+    """What an encoder makes of rows (rows, outputs); infinity where it refuses one, found by halving."""
     found = np.full((len(rows), width), math.inf)
+    left = np.array_split(np.arange(len(rows)), -(-len(rows) // _AT_ONCE))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        for number, row in enumerate(rows):
+        while left:
+            asked = left.pop()
             try:
-                given = estimator.transform(row[None, :])
+                given = estimator.transform(rows[asked])
             except ValueError:
+                left += np.array_split(asked, 2) if len(asked) > 1 else []
                 continue
             dense = given.toarray() if hasattr(given, "toarray") else given
-            found[number] = np.asarray(dense, np.float64).reshape(-1)
+            found[asked] = np.asarray(dense, np.float64).reshape(len(asked), -1)
     return found
 
 

@@ -63,8 +63,6 @@ def walk_union(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
 def walk_selection(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """The columns that are kept (`feature_selection/_base.py: SelectorMixin.transform`)."""
     kept = fitted.flags_of("get_support()", fitted.estimator.get_support(), (builder.width(value),))
-    if not kept.any():
-        raise UnsupportedModelError(f"{fitted.kind} keeps no column")
     if not fitted.estimator.__sklearn_tags__().input_tags.allow_nan:
         builder.refuse_special(value)
     return builder.select(np.flatnonzero(kept), value)
@@ -107,8 +105,6 @@ def walk_principal_components(fitted: Fitted, builder: GraphBuilder, value: int)
     width = builder.width(value)
     weights = fitted.floats("components_", (None, width))
     mean = fitted.floats("mean_", (width,))
-    if not len(weights):
-        raise UnsupportedModelError(f"{fitted.kind} keeps no component")
     # products of the mean that cancel in the sum err in the library as much as they are large
     lost = np.abs(weights) @ np.abs(mean)
     columns = builder.linear(value, weights, -(weights @ mean), bias_terms=lost)

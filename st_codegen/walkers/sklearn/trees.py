@@ -30,7 +30,7 @@ from st_codegen.ir import (
     TreeColumn,
 )
 from st_codegen.walkers.base import Classified, GraphBuilder, Walked, walk_estimator, walks
-from st_codegen.walkers.classes import above, complement, labels_of, largest, softmax
+from st_codegen.walkers.classes import above, complement, labels_of, largest, numbered, softmax
 from st_codegen.walkers.fitted import Fitted
 from st_codegen.walkers.forest import laid_out, side_by_side
 from st_codegen.walkers.sklearn.compose import selected_columns
@@ -75,11 +75,8 @@ def walk_class_trees(fitted: Fitted, builder: GraphBuilder, value: int) -> Walke
     shares = add_float32_trees(builder, value, trees, fitted, TreeSum(divisor=len(trees), leaves=leaves))
     found, start = [], 0
     for labels in given:
-        if not np.array_equal(labels, np.arange(len(labels))):
-            raise UnsupportedModelError(
-                f"{fitted.kind} with labels {np.ravel(labels)[:3]}, .. beside other outputs: encode them as 0, 1, .."
-            )
-        found.append(largest(builder, builder.select(start + np.arange(len(labels)), shares)))
+        index = largest(builder, builder.select(start + np.arange(len(labels)), shares))
+        found.append(numbered(builder, index, labels, fitted.kind))
         start += len(labels)
     return builder.beside(*found)
 
