@@ -14,6 +14,7 @@ from st_codegen.cost.profile import Profile
 from st_codegen.cost.units import UnitCost, Units
 from st_codegen.st import tree as t
 from st_codegen.st.tree import PouKind
+from st_codegen.st.types import ArrayType
 
 
 @dataclass(frozen=True)
@@ -225,5 +226,6 @@ def _part(key: str, cost: PathCost, lines: int, waiting: float, units: Units, pr
 
 
 def table_bytes(pou: t.Pou, project: t.Project) -> int:
-    """Bytes of a unit's constant variables."""
-    return sum(size_of(variable.type, project.pous) for variable in pou.variables if variable.is_constant)
+    """Bytes of a unit's tables: its constant arrays."""
+    tables = (v.type for v in pou.variables if v.is_constant and isinstance(v.type, ArrayType))
+    return sum(size_of(table, project.pous) for table in tables)
