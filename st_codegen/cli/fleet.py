@@ -53,7 +53,11 @@ def command(file: Path, out: Path, where: Backend, quiet: bool) -> None:
             if not quiet:
                 say(f"{name}: {result.line()}")
 
-        results = run_fleet(axes, out, where, progress)
+        try:
+            results = run_fleet(axes, out, where, progress)
+        except KeyboardInterrupt:
+            say(f"what is done is kept in {out}: the same command goes on from there")
+            raise
     report = FleetReport.of(axes, results)
     report.write(out)
     if not quiet:

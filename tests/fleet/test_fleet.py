@@ -288,6 +288,18 @@ def test_a_scheduler_without_a_backend(inputs, tmp_path, capsys):
     assert "go together" in capsys.readouterr().err
 
 
+def test_what_is_interrupted_says_how_it_goes_on(inputs, tmp_path, monkeypatch, capsys):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(run, "run_fleet", interrupted)
+    with pytest.raises(SystemExit) as end:
+        main(["fleet", str(inputs), "--out", str(tmp_path / "o"), "--jobs", "1"])
+    assert end.value.code == 130
+    said = " ".join(capsys.readouterr().err.split())
+    assert "o: the same command goes on from there" in said and said.endswith("stopped")
+
+
 # -- workers that end
 
 GOOD = AxisResult({stage: {"passed": True, "how": "so", "verdict": "explained"} for stage in (CHECK, RECONCILE)})
