@@ -105,7 +105,7 @@ class FleetReport:
             parts.append(f"Stand out: {_named(odd)}; with an effect that fewer than half have: {_named(rare)}.")
         judged = {spread.type for spread in compared.spreads if spread.limit is not None}
         if others := [axis.name for axis in self.axes if axis.type not in judged]:
-            few = f"of whose type fewer than {LEAST_AXES} with a parameter in common were reconciled"
+            few = f"of whose type fewer than {LEAST_AXES} have a parameter with an error in common"
             parts.append(f"Nothing is said of who stands out among axes {few}: {_named(others)}.")
         if compared.growth_limit is not None:
             parts.append(f"With effects that have grown: {_named(grown)}.")

@@ -288,8 +288,11 @@ def _forget(kept: dict[str, Any], stage: AxisStage, folder: Path) -> None:
 
 
 def _remove_others(folder: Path, places: set[Path]) -> None:
-    """Remove what no stage writes, such as reports of campaigns that fleet.toml does not name any more."""
-    for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+    """Remove what no stage writes, such as reports of campaigns that fleet.toml does not name any more.
+
+    Where the folder is a link it is another one, of which nothing is known.
+    """
+    for path in sorted(folder.iterdir()) if folder.is_dir() and not folder.is_symlink() else ():
         if path not in places:
             _remove(path)
 

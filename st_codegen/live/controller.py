@@ -191,14 +191,19 @@ def _pyads() -> Any:
     return pyads
 
 
+#: Kinds of values that answer for a kind of variable: whole numbers stand for reals and truth values, too.
+_ANSWERS = {"f": "fiu", "i": "iu", "u": "iu", "b": "biu", "U": "Ubiuf"}
+
+
 def _as_declared(address: str, signal: Signal, value: Any) -> Any:
     """What was read of a variable: a number, or an array. Raises UnknownVariableError for another type or length."""
-    wanted = () if signal.length is None else (signal.length,)
+    wanted, dtype = () if signal.length is None else (signal.length,), np.dtype(signal.dtype)
     try:
-        found = np.asarray(value, np.dtype(signal.dtype)) if value is not None else None
+        given, found = np.asarray(value), np.asarray(value, dtype)
     except (ValueError, TypeError, OverflowError):
-        found = None
-    if found is None or found.shape != wanted:
+        given = found = np.zeros(0)
+    is_kind = given.dtype.kind in _ANSWERS[dtype.kind] and (dtype.kind != "b" or bool(np.isin(given, (0, 1)).all()))
+    if not is_kind or found.shape != wanted:
         kind = "one number" if signal.length is None else f"an array of {counted(signal.length, 'number')}"
         raise UnknownVariableError(f"{address}: {signal.name} is not {kind} there: another project runs there")
     return found.item() if signal.length is None else found

@@ -75,7 +75,8 @@ def _models_section(lesson: Lesson) -> PageSection:
     repeated = ("complex, repeated splits (95 %)",) if lesson.intervals else ()
     errors_of = ("amplitude MAE, deg", "phase MAE, rad", "complex MAE, deg", "of a constant", *repeated)
     columns = ("order", "models", *errors_of, "worst case, us")
-    but = f" but {lesson.left_out} that are faulty where all are judged together" if lesson.left_out else ""
+    are = "is" if lesson.left_out == 1 else "are"
+    but = f" but {lesson.left_out} that {are} faulty where all are judged together" if lesson.left_out else ""
     text = (
         f"Chosen by cross-validation on {len(lesson.study.learn)} runs, errors on {len(lesson.study.test)} at "
         f"operating points that were kept apart. The models of the bundle were learned again from the runs of "

@@ -76,7 +76,7 @@ def test_axes_of_small_types_are_said_not_to_be_judged_beside_those_that_are():
     axes = [FleetAxis(name, kind, Path("c"), (), Path("rig.toml"), AxisOptions()) for name, kind in types.items()]
     small = FleetReport.of(axes, {axis.name: result(i) for i, axis in enumerate(axes)})
     assert "Stand out: 1 (r4)" in small.summary()
-    assert "fewer than 8 with a parameter in common were reconciled: 2 (r18, r19)." in small.summary()
+    assert "fewer than 8 have a parameter with an error in common: 2 (r18, r19)." in small.summary()
 
 
 def test_the_files(report, tmp_path):
