@@ -181,6 +181,9 @@ class Settings:
     places_tried: int = 401
     #: runs whose labels are exchanged in thought, two by two: so many tell a share within some percent
     labels_tried: int = 100
+    #: how many times its lowest frequency the highest of one resonance may be over the measured conditions: nine times
+    #: the stiffness, which a contact of curved faces has between loads of one and of 700
+    most_shift: float = 3.0
     #: part of the least and of the largest value of a condition by which a run may lie beyond it
     beyond_labels: float = 0.2
 

@@ -28,7 +28,14 @@ from st_codegen.reconcile.rest.structure import is_lacking, loud_and_foreign
 from st_codegen.reconcile.rest.suspects import bad_runs, excused
 from st_codegen.reconcile.search.candidates import Search, variants
 from st_codegen.reconcile.search.peaks import Frequencies, bracket, chance_of_bracket, is_of_one_speed, spread
-from st_codegen.reconcile.search.plausible import bounds_met, is_its_own, is_no_form_error, lack_of_forms, law_holds
+from st_codegen.reconcile.search.plausible import (
+    at_two_frequencies,
+    bounds_met,
+    is_its_own,
+    is_no_form_error,
+    lack_of_forms,
+    law_holds,
+)
 from st_codegen.reconcile.search.states import in_their_forms
 from st_codegen.reconcile.settings import CHOSEN_ON, SETTINGS
 from st_codegen.rig.effects import Conditions
@@ -353,6 +360,19 @@ def test_peaks_that_lie_elsewhere_at_one_load_have_no_bracket(per_kNm, is_one):
     target = FitData(data, np.full(data.values.shape, SIGMA), np.ones(len(at), bool), groups_of(at))
     whole = effect("structural_resonance", amplitude_deg=[0.0] * 3, **shape)
     assert (bracket(target, data.values, whole) is not None) == is_one
+
+
+@pytest.mark.parametrize(("falls_by", "is_one"), [(0.5, True), (0.75, False)])
+def test_what_peaks_elsewhere_by_far_under_load_is_no_resonance_that_moves(falls_by, is_one):
+    """A wave that grows with the square of the load was a resonance of 17 Hz without a load and of 1.7 Hz under any."""
+    axes = np.meshgrid(np.arange(100.0, 1801.0, 50.0), [0.0, 900.0, 1800.0], [1.0, -1.0])
+    at = Conditions.of(axes[2].ravel(), axes[0].ravel(), axes[1].ravel(), 30.0)
+    law = {"frequency_per_kNm": -100.0 * falls_by, "levels_off_per_kNm": 100.0}
+    shape = {"orders": [156, 162, 240], "frequency_Hz": 52.0, "damping_ratio": 0.02}
+    moves = effect("structural_resonance", amplitude_deg=[1e-3] * 3, **shape, **law)
+    known = fitted(RigModel(effects=()), observed(RigModel(effects=(moves,)), at, orders=(0, 156, 162, 240)))
+    joint = fit(known.target, known.state.with_piece(piece_of(moves, added=True)))
+    assert at_two_frequencies(known, joint, 0) == is_one
 
 
 def test_the_peaks_of_a_state_are_those_of_its_temperatures():

@@ -333,7 +333,8 @@ def at_two_frequencies(without: Fit, with_it: Fit, number: int) -> bool:
         for other in others
     )
     is_inside = 1.02 * low < at_highest and at_lowest < 0.98 * high
-    return len(points) >= 2 and is_inside and apart and is_a_peak(with_it.state.pieces[number])
+    is_one = at_highest < SETTINGS.most_shift * at_lowest
+    return len(points) >= 2 and is_inside and is_one and apart and is_a_peak(with_it.state.pieces[number])
 
 
 def is_a_peak(piece: Piece) -> bool:
