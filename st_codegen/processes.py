@@ -34,6 +34,9 @@ Progress = Callable[[int, int, str], None]
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
+#: Nodes of all trees together from which on work on them takes seconds.
+_MANY_NODES = 500_000
+
 #: how long the end of a worker may come before this process is told of the interruption that ended it
 _INTERRUPTED_WITHIN_S = 1.0
 
@@ -83,6 +86,11 @@ def shared_out(
         begun(number, item)
         results.append(work(item))
     return results
+
+
+def has_many_nodes(nodes: Iterable[int]) -> bool:
+    """Whether trees with so many nodes are worth sharing out."""
+    return sum(nodes) > _MANY_NODES
 
 
 @contextlib.contextmanager

@@ -14,7 +14,6 @@ import pytest
 from st_codegen import processes
 from st_codegen.driver import generate
 from st_codegen.errors import InputError
-from st_codegen.ir import model as ir_model
 from st_codegen.processes import shared_out
 from st_codegen.project.bundle import load
 
@@ -67,7 +66,7 @@ def test_a_worker_that_ends_is_no_answer():
 
 
 def test_all_blocks_that_cannot_be_made_are_told_on_several_processors_too(bundle_folder, tmp_path, monkeypatch):
-    monkeypatch.setattr(ir_model, "_MANY_NODES", 0)
+    monkeypatch.setattr(processes, "_MANY_NODES", 0)
     bundle, told = load(bundle_folder), set()
     for processors in ("1", "2"):
         monkeypatch.setenv("LOKY_MAX_CPU_COUNT", processors)
@@ -78,7 +77,7 @@ def test_all_blocks_that_cannot_be_made_are_told_on_several_processors_too(bundl
 
 
 def test_layouts_are_the_same_on_one_processor_and_on_several(bundle_folder, tmp_path, monkeypatch):
-    monkeypatch.setattr(ir_model, "_MANY_NODES", 0)
+    monkeypatch.setattr(processes, "_MANY_NODES", 0)
     bundle = load(bundle_folder)
     several = generate(bundle, "iec", tmp_path / "several")
     monkeypatch.setenv("LOKY_MAX_CPU_COUNT", "1")

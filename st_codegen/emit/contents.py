@@ -15,8 +15,8 @@ from st_codegen.emit.blocks.model import PLAIN, Extras, input_variables
 from st_codegen.emit.blocks.self_test import SELF_TEST, self_test_block
 from st_codegen.emit.blocks.window import Window, window_block
 from st_codegen.errors import InputError, Problems
-from st_codegen.ir import ModelIR, has_many_nodes
-from st_codegen.processes import shared_out
+from st_codegen.ir import ModelIR
+from st_codegen.processes import has_many_nodes, shared_out
 
 #: Models that have nothing to do with each other: nothing surrounds their blocks.
 LONE = Application("Models", connected=False)
@@ -47,7 +47,8 @@ class Contents:
         Raises InputError for names that Structured Text cannot have, TargetError for tables that are too long.
         """
         given = [(model, self.extras.get(model.name, PLAIN)) for model in self.models]
-        made = shared_out(partial(_made, block_of), given, is_large=has_many_nodes(self.models))
+        is_large = has_many_nodes(model.n_nodes for model in self.models)
+        made = shared_out(partial(_made, block_of), given, is_large=is_large)
         problems = Problems()
         found = {}
         for (model, extras), block in zip(given, made, strict=True):

@@ -30,7 +30,7 @@ from st_codegen.ir.base import (
 from st_codegen.ir.cells import CellTable, Rank, RankColumn, TableAxis
 from st_codegen.ir.decisions import MAX_DEVIATION_ROWS, ArgMax, Classes, Exceeds, Label, OutputKind, Softmax
 from st_codegen.ir.digest import digest
-from st_codegen.ir.model import Feature, ModelIR, Output, Source, has_many_nodes
+from st_codegen.ir.model import Feature, ModelIR, Output, Source
 from st_codegen.ir.neighbours import Distances, NearestMean, WeightedMedian
 from st_codegen.ir.operations import (
     Activation,
@@ -116,5 +116,4 @@ __all__ = [
     "WholeNumber",
     "depth_of",
     "digest",
-    "has_many_nodes",
 ]

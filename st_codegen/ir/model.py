@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -185,6 +185,11 @@ class ModelIR:
         """Number of columns of value `value` (0: the inputs)."""
         return len(self.features) if value == 0 else self.ops[value - 1].width
 
+    @property
+    def n_nodes(self) -> int:
+        """Nodes of all its trees together."""
+        return sum(op.n_nodes for op in self.ops if isinstance(op, TreeEnsemble))
+
     def reads_ranks(self, op: Operation) -> bool:
         """Whether the only operand of an operation is a list of ranks."""
         return len(op.inputs) == 1 and op.inputs[0] > 0 and isinstance(self.ops[op.inputs[0] - 1], Rank)
@@ -231,15 +236,6 @@ class ModelIR:
                 compares = isinstance(op, Rank | ArgMax | Exceeds) or (isinstance(op, TreeEnsemble) and not op.linear)
                 todo += () if compares else op.inputs
         return not self.open_zeros and not any(_opens_zeros(self.ops[value - 1]) for value in reached)
-
-
-#: Nodes of all trees together from which on work on them takes seconds.
-_MANY_NODES = 500_000
-
-
-def has_many_nodes(models: Iterable[ModelIR]) -> bool:
-    """Whether the trees of some models are so large that work on them is worth sharing out."""
-    return sum(op.n_nodes for model in models for op in model.ops if isinstance(op, TreeEnsemble)) > _MANY_NODES
 
 
 def _opens_zeros(op: Operation) -> bool:

@@ -74,6 +74,23 @@ def preorder(roots: AnyArray, left: AnyArray, right: AnyArray) -> Preorder:
     )
 
 
+def ends_in_preorder(roots: AnyArray, left: AnyArray, right: AnyArray) -> Int32Array | None:
+    """The first node behind the subtree of each node; None where trees are in another order than preorder.
+
+    Every child comes after its parents.
+    """
+    here = np.arange(len(left), dtype=np.int32)
+    inner = np.flatnonzero(left >= 0)
+    last, further = here, np.where(left < 0, here, right)
+    while not np.array_equal(last, further):  # the rightmost leaf, twice as far each time
+        last, further = further, further.take(further)
+    end: Int32Array = last + np.int32(1)
+    follow = left.take(inner) == inner + 1, right.take(inner) == end.take(left.take(inner))
+    if all(map(np.all, follow)) and np.array_equal(end.take(roots), [*roots[1:], len(left)]):
+        return end
+    return None
+
+
 def larger_first(roots: AnyArray, left: AnyArray, right: AnyArray) -> Preorder:
     """The same of trees that are laid out already, with the child of the larger subtree next to its parent.
 

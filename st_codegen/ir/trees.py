@@ -78,7 +78,8 @@ class LinearLeaves:
 class TreeEnsemble(ReadsColumns):
     """Decision trees in flat arrays.
 
-    Nodes of tree `t` are `roots[t] .. roots[t+1]-1` (to the end for the last), parents before children. A node with
+    Nodes of tree `t` are `roots[t] .. roots[t+1]-1` (to the end for the last), parents before children. Walkers lay
+    trees out in preorder (`ir.preorder`), but nothing may rely on it unless it looks, or lays them out. A node with
     `split[n] >= 0` is a split: `split` indexes `columns`. It goes left when `value <comparison> threshold[n]`; a
     missing value goes where `missing_left[n]` says; for a category column, `category_left` has the answer for code c
     at position `category_row[n] + c`, with c = n_categories for "other" and n_categories + 1 for a missing value.

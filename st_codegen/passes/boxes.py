@@ -9,8 +9,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from st_codegen.ir import BoolArray, Int32Array, TreeEnsemble
-from st_codegen.ir.preorder import Links
+from st_codegen.ir import BoolArray, Int32Array, IntArray, TreeEnsemble
+from st_codegen.ir.arrays import AnyArray
+from st_codegen.ir.preorder import Links, ends_in_preorder, preorder
 from st_codegen.ir.trees import with_nodes
 
 #: Answers kept at once, about, to whether a node stays in a cell.
@@ -19,7 +20,7 @@ _KEPT = 8_000_000
 
 @dataclass(frozen=True)
 class Parts:
-    """Parts of all rows: the lowest and the highest rank of some columns in each part, shape (parts, columns)."""
+    """Parts of all rows: the lowest and the highest rank of some columns in each, shape (parts, columns)."""
 
     columns: list[int]
     low: Int32Array
@@ -28,44 +29,62 @@ class Parts:
 
 @dataclass(frozen=True)
 class Boxes:
-    """Trees in preorder, and the lowest and the highest ranks of the rows that meet each node, shape (nodes, columns).
-
-    Where a lowest rank is above the highest one, no row meets the node.
-    """
+    """Trees in preorder, the first node behind the subtree of each, and whether rows with given ranks meet a node."""
 
     op: TreeEnsemble
-    low: Int32Array
-    high: Int32Array
+    end: Int32Array
+    met: BoolArray
 
     @classmethod
     def of(cls, op: TreeEnsemble, low: Int32Array, high: Int32Array) -> Boxes:
-        """Those of rows whose columns have ranks from `low` to `high`."""
-        threshold = op.threshold.astype(np.int32)
-        lows, highs = np.ones((op.n_nodes, len(low)), np.int32), np.zeros((op.n_nodes, len(low)), np.int32)
-        lows[op.roots], highs[op.roots] = low, high
-        here = op.roots
-        while here.size:
-            here = here[op.split.take(here) >= 0]
-            at, column = threshold.take(here), op.split.take(here)
-            left, right = op.left.take(here), op.right.take(here)
-            lows[left] = lows[right] = lows.take(here, axis=0)
-            highs[left] = highs[right] = highs.take(here, axis=0)
-            highs[left, column] = np.minimum(highs[left, column], at)
-            lows[right, column] = np.maximum(lows[right, column], at + 1)
-            here = np.concatenate([left, right])
-        return cls(op, lows, highs)
+        """Those of rows whose columns have ranks from `low` to `high`; trees that are not in preorder are laid out.
+
+        What a split does depends on what is left of its own column. That is told by the nearest split of this column
+        above it, so that the memory grows with the nodes, however many columns there are.
+        """
+        end = ends_in_preorder(op.roots, op.left, op.right)
+        if end is None:
+            layout = preorder(op.roots, op.left, op.right)
+            return cls.of(with_nodes(op, layout, layout.order), low, high)
+        # the splits of one column after those of another, and how many of its own column each one has above it: those
+        # that begin before it but for those that have ended
+        inner = np.flatnonzero(op.split >= 0)
+        node = inner.take(_order(op.split.take(inner)))
+        column = op.split.take(node).astype(np.int64)
+        start = column * (op.n_nodes + 1)
+        ended = np.searchsorted(np.sort(start + end.take(node)), start + node, side="right")
+        above = np.arange(len(node)) - ended
+        at, right = op.threshold.take(node).astype(np.int32), op.right.take(node)
+        lowest, highest = low.take(column), high.take(column)
+        levels = np.split(_order(above), np.cumsum(np.bincount(above)))
+        for parents, here in pairwise(levels[:-1]):
+            parent = parents.take(np.searchsorted(parents, here) - 1)
+            is_right, limit = node.take(here) >= right.take(parent), at.take(parent)
+            before, behind = lowest.take(parent), highest.take(parent)
+            lowest[here] = np.where(is_right, np.maximum(before, limit + 1), before)
+            highest[here] = np.where(is_right, behind, np.minimum(behind, limit))
+        missed = np.concatenate([op.left.take(node)[lowest > at], right[highest <= at]])
+        return cls(op, end, _outside(missed, end))
 
     def staying(self, parts: Parts | None = None) -> BoolArray:
         """Whether a node stays for the rows of a part, or of the one part that all rows are; shape (parts, nodes).
 
         The leaves that rows of the part meet stay, and the splits that send such rows both ways.
         """
-        met: BoolArray = np.all(self.low <= self.high, axis=1)[None]
+        op = self.op
+        met = np.repeat(self.met[None], 1 if parts is None else len(parts.low), axis=0)
         if parts is not None:
-            low, high = self.low[:, parts.columns], self.high[:, parts.columns]
-            met = met & np.all((low <= parts.high[:, None]) & (high >= parts.low[:, None]), axis=2)
-        inner = np.flatnonzero(self.op.split >= 0)
-        met[:, inner] = met.take(self.op.left.take(inner), axis=1) & met.take(self.op.right.take(inner), axis=1)
+            place = np.full(len(op.columns) + 1, -1)  # the last is that of leaves
+            place[parts.columns] = np.arange(len(parts.columns))
+            number = place.take(op.split)
+            node = np.flatnonzero(number >= 0)
+            number, at = number.take(node), op.threshold.take(node).astype(np.int32)
+            left, right = op.left.take(node), op.right.take(node)
+            for part, (low, high) in enumerate(zip(parts.low, parts.high, strict=True)):
+                missed = np.concatenate([left[low.take(number) > at], right[high.take(number) <= at]])
+                met[part] &= _outside(missed, self.end)
+        inner = np.flatnonzero(op.split >= 0)
+        met[:, inner] = met.take(op.left.take(inner), axis=1) & met.take(op.right.take(inner), axis=1)
         return met
 
     def cut(self, axes: Sequence[Parts] = ()) -> TreeEnsemble:
@@ -96,6 +115,19 @@ class Boxes:
                 made += len(node)
         links = Links(np.concatenate(roots).astype(np.int32), np.concatenate(lefts), np.concatenate(rights))
         return with_nodes(op, links, np.concatenate(nodes), tree_output=np.repeat(op.tree_output, cells))
+
+
+def _order(numbers: AnyArray) -> IntArray:
+    """The stable order of numbers from 0 on, which is quicker to find the fewer bits they have."""
+    return np.argsort(numbers.astype(np.min_scalar_type(numbers.max(initial=0))), kind="stable")
+
+
+def _outside(tops: IntArray, end: Int32Array) -> BoolArray:
+    """Whether nodes in preorder lie in none of the subtrees at `tops`; of all nodes, `end` is behind their subtree."""
+    behind = np.zeros_like(end)
+    behind[tops] = end.take(tops)
+    outside: BoolArray = np.maximum.accumulate(behind, out=behind) <= np.arange(len(end), dtype=np.int32)
+    return outside
 
 
 def _together(stays: Sequence[BoolArray]) -> Iterator[BoolArray]:

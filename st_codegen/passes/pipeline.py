@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
-from st_codegen.ir import FactoredKernel, ModelIR, Rank, Source, has_many_nodes
+from st_codegen.ir import FactoredKernel, ModelIR, Rank, Source
 from st_codegen.passes import tables
 from st_codegen.passes.branches import as_branches
 from st_codegen.passes.choose import (
@@ -31,7 +31,7 @@ from st_codegen.passes.kernels import factored
 from st_codegen.passes.prune import pruned
 from st_codegen.passes.ranks import ranked
 from st_codegen.passes.slabs import cut_into_cells
-from st_codegen.processes import shared_out
+from st_codegen.processes import has_many_nodes, shared_out
 
 #: Layouts of forests, of which the second is the first cut into cells.
 RANKS, CELLS = "ranked trees", "cut trees"
@@ -119,7 +119,7 @@ def compile_models(
     """
     options, earlier = options or Options(), earlier or Choices()
     decide = partial(_decide, options=options, cost=cost, earlier=earlier.layouts, together=together)
-    found = shared_out(decide, models, is_large=has_many_nodes(models))
+    found = shared_out(decide, models, is_large=has_many_nodes(model.n_nodes for model in models))
     decisions = {decision.model: decision for decision, _ in found}
     grids = {decision.model: cells for decision, cells in found}
     if options.data_bytes is not None:

@@ -8,7 +8,6 @@ import pytest
 from st_codegen.emit.blocks.model import Limits
 from st_codegen.errors import InputError
 from st_codegen.ir import Comparison, CutTrees, TreeEnsemble, depth_of, reference
-from st_codegen.ir.preorder import preorder
 from st_codegen.ir.subtrees import subtrees
 from st_codegen.passes import boxes, slabs
 from st_codegen.passes.choose import Layout, Options
@@ -51,12 +50,6 @@ def test_every_row_keeps_its_bits_missing_values_included(target, whole, cut, tm
     expected = reference.evaluate(whole, x)
     assert np.array_equal(reference.evaluate(cut, x), expected, equal_nan=True)
     assert np.array_equal(run(cut, target, tmp_path, x), expected, equal_nan=True)
-
-
-def test_the_trees_are_in_preorder_as_their_cells_are(whole, cut):
-    for op in (whole.ops[0], cut.ops[1], cut.ops[1].cut):
-        laid = preorder(op.roots, op.left, op.right)
-        assert np.array_equal(laid.order, np.arange(op.n_nodes))
 
 
 def test_cells_that_are_cut_a_few_at_a_time_are_the_same(whole, cut, monkeypatch):
