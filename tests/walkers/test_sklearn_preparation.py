@@ -388,6 +388,7 @@ def test_quantiles_of_one_number(x, tmp_path):
         (SplineTransformer(extrapolation="linear", degree=1), X, "extrapolation='linear' and degree=1"),
         (QuantileTransformer(n_quantiles=20, output_distribution="normal"), X, "supported is 'uniform'"),
         (OneHotEncoder(), np.array([["a"], ["b"]] * 150), "categories that are no numbers"),
+        (OneHotEncoder(), np.array([[2**53], [2**53 + 1]] * 150), "column 0 has categories that are equal as LREAL"),
         (UNKNOWN_IS_MISSING, CODES, "makes NaN of unknown categories"),
         (make_pipeline(UNKNOWN_IS_MISSING, SimpleImputer(), linear_model.Ridge()), CODES, "choose a number for them"),
         (make_pipeline(UNKNOWN_IS_MISSING, linear_model.Ridge()), CODES, "choose a number for them"),

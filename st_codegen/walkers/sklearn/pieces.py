@@ -146,6 +146,11 @@ def _categories(fitted: Fitted, builder: GraphBuilder, value: int) -> list[tuple
                 "them as integers before training"
             )
         numbers = given.astype(np.float64)
+        if given.dtype.kind in "iu" and np.any(numbers[1:] == numbers[:-1]) and np.all(given[1:] > given[:-1]):
+            raise UnsupportedModelError(
+                f"{fitted.kind}: column {number} has categories that are equal as LREAL, which holds all integers up "
+                "to 2**53 only: encode them as smaller integers before training"
+            )
         known = _rising(fitted, "categories_", fitted.floats_of("categories_", numbers[~np.isnan(numbers)], (None,)))
         found.append((known, bool(np.isnan(numbers).any())))
     builder.refuse_magnitude(math.inf)
