@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import singledispatch
+from itertools import pairwise
 
 import numpy as np
 
@@ -72,17 +73,24 @@ def _only_categories(model: ir.ModelIR) -> dict[int, FloatArray]:
     for op in model.ops:
         if not isinstance(op, ir.Piecewise):
             continue
-        for column, knots in enumerate(_typical(op)):
-            first, stop = op.start[column], op.start[column + 1]
-            known = knots[np.isfinite(op.at[first:stop])]
+        for column, (first, stop) in enumerate(pairwise(op.start.tolist())):
+            own = slice(first, stop)
+            known = _categories(op.knots[own], op.at[own], op.pieces[first + column : stop + column + 1])
             feature, steps = origin(model, op.inputs[0], column)
-            if (
-                feature is not None
-                and len(known)
-                and np.all(np.isinf(op.pieces[first + column : stop + column + 1, 0]))
-            ):
+            if feature is not None and len(known):
                 found[feature] = undone(known, steps)
     return found
+
+
+def _categories(knots: FloatArray, at: FloatArray, pieces: FloatArray) -> FloatArray:
+    """Numbers for all that a column takes: its knots, or of stretches from knot to knot those that stand for them."""
+    answered = np.isfinite(at)
+    if np.all(np.isinf(pieces[:, 0])):
+        return knots[answered]
+    # an encoder that cuts numbers to integers; a knot itself may be an end that float32 rounds out of the stretch
+    stretches = np.isinf(pieces[0, 0]) and np.array_equal(pieces[1:, 0], at) and not np.any(pieces[:, 1:])
+    inside = np.searchsorted(knots, at[answered], "right") - 1
+    return at[answered] if stretches and np.array_equal(inside, np.flatnonzero(answered)) else np.zeros(0)
 
 
 def _random_rows(count: int, usual: _Usual, random: np.random.Generator) -> FloatArray:
@@ -202,7 +210,10 @@ def _changeovers(values: FloatArray) -> FloatArray:
 
 
 def origin(model: ir.ModelIR, value: int, column: int) -> tuple[int | None, list[tuple[ir.Operator, bool, float]]]:
-    """The feature that a column is a scaled copy of, and the scaling steps from feature to column; None if none."""
+    """The feature that a column is a scaled copy of, and the scaling steps from feature to column; None if none.
+
+    The copy may be rounded, to float32 or to whole numbers.
+    """
     steps: list[tuple[ir.Operator, bool, float]] = []
     while value:
         op = model.ops[value - 1]
@@ -210,6 +221,8 @@ def origin(model: ir.ModelIR, value: int, column: int) -> tuple[int | None, list
             value, column = op.source(column, model.value_width)
         elif isinstance(op, ir.Scale):
             steps.append((op.operator, op.reverse, float(op.constant[column])))
+            value = op.inputs[0]
+        elif isinstance(op, ir.Round | ir.WholeNumber):
             value = op.inputs[0]
         else:
             return None, []

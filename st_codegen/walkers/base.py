@@ -86,6 +86,14 @@ _ESTIMATES = {OutputKind.DEVIATION: "standard deviation", OutputKind.RECONSTRUCT
 Walked = int | Classified | Estimated
 
 
+class NoColumnError(UnsupportedModelError):
+    """A transformer that leaves no column. Beside others it adds none; `sparse`: it gives a sparse matrix."""
+
+    def __init__(self, message: str, sparse: bool = False) -> None:
+        super().__init__(message)
+        self.sparse = sparse
+
+
 #: What is said where something else than trees reads a NaN that an encoder makes.
 _ABSENT = (
     "an encoder makes NaN of unknown categories, and what reads it is no model of trees that takes missing values: "
@@ -216,6 +224,16 @@ class GraphBuilder:
     def beside(self, *values: int) -> int:
         """All columns of several values, one value after another."""
         return self.select(np.arange(sum(map(self.width, values))), *values)
+
+    def drop_since(self, count: int) -> list[int]:
+        """Drop operations behind the first so many that refuse no number; the values of those that do."""
+        while len(self.ops) > count and not getattr(self.ops[-1], "refuses", False):
+            for noted in (self.on_demand, self.sparse, self.absent):
+                noted.pop(len(self.ops), None)
+            self.widened.discard(len(self.ops))
+            self.ops.pop()
+            self._origins.pop()
+        return [number for number in range(count + 1, len(self.ops) + 1) if getattr(self.ops[number - 1], "refuses", 0)]
 
     def linear(
         self,
@@ -371,7 +389,7 @@ class _Registry(Generic[_Result]):
                     )
                 result = walker(estimator if names[0][0] else Fitted(estimator), builder, value)
                 if isinstance(result, int) and not builder.width(result):
-                    raise UnsupportedModelError(f"{type(estimator).__name__} keeps no column")
+                    raise NoColumnError(f"{type(estimator).__name__} keeps no column", builder.is_sparse(result))
                 return result
 
             _TRUSTED.update(trusts)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from itertools import combinations
 from typing import Any
@@ -48,18 +49,30 @@ def numbers_of(labels: tuple[Label, ...], found: Iterable[Any]) -> FloatArray:
         raise InputError(f"the library answers with the label {error}, which the model does not list") from None
 
 
+#: Labels up to here have differences that are exact.
+_LARGEST_LABEL = 2**52
+
+
+def _is_whole(label: Any) -> bool:
+    """Whether a label is a number that sums of whole numbers give: they give no -0."""
+    if not isinstance(label, int | float) or label % 1 != 0 or abs(label) > _LARGEST_LABEL:
+        return False
+    return label != 0 or math.copysign(1.0, label) > 0
+
+
 def numbered(builder: GraphBuilder, index: int, labels: Iterable[Any], kind: str) -> int:
     """The label itself, a whole number, of the number of a class that is one of several outputs.
 
     It is the first label and the steps up to it. Raises UnsupportedModelError for other labels, such as texts.
     """
     given = [label_of(label) for label in labels]
+    if not all(map(_is_whole, given)):
+        raise UnsupportedModelError(
+            f"{kind} with labels {tuple(given[:3])}, .. beside other outputs: encode them as whole numbers from -2**52 "
+            "to 2**52, and zero without a sign"
+        )
     if given == list(range(len(given))):
         return index
-    if not all(isinstance(label, int | float) and label % 1 == 0 and abs(label) < 2**31 for label in given):
-        raise UnsupportedModelError(
-            f"{kind} with labels {tuple(given[:3])}, .. beside other outputs: encode them as whole numbers"
-        )
     steps = np.diff(np.array(given, np.float64), append=given[-1])
     reached = builder.add(Exceeds((builder.select([0] * len(given), index),), np.arange(0.5, len(given))))
     return whole_sums(builder, reached, steps[None, :], np.array([given[0]], np.float64))

@@ -155,7 +155,7 @@ REFUSED = {
             lambda: dummy.DummyClassifier(strategy="stratified").fit(X, TWO),
             "draws its answers at random",
         ),
-        "labels of several outputs that are no whole numbers": (
+        "labels of several outputs that are no whole numbers from -2**52 to 2**52, or that are -0": (
             lambda: tree.DecisionTreeClassifier().fit(X, LABELS.astype(str)),
             "beside other outputs: encode them as whole numbers",
         ),

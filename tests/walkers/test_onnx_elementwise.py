@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from onnx import TensorProto, helper
@@ -11,6 +13,7 @@ from st_codegen.ir import reference
 from st_codegen.ir.base import COS_REACH
 from st_codegen.passes.real import in_real
 from st_codegen.proof.bounds import difference_bound
+from st_codegen.walkers.onnx.ml import _known
 from tests.classifiers import loaded as compiled
 from tests.classifiers import verified
 from tests.walkers import onnx_builders as build
@@ -460,6 +463,59 @@ def test_categories_without_which_a_row_has_no_answer(tmp_path, elem_type):
     assert np.array_equal(ours[known], loaded.predict(x[known]))
     with pytest.raises(InputError, match="Unknown Category"):
         loaded.predict(x[~known][:1])
+
+
+@pytest.mark.parametrize("elem_type", [FLOAT, DOUBLE, INT64])
+@pytest.mark.parametrize("categories", [(3, 5, 9), (-7, -4, 12), (0, 1)])
+def test_rows_of_known_categories_are_verified(tmp_path, elem_type, categories):
+    """Rows drawn at random have none, and the end of the stretch of -7 is -8 in float32."""
+    loaded = build.load(ml("OneHotEncoder", 4, elem_type, cats_int64s=categories, zeros=0), tmp_path)
+    report = verified(loaded, tmp_path / "out", target="iec", rows=600)
+    assert report.exact and report.unanswered < report.n / 2
+
+
+def encoded_twice(keys, given):
+    """The number of a category, then a column for each number, as an OrdinalEncoder and a OneHotEncoder are written."""
+    domain = "ai.onnx.ml"
+    nodes = [
+        helper.make_node("LabelEncoder", ["X"], ["N"], domain=domain, keys_floats=keys, values_int64s=given),
+        helper.make_node("OneHotEncoder", ["N"], ["Y"], domain=domain, cats_int64s=[0, 1, 2], zeros=0),
+    ]
+    return graph_model(nodes, [info("X", (None, 2))], [info("Y", None)])
+
+
+def test_a_model_is_tried_with_numbers_that_lead_to_known_categories(tmp_path):
+    """0 and 1 are none of the keys; of categories there may be some that float32 does not hold."""
+    loaded = build.load(encoded_twice([3.0, -5.0, 9.5], [1, 7, 2]), tmp_path)
+    x = np.array([[3.0, 9.5], [9.5, 3.0]])
+    assert np.array_equal(loaded.predict(x), [[0, 1, 0, 0, 0, 1], [0, 0, 1, 0, 1, 0]])
+    assert np.array_equal(loaded.predict(x), reference.evaluate(loaded.ir, x))
+    assert not np.isfinite(reference.evaluate(loaded.ir, [[-5.0, 3.0]])).any()
+    loaded = build.load(ml("OneHotEncoder", 2, cats_int64s=[5, -16777217], zeros=0), tmp_path)
+    assert np.array_equal(loaded.predict(np.array([[5.0, 5.0]])), [[1, 0, 1, 0]])
+
+
+def test_a_model_of_which_no_known_category_is_found_says_what_to_do(tmp_path):
+    nodes = [
+        helper.make_node("Mul", ["X", "c"], ["M"]),
+        helper.make_node("OneHotEncoder", ["M"], ["Y"], domain="ai.onnx.ml", cats_int64s=[7, 9], zeros=0),
+    ]
+    model = graph_model(nodes, [info("X", (None, 2))], [info("Y", None)], [constant("c", [0.5])])
+    with pytest.raises(InputError, match=r"Unknown Category.*handle_unknown='ignore', or export it with zeros=1"):
+        build.load(model, tmp_path)
+
+
+def test_many_categories_take_no_square_of_their_number():
+    """12,000 took 600 MB; of the knots the first and the last of each stretch are what they were."""
+    categories = np.random.default_rng(0).permutation(np.arange(-30000.0, 30000.0, 3.0))
+    low = np.where(categories > 0, categories, np.nextafter(categories - 1.0, np.inf))
+    high = np.where(categories < 0, np.nextafter(categories, np.inf), categories + 1.0)
+    tracemalloc.start()
+    op = _known(0, 1, categories, low, high)
+    assert tracemalloc.get_traced_memory()[1] < 2e7
+    tracemalloc.stop()
+    assert np.array_equal(op.at[::2], np.sort(categories)) and np.isinf(op.at[1::2]).all()
+    assert np.array_equal(op.pieces[1:, 0], op.at) and np.isinf(op.pieces[0, 0])
 
 
 def test_labels_encoded(tmp_path):

@@ -260,6 +260,20 @@ def test_machines_that_were_fitted_on_a_sparse_matrix(name, tmp_path):
     verified(model, tmp_path / "out", target="iec", rows=300)
 
 
+@pytest.mark.parametrize("kernel", ["linear", "rbf"])
+def test_a_sparse_matrix_with_several_numbers_in_one_place_is_refused(kernel):
+    """libsvm takes such numbers one by one, so that the machine is not that of their sums."""
+    random = np.random.default_rng(0)
+    twice = csr_matrix((random.normal(size=300), np.array([0, 0, 1] * 100), np.arange(0, 301, 3)), shape=(100, 3))
+    y, added = random.normal(size=100), twice.copy()
+    added.sum_duplicates()
+    machine, other = (SVR(kernel=kernel).fit(x, y) for x in (twice, added))
+    assert not np.allclose(machine.predict(X[:9]), other.predict(X[:9]))
+    with pytest.raises(UnsupportedModelError, match=r"several numbers in one place.*sum_duplicates\(\).*before fit"):
+        loaded(machine)
+    loaded(other)
+
+
 @pytest.mark.parametrize("name", ["support_vectors_", "_dual_coef_"])
 @pytest.mark.parametrize("changed", [lambda matrix: matrix.toarray(), csc_matrix, lambda matrix: matrix[:, ::-1]])
 def test_machines_whose_sparse_matrices_are_not_as_fit_makes_them_are_refused(name, changed):

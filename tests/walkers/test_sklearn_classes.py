@@ -244,6 +244,53 @@ def test_labels_beside_others_are_any_whole_numbers(name, tmp_path):
         assert prove(Bundle((model,)), tmp_path).proved
 
 
+@pytest.mark.parametrize("name", NUMBERED)
+@pytest.mark.parametrize("pair", [(0, 2**31), (-(2**31), 1), (-(2**52), 2**52), (-1.0, 0.0)])
+def test_labels_beside_others_reach_as_far_as_their_differences_are_exact(name, pair, tmp_path):
+    labels = np.column_stack([np.where(TWO, *pair[::-1]), THREE])
+    model = loaded(fit(NUMBERED[name], X, labels))
+    library, found = model.predict(X), reference.evaluate(model.ir, X)
+    assert np.array_equal(library, found) and set(found[:, 0]) == set(pair)
+    assert np.array_equal(np.signbit(library), np.signbit(found))
+    assert model.ir.exact == (name != "one an output")
+    verified(model, tmp_path, rows=300)
+
+
+@pytest.mark.parametrize("pair", [(-0.0, 1.0), (-1.0, -0.0), (0, 2**52 + 1), (-(2**52) - 1, 0)])
+def test_labels_beside_others_that_sums_do_not_give_are_refused(pair):
+    """Labels of -0.0 were answered as 0.0, which the header called equal in every bit."""
+    labels = np.column_stack([np.where(TWO, *pair[::-1]), THREE])
+    message = r"beside other outputs: encode them as whole numbers from -2\*\*52 to 2\*\*52, and zero without a sign"
+    with pytest.raises(UnsupportedModelError, match=message):
+        loaded(fit(NUMBERED["tree"], X, labels))
+
+
+@pytest.mark.parametrize(
+    "estimator",
+    [
+        discriminant_analysis.LinearDiscriminantAnalysis(solver="lsqr"),
+        discriminant_analysis.LinearDiscriminantAnalysis(solver="eigen"),
+        linear_model.RidgeClassifier(fit_intercept=False),
+    ],
+)
+def test_one_class_with_a_score_above_zero_is_refused(estimator):
+    """The block answered with a second class that is not there."""
+    fit(estimator, X, np.full(len(X), 7))
+    with pytest.raises(IndexError):
+        estimator.predict(np.vstack([9 * X, -9 * X]))
+    with pytest.raises(UnsupportedModelError, match="with one class, whose own predict raises where the score"):
+        loaded(estimator)
+
+
+@pytest.mark.parametrize(
+    "estimator", [discriminant_analysis.LinearDiscriminantAnalysis(), linear_model.RidgeClassifier()]
+)
+def test_one_class_that_is_always_the_answer(estimator, tmp_path):
+    model = loaded(fit(estimator, X, np.full(len(X), 7)))
+    assert not model.predict(9 * X)[:, 0].any() and not reference.evaluate(model.ir, 9 * X)[:, 0].any()
+    verified(model, tmp_path, rows=300)
+
+
 @pytest.mark.parametrize("order", [[0, 1, 2], [1, 2, 0]], ids=["behind", "in front, which turns the threshold"])
 def test_labels_that_all_rows_of_the_training_had_or_none(order, tmp_path):
     labels = np.column_stack([TWO, np.ones(len(X)), np.zeros(len(X))]).astype(int)[:, order]

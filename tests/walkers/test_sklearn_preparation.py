@@ -349,6 +349,39 @@ def test_steps_on_a_sparse_matrix_round_as_the_library_does(step, tmp_path):
     assert verified(model, tmp_path, rows=1000).exact
 
 
+ONE_CONSTANT = np.column_stack([np.ones(len(X)), X[:, :2]])
+DROPPED, DENSE = (OneHotEncoder(drop="first", sparse_output=one) for one in (True, False))
+EMPTY = {
+    "column": ColumnTransformer([("kind", DROPPED, [0])], remainder="passthrough"),
+    "only some": ColumnTransformer([("kind", DROPPED, [0]), ("rest", StandardScaler(), [2])]),
+    "unknown is ignored": ColumnTransformer(
+        [("kind", OneHotEncoder(drop="first", handle_unknown="ignore"), [0])], remainder=StandardScaler()
+    ),
+    "union": FeatureUnion([("none", SelectKBest(k=0)), ("all", StandardScaler())]),
+    "union of pipelines": FeatureUnion(
+        [("all", "passthrough"), ("none", make_pipeline(StandardScaler(), decomposition.PCA(0)))]
+    ),
+}
+
+
+@pytest.mark.parametrize("target", ["iec", "scl"])
+@pytest.mark.parametrize("name", EMPTY)
+def test_a_part_that_keeps_no_column_adds_none(name, target, tmp_path):
+    """The library takes it; what it refuses, such as an unknown category, has no answer all the same."""
+    trees = DecisionTreeClassifier(max_depth=4, random_state=0)
+    fitted = fit(make_pipeline(EMPTY[name], trees), ONE_CONSTANT, THREE)
+    model = loaded(fitted, ())
+    verified(model, tmp_path / "out", target=target, rows=300)
+    usable, bound = agrees(model, ONE_CONSTANT)
+    assert usable.all() and not bound.any()
+    other = ONE_CONSTANT + np.array([1.0, 0.0, 0.0])
+    answered = np.isfinite(reference.evaluate(model.ir, other)).all(axis=1)
+    assert answered.all() if name not in ("column", "only some") else not answered.any()
+    if not answered.any():
+        with pytest.raises(ValueError, match="unknown categories"):
+            fitted.predict(other)
+
+
 @pytest.mark.parametrize("x", [X[:1], np.repeat(X[:1], 9, axis=0)], ids=["one row", "one number"])
 def test_quantiles_of_one_number(x, tmp_path):
     model = loaded(QuantileTransformer(n_quantiles=5).fit(x))
@@ -363,6 +396,8 @@ def test_quantiles_of_one_number(x, tmp_path):
     ("estimator", "x", "message"),
     [
         (decomposition.PCA(0), X, "PCA keeps no column"),
+        (FeatureUnion([("none", decomposition.PCA(0))]), X, "FeatureUnion drops every transformer"),
+        (ColumnTransformer([("kind", DENSE, [0])]), ONE_CONSTANT, "ColumnTransformer drops every column"),
         (decomposition.KernelPCA(), X * 0.0, "KernelPCA keeps no column"),
         (GaussianNB(priors=[0.5, 0.5, 0.0]), X, "class number 2 has a prior of 0"),
         (RobustScaler(quantile_range=(0, 100), unit_variance=True), X, "RobustScaler divides by 0"),
@@ -388,6 +423,7 @@ def test_quantiles_of_one_number(x, tmp_path):
         (SplineTransformer(extrapolation="linear", degree=1), X, "extrapolation='linear' and degree=1"),
         (QuantileTransformer(n_quantiles=20, output_distribution="normal"), X, "supported is 'uniform'"),
         (OneHotEncoder(), np.array([["a"], ["b"]] * 150), "categories that are no numbers"),
+        (OneHotEncoder(), np.array([[2**53], [2**53 + 1]] * 150), "column 0 has categories that are equal as LREAL"),
         (UNKNOWN_IS_MISSING, CODES, "makes NaN of unknown categories"),
         (make_pipeline(UNKNOWN_IS_MISSING, SimpleImputer(), linear_model.Ridge()), CODES, "choose a number for them"),
         (make_pipeline(UNKNOWN_IS_MISSING, linear_model.Ridge()), CODES, "choose a number for them"),

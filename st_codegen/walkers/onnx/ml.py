@@ -247,8 +247,10 @@ def _one_hot_encoder(call: NodeCall) -> Operand:
     columns = np.repeat(np.arange(tensor.size), len(categories)).astype(np.int32)
     value = walk.settle_finite(tensor)
     if not call.node.integer("zeros", 1):  # onnxruntime fails on an unknown category
-        for feature in map(int, tensor.column[tensor.value == 0]):
-            walk.takes[feature] = np.intersect1d(walk.takes.get(feature, categories), categories)
+        for column in range(tensor.size):
+            feature, numbers = _taken(walk, value, column, categories)
+            if feature is not None:
+                walk.takes[feature] = np.intersect1d(walk.takes.get(feature, numbers), numbers)
         value = walk.builder.add(_known(value, tensor.size, categories, low, high))
     number = walk.builder.select(columns, value)
     reached, passed = (
@@ -258,11 +260,30 @@ def _one_hot_encoder(call: NodeCall) -> Operand:
     return walk.computed(value, shape, FLOAT32)
 
 
+def _taken(walk: GraphWalk, value: int, column: int, numbers: FloatArray) -> tuple[int | None, FloatArray]:
+    """The feature that a column is made of, and numbers of it that give some of these; None: by other operations."""
+    while value:
+        op = walk.builder.ops[value - 1]
+        if isinstance(op, ir.Select):
+            value, column = op.source(column, walk.builder.width)
+            continue
+        if isinstance(op, ir.Round):
+            numbers = numbers[numbers.astype(np.float32) == numbers]
+        elif isinstance(op, ir.Piecewise):
+            own = slice(op.start[column], op.start[column + 1])
+            numbers = op.knots[own][np.isin(np.trunc(op.at[own]), numbers)]
+        elif not isinstance(op, ir.WholeNumber):
+            return None, numbers
+        value = op.inputs[0]
+    return column, numbers
+
+
 def _known(value: int, width: int, categories: FloatArray, low: FloatArray, high: FloatArray) -> ir.Piecewise:
     """The category of each number, from `low` on and below `high`; no answer between and beyond them."""
     knots = np.unique([low, high])
-    place = np.argmax((low <= knots[:, None]) & (knots[:, None] < high), axis=1)
-    at = np.where((low[place] <= knots) & (knots < high[place]), categories[place], math.inf)
+    order = np.argsort(low)
+    place = order[np.searchsorted(low[order], knots, side="right") - 1]
+    at = np.where(knots < high[place], categories[place], math.inf)
     return ir.Piecewise(
         inputs=(value,),
         start=np.arange(width + 1) * len(knots),

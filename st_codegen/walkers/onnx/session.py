@@ -124,7 +124,15 @@ class _SessionPredictor:
         try:
             self(row := self._taken(np.zeros((1, width))))  # some faults show only when a model runs
         except InputError:  # 0 may be no position in a list
-            self(row := self._taken(np.ones((1, width))))
+            try:
+                self(row := self._taken(np.ones((1, width))))
+            except InputError as error:
+                if "Unknown Category" not in str(error):
+                    raise
+                raise InputError(
+                    f"{error}; no row of known categories was found to try the model with: fit the OneHotEncoder with "
+                    "handle_unknown='ignore', or export it with zeros=1"
+                ) from error
         most = max(given.batch for given in self.inputs)
         if most == 1:
             return

@@ -16,10 +16,10 @@ from st_codegen import ir
 from st_codegen.errors import UnsupportedModelError
 from st_codegen.ir import reference
 from st_codegen.ir.arrays import FloatArray, Int32Array
-from st_codegen.walkers.base import GraphBuilder, Walked, transforms, walk_any, walk_estimator, walk_transform, walks
+from st_codegen.walkers.base import GraphBuilder, Walked, transforms, walk_any, walk_estimator, walks
 from st_codegen.walkers.fitted import Fitted
 from st_codegen.walkers.sklearn.pieces import inverse_quantiles
-from st_codegen.walkers.sklearn.transforms import inverse_power, walk_selection, weighted
+from st_codegen.walkers.sklearn.transforms import inverse_power, side_by_side, walk_or_pass, walk_selection
 
 Steps = list[tuple[str, FloatArray]]
 
@@ -28,7 +28,7 @@ Steps = list[tuple[str, FloatArray]]
 def walk_preparation(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """The steps, one after another; none of them predicts."""
     for _, step in fitted.items("steps"):
-        value = _walk_or_pass(step, builder, value)
+        value = walk_or_pass(step, builder, value)
     return value
 
 
@@ -40,7 +40,7 @@ def walk_pipeline(fitted: Fitted, builder: GraphBuilder, value: int) -> Walked:
     steps = fitted.items("steps")
     _, last = steps[-1]
     for _, step in steps[:-1]:
-        value = _walk_or_pass(step, builder, value)
+        value = walk_or_pass(step, builder, value)
     return value if last is None or isinstance(last, str) else walk_any(last, builder, value)
 
 
@@ -97,16 +97,13 @@ def walk_elimination(fitted: Fitted, builder: GraphBuilder, value: int) -> Walke
 )
 def walk_columns(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """Each transformer on its own columns; results side by side in the order of `transformers_`."""
-    parts = []
-    for name, transformer, given in fitted.items("transformers_"):
-        columns = selected_columns(fitted, name, given, builder.width(value))
-        if len(columns) == 0 or (isinstance(transformer, str) and transformer == "drop"):
-            continue
-        part = _walk_or_pass(transformer, builder, builder.select(columns, value))
-        parts.append(weighted(builder, part, fitted.get("transformer_weights"), name, fitted))
-    if not parts:
-        raise UnsupportedModelError("ColumnTransformer drops every column")
-    found = builder.beside(*parts)
+    parts = (
+        (name, transformer, columns)
+        for name, transformer, given in fitted.items("transformers_")
+        for columns in [selected_columns(fitted, name, given, builder.width(value))]
+        if len(columns) and not (isinstance(transformer, str) and transformer == "drop")
+    )
+    found, _ = side_by_side(fitted, builder, value, parts, "ColumnTransformer drops every column")
     builder.sparse[found] = bool(fitted.get("sparse_output_"))
     return found
 
@@ -231,11 +228,6 @@ def walk_function(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
             f"FunctionTransformer with kw_args={fitted.estimator.kw_args}: arguments are not supported"
         )
     return _add_function(fitted.estimator.func, "func", builder, value)
-
-
-def _walk_or_pass(step: Any, builder: GraphBuilder, value: int) -> int:
-    """A step of a composition; 'passthrough' and None hand their input on."""
-    return value if step is None or isinstance(step, str) else walk_transform(step, builder, value)
 
 
 #: Of each scaler the operators, the arrays, and the parameters that switch a step off, in the library's order.

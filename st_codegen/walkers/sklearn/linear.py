@@ -85,6 +85,10 @@ def walk_linear_classifier(fitted: Fitted, builder: GraphBuilder, value: int) ->
     of SGDClassifier those of each class by their sum (`linear_model/_stochastic_gradient.py: predict_proba`).
     """
     labels = labels_of(fitted)
+    if len(labels) == 1 and (np.any(fitted.floats("coef_")) or np.any(fitted.floats("intercept_") > 0)):
+        raise UnsupportedModelError(
+            f"{fitted.kind} with one class, whose own predict raises where the score is above 0: train it with two"
+        )
     scores = _weighted_sum(fitted, builder, value)
     count, precision = builder.width(scores), builder.precision(scores)
     if count != (len(labels) if len(labels) > 2 else 1):

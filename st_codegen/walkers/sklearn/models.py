@@ -56,7 +56,13 @@ class _Machine:
             matrix = self.fitted.get(name)
             if isinstance(matrix, np.ndarray) == sparse:
                 raise self.fitted.fail(name, f"{'dense' if sparse else 'sparse'}, where _sparse is {sparse}")
-            if sparse and not (matrix.format == "csr" and matrix.has_canonical_format):
+            ordered = sparse and matrix.format == "csr" and matrix.has_sorted_indices
+            if ordered and name == "support_vectors_" and not matrix.has_canonical_format:
+                raise UnsupportedModelError(
+                    f"{self.fitted.kind} was fitted on a sparse matrix with several numbers in one place, which libsvm "
+                    "does not add up: call sum_duplicates() of the matrix before fit"
+                )
+            if sparse and not (ordered and matrix.has_canonical_format):
                 raise self.fitted.fail(name, "not a sparse matrix of ordered rows")
             if sparse and name == "_dual_coef_" and matrix.nnz != self.coefficients.size:
                 raise self.fitted.fail(name, f"{counted(matrix.nnz, 'number')}, expected {self.coefficients.size}")

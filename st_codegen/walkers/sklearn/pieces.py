@@ -146,6 +146,11 @@ def _categories(fitted: Fitted, builder: GraphBuilder, value: int) -> list[tuple
                 "them as integers before training"
             )
         numbers = given.astype(np.float64)
+        if given.dtype.kind in "iu" and np.any(numbers[1:] == numbers[:-1]) and np.all(given[1:] > given[:-1]):
+            raise UnsupportedModelError(
+                f"{fitted.kind}: column {number} has categories that are equal as LREAL, which holds all integers up "
+                "to 2**53 only: encode them as smaller integers before training"
+            )
         known = _rising(fitted, "categories_", fitted.floats_of("categories_", numbers[~np.isnan(numbers)], (None,)))
         found.append((known, bool(np.isnan(numbers).any())))
     builder.refuse_magnitude(math.inf)
@@ -157,8 +162,8 @@ _AT_ONCE = 256
 
 
 def _answers(estimator: Any, rows: FloatArray, width: int) -> FloatArray:
-    """What an encoder makes of rows (rows, outputs); infinity where it refuses one, found by halving."""
-    found = np.full((len(rows), width), math.inf)
+    """What an encoder makes of rows (rows, outputs), or 0 of none; infinity where it refuses one, found by halving."""
+    found = np.full((len(rows), max(width, 1)), math.inf)
     left = np.array_split(np.arange(len(rows)), -(-len(rows) // _AT_ONCE))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -170,7 +175,7 @@ def _answers(estimator: Any, rows: FloatArray, width: int) -> FloatArray:
                 left += np.array_split(asked, 2) if len(asked) > 1 else []
                 continue
             dense = given.toarray() if hasattr(given, "toarray") else given
-            found[asked] = np.asarray(dense, np.float64).reshape(len(asked), -1)
+            found[asked] = np.asarray(dense, np.float64).reshape(len(asked), -1) if width else 0.0
     return found
 
 
@@ -237,7 +242,7 @@ def walk_one_hot(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     columns = []
     for column, answers in enumerate(_codes(fitted, builder, value, int(ends[-1]))):
         own = answers[:, ends[column] : ends[column + 1]]
-        refused = np.isinf(answers[:, 0]) if answers.shape[1] else np.zeros(len(answers), np.bool_)
+        refused = np.isinf(answers[:, 0])
         place = np.argmax(own, axis=1) if own.shape[1] else np.zeros(len(own))
         columns.append((column, np.where(refused, math.inf, np.where(np.any(own > 0, axis=1), place, -1.0))))
     found = _one_hot(builder, _encoded(builder, value, fitted, columns), sizes, _made(fitted))

@@ -6,14 +6,15 @@ Projections add products through BLAS, whose order is not specified: equal withi
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from functools import reduce
 from typing import Any
 
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import Clip, Distances, Exceeds, FloatArray, Kernel, KernelSum, Linear, SummationOrder
-from st_codegen.walkers.base import GraphBuilder, transforms, walk_transform
+from st_codegen.ir import AnyArray, Clip, Distances, Exceeds, FloatArray, Kernel, KernelSum, Linear, SummationOrder
+from st_codegen.walkers.base import GraphBuilder, NoColumnError, transforms, walk_transform
 from st_codegen.walkers.fitted import SPARSE, Fitted
 from st_codegen.walkers.sklearn.linear import block_sums, squares
 
@@ -31,18 +32,42 @@ def weighted(builder: GraphBuilder, value: int, weights: Any, name: str, fitted:
 @transforms("FeatureUnion", single=True)
 def walk_union(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """All transformers on the same columns, results side by side."""
-    parts = []
-    sparse = False
-    for name, part in fitted.items("transformer_list"):
-        if part != "drop":
-            found = value if part == "passthrough" else walk_transform(part, builder, value)
-            sparse = sparse or builder.is_sparse(found)
-            parts.append(weighted(builder, found, fitted.get("transformer_weights"), name, fitted))
-    if not parts:
-        raise UnsupportedModelError("FeatureUnion drops every transformer")
-    found = builder.beside(*parts)
+    given = [(name, part, None) for name, part in fitted.items("transformer_list") if part != "drop"]
+    found, sparse = side_by_side(fitted, builder, value, given, "FeatureUnion drops every transformer")
     builder.sparse[found] = sparse
     return found
+
+
+def walk_or_pass(step: Any, builder: GraphBuilder, value: int) -> int:
+    """A step of a composition; 'passthrough' and None hand their input on."""
+    return value if step is None or isinstance(step, str) else walk_transform(step, builder, value)
+
+
+def side_by_side(
+    fitted: Fitted, builder: GraphBuilder, value: int, given: Iterable[tuple[str, Any, AnyArray | None]], nothing: str
+) -> tuple[int, bool]:
+    """The results of named transformers of columns (None: all) side by side, and whether one of them is sparse.
+
+    Those that keep no column add none, but what they refuse has no answer. `nothing`: what is said of none at all.
+    """
+    parts: list[int] = []
+    refusing: list[int] = []
+    sparse, empty = False, None
+    for name, transformer, columns in given:
+        before = len(builder.ops)
+        try:
+            found = walk_or_pass(transformer, builder, value if columns is None else builder.select(columns, value))
+        except NoColumnError as error:
+            refusing += builder.drop_since(before)
+            sparse, empty = sparse or error.sparse, error
+            continue
+        sparse = sparse or builder.is_sparse(found)
+        parts.append(weighted(builder, found, fitted.get("transformer_weights"), name, fitted))
+    if not parts:
+        raise NoColumnError(nothing, sparse)
+    if empty is not None and all(map(builder.is_single, parts)):  # the type of what is empty decides on that of all
+        raise empty
+    return builder.select(np.arange(sum(map(builder.width, parts))), *parts, *refusing), sparse
 
 
 @transforms(
