@@ -11,6 +11,7 @@ from st_codegen.driver import generate
 from st_codegen.passes.choose import Layout, Options
 from st_codegen.project.bundle import load
 from tests.checker.test_check_certificate import GOLDEN, check, folder_of, written
+from tests.proof import mutants
 
 MODEL = "lightgbm_gbdt.txt"
 BLOCK = "FB_Lightgbm_gbdt"
@@ -220,11 +221,12 @@ def test_what_gives_names_another_meaning_cannot_be_hidden(what, name, proved):
 
 
 @pytest.mark.parametrize("what", FORMS)
-def test_what_some_compiler_may_read_otherwise_is_not_confirmed(what, proved):
-    path, models, out = proved
-    with_text(path, out / "iec" / "Other.st", FORMS[what] + "\n")
-    result = check(path, models, out)
-    assert (result.returncode, "confirmed" in result.stdout) == (1, False), result.stdout
+def test_what_some_compiler_may_read_otherwise_is_rejected(what, tmp_path):
+    shutil.copy(GOLDEN / "generated" / "iec" / f"{BLOCK}.st", tmp_path)
+    assert len(mutants.check_certificate.codes(tmp_path, BLOCK)) == 1
+    (tmp_path / "Other.st").write_bytes(f"{FORMS[what]}\n".encode())
+    with pytest.raises(mutants.check_certificate.Reject):
+        mutants.check_certificate.codes(tmp_path, BLOCK)
 
 
 #: Changes of a block's text: what stands there, and what stands in its place.
