@@ -16,7 +16,6 @@ import sys
 import tomllib
 from itertools import product
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 from model_files import HIGH, LOW, Reject, bits, keys, need, numbers, read_model, single
@@ -40,10 +39,6 @@ WORDS = {
     "EXIT": "break",
 }
 KNOWN = {*"+-*/()[],<>", "<=", ">="}
-ELEMENTS = {"TcPlcObject", "POU", "DUT", "GVL", "Declaration", "Implementation", "ST"}
-UNIT = re.compile(
-    r"(?i)\b(FUNCTION|FUNCTION_BLOCK)\s+(?:(?:PUBLIC|INTERNAL|PRIVATE|PROTECTED|ABSTRACT|FINAL)\s+)*(\w+)"
-)
 TOKEN = re.compile(r"\s*((?:\w+#)?16#[0-9A-Fa-f_]+|\d+\.\d+(?:E[-+]?\d+)?|\d+|[A-Za-z_]\w*|:=|<=|>=|<>|\S)")
 
 
@@ -64,6 +59,7 @@ def translated(code):
             depth += token in ("DO",) or (token == "THEN" and text[:2] == "if")
             loop = False
         elif token in ("END_IF", "END_FOR"):
+            need(not words, f"{token} in a statement")
             depth, words = depth - 1, [token]
         elif token in ("IF", "ELSIF"):
             words.append({"IF": "if", "ELSIF": "elif"}[token])
@@ -81,39 +77,81 @@ def translated(code):
     return ast.parse("\n".join(lines)).body
 
 
-#: What a compiler reads as one piece: comments, strings and pragmas, in which the signs of the others mean nothing.
-STRINGS = r"""'(?:[^'$\n]|\$.)*'|"(?:[^"$\n]|\$.)*\""""
-PIECE = re.compile(rf"""\(\*.*?\*\)|//[^\n]*|{STRINGS}|\{{(?:[^{{}}'"\n]|{STRINGS})*\}}""", re.S)
-#: Signs by which the pieces may end elsewhere for another compiler.
-STRAY = re.compile(r"""['"{}]|/\*|\*/|\(\*|\*\)""")
+#: The signs of a file: ASCII, and no end of a line that is one for some compilers only.
+SIGNS = re.compile(r"[\t\n -~]*")
+#: Comments, strings and attributes as they are generated: every compiler ends them at the same place, and none of them
+#: changes what the text does.
+PIECE = re.compile(
+    r"\(\*(?=\s)(?:(?!\(\*|\*\)|/\*|\*/).)*(?<=\s)\*\)|'[][\w ,.:-]*'"
+    r"|\{attribute '(?:hide|linkalways|no_check|qualified_only|strict)'\}",
+    re.S,
+)
+#: Signs of all others.
+OTHER_PIECE = re.compile(r"""['"{}]|//|/\*|\*/|\(\*|\*\)""")
+#: A file of TwinCAT: the name of its one unit or list of variables, and the text.
+OBJECT = re.compile(
+    r'<\?xml version="1\.0" encoding="utf-8"\?>\s*<TcPlcObject Version="[\d.]+"(?: ProductVersion="[\d.]+")?>\s*'
+    r'<(POU|DUT|GVL) Name="(\w+)" Id="\{[\w-]+\}"(?: SpecialFunc="None")?>\s*'
+    r"<Declaration><!\[CDATA\[(.*?)\]\]></Declaration>\s*"
+    r"(?:<Implementation>\s*<ST><!\[CDATA\[(.*?)\]\]></ST>\s*</Implementation>\s*)?</\1>\s*</TcPlcObject>\s*",
+    re.S,
+)
+UNITS = {"FUNCTION", "FUNCTION_BLOCK", "TYPE"}
+#: What stands in front of a call in an expression.
+CALLING = {*"+-*/<>=(,[", ":=", "AND", "OR", "XOR", "NOT", "MOD", "IF", "ELSIF", "TO", "BY"}
 
 
 def uncommented(text, name):
-    """Structured Text without comments; of strings, pragmas and comments to the end of a line their first sign is left.
+    """Structured Text without comments; of strings and attributes their first sign is left.
 
-    Where compilers may disagree on what is a comment, there is none: of each of them the text would be another one.
+    What is not generated so is rejected: compilers may disagree on where it ends, or on what it does.
     """
-    nested = any("(*" in piece[2:] for piece in PIECE.findall(text) if piece[:2] == "(*")
-    need(not nested and not STRAY.search(PIECE.sub(" ", text)), f"{name}: a comment, string or pragma without its end")
-    return PIECE.sub(lambda piece: {"(": " ", "/": "//"}.get(piece[0][0], piece[0][0]), text)
+    other = OTHER_PIECE.search(PIECE.sub(" ", text))
+    need(not other, f"{name}: {other and other[0]!r}; comments, strings or pragmas are read as they are generated only")
+    return PIECE.sub(lambda piece: piece[0][0].replace("(", " "), text)
 
 
-def codes(folder):
-    """The Structured Text of all files of a target, without comments. Their names mean what the standard says."""
-    found = []
-    for path in sorted(path for path in folder.rglob("*") if path.suffix.lower() in READ):
-        text = path.read_text("utf-8-sig")
-        parts = {"ST": text}
-        if path.suffix.lower() != ".st":
-            elements = list(ElementTree.fromstring(text.encode()).iter())
-            parts = {e.tag: e.text for e in elements}
-            need(len(parts) == len(elements) and parts.keys() <= ELEMENTS, f"{path.name}: methods, or several units")
-        found.append("\n".join(uncommented(parts[part], path.name) for part in ("Declaration", "ST") if part in parts))
-    every = "\n".join(found)
-    names = [name.upper() for _, name in UNIT.findall(every)]
-    names += [name.upper() for name in re.findall(r"\b(\w+)\s*:\s*(?:STRUCT|UNION)\b", every, re.I)]
-    other = rf"(?i)\b(?:{'|'.join(TYPES)})\s*:(?!=)|\b(?:{'|'.join(FUNCTIONS)})\b(?!\()"
-    need(len(set(names)) == len(names) and not re.search(other, every), "a name of two meanings")
+def code_of(path):
+    """The Structured Text of a file without comments; in front of a list of variables stands its name."""
+    text = path.read_bytes().decode("utf-8-sig").replace("\r\n", "\n")
+    need(SIGNS.fullmatch(text), f"{path.name}: a sign that is not ASCII, or ends a line for some compilers only")
+    if path.suffix.lower() == ".st":
+        return uncommented(text, path.name)
+    form = OBJECT.fullmatch(text)
+    need(form and "]]>" not in form[3] + (form[4] or ""), f"{path.name}: another form of file, or several units")
+    text = "\n".join(uncommented(part or "", path.name) for part in form.groups()[2:])
+    if form[1] == "GVL":
+        return f"{form[2]}\n{text}"
+    unit = re.match(r"[\s{]*(?:FUNCTION|FUNCTION_BLOCK|PROGRAM|TYPE)\s+(\w+)", text)
+    need(unit and unit[1] == form[2], f"{path.name}: a unit of another name")
+    need(not re.search(r"\bEND_(?:FUNCTION|PROGRAM)", text, re.I), f"{path.name}: a unit that ends in its text")
+    return text
+
+
+def codes(folder, block):
+    """The Structured Text of all files of a target, without comments. The names that a block needs have one meaning.
+
+    Wherever such a name stands, it is used: types behind a colon, functions in calls. No file can declare it anew.
+    """
+    paths = [path for path in sorted(folder.rglob("*")) if path.suffix.lower() in READ]
+    need(len({path.suffix.lower() == ".st" for path in paths}) < 2, "texts of two kinds, of which one may be imported")
+    found = [code_of(path) for path in paths]
+    every = re.sub(r"\[[-+\d.E,\s]*\]", "[]", "\n".join(found).upper())  # lists of numbers
+    words = [word for word in re.findall(r"\w+|:=|\S", every) if word != "{"]
+    own, units = {block.upper(), "F_ISNAN", "U_LREALBITS"}, []
+    for before, word, after in zip(["", *words], words, [*words[1:], ""], strict=False):
+        if word in TYPES:
+            used = after == "#" or (before in (":", "OF", ")") and after in (";", ":=", "VAR_INPUT"))
+        elif word in FUNCTIONS | own:
+            used = after == "(" and before in CALLING
+            if word in own:
+                units += [word] * (before in UNITS)
+                result = word == "F_ISNAN" and (before, after) == (";", ":=")
+                used = used or result or before in UNITS or (before in (":", "OF") and after == ";")
+        else:
+            continue
+        need(used, f"'{before} {word} {after}' may give {word} another meaning")
+    need(len(set(units)) == len(units), "two units of one name")
     return found
 
 
@@ -125,17 +163,18 @@ def literal(word, real):
     return number
 
 
-def read_block(folder, name):
+def read_block(texts, name):
     """Inputs, outputs, constants, initial values and statements of a function block."""
-    form = rf"^FUNCTION_BLOCK {name}$(.*?)(?:^END_FUNCTION_BLOCK|\Z)"
-    parts = [(text, part) for text in codes(folder) for part in re.findall(form, text, re.S | re.M | re.I)]
-    need(len(parts) == 1, f"{len(parts)} blocks {name} in {folder}")
-    known = parts[0][0].isascii() and not re.search(r"[{'\"$^]|//|\*\)", parts[0][0])
-    need(known, "attributes, strings, pointers, or a comment in a comment")
-    text = parts[0][1]
+    another = r"\s*(?:(?:FUNCTION|FUNCTION_BLOCK|PROGRAM|TYPE|CONFIGURATION)\b|\Z)"
+    form = rf"^FUNCTION_BLOCK {name}$(.*?)(?:^END_FUNCTION_BLOCK\b(?={another})|\Z)"
+    parts = [part for text in texts for part in re.findall(form, text, re.S | re.M | re.I)]
+    need(len(parts) == 1, f"{len(parts)} blocks {name}")
+    text = parts[0]
+    need(not re.search(r"[{'^]", text), "attributes, strings or pointers")
     ports, constants, values, end = {"VAR_INPUT": [], "VAR_OUTPUT": []}, {}, {}, 0
     for section in re.finditer(r"\s*(VAR\w*)( CONSTANT)?\s(.*?)END_VAR", text, re.S):
         need(section.start() == end and section[1] in ("VAR", *ports), "text between declarations, or another section")
+        need(section[1] == "VAR" or not section[2], "constant inputs or outputs")
         end = section.end()
         for line in filter(None, map(str.strip, section[3].split(";"))):
             form = re.fullmatch(
@@ -564,7 +603,8 @@ class Check:
     def __init__(self, model, folder, entry, others=()):
         model.prepare()
         self.made, self.forms, self.entry = {}, {}, entry
-        self.model, self.block, self.has_isnan = model, read_block(folder, entry["block"]), has_isnan(folder)
+        texts = codes(folder, entry["block"])
+        self.model, self.block, self.has_isnan = model, read_block(texts, entry["block"]), has_isnan(folder, texts)
         self.ends, ports = [], [name.lower() for name in self.block[0]]
         numbers_ = [name for name in self.block[1] if not isinstance(self.block[3][name], bool)]
         counts = {"nAge"} - set(entry["outputs"])  # the calls since the outputs were valid, of which nothing is claimed
@@ -831,9 +871,9 @@ def tested(e):
         return None
 
 
-def has_isnan(folder):
+def has_isnan(folder, texts):
     """Whether the text tests NaN by the bits, in the one way that is known; else comparisons with it must not stop."""
-    texts = [" ".join(text.split()) for text in codes(folder)]
+    texts = [" ".join(text.split()) for text in texts]
     found = all(any(re.fullmatch(form.replace("\n", " "), text) for text in texts) for form in (ISNAN, UNION))
     need(found or not list(folder.rglob("*.[Tt][Cc][Pp][Oo][Uu]")), "no test for NaN by its bits")
     return found
@@ -908,10 +948,18 @@ def unread(folder):
     return f"not checked: {names[0]} is not read by this checker" if names else None
 
 
+#: Function blocks in files that need not be as they are generated.
+BETWEEN = r"(?:\s|//[^\n]*|\(\*.*?\*\)|/\*.*?\*/|\{.*?\})+"
+BLOCK_NAME = re.compile(
+    rf"(?is)\bFUNCTION_BLOCK{BETWEEN}(?:(?:PUBLIC|INTERNAL|PRIVATE|PROTECTED|ABSTRACT|FINAL|OVERRIDE){BETWEEN})*"
+    r"\"?(\w+)"
+)
+
+
 def blocks_in(path):
     """The names of the function blocks of a file, in small letters."""
-    found = UNIT.findall(PIECE.sub(" ", path.read_bytes().decode("utf-8", "replace")))
-    return {name.lower() for kind, name in found if kind.upper() == "FUNCTION_BLOCK"}
+    text = PIECE.sub(" ", path.read_bytes().decode("utf-8", "replace"))
+    return {name.lower() for name in BLOCK_NAME.findall(text)}
 
 
 def unchecked(entry):

@@ -76,8 +76,8 @@ def real32(value: float) -> str:
     return real(shortest if np.float32(shortest) == single else float(single))
 
 
-#: What ends, or begins, a comment or CDATA; and how it looks in a text that a model file brought along.
-_ENDS = {"*)": r"\x2a)", "(*": r"(\x2a", "]]>": r"\x5d]>"}
+#: What ends, or begins, a comment of either kind or CDATA; and how it looks in a text that a model file brought along.
+_ENDS = {"*)": r"\x2a)", "(*": r"(\x2a", "/*": r"/\x2a", "*/": r"\x2a/", "]]>": r"\x5d]>"}
 
 
 def harmless(text: str) -> str:
@@ -93,13 +93,7 @@ def check_text(text: str, what: str) -> str:
 
     A comment must not end early, CDATA must not end early, and files stay ASCII on every controller.
     """
-    for forbidden, name in (
-        ("*)", "'*)'"),
-        ("(*", "'(*'"),
-        ("]]>", "']]>'"),
-        ("\n", "a line end"),
-        ("\r", "a line end"),
-    ):
+    for forbidden, name in (*((end, f"'{end}'") for end in _ENDS), ("\n", "a line end"), ("\r", "a line end")):
         if forbidden in text:
             raise InputError(f"{what} {text!r} contains {name}, which would break the generated file: rename it")
     if not text.isascii() or not text.isprintable():
@@ -119,7 +113,7 @@ def identifier(name: str, what: str, prefix: str = "") -> str:
     `prefix` is what will stand in front of it: FB_Log is a name, though LOG is a reserved word. Raises InputError,
     naming `what` it is, for an empty or over-long name, a keyword, non-ASCII and what `check_text` refuses.
     """
-    check_text(name, what)
+    check_text(re.sub(r"/\*|\*/", "_", name), what)  # which no compiler sees: comments show the name as `harmless` does
     text = re.sub(r"_+", "_", re.sub(r"[^A-Za-z0-9_]", "_", name)).strip("_")
     if not text:
         raise InputError(f"{what} {name!r} has no letter or digit: rename it")

@@ -11,6 +11,7 @@ from st_codegen.driver import generate
 from st_codegen.passes.choose import Layout, Options
 from st_codegen.project.bundle import load
 from tests.checker.test_check_certificate import GOLDEN, check, folder_of, written
+from tests.proof import mutants
 
 MODEL = "lightgbm_gbdt.txt"
 BLOCK = "FB_Lightgbm_gbdt"
@@ -179,6 +180,35 @@ OTHER = {
     "a function": "FUNCTION ABS : LREAL\nVAR_INPUT x : LREAL; END_VAR\nABS := x + 1.0;\nEND_FUNCTION",
     "the block": f"FUNCTION_BLOCK PUBLIC {BLOCK}\nEND_FUNCTION_BLOCK",
 }
+FUNCTION = ": LREAL\nVAR_INPUT x : LREAL; END_VAR\nABS := x + 1.0;\nEND_FUNCTION"
+#: Such texts as they stand, or hidden from who takes a line, a word, a comment, a string or a pragma for another one.
+FORMS = {
+    "words around a line's comment": "TYPE LREAL // x\n : REAL; END_TYPE",
+    "words around a pragma": "TYPE LREAL {attribute 'x'} : REAL; END_TYPE",
+    "words around a known pragma": "TYPE LREAL {attribute 'strict'} : REAL; END_TYPE",
+    "a structure around a line's comment": "TYPE LREAL // x\n : STRUCT a : INT; END_STRUCT END_TYPE",
+    "a function around a line's comment": f"FUNCTION // x\nABS {FUNCTION}",
+    "a function without blanks": f"FUNCTION ABS(* x *){FUNCTION}",
+    "the block around a line's comment": f"FUNCTION_BLOCK // x\n{BLOCK}\nEND_FUNCTION_BLOCK",
+    "the block around a pragma": f"FUNCTION_BLOCK {{attribute 'x'}} {BLOCK}\nEND_FUNCTION_BLOCK",
+    "the block around known pieces": f"FUNCTION_BLOCK {{attribute 'hide'}} (* *) {BLOCK}\nEND_FUNCTION_BLOCK",
+    "the block, overridden": f"FUNCTION_BLOCK OVERRIDE {BLOCK}\nEND_FUNCTION_BLOCK",
+    "the block in capitals": f"FUNCTION_BLOCK\t{BLOCK.upper()}\nEND_FUNCTION_BLOCK",
+    "a type as the block": f"TYPE {BLOCK} : INT; END_TYPE",
+    "a program as the block": f"PROGRAM {BLOCK}\nEND_PROGRAM",
+    "a method of the block": f"METHOD {BLOCK}.FB_init : BOOL\nEND_METHOD",
+    "a variable as the block": f"VAR_GLOBAL {BLOCK} : INT; END_VAR",
+    "a variable as a function": "VAR_GLOBAL ABS : INT; END_VAR",
+    "a value as a type": "TYPE E : (LREAL, x); END_TYPE",
+    "a value as a function": "TYPE E : (ABS := 1, x); END_TYPE",
+    "one of two types": "TYPE A : INT; LREAL : REAL; END_TYPE",
+    "comments of two kinds": "(* /* *) TYPE LREAL : REAL; END_TYPE (* */ *)",
+    "a comment that begins as it ends": "(*) TYPE LREAL : REAL; END_TYPE (* *)",
+    "a string with the end of a line": "VAR_GLOBAL s : STRING := 'a$\nTYPE LREAL : REAL; END_TYPE '; END_VAR",
+    "a pragma with a condition": "{IF defined (x)}\nTYPE LREAL : REAL; END_TYPE\n{END_IF}",
+    **{f"U+{ord(end):04X}": f"// x{end}TYPE LREAL : REAL; END_TYPE" for end in "\r\v\f\x1c\x85\u2028\u2029"},
+    **{f"U+{ord(end):04X} in a comment": f"(* x{end} *)" for end in "\r\v\f\x1c\x85\u2028\u2029\xa0"},
+}
 
 
 @pytest.mark.parametrize("name", ["{}", *HIDDEN.values()], ids=["plainly", *HIDDEN])
@@ -190,26 +220,141 @@ def test_what_gives_names_another_meaning_cannot_be_hidden(what, name, proved):
     assert (result.returncode, "confirmed" in result.stdout) == (1, False), result.stdout
 
 
-def with_text(path, text, content):
-    """Add a text to a target's folder and to the certificate."""
-    text.write_text(content)
-    digest = hashlib.sha256(text.read_bytes()).hexdigest()
-    changed(path, lambda content: content["texts"][text.parent.name].update({text.name: digest}))
+@pytest.mark.parametrize("what", FORMS)
+def test_what_some_compiler_may_read_otherwise_is_rejected(what, tmp_path):
+    shutil.copy(GOLDEN / "generated" / "iec" / f"{BLOCK}.st", tmp_path)
+    assert len(mutants.check_certificate.codes(tmp_path, BLOCK)) == 1
+    (tmp_path / "Other.st").write_bytes(f"{FORMS[what]}\n".encode())
+    with pytest.raises(mutants.check_certificate.Reject):
+        mutants.check_certificate.codes(tmp_path, BLOCK)
 
 
-def test_a_type_in_a_list_of_globals_is_rejected(proved):
-    path, models, out = proved
-    declared = f"<TcPlcObject><GVL><Declaration>{OTHER['a type']}</Declaration></GVL></TcPlcObject>"
-    with_text(path, out / "iec" / "Other.TcGVL", declared)
-    result = check(path, models, out)
+#: Changes of a block's text: what stands there, and what stands in its place.
+END = "bValid := bUsable;\n"
+CHANGES = {
+    "a name that begins as the end of a block": (
+        ("\nVAR\n", "\nVAR\n    END_FUNCTION_BLOCK_1 : LREAL;\n"),
+        (END, END + "END_FUNCTION_BLOCK_1 := 0.0;\nfOut1 := 9.0;\n"),
+    ),
+    "an end of the block before its end": ((END, END + "END_FUNCTION_BLOCK\nfOut1 := 9.0;\n"),),
+    "inputs that are constants": (("VAR_INPUT\n", "VAR_INPUT CONSTANT\n"),),
+    "a statement without its end": ((END, f"IF bUsable THEN\nnNode := 0;\nnNode := 9\nEND_IF;\n{END}"),),
+}
+
+
+@pytest.mark.parametrize("target", ["iec", "twincat"])
+@pytest.mark.parametrize("what", CHANGES)
+def test_a_block_that_some_compiler_may_read_otherwise_is_not_confirmed(what, target, tmp_path):
+    change_block(tmp_path, target, CHANGES[what])
+
+
+#: Changes of a file of TwinCAT.
+OBJECTS = {
+    "another name": (f'Name="{BLOCK}"', 'Name="FB_Other"'),
+    "text behind an element": ("</Declaration>", "</Declaration>fOut1 := 9.0;"),
+    "two bodies": ("</Implementation>", "</Implementation><Implementation><ST><![CDATA[EXIT;]]></ST></Implementation>"),
+    "text behind CDATA": ("]]></ST>", "]]><![CDATA[fOut1 := 9.0;]]></ST>"),
+    "a block that ends where its declaration does": ("\n]]></Declaration>", "\nEND_FUNCTION_BLOCK\n]]></Declaration>"),
+    "another encoding": ('encoding="utf-8"', 'encoding="cp037"'),
+}
+
+
+@pytest.mark.parametrize("what", OBJECTS)
+def test_an_object_of_another_form_is_not_confirmed(what, tmp_path):
+    change_block(tmp_path, "twincat", [OBJECTS[what]])
+
+
+def change_block(tmp_path, target, changes):
+    """Hold that a text is confirmed, and is not once it was changed."""
+    models = folder_of(tmp_path, [MODEL])
+    generate(load(models), target, tmp_path / "out", options=Options(layout=Layout.TREES))
+    path, (text,) = written(tmp_path, models, tmp_path / "out"), tmp_path.rglob(f"{BLOCK}.*")
+    content = text.read_text()
+    assert check(path, models, tmp_path / "out").returncode == 0
+    for old, new in changes:
+        assert content.count(old) == 1
+        content = content.replace(old, new)
+    with_text(path, text, content, tmp_path / "out" / target)
+    result = check(path, models, tmp_path / "out")
     assert (result.returncode, "confirmed" in result.stdout) == (1, False), result.stdout
 
 
-def test_strings_pragmas_and_comments_of_other_files_are_no_reason_to_reject(proved):
+def with_text(path, text, content, folder=None):
+    """Put a text into a target's folder and the certificate."""
+    text.write_bytes(content.encode())
+    folder = folder or text.parent
+    name, digest = text.relative_to(folder).as_posix(), hashlib.sha256(text.read_bytes()).hexdigest()
+    changed(path, lambda content: content["texts"][folder.name].update({name: digest}))
+
+
+#: A list of variables, as it is generated.
+GVL = """<?xml version="1.0" encoding="utf-8"?>
+<TcPlcObject Version="1.1.0.1">
+  <GVL Name="{name}" Id="{{9cbc4ec7-7322-58dc-98be-fefd77642d8f}}">
+    <Declaration><![CDATA[{text}]]></Declaration>
+  </GVL>
+</TcPlcObject>"""
+PLAIN = "VAR_GLOBAL\n    nOne : DINT;\nEND_VAR\n"
+LISTS = {
+    "as it is": (0, GVL.format(name="GVL_Other", text=PLAIN)),
+    "a type": (1, GVL.format(name="GVL_Other", text=OTHER["a type"])),
+    "the name of the block": (1, GVL.format(name=BLOCK, text=PLAIN)),
+    "the name of a function": (1, GVL.format(name="ABS", text=PLAIN)),
+    "the end of a line as its number": (
+        1,
+        "<TcPlcObject><GVL><Declaration>// x&#13;TYPE LREAL : REAL; END_TYPE</Declaration></GVL></TcPlcObject>",
+    ),
+    "text behind an element": (
+        1,
+        "<TcPlcObject><GVL><Declaration>x<ST>y</ST>TYPE LREAL : REAL; END_TYPE</Declaration></GVL></TcPlcObject>",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", LISTS)
+def test_lists_of_variables_are_read_as_they_are_generated(what, tmp_path):
+    models, out = folder_of(tmp_path, [MODEL]), tmp_path / "out"
+    generate(load(models), "twincat", out, options=Options(layout=Layout.TREES))
+    path = written(tmp_path, models, out)
+    with_text(path, out / "twincat" / "Other.TcGVL", LISTS[what][1])
+    result = check(path, models, out)
+    assert (result.returncode, "confirmed" in result.stdout) == (LISTS[what][0], not LISTS[what][0]), result.stdout
+
+
+def test_texts_of_two_kinds_in_one_folder_are_not_confirmed(proved):
+    """Who imports the ones does not see the others."""
     path, models, out = proved
-    text = "// it's (* \n{attribute 'a(*'}\nVAR_GLOBAL\n    s : STRING := 'a$'b // (*'; (* it's // *)\nEND_VAR\n"
+    with_text(path, out / "iec" / "Other.TcGVL", GVL.format(name="GVL_Other", text=PLAIN))
+    result = check(path, models, out)
+    assert (result.returncode, "texts of two kinds" in result.stdout) == (1, True), result.stdout
+
+
+def test_strings_pragmas_and_comments_as_they_are_generated_are_no_reason_to_reject(proved):
+    path, models, out = proved
+    text = "{attribute 'strict'}\n(* it's // {x} *)\nVAR_GLOBAL\n    s : STRING := 'row 1: a[0]'; (* *)\nEND_VAR\n"
     with_text(path, out / "iec" / "Other.st", text)
     assert check(path, models, out).returncode == 0
+
+
+def test_a_feature_whose_name_opens_a_comment_of_another_kind_is_no_reason_to_reject(tmp_path):
+    (tmp_path / "models").mkdir()
+    text = (GOLDEN / "models" / MODEL).read_text()
+    before, names, rest = text.partition("feature_names=")
+    first = rest.split()[0]
+    (tmp_path / "models" / MODEL).write_text(before + names + rest.replace(first, "a/*b", 1))
+    generate(load(tmp_path / "models"), "iec", tmp_path / "out")
+    result = check(written(tmp_path, tmp_path / "models", tmp_path / "out"), tmp_path / "models", tmp_path / "out")
+    assert result.returncode == 0, result.stdout
+    assert "/*" not in (tmp_path / "out" / "iec" / f"{BLOCK}.st").read_text()
+
+
+@pytest.mark.parametrize("form", ["with_tests", "self_check"])
+def test_all_that_may_be_generated_beside_a_block_is_read(form, tmp_path):
+    """A block is confirmed, or not checked; what stands around it is no reason to reject."""
+    models = folder_of(tmp_path, [MODEL])
+    generate(load(models), "twincat", tmp_path / "out", **{form: True})
+    result = check(written(tmp_path, models, tmp_path / "out"), models, tmp_path / "out")
+    assert result.returncode == (3 if form == "self_check" else 0), result.stdout
 
 
 @pytest.mark.parametrize("target", ["codesys", "plcopen", "scl"])

@@ -93,9 +93,13 @@ def test_units_are_written_in_ascii():
 def test_text_that_would_open_a_comment_is_refused():
     with pytest.raises(InputError, match=r"'\(\*'"):
         check_text("a (* b", "note")
+    with pytest.raises(InputError, match=r"'/\*'"):
+        check_text("a /* b", "note")
 
 
-@pytest.mark.parametrize("text", ["x*)y", "(*", "(*)", "**)(*(*)", "]]>", "]]]>>", "ä\n\0", "plain, 100 % [1]"])
+@pytest.mark.parametrize(
+    "text", ["x*)y", "(*", "(*)", "**)(*(*)", "/*/", "(*/*)*/", "]]>", "]]]>>", "ä\n\0", "plain, 100 % [1]"]
+)
 def test_text_of_a_model_file_is_escaped_and_then_taken(text):
     """A category that is called `x*)y` is no reason to refuse a model."""
     shown = harmless(text)

@@ -22,6 +22,8 @@ _BEGINNINGS = ("'", '"', "(*", "//", "{")
 # a list of at least 16 numbers in which every exponent follows a dot; comments in it are blanks
 _NUMBERS = re.compile(r"\[(?:[\s,+-]*+[0-9]++(?:\.[0-9]++(?:E[+-]?[0-9]++)?+)?+){16,}+\s*+\]")
 _COMMENT_EDGE = re.compile(r"\(\*|\*\)")
+#: What some compilers take for another comment.
+_OTHER_EDGE = re.compile(r"/\*|\*/")
 _PRAGMA = re.compile(r"\{(?:'[^'\r\n]*'|[^'}])*+\}")
 _VISIBLE = re.compile(r"[^\r\n]")
 _ATTRIBUTE = re.compile(r"\{\s*attribute\s+'([^']*)'\s*(?::=\s*'([^']*)'\s*)?\}", re.IGNORECASE)
@@ -209,4 +211,6 @@ def _comment_end(segment: Segment, start: int) -> tuple[int, CommentKind]:
             depth, kind = depth + 1, CommentKind.NESTED
         else:
             depth -= 1
+    if _OTHER_EDGE.search(segment.text, start + 2, at - 2):
+        kind = CommentKind.NESTED
     return at, kind

@@ -171,6 +171,7 @@ TRICKS = {
     "conditional compilation": ((FIRST, r"{IF defined(NEVER)}\n\1{END_IF}\n"),),
     "a pragma that leaves out initial values": declared("{attribute 'no_init'} nCalls : DINT;", (FIRST, STATE)),
     "a comment in a comment": ((FIRST, r"\1(* (* *) bUsable := FALSE; (* *) *)\n"),),
+    "a comment of another kind in a comment": ((FIRST, r"\1(* /* *) bUsable := bUsable; (* */ *)\n"),),
     "an input of fewer digits": ((r"fF0 : LREAL", "fF0 : REAL"),),
     "inputs in another order": ((r"\bfF0\b", "fF9"), (r"\bfF1\b", "fF0"), (r"\bfF9\b", "fF1")),
     "an input of another name": ((r"\bfF0\b", "fZ"),),
