@@ -207,6 +207,8 @@ def test_what_both_directions_of_a_run_have_is_no_noise():
     runs = 20 * SIGMA * np.random.default_rng(7).standard_normal(pairs.max() + 1)
     (one,) = found(at, {0: runs[pairs]}).values()
     assert one.order == 0 and "what both directions of a run differ by" in one.text and "no pattern" in one.text
+    # which one direction may have as well
+    assert one.at_least and "at least" in one.text
     assert one.rms_deg == pytest.approx(runs.std(), rel=0.05)
     alone = 20 * SIGMA * np.random.default_rng(7).standard_normal(len(at))
     assert found(at, {0: alone}) == {}

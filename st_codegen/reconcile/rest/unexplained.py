@@ -196,8 +196,8 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, floor: float) ->
     power = float((np.abs(residual[target.good, k]) ** 2).mean()) / (2 if order else 1)
     direction = _direction(target, residual[:, k])
     own, what = _noise_of_order(target, residual, k, floor, direction)
-    # what runs differ by may be more of what is unexplained
-    of_runs = what == _LIKE_THEM
+    # what runs, or their directions, differ by may be more of what is unexplained
+    at_least = what in (_LIKE_THEM, _BOTH_SIDES)
     where = _where_loud(target, residual[:, k]) or "with no pattern over the conditions that was found"
     why = "runs differ, or the structure is sharp"
     is_common = _is_common(target, residual[:, k], order, max(power - own, 0.0))
@@ -208,8 +208,9 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, floor: float) ->
     size = float(np.sqrt(max(power - own, 0.0)))
     name = f"order {order}" if order else "the mean"
     times = _digits(float(np.sqrt(power / own)))
+    least = "at least " if at_least else ""
     text = (
-        f"{name}: {size:.2g} deg RMS beyond the noise, with it {times} times {what}, {where}: {why}"
+        f"{name}: {least}{size:.2g} deg RMS beyond the noise, with it {times} times {what}, {where}: {why}"
         if size
         else f"{name}: no louder than {what} over all runs, but single runs that are not called bad are far off in it"
     )
@@ -223,11 +224,12 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, floor: float) ->
         direction,
         text,
         size * (np.sqrt(2) if order else 1.0),
-        at_least=of_runs,
+        at_least=at_least,
     )
 
 
 _LIKE_THEM = "what runs differ by from others like them"
+_BOTH_SIDES = "what both directions of a run differ by"
 
 
 def _noise_of_order(target: FitData, residual: ComplexArray, k: int, floor: float, direction: str) -> tuple[float, str]:
@@ -241,7 +243,7 @@ def _noise_of_order(target: FitData, residual: ComplexArray, k: int, floor: floa
         "what orders beside it differ by" if target.data.spectral_deg is None else "the noise within the curves"
     )
     if differ < own:
-        own, what = differ, "what both directions of a run differ by"
+        own, what = differ, _BOTH_SIDES
     # what one direction alone has is what both differ by
     quiet = _quietest_direction(target, residual[:, k]) / parts
     if direction != "both" and quiet < own:
