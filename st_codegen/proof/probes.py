@@ -77,8 +77,8 @@ def _only_categories(model: ir.ModelIR) -> dict[int, FloatArray]:
             own = slice(first, stop)
             known = _categories(op.knots[own], op.at[own], op.pieces[first + column : stop + column + 1])
             feature, steps = origin(model, op.inputs[0], column)
-            if feature is not None and len(known):
-                found[feature] = undone(known, steps)
+            if feature is not None and len(inputs := undone(known, steps)):
+                found[feature] = inputs
     return found
 
 

@@ -401,3 +401,21 @@ def test_a_prefix_and_a_name_with_punctuation(tmp_path):
     generate(load(tmp_path / "models"), "iec", tmp_path / "out")
     result = check(written(tmp_path, tmp_path / "models", tmp_path / "out"), tmp_path / "models", tmp_path / "out")
     assert "P1_my-pump.v2, iec (my-pump.v2.txt): confirmed" in result.stdout
+
+
+def test_a_test_for_nan_with_an_attribute_is_the_test_for_nan():
+    """A project whose units have attributes was rejected; its text is read with the first sign of each."""
+    folder = GOLDEN / "lone" / "generated" / "twincat"
+    texts = mutants.check_certificate.codes(folder, "FB_Decision_tree")
+    assert mutants.check_certificate.has_isnan(folder, texts)
+    assert mutants.check_certificate.has_isnan(folder, ["{ " + text for text in texts])
+    with pytest.raises(mutants.check_certificate.Reject):
+        mutants.check_certificate.has_isnan(folder, ["x " + text for text in texts])
+
+
+@pytest.mark.parametrize("between", ["{a}", "(*a*)", "/*a*/", "//\n"])
+def test_names_behind_many_pieces_are_looked_for_in_linear_time(between, tmp_path):
+    """Each two more took four times as long: 24 took 4 s."""
+    path = tmp_path / "x.st"
+    path.write_text("FUNCTION_BLOCK " + between * 4000 + ";")
+    assert mutants.check_certificate.blocks_in(path) == set()

@@ -328,7 +328,7 @@ def test_a_faulty_run_among_those_kept_apart_is_not_one_of_the_training_part():
         kept = learn(rows, Direction.FORWARD, LearningPlan(settings, keep_faulty=True), store, Backend(1))
     assert (lesson.faulty.rows.sum(), lesson.left_out, kept.left_out) == (0, 1, 0)
     assert "0 faulty runs left out (1 of all runs for the models);" in _summary(lesson, "left out").title
-    assert "runs of both but 1 that are faulty where" in _models_section(lesson).text
+    assert "runs of both but 1 that is faulty where" in _models_section(lesson).text
     assert "faulty" not in _models_section(kept).text
     assert "0 faulty runs kept;" in _summary(kept, "kept").title
 

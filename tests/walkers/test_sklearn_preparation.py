@@ -398,6 +398,25 @@ def test_quantiles_of_one_number(x, tmp_path):
         (decomposition.PCA(0), X, "PCA keeps no column"),
         (FeatureUnion([("none", decomposition.PCA(0))]), X, "FeatureUnion drops every transformer"),
         (ColumnTransformer([("kind", DENSE, [0])]), ONE_CONSTANT, "ColumnTransformer drops every column"),
+        # not the union as a whole, of which the other one keeps some
+        (
+            FeatureUnion(
+                [
+                    (
+                        "inner",
+                        FeatureUnion(
+                            [
+                                ("none", decomposition.PCA(0)),
+                                ("kind", OneHotEncoder(dtype=np.float32, sparse_output=False, handle_unknown="ignore")),
+                            ]
+                        ),
+                    ),
+                    ("scaled", RobustScaler()),
+                ]
+            ),
+            np.round(X),
+            "PCA keeps no column beside columns of float32 only",
+        ),
         (decomposition.KernelPCA(), X * 0.0, "KernelPCA keeps no column"),
         (GaussianNB(priors=[0.5, 0.5, 0.0]), X, "class number 2 has a prior of 0"),
         (RobustScaler(quantile_range=(0, 100), unit_variance=True), X, "RobustScaler divides by 0"),

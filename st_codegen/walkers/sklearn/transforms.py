@@ -14,7 +14,7 @@ import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
 from st_codegen.ir import AnyArray, Clip, Distances, Exceeds, FloatArray, Kernel, KernelSum, Linear, SummationOrder
-from st_codegen.walkers.base import GraphBuilder, NoColumnError, transforms, walk_transform
+from st_codegen.walkers.base import GraphBuilder, NoColumnError, UnsupportedModelError, transforms, walk_transform
 from st_codegen.walkers.fitted import SPARSE, Fitted
 from st_codegen.walkers.sklearn.linear import block_sums, squares
 
@@ -66,7 +66,7 @@ def side_by_side(
     if not parts:
         raise NoColumnError(nothing, sparse)
     if empty is not None and all(map(builder.is_single, parts)):  # the type of what is empty decides on that of all
-        raise empty
+        raise UnsupportedModelError(f"{empty} beside columns of float32 only: leave it out") from empty
     return builder.select(np.arange(sum(map(builder.width, parts))), *parts, *refusing), sparse
 
 
