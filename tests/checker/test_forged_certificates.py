@@ -405,7 +405,7 @@ def test_a_prefix_and_a_name_with_punctuation(tmp_path):
 
 def test_a_test_for_nan_with_an_attribute_is_the_test_for_nan():
     """A project whose units have attributes was rejected; its text is read with the first sign of each."""
-    folder = GOLDEN / "lone" / "generated" / "twincat"
+    folder = GOLDEN / "generated" / "twincat"
     texts = mutants.check_certificate.codes(folder, "FB_Decision_tree")
     assert mutants.check_certificate.has_isnan(folder, texts)
     assert mutants.check_certificate.has_isnan(folder, ["{ " + text for text in texts])

@@ -14,7 +14,7 @@ import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
 from st_codegen.ir import AnyArray, Clip, Distances, Exceeds, FloatArray, Kernel, KernelSum, Linear, SummationOrder
-from st_codegen.walkers.base import GraphBuilder, NoColumnError, UnsupportedModelError, transforms, walk_transform
+from st_codegen.walkers.base import GraphBuilder, NoColumnError, transforms, walk_transform
 from st_codegen.walkers.fitted import SPARSE, Fitted
 from st_codegen.walkers.sklearn.linear import block_sums, squares
 
