@@ -596,6 +596,10 @@ def is_label(key):
     return key[0] == "const" and float.fromhex(key[1]) in range(1 << 15)
 
 
+#: What counts the calls since the outputs were valid, of which nothing is claimed; it cannot fail.
+AGE = "if bUsable:\n    nAge = 0\nelif nAge < 2147483647:\n    nAge = nAge + 1"
+
+
 # --- the check --------------------------------------------------------------------------------------------------------
 class Check:
     """One model against the outputs of a block that the certificate names; `others` are those of other models."""
@@ -607,7 +611,10 @@ class Check:
         self.model, self.block, self.has_isnan = model, read_block(texts, entry["block"]), has_isnan(folder, texts)
         self.ends, ports = [], [name.lower() for name in self.block[0]]
         numbers_ = [name for name in self.block[1] if not isinstance(self.block[3][name], bool)]
-        counts = {"nAge"} - set(entry["outputs"])  # the calls since the outputs were valid, of which nothing is claimed
+        counts = {"nAge"} - set(entry["outputs"])
+        *before, last = self.block[4]
+        if counts < set(numbers_) and type(self.block[3]["nAge"]) is int and ast.unparse(last) == AGE:
+            self.block = (*self.block[:4], before)
         mine = [name for name in numbers_ if name not in counts | set(others)]
         need(mine == entry["outputs"] and "bValid" in self.block[1], "other outputs than the block's")
         for f, name in enumerate(entry["inputs"]):

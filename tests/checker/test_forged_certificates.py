@@ -387,11 +387,17 @@ def test_a_certificate_of_another_file_than_the_given_one(proved):
     assert "lightgbm_missing.txt: nothing is said of this file" in check(path, models, out).stdout
 
 
-def test_the_count_of_calls_beside_the_outputs_is_no_output_of_a_model(tmp_path):
-    models = folder_of(tmp_path, [MODEL])
+@pytest.mark.parametrize("name", [MODEL, "decision_tree.skops"])
+def test_the_count_of_calls_beside_the_outputs_is_no_output_of_a_model(name, tmp_path):
+    """That of a model without an answer to some rows reads itself, and was rejected."""
+    models = folder_of(tmp_path, [name])
     generate(load(models), "iec", tmp_path / "out", with_age=True)
-    result = check(written(tmp_path, models, tmp_path / "out"), models, tmp_path / "out")
+    path = written(tmp_path, models, tmp_path / "out")
+    result = check(path, models, tmp_path / "out")
     assert result.returncode == 0, result.stdout
+    (text,) = [file for file in (tmp_path / "out").rglob("*.st") if "nAge :=" in file.read_text()]
+    with_text(path, text, text.read_text().replace("nAge := 0;", "nAge := 0; fOut1 := 0.0;"))
+    assert check(path, models, tmp_path / "out").returncode == 1
 
 
 def test_a_prefix_and_a_name_with_punctuation(tmp_path):
