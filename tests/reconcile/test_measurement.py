@@ -19,7 +19,6 @@ from st_codegen.reconcile.mistakes import sensors
 from st_codegen.reconcile.mistakes.each_run import _most_gain, ramps
 from st_codegen.reconcile.mistakes.examine import examine
 from st_codegen.reconcile.mistakes.sensors import hidden_wrong_angle
-from st_codegen.reconcile.mistakes.single_runs import _Asked, _block, _other_label
 from st_codegen.reconcile.mistakes.votes import PowerSums, expected_of, noise_power, told_power
 from st_codegen.reconcile.rest.unexplained import Signature, _with_hums
 from st_codegen.rig.effects import Conditions, catalogue
@@ -339,17 +338,6 @@ def test_a_part_of_the_runs_with_a_factor_of_its_own_has_no_other_torques():
     assert all(mistake.name != "torque" for mistake in examine(made, RIG, PATH).mistakes)
 
 
-def test_wrong_labels_beside_a_small_factor_are_no_torques_of_their_own():
-    """A factor on a column that was corrected to 0.4 % left all torques a little off, and labels made it large."""
-    data = of_curves(3e-6)
-    order = np.arange(RUNS)
-    chosen = np.random.default_rng(3).choice(RUNS, RUNS // 12, replace=False)
-    order[chosen] = np.roll(chosen, 1)
-    moved = replace(data, at=data.at.rows(np.concatenate([order, order + RUNS])))
-    made = replace(moved, values=moved.values * np.where(data.at.sign > 0, 1.004, 1.0)[:, None])
-    assert {mistake.name for mistake in examine(made, RIG, PATH).mistakes} == {"labels"}
-
-
 def test_a_delay_is_no_low_pass():
     """It makes every order later and none smaller: an effect of the catalogue."""
     data = measured(3e-6)
@@ -459,29 +447,6 @@ def test_where_noise_hides_a_misread_angle_that_is_said():
         assert "an angle that is read wrong by up to" in said[-1]
 
 
-def test_where_noise_hides_whose_label_a_run_carries_that_is_said():
-    """Of five wrong labels in noise two were noticed, and nothing was said of the check that was not made."""
-    few, most = (examine(measured(sigma), RIG, PATH).untold for sigma in (1e-3, 3e-4))
-    assert any("of a single one: runs that carry the label of another one" in said for said in few)
-    (share,) = (re.search(r"at least about (\d+) % of runs with the label of another one", said) for said in most)
-    # in so much noise runs are not noticed more often than that
-    data, random, noticed = measured(3e-4), np.random.default_rng(3), []
-    for one, other in random.integers(0, RUNS, (25, 2)):
-        order = np.arange(RUNS)
-        order[[one, other]] = other, one
-        at = replace(data.at.rows(np.concatenate([order, order + RUNS])), sign=data.at.sign)
-        left_out = examine(replace(data, at=at, labels=labels(at)), RIG, PATH).left_out
-        noticed += [any(row % RUNS == run for row in left_out) for run in {one, other} if one != other]
-    assert 0.2 < np.mean(noticed) < 1.1 - int(share[1]) / 100.0
-    # nor is it otherwise where each run has one direction
-    single = data.at.sign * np.where(data.number_of_run % 2, 1.0, -1.0) > 0
-    half = replace(
-        data, at=data.at.rows(single), values=data.values[single], labels=labels(data.at.rows(single)), run=None
-    )
-    (said,) = examine(half, RIG, PATH).untold
-    assert "label of another one" in said
-
-
 def test_the_sidebands_of_a_misread_angle_are_half_the_order_times_the_angle_of_its_wave():
     wave = KNOWN["pin_error"]({"order": 40, "amplitude_deg": 1e-3}, RIG.constants)
     data = measured()
@@ -490,111 +455,6 @@ def test_the_sidebands_of_a_misread_angle_are_half_the_order_times_the_angle_of_
     (said,) = hidden_wrong_angle(data, RIG.with_effects([wave]))
     degrees = float(re.search(r"by up to (\S+) deg once a turn", said)[1])
     assert degrees == pytest.approx(np.degrees(least / (1e-3 * 40 / 2)), rel=0.05)  # two digits are said
-
-
-def test_orders_that_a_curve_does_not_tell_say_nothing_of_its_label():
-    """Of runs with few samples the orders of a resonance were zero, as they are in runs at a low speed."""
-    data = of_curves(3e-6)
-    seen = np.ones(data.values.shape, bool)
-    seen[np.ix_(np.arange(2 * RUNS) % RUNS % 4 == 0, ORDERS > 100)] = False
-    made = replace(data, values=np.where(seen, data.values, 0.0), seen=seen)
-    assert examine(made, RIG, PATH).mistakes == ()
-
-
-def test_wrong_labels_are_left_out_and_named():
-    data, random = measured(), np.random.default_rng(4)
-    chosen = random.choice(RUNS, 17, replace=False)
-    order = np.arange(RUNS)
-    order[chosen] = np.roll(chosen, 1)
-    at = data.at.rows(np.concatenate([order, order + RUNS]))
-    at = replace(at, sign=data.at.sign)
-    examined = examine(replace(data, at=at, labels=labels(at)), RIG, PATH)
-    (mistake,) = examined.mistakes
-    assert mistake.name == "labels"
-    found = {row % RUNS for row in examined.left_out}
-    assert found <= set(chosen.tolist()), "no run with its own label is called wrong"
-    # a label of nearly the same conditions makes no difference
-    assert len(found) >= 14
-
-
-def test_a_label_of_one_direction_is_none_of_a_run_with_both():
-    """What it would leave of one curve was compared with what other labels leave of two."""
-    at = Conditions.of(
-        np.array([1.0, -1.0, 1.0, -1.0, 1.0]), np.array([100.0, 100.0, 200.0, 200.0, 300.0]), np.zeros(5), np.zeros(5)
-    )
-    known = np.array([[0.0], [0.0], [1.0], [1.0], [2.0]], np.complex128)
-    values = np.array([[2.0], [2.0], [1.0], [1.0], [2.0]], np.complex128)
-    asked = _Asked(
-        Observations(at, labels(at), np.array([1]), values), RIG, np.ones(1, bool), values, known, np.ones((5, 1))
-    )
-    loss, row = _other_label(asked, np.array([0, 1]))
-    assert (loss, at.speed_rpm[row]) == (2.0, 200.0)
-    # two runs of one label leave no more than one of them
-    twice = _Asked(
-        asked.data.rows(np.array([0, 1, 2, 3, 2, 3])),
-        RIG,
-        asked.sure,
-        *(part[[0, 1, 2, 3, 2, 3]] for part in (values, known, asked.weight)),
-    )
-    assert _other_label(twice, np.array([0, 1]))[0] == 2.0
-
-
-def test_a_block_of_runs_with_a_factor_is_left_out():
-    data = measured()
-    factor = np.ones(RUNS)
-    factor[50:90] = 0.5
-    examined = examine(replace(data, values=data.values * np.tile(factor, 2)[:, None]), RIG, PATH)
-    assert {row % RUNS for row in examined.left_out} == set(range(50, 90))
-    # runs that have others among them, half as many as they are, are a block still
-    for last, is_block in ((109, True), (110, False)):
-        factor = np.where(np.isin(np.arange(RUNS), [*range(50, 89), last]), 0.5, 1.0)
-        known = RIG.coefficients(data.at, ORDERS.tolist())
-        found = _block(data, known * np.tile(factor, 2)[:, None], known, np.full(known.shape, 1e12))
-        assert bool(found) is is_block
-    assert "block of 40 runs is 0.5 times" in examined.mistakes[0].text
-
-
-@pytest.mark.parametrize("share", [0.02, 0.1, 0.3])
-@pytest.mark.parametrize("of", [measured, of_curves])
-def test_curves_with_another_sign_are_left_out(share, of):
-    """The mean of these and the others was smaller, and their column was asked to be divided by that."""
-    data = of()
-    wrong = np.arange(RUNS, 2 * RUNS)[np.random.default_rng(3).random(RUNS) < share]
-    values = data.values.copy()
-    values[wrong] *= -1.0
-    examined = examine(replace(data, values=values), RIG, PATH)
-    assert examined.left_out == tuple(wrong)
-    (mistake,) = examined.mistakes
-    assert "opposite sign of the rig's in most orders" in mistake.text
-    assert not examine(data, RIG, PATH).mistakes
-
-
-@pytest.mark.parametrize("share", [0.02, 0.33, 0.45])
-def test_runs_with_exchanged_directions_are_left_out(share):
-    """A third of the campaign, at one temperature, made 13 orders depend on the temperature."""
-    data = measured()
-    wrong = np.random.default_rng(3).random(RUNS) < share
-    exchanged = np.where(np.tile(wrong, 2)[:, None], np.roll(data.values, RUNS, axis=0), data.values)
-    examined = examine(replace(data, values=exchanged), RIG, PATH)
-    (mistake,) = examined.mistakes
-    assert {row % RUNS for row in examined.left_out} == set(np.flatnonzero(wrong).tolist())
-    assert mistake.text.startswith(f"{wrong.sum()} runs seem to have forward and backward exchanged: ")
-    assert "ward," not in mistake.text and "ward)" not in mistake.text
-
-
-def test_loads_of_the_other_sign_may_bear_on_the_other_flanks():
-    """Where the flank follows the load, runs that the load drives look as if their directions were exchanged."""
-    data = measured()
-    driven = np.tile(np.arange(RUNS) % 3 == 0, 2)
-    exchanged = np.where(driven[:, None], np.roll(data.values, RUNS, axis=0), data.values)
-    for loads, said in ((np.where(driven, -1.0, 1.0), True), (1.0, False)):
-        at = replace(data.at, torque_Nm=loads * (data.at.torque_Nm + 100.0))
-        change = RIG.coefficients(at, ORDERS.tolist()) - RIG.coefficients(data.at, ORDERS.tolist())
-        change = np.where(driven[:, None], np.roll(change, RUNS, axis=0), change)
-        seen = replace(data, at=at, labels=labels(at), values=exchanged + change)
-        (mistake,) = examine(seen, RIG, PATH).mistakes
-        assert {row % RUNS for row in mistake.rows} == set(range(0, RUNS, 3))
-        assert ("the other flanks may bear there" in mistake.text) == said
 
 
 @pytest.mark.thorough
@@ -780,17 +640,6 @@ def test_a_gain_is_what_is_left_of_power_less_the_noise(right, most):
     """From six noises to 2.2: of the five that are no noise less than a fifth is gone if noise counts, more if not."""
     before, after = (np.full((10_000, 4), np.sqrt(power), complex) for power in (6.0, right))
     assert _most_gain(before, after, np.ones((10_000, 4)), float(np.log(5.0))) is most
-
-
-def test_a_label_is_no_matter_of_one_order():
-    """The mean lagged behind the load's history: runs "agreed" with another temperature, by nothing but their mean."""
-    data = of_curves(3e-5)
-    mean = RIG.coefficients(data.at, [0])[:, 0]
-    other = np.roll(mean[:RUNS], 1)
-    moved = of_runs(np.arange(RUNS) % 9 == 4)[:, 0]
-    values = data.values.copy()
-    values[:, 0] += np.where(moved, np.tile(other, 2)[: len(mean)] - mean, 0.0)
-    assert all(mistake.name != "labels" for mistake in examine(replace(data, values=values), RIG, PATH).mistakes)
 
 
 @pytest.mark.thorough

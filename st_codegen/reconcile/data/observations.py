@@ -194,6 +194,11 @@ class Observations:
         number = self.number_of_run
         return tuple(np.flatnonzero(number == n) for n in range(number.max(initial=-1) + 1))
 
+    @property
+    def told(self) -> BoolArray:
+        """Which coefficients the curves tell, bool (n, K): all where nothing else is known."""
+        return np.ones(self.values.shape, bool) if self.seen is None else self.seen
+
     def both_directions(self) -> bool:
         """Whether there are rows of both directions."""
         return bool((self.at.sign > 0).any() and (self.at.sign < 0).any())

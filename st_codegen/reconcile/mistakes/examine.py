@@ -120,9 +120,10 @@ def examine(
             problems.add(f"{mistake.text} (they will be left out)")
     problems.raise_if_any()
     left_out = tuple(sorted({row for mistake in runs for row in mistake.rows}))
-    untold = (_UNTOLD,) if data.both_directions() and not is_told else () if is_filtered else hidden_labels(data, rig)
-    if is_filtered:
-        untold += (_UNLABELLED,)
+    if data.both_directions() and not is_told:
+        untold: tuple[str, ...] = (_UNTOLD,)
+    else:
+        untold = (_UNLABELLED,) if is_filtered else hidden_labels(data, rig)
     if all(mistake.name != "axis" for mistake in found):
         untold += hidden_wrong_angle(whole, rig)
     return Examined(data, (*found, *runs), left_out, untold)

@@ -460,7 +460,7 @@ def wrong_angle(data: Observations, rig: RigModel) -> list[Mistake]:
         # sidebands that were not looked at are those that the rig lets expect
         orders = np.unique(np.concatenate([given.orders, *(np.abs(its + off) for off in range(-2, 3))]))
         values, there = found.seen(known, its, orders), np.searchsorted(orders, given.orders)
-        seen = np.ones(given.values.shape, bool) if given.seen is None else given.seen
+        seen = given.told
         values[:, there] = np.where(seen, given.values, values[:, there])
         return replace(given, values=np.where(seen, found.corrected(values, orders)[:, there], given.values))
 

@@ -48,7 +48,7 @@ def mistaken_runs(data: Observations, rig: RigModel) -> list[Mistake] | None:
 
     None where too few orders tell.
     """
-    seen = np.ones(data.values.shape, bool) if data.seen is None else data.seen
+    seen = data.told
     turned_over = _turned_over(data, rig, seen)
     # how others scatter, and what they are, is told with those of their own sign, in their own directions
     data = _with_sign(data, [row for mistake in turned_over for row in mistake.rows])
@@ -70,8 +70,7 @@ def hidden_labels(data: Observations, rig: RigModel) -> tuple[str, ...]:
 
     It does where few orders judge single runs, or most exchanges of two labels change them by too little.
     """
-    seen = np.ones(data.values.shape, bool) if data.seen is None else data.seen
-    asked = _asked(data, rig, seen)
+    asked = _asked(data, rig, data.told)
     if asked.sure.sum() < SETTINGS.least_votes:
         return (
             f"fewer than {SETTINGS.least_votes} orders of the rig are right for most runs and above the noise of a "
