@@ -57,7 +57,7 @@ from typing import Any
 from st_codegen.emit.blocks.application import Application
 from st_codegen.emit.blocks.window import Window
 from st_codegen.emit.foreign_names import is_foreign
-from st_codegen.emit.literals import KEYWORDS, MAX_IDENTIFIER, capitalised, check_text, identifier, unit_text
+from st_codegen.emit.literals import MAX_IDENTIFIER, capitalised, check_text, identifier, is_keyword, unit_text
 from st_codegen.errors import InputError, Problems
 from st_codegen.files.toml_tables import TomlTable, nearest, read_toml, shown
 from st_codegen.ir import Feature, ModelIR, Output, OutputKind
@@ -453,7 +453,7 @@ def _variable(table: TomlTable, name: str, letters: str = "f") -> str:
     if not re.fullmatch(rf"[{letters}][A-Z0-9]\w*", name, re.ASCII) or name.endswith("_") or "__" in name:
         first = "f, for the number of a class n," if "n" in letters else "f"
         table.note(f"name = {shown(name)}: {first} and a capital letter, then letters, digits and single underscores")
-    elif name.upper() in KEYWORDS or is_foreign(name):
+    elif is_keyword(name) or is_foreign(name):
         table.note(f"name = {shown(name)} is a reserved word of a compiler")
     elif len(name) > MAX_IDENTIFIER:
         table.note(f"name = {shown(name)} is longer than {MAX_IDENTIFIER} characters")

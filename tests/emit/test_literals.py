@@ -7,8 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from st_codegen.emit.literals import KEYWORDS, check_text, harmless, identifier, real, reals, unit_text
+from st_codegen.emit.literals import check_text, harmless, identifier, is_keyword, real, reals, unit_text
 from st_codegen.errors import InputError
+from st_codegen.st.check.standard_names import PARAMETERS, conversions
+from st_codegen.st.syntax.parser import reserved_words
+from st_codegen.st.types import UNSUPPORTED
 
 BITS = st.integers(0, 2**64 - 1).map(lambda bits: struct.unpack("<d", struct.pack("<Q", bits))[0])
 FINITE = BITS.filter(math.isfinite)
@@ -47,6 +50,12 @@ def test_numbers_that_st_cannot_write_are_refused(value):
         real(value)
 
 
+def test_whatever_the_engine_reserves_is_a_keyword():
+    reserved = reserved_words() | PARAMETERS.keys() | conversions().keys() | UNSUPPORTED
+    assert {name for name in reserved if not is_keyword(name.lower())} == set()
+    assert not is_keyword("FB_to_heat") and not is_keyword("SELL") and not is_keyword("DINT_TO_HEAT")
+
+
 @given(st.text(min_size=1, max_size=80))
 def test_identifiers_are_valid_or_refused(name):
     try:
@@ -55,7 +64,7 @@ def test_identifiers_are_valid_or_refused(name):
         assert "name" in str(error)
         return
     assert re.fullmatch(r"[A-Za-z0-9]+(_[A-Za-z0-9]+)*", text)
-    assert text.upper() not in KEYWORDS
+    assert not is_keyword(text)
     assert len(text) <= 48
 
 

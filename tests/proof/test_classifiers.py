@@ -143,6 +143,7 @@ def test_no_label_ends_a_comment_or_adds_a_line(label):
 
 def test_hostile_labels_compile_and_each_has_a_name_of_its_own(tmp_path):
     labels = ["*) END_FUNCTION_BLOCK (*", "]]></Declaration>", "if", "IF", "a b", "a_b", "", "ü", "1", "-1", "True"]
+    labels += ["SEL", "gt", "DT", "DINT_TO_LREAL", "TO_INT", "TON"]
     y = np.array(labels)[np.arange(len(X)) % len(labels)]
     model = loaded(DecisionTreeClassifier(max_depth=4, random_state=0).fit(X, y))
     names = [value.name.lower() for value in class_type(model.ir).values]

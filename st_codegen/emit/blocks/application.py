@@ -14,7 +14,7 @@ from typing import ClassVar
 
 from st_codegen.emit.blocks.listing import Block, BlockVariable, Table
 from st_codegen.emit.foreign_names import is_foreign
-from st_codegen.emit.literals import KEYWORDS
+from st_codegen.emit.literals import is_keyword
 from st_codegen.errors import InputError
 
 
@@ -140,7 +140,7 @@ class Packaging:
             raise InputError(f"version {self.version!r}: two to four numbers with dots are wanted, such as 1.0.0.0")
         if self.namespace and not re.fullmatch(r"[A-Za-z]\w*", self.namespace, re.ASCII):
             raise InputError(f"namespace {self.namespace!r}: letters, digits and underscores, a letter first")
-        if self.namespace.upper() in KEYWORDS:
+        if is_keyword(self.namespace):
             raise InputError(f"namespace {self.namespace!r}: a reserved word of Structured Text")
         if not self.company.isprintable():
             raise InputError(f"company {self.company!r}: a character that cannot be printed")
