@@ -185,7 +185,8 @@ def generate(
 
     `self_check` makes each model's block look at a few of its constants in each call and compute a row with a known
     answer in its first one; after damage its `bValid` stays FALSE. `with_age` gives each of these blocks the output
-    `nAge`: the calls since its outputs were valid. Both keep state from call to call, which `prove` does not follow.
+    `nAge`: the calls since its outputs were valid. `prove` does not follow what the check keeps from call to call, and
+    takes blocks with `nAge`.
 
     `cost` prices the layouts among which is chosen. The default estimates from the model alone, in no time;
     `proof.explain.Pricing` prints, reads and counts every candidate for a real controller, which takes many times as

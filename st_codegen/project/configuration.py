@@ -27,7 +27,7 @@ trained = [3.5, 58.0]                # range of the training data, where it is k
 [[model]]
 file = "kühlung.skops"
 name = "Cooling"                     # FB_Cooling
-layout = "table"                     # auto, trees or table
+layout = "table"                     # auto, trees, ranked, cut, ifs or table
 gives = ["class", "probability"]     # what a classifier gives, in place of --outputs
 outputs = [{name = "fPower_kW", unit = "kW", min = 0.0, max = 11.0}]   # bPlausible is FALSE outside; of a
                                      # classifier: {name = "nState"}, then names of what it gives beside the class
