@@ -146,7 +146,9 @@ def rows_options(text: str) -> Callable[[Command], Command]:
 #: The options by which model files are read: what is trusted, how large they may be, what they do not say.
 trust_option = together(
     click.option(
-        "--trust-pickle", is_flag=True, help="Load .joblib and .pkl files. A pickle can run code: only your own files."
+        "--trust-pickle",
+        is_flag=True,
+        help="Load .joblib, .pkl and .pickle files. A pickle can run code: only your own.",
     ),
     click.option(
         "--features",

@@ -62,9 +62,9 @@ def suffixes() -> tuple[str, ...]:
 
 def known_formats() -> str:
     """What a folder of models may contain, for messages."""
-    return (
-        ", ".join([*(known.title for known in FORMATS.values()), _SKOPS]) + ", and .joblib or .pkl with --trust-pickle"
-    )
+    *pickles, last = PICKLES
+    plain = ", ".join([*(known.title for known in FORMATS.values()), _SKOPS])
+    return f"{plain}, and {', '.join(pickles)} or {last} with --trust-pickle"
 
 
 def load_model(path: Path, name: str, *, trust_pickle: bool = False) -> LoadedModel:

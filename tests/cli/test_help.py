@@ -108,6 +108,13 @@ def test_a_command_takes_the_same_numbers_as_its_function_where_none_is_given(wo
     assert all(one == other for one, other in taken.values()), taken
 
 
+def test_every_kind_of_pickle_is_named_where_trust_is_asked_for():
+    from st_codegen.walkers.files import PICKLES, known_formats
+
+    texts = (known_formats(), next(o.help for o in command_of("verify")[0].params if o.name == "trust_pickle"))
+    assert all(suffix in text for suffix in PICKLES for text in texts)
+
+
 def test_options_offer_what_the_rooms_have():
     from st_codegen.driver import Evaluator
     from st_codegen.emit.blocks.application import ProjectForm

@@ -31,6 +31,19 @@ def test_its_links_lead_to_files(page):
     assert [link for link in local if not (ROOT / link).exists()] == []
 
 
+def test_every_page_is_reached_from_it():
+    """Five pages were linked from the start of the site alone, which nobody sees who reads the repository."""
+    found, left = set(), [ROOT / "README.md"]
+    while left:
+        page = left.pop()
+        if page.is_file() and page not in found:
+            found.add(page)
+            links = re.findall(r"\]\(([^)#]+\.md)(?:#[^)]*)?\)", page.read_text(encoding="utf-8"))
+            left += [(page.parent / link).resolve() for link in links if "://" not in link]
+    # the start of the site has the README's place there
+    assert {page.name for page in {*(ROOT / "docs").glob("*.md")} - found} == {"index.md"}
+
+
 @pytest.mark.parametrize("name", sorted(pictures.DRAWN))
 def test_a_picture_is_what_is_drawn_from_its_record(name):
     drawn = pictures.DRAWN[name](pictures.PICTURES)
