@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 _NAMES = [f"{what}: {', '.join(names)}" for what, names in MISTAKES.items()]
-_NAMES.append(f"{ALL}: all that is asked about; {AS_IS}: none but those named")
+_NAMES.append(f"{ALL}: all that is asked about; {AS_IS}: none but those named; a unit is answered by --scale alone")
 
 
 def _accepted(_context: click.Context, _option: click.Parameter, given: tuple[str, ...]) -> tuple[str, ...]:
