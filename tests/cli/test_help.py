@@ -3,8 +3,10 @@
 import importlib
 import inspect
 import itertools
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import click
 import pytest
@@ -15,6 +17,7 @@ from st_codegen.cli.simulate import _SUBCOMMANDS
 from st_codegen.project.build_options import LAYOUTS, PROJECT_FORMS, TABLE_KILOBYTES
 from tests.cli.helpers import run
 
+ROOT = Path(__file__).resolve().parents[2]
 #: What the list of commands may load of ours, and of others whose import takes more than a moment.
 OURS = {
     "st_codegen",
@@ -172,3 +175,22 @@ def test_help_has_examples(command, capsys):
     shown = capsys.readouterr().out
     assert "Examples:" in shown or "Commands:" in shown
     assert list(cli.lazy) == list(_COMMANDS)
+
+
+PAGES = [*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("examples/*/README.md")]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_commands_on_a_page_have_the_options_that_they_are_shown_with(page):
+    text = page.read_text(encoding="utf-8").replace("\\\n", " ")
+    unknown = []
+    for line in re.findall(r"\bst-codegen ([^`#|\n]+)", text):
+        words = line.split()
+        shown = [words[0], " ".join(words[:2])]
+        known = [name for name in (*_COMMANDS, *(f"simulate {name}" for name in _SUBCOMMANDS)) if name in shown]
+        command, context = command_of(max(known, key=len, default="generate"))
+        own = {option for parameter in (*command.get_params(context), *cli.params) for option in parameter.opts}
+        unknown += [
+            f"{line}: {option}" for option in re.findall(r"(?<!\S)-{1,2}[a-z][a-z-]*", line) if option not in own
+        ]
+    assert unknown == []
