@@ -155,8 +155,13 @@ def _first_that_passes(
     )
     for fitted, raw in tried:
         refused[raw.identity] = raw.gain
+        without = current
+        if raw.piece.effect.least_foreign:
+            # what its form lacks is of one angle as well, and of one size in all orders: weighed by what each keeps
+            # without it, the many quiet orders would bend it
+            without = fit(current.target.about(fitted.residual), current.state, steps=steps)
         # what is judged has reached where it goes
-        reached = fit(current.target, fitted.state, steps=SETTINGS.long_steps, tolerance=tolerance)
+        reached = fit(without.target, fitted.state, steps=SETTINGS.long_steps, tolerance=tolerance)
         number = raw.place(reached.state)
         reached = _of_one_height(reached, number, finder.penalty)
         inside = inside_bounds(reached, number)
@@ -166,7 +171,7 @@ def _first_that_passes(
         places = candidate.places(inside.state)
         if not places:
             continue
-        evidence, stands = founded(current, inside, number, places)
+        evidence, stands = founded(without, inside, number, places)
         judged.append((candidate, evidence))
         if stands:
             del refused[raw.identity]
