@@ -521,6 +521,10 @@ class Settings:
     joint_alike: float = 0.9
     joint_factor: float = 0.1
     joint_jump: float = 3.0
+    #: a step (s) from which on a time without a unit in its name is asked about: no joint is recorded so slowly, and in
+    #: ms every step is longer; travel (rad) below which a joint stands: gears and bristles give so much without sliding
+    joint_step: float = 0.5
+    joint_travel: float = 0.01
     #: share of the torque's changes that motion and friction predict below which it may be another joint's
     joint_unrelated: float = 0.5
     joint_largest: float = 1e9
@@ -557,11 +561,14 @@ class Settings:
     #: what is left is noise up to so many times the noise of the torque at its highest frequencies
     joint_noise: float = 1.25
     #: waves over the angle that are looked for; how far their order may differ between two halves (resolutions); waves
-    #: that the angle must hold at least to be told from a slow bend; how far they stand above their surroundings
+    #: that the angle must hold at least to be told from a slow bend; how far they stand above their surroundings, which
+    #: reach so far to each side over the angle, over time (resolutions): half of the stretches hold a wave in pieces,
+    #: and it leaks half as far; over time the motion's own harmonics stand side by side
     joint_waves: int = 6
     joint_agree: float = 1.0
     joint_least_waves: float = 3.0
     joint_stands_out: float = 9.0
+    joint_around: tuple[float, float] = (20.0, 10.0)
     #: torque of the inertia at a frequency, over that of a wave there, from which on the wave is the motion's own; a
     #: weaker wave so near (share of the order) to a louder one is a part of it: its size or phase changes
     joint_own: float = 3.0
@@ -571,6 +578,9 @@ class Settings:
     joint_frequencies: int = 12
     #: a mode broader than this is a filter, or none; the share of the misfit that it must take off held-out stretches
     joint_broadest: float = 0.3
+    #: lead of the torque before the acceleration below a mode (mean sine of its phase) from which on what friction
+    #: shakes is braked by the drive: a joint has none, but for what is left of delays and what a broad mode adds
+    joint_lead: float = 0.3
     #: width of the kernel under which a mode is no part of what friction is read from (radians at its frequency)
     joint_below_mode: float = 3.0
     #: share by which the inertia may change when the kernel is twice as wide: a rigid joint's is the same

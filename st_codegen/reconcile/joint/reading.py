@@ -18,10 +18,11 @@ from st_codegen.reconcile.settings import SETTINGS
 UNITS = {
     "q": {"": 1.0, "rad": 1.0, "deg": np.pi / 180},
     "dq": {"": 1.0, "rad_s": 1.0, "deg_s": np.pi / 180, "rpm": np.pi / 30},
-    "tau": {"": 1.0, "Nm": 1.0},
+    "tau": {"": 1.0, "Nm": 1.0, "Ncm": 1e-2, "mNm": 1e-3},
 }
 _NAME = re.compile(r"(q|dq|tau)(\d*)(?:_(\w+))?")
-_TIME = ("t", "t_s")
+#: names of the time, as factors to s
+_TIME = {"t": 1.0, "t_s": 1.0, "t_ms": 1e-3, "t_us": 1e-6}
 
 
 @dataclass(frozen=True)
@@ -79,14 +80,21 @@ def _read(path: Path) -> JointRecording:
         for kind in ("q", "tau"):
             if (kind, joint) not in columns:
                 problems.add(f"the column '{kind}{joint}' is missing: a joint needs q and tau")
-    time = next(name for name in _TIME if name in table.names)
+    time, *more = (name for name in _TIME if name in table.names)
+    if more:
+        problems.add(f"the columns {', '.join([time, *more])} are all the time; keep one of them")
     names = [time, *(name for name, _ in columns.values())]
     values = dict(zip(names, table.numbers(names, problems, is_finite=False).T, strict=True))
     _check_values(table, values, problems)
     if len(table.rows) < SETTINGS.joint_samples:
         problems.add(f"{counted(len(table.rows), 'sample')} only, at least {SETTINGS.joint_samples} are needed")
     problems.raise_if_any()
-    step, notes = _step(values[time], path)
+    step, notes = _step(values[time] * _TIME[time], path)
+    if time == "t" and step > SETTINGS.joint_step:
+        raise InputError(
+            f"{path}: a sample is taken every {step:g} s if t is in s: is it in milliseconds? Name the column t_ms, "
+            "t_us or t_s"
+        )
     si = {key: values[name] * factor for key, (name, factor) in columns.items()}
     angle = {joint: si["q", joint] for joint in joints}
     speed = {joint: si.get(("dq", joint)) for joint in joints}
@@ -105,7 +113,8 @@ def _check_values(table: CsvTable, values: Mapping[str, FloatArray], problems: P
         lines = [table.rows[row].line for row in rows]
         which = f"line {lines[0]}" + (f" and {len(lines) - 1} more" if len(lines) > 1 else "")
         problems.add(f"{which}: values of {', '.join(bad)} are not finite; cut these rows off, or record them again")
-    for name in values:
+    # a clock may count from any date
+    for name in (name for name in values if name not in _TIME):
         for row in np.flatnonzero(np.isfinite(values[name]) & (np.abs(values[name]) > SETTINGS.joint_largest))[:1]:
             line, value = table.rows[row].line, values[name][row]
             problems.add(f"line {line}: {name} of {value:.3g} is no value of a joint; was it read wrong?")
@@ -145,6 +154,11 @@ def _check_jumps(name: str, angle: FloatArray) -> None:
         )
 
 
+def is_standing(angle: FloatArray) -> bool:
+    """Whether a joint travels no further than what gives in it: then dq is noise, and its friction is not seen."""
+    return float(np.ptp(angle)) < SETTINGS.joint_travel
+
+
 def _check(joint: str, name: str, angle: FloatArray, speed: FloatArray | None, step: float) -> list[str]:
     """What a given speed says of units and time. Raises InputError where it is not that of the angle."""
     turns = float(np.ptp(angle)) / (2 * np.pi)
@@ -153,6 +167,8 @@ def _check(joint: str, name: str, angle: FloatArray, speed: FloatArray | None, s
             f"{name} covers {turns:.0f} turns if it is in rad: is it in degrees? Name the column q{joint}_deg or "
             f"q{joint}_rad"
         )
+    if is_standing(angle):
+        return []
     _check_jumps(name, angle)
     if speed is None:
         taken = f", which is taken to be in {'rad' if name == f'q{joint}' else name.rpartition('_')[2]}"
@@ -175,10 +191,12 @@ def _check(joint: str, name: str, angle: FloatArray, speed: FloatArray | None, s
         )
     if abs(factor - 1) > SETTINGS.joint_factor:
         known = {180 / np.pi: "dq in deg/s, or q in rad while named deg", np.pi / 180: "q in degrees, dq in rad/s",
-                 30 / np.pi: "dq in rpm", -1.0: "dq with the opposite sign"}  # fmt: skip
+                 30 / np.pi: "dq in rpm", -1.0: "dq with the opposite sign", 1e3: "t in milliseconds",
+                 1e6: "t in microseconds"}  # fmt: skip
         why = [text for value, text in known.items() if abs(factor / value - 1) < SETTINGS.joint_factor]
         raise InputError(
             f"dq{joint} is {factor:.4g} times the rate of {name}: {why[0] if why else 'of another side of a gear'}? "
-            f"Units may stand in the names: q{joint}_deg, dq{joint}_deg_s, dq{joint}_rpm"
+            f"Units may stand in the names: q{joint}_deg, dq{joint}_deg_s, dq{joint}_rpm, t_ms; without dq{joint} the "
+            "rate of the angle is taken"
         )
     return [f"dq{joint} is {factor:.3f} times the rate of {name}; the rate is taken"] if abs(factor - 1) > 0.02 else []
