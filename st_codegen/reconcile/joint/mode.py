@@ -117,7 +117,7 @@ def find_mode(found: JointResponse) -> JointMode | None:
         return None
     _, done, p, model = min(modes, key=lambda one: one[0])
     before, after, apart = _held_out(model, p, p0, found, w)
-    if after > (1 - SETTINGS.joint_mode) * before:
+    if after > (1 - SETTINGS.joint_mode) * before or _is_braked(p, found.value, w):
         return None
     try:
         spread = np.sqrt(np.diag(np.linalg.inv(done.jac.T @ done.jac)) * max(2 * done.cost / (2 * len(w)), 1.0))
@@ -161,6 +161,16 @@ def _is_mode(p: FloatArray, w: FloatArray) -> bool:
 def _is_filter(p: FloatArray) -> bool:
     """Whether what falls off beside a resonance lies above it, and has no sharp peak, as a filter of the torque."""
     return len(p) > 6 and bool(p[6] > p[4] and p[7] > SETTINGS.joint_broadest)
+
+
+def _is_braked(p: FloatArray, value: ComplexArray, w: FloatArray) -> bool:
+    """Whether the torque leads the acceleration below a mode: then the drive brakes what shakes, and does not drive it.
+
+    A joint takes power. Where friction shakes it, as at reversals, the drive takes it: its own response is seen.
+    """
+    lowest = min(p[4], p[6]) if len(p) > 6 else p[4]
+    below = value[(w > lowest / 3) & (w < 0.8 * lowest)]
+    return bool(below.imag.sum() > SETTINGS.joint_lead * np.abs(below).sum())
 
 
 def _fit(
