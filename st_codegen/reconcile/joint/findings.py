@@ -48,15 +48,19 @@ def signatures(result: JointResult) -> list[str]:
     found = []
     for wave in result.waves:
         if wave.over != ANGLE:
-            found.append(
-                f"a wave of {wave.number:.4g} Hz over time, {_amplitude(result, wave):.2g} N m, which no wave over the "
-                "angle explains as well: a hum, or an error of what repeats with the motion"
-            )
+            what = f"a wave of {wave.number:.4g} Hz over time, {_amplitude(result, wave):.2g} N m, "
+            how = "which no wave over the angle explains as well: a hum, or an error of what repeats with the motion"
+            if not wave.is_told:
+                how = f"or of {wave.rival.part.shape:.4g} per revolution: the speed does not tell a hum from a ripple"
+            found.append(what + how)
     for name in result.chosen.names():
         if name not in (RIGID, OTHERS) and not name.startswith("wave_") and _part(result, name) is None:
             found.append(_unnamed(result, name))
     if result.unseen_mode:
-        found.append("an inertia that depends on the frequency: an elasticity, or a filter, that was not resolved")
+        found.append(
+            "an inertia that depends on the frequency: an elasticity, a filter, or what happens at reversals, that was "
+            "not resolved"
+        )
     _, after, floor = result.gap
     if after > SETTINGS.joint_noise * floor:
         left = f"{np.sqrt(after**2 - floor**2):.2g} N m RMS on left-out stretches beyond the noise that can be told"
@@ -115,7 +119,14 @@ _INSTEAD = {
 def number(value: float, error: float | None, unit: str) -> str:
     """A value with its error and unit in words."""
     words = {"Nm": "N m", "Nm_s": "N m per rad/s", "Nm_s2": "N m per (rad/s)^2", "": ""}.get(unit, unit)
-    return f"{value:.3g}" + (f" +- {error:.1g}" if error is not None else "") + (f" {words}" if words else "")
+    spread = "" if error is None else f" +- {_digits(error, 1)}"
+    return f"{_digits(value, 3)}{spread}" + (f" {words}" if words else "")
+
+
+def _digits(value: float, count: int) -> str:
+    """So many digits of a number, those of a large one without a power of ten: 30, not 3e+01."""
+    short = f"{value:.{count}g}"
+    return f"{float(short):.0f}" if 10.0**count <= abs(float(short)) < 1e6 else short
 
 
 def _share(result: JointResult, name: str) -> float:
@@ -125,6 +136,16 @@ def _share(result: JointResult, name: str) -> float:
 def _is_told(name: str, value: float, error: float) -> bool:
     """Whether a part is larger than what else is left could make of it."""
     return abs(value) > (SETTINGS.joint_bend if name == "square_friction" else 1.0) * error
+
+
+def _is_below_nothing(result: JointResult, name: str) -> bool:
+    """Whether friction that changes would surely be negative at one end of the recording, where it drives the joint."""
+    level = name.removesuffix("_drift")
+    if name == level or level not in _POWERS:
+        return False
+    value, error = result.chosen.value(name)
+    mean, more = result.chosen.value(level) if level in result.chosen.names() else (0.0, 0.0)
+    return bool(abs(value) / 2 - mean > np.hypot(error / 2, more))
 
 
 def _part(result: JointResult, name: str) -> JointFinding | None:
@@ -137,7 +158,8 @@ def _part(result: JointResult, name: str) -> JointFinding | None:
         return None
     if name in ("reversal_travel", "reversal_time"):
         return _reversal(result, name)
-    if value < 0 and name in ("dry_friction", "viscous_friction", "square_friction", "load_dependent_friction"):
+    negative = value < 0 and name in (*_POWERS, "load_dependent_friction")
+    if negative or _is_below_nothing(result, name):
         return None
     remark = ""
     slow, fast = np.quantile(np.abs(result.rows.speed), (0.1, 0.9))
@@ -146,6 +168,8 @@ def _part(result: JointResult, name: str) -> JointFinding | None:
     if name == "dry_friction":
         slowest, fastest = np.quantile(np.abs(result.rows.speed), (0.02, 0.98))
         remark = f"read between {slowest:.2g} and {fastest:.2g} rad/s; at standstill it is not seen"
+    elif name == "direction_dependent_friction":
+        remark = "what else is said of friction is the mean of both directions"
     said = _SAID[name]
     alternatives = (*(_INSTEAD[one] for one in chosen.alternatives.get(name, ())), *said.always)
     size = abs(value) if name == "direction_dependent_friction" else value
@@ -239,14 +263,19 @@ def _unnamed(result: JointResult, name: str) -> str:
         return (
             f"a part with the form of {name.replace('_', ' ')} and the wrong sign ({value}): no friction drives a joint"
         )
+    if _is_below_nothing(result, name):
+        return (
+            f"a part with the form of {name.replace('_', ' ')} ({value} from start to end): the friction would be "
+            "negative at one end, and no friction drives a joint"
+        )
     if name in ("curved_friction", "square_friction"):
         return f"friction over speed is bent ({value}), not as by Stribeck's effect"
-    return f"a torque that fades after each reversal, of no known cause or too fast to be measured ({value})"
+    over = f"over {'travel' if name == 'reversal_travel' else 'time'} after each reversal"
+    return f"a torque that fades {over}, of no known cause or too fast to be measured ({value})"
 
 
 def _amplitude(result: JointResult, wave: TorqueWave) -> float:
-    place = result.chosen.place(wave.gain.part.name)
-    return 0.0 if place is None else float(np.hypot(*result.chosen.fit.values[place]))
+    return result.chosen.amplitude(wave.gain.part.name)[0]
 
 
 def _ripples(result: JointResult) -> list[TorqueWave]:
@@ -265,9 +294,10 @@ def _is_beside(wave: TorqueWave, loud: TorqueWave) -> bool:
 
 def _ripple(result: JointResult, wave: TorqueWave, constants: Constants | None) -> JointFinding:
     half = wave.resolution / 2
+    size, error = result.chosen.amplitude(wave.gain.part.name)
     text = (
         f"torque ripple: a wave of {wave.number:.4g} +- {half:.2g} per revolution of the joint, amplitude "
-        f"{_amplitude(result, wave):.2g} N m in the mean"
+        f"{number(size, error, 'Nm')} in the mean"
     )
     named = _kinematics(wave, constants)
     remark = f"of the machine's parts {', '.join(named)} would make it, by its order alone" if named else ""
@@ -276,16 +306,13 @@ def _ripple(result: JointResult, wave: TorqueWave, constants: Constants | None) 
         how = f"weaker waves beside it ({', '.join(beside)}): its size or phase changes, or there are more waves"
         remark = f"{remark}; {how}" if remark else how
     alternatives = []
-    speed = np.abs(result.rows.speed)
-    if wave.rival is not None and not wave.rival.is_worse_than(wave.gain):
+    if not wave.is_told:
         alternatives.append(f"a wave of {wave.rival.part.shape:.4g} Hz over time")
-    elif speed.std() < 0.05 * speed.mean():
-        alternatives.append("a wave over time: the speed hardly varied")
     if wave.number < 6:
         alternatives.append("a bend of gravity or of another torque over the angle")
     errors: dict[str, Value] = {
         "order_per_revolution": (wave.number, half, ""),
-        "amplitude_Nm": (_amplitude(result, wave), None, "Nm"),
+        "amplitude_Nm": (size, error, "Nm"),
     }
     share = _share(result, wave.gain.part.name)
     return JointFinding("torque_ripple", text, errors, tuple(alternatives), remark, share)
@@ -331,9 +358,11 @@ def measurement(result: JointResult) -> list[str]:
     found = list(result.notes)
     if result.late_s:
         way = "later" if result.late_s > 0 else "earlier"
+        _, after, floor = result.gap
+        rest = ", or what stays unexplained" if after > SETTINGS.joint_noise * floor else ""
         found.append(
             f"tau{result.joint} is as if {abs(result.late_s) * 1e3:.3g} ms {way} than the motion, and is shifted by as "
-            "much: a delay, a filter, or an elasticity between encoder and drive"
+            f"much: a delay, a filter, or an elasticity between encoder and drive{rest}"
         )
     if (told := explained(result)) < SETTINGS.joint_unrelated:
         found.append(

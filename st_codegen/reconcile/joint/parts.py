@@ -257,6 +257,8 @@ OVER_SPEED = ("dry_friction", "viscous_friction", "square_friction", "curved_fri
 #: where the load follows the speed, as in a motion of one sine, friction by the load may look like these together
 _FORMS = (*OVER_SPEED, "load_dependent_friction")
 _LEVEL = {"dry_friction", "load_dependent_friction"}
+#: forms that may hide each other, of which the first one found need not be the true one
+_ALIKE = {"viscous_friction", "square_friction"}
 _CHANGES = {"viscous_friction", "square_friction", "curved_friction"}
 
 
@@ -280,6 +282,16 @@ class Chosen:
             raise KeyError(name)
         spread = self.by_law[own.start] if law and self.by_law is not None else 0.0
         return float(self.fit.values[own.start]), float(np.hypot(self.fit.errors[own.start], spread))
+
+    def amplitude(self, name: str) -> tuple[float, float]:
+        """Amplitude of a part of a cosine and a sine, and its standard error."""
+        own = self.place(name)
+        if own is None:
+            raise KeyError(name)
+        values, errors = self.fit.values[own], self.fit.errors[own]
+        size = float(np.hypot(*values))
+        errors = errors if self.by_law is None else np.hypot(errors, self.by_law[own])
+        return size, float(np.hypot(*(values * errors))) / max(size, 1e-300)
 
     @cached_property
     def _places(self) -> list[slice]:
@@ -385,15 +397,13 @@ def _of_best_form(rows: JointRows, parts: list[TorquePart]) -> list[TorquePart]:
     One by one, a form that is not the true one may come first and another one mend it. Whether a form is needed beside
     those that stay is asked elsewhere.
     """
-    basis = np.linalg.qr(stacked(parts))[0]
     rest = [part for part in parts if part.name not in _FORMS]
     forms = {part.name: part for part in parts if part.name in _FORMS}
     taken, before = set(forms), crossed(stacked(parts), rows)
     by_load = forms.pop("load_dependent_friction", None)
-    if by_load is not None:
-        # what looks like the load may hide the others from one another
-        basis = np.linalg.qr(stacked([*rest, *forms.values()]))[0]
+    others_of = {name: [part for part in forms.values() if {part.name, name} != _ALIKE] for name in OVER_SPEED}
     for name in OVER_SPEED if taken else ():
+        basis = np.linalg.qr(stacked([*rest, *others_of[name]]))[0]
         variants = [v for v in KINDS[name].variants(name, rows) if told(v, basis) > SETTINGS.joint_told]
         if name not in forms and variants:
             forms[name] = gain_of(variants, parts, rows, before).part
@@ -434,7 +444,7 @@ def _judged(rows: JointRows, parts: list[TorquePart], not_told: set[str], moves:
                 alike = [n for n, g in instead.items() if n != part.name and not g.is_worse_than(gains[part.name])]
                 alternatives[part.name] = tuple(alike)
                 # beside a curved part dry friction is what is left at high speed: another number
-                forms = [instead[n].part for n in alike if {n, part.name} == {"viscous_friction", "square_friction"}]
+                forms = [instead[n].part for n in alike if {n, part.name} == _ALIKE]
                 of_forms = np.maximum(of_forms, _of_another(rows, parts, part, forms, fit))
                 beside = [instead[n].part for n in alike if not {n, part.name} <= set(OVER_SPEED)]
                 of_forms = np.maximum(of_forms, _of_one_more(rows, parts, part, beside, fit))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,9 +26,9 @@ from st_codegen.reconcile.joint.parts import (
     surely,
     without_outliers,
 )
-from st_codegen.reconcile.joint.reading import JointRecording
+from st_codegen.reconcile.joint.reading import JointRecording, is_standing
 from st_codegen.reconcile.joint.rows import JointRows, rows_of
-from st_codegen.reconcile.joint.waves import TorqueWave, columns, find_wave
+from st_codegen.reconcile.joint.waves import ANGLE, TorqueWave, columns, find_wave
 from st_codegen.reconcile.settings import SETTINGS
 
 #: shifts of the torque that are tried, s
@@ -89,9 +89,16 @@ def reconcile_joints(
         with problems.collect():
             found.append(_joint(_scaled(recordings, joint, factor), joint, accept))
     problems.raise_if_any()
-    if all(one is None for one in found):
-        raise InputError("no joint moves for long enough: nothing can be told of friction, ripple or elasticity")
-    return tuple(one for one in found if one is not None)
+    moving = [one for one in found if one is not None]
+    least = f"a joint that travels less than {SETTINGS.joint_travel:g} rad counts as standing"
+    if not moving:
+        raise InputError(
+            f"no joint moves for long enough: nothing can be told of friction, ripple or elasticity; {least}"
+        )
+    if still := sorted(recordings[0].angle.keys() - {one.joint for one in moving}):
+        note = f"of joint {', '.join(still)} nothing is told: it does not move for long enough; {least}"
+        moving[0] = replace(moving[0], notes=(*moving[0].notes, note))
+    return tuple(moving)
 
 
 def _scaled(recordings: Sequence[JointRecording], joint: str, factor: float) -> list[JointRecording]:
@@ -102,11 +109,15 @@ def _scaled(recordings: Sequence[JointRecording], joint: str, factor: float) -> 
 
 
 def _joint(recordings: list[JointRecording], joint: str, accept: Collection[str]) -> JointResult | None:
-    rows = rows_of(recordings, joint)
+    rows = None if all(is_standing(one.angle[joint]) for one in recordings) else rows_of(recordings, joint)
     if rows is None:
         return None
     if not np.ptp(rows.torque):
-        raise InputError(f"tau{joint} never changes: it is no torque of a joint that moves")
+        raise InputError(
+            f"tau{joint} never changes: it is no torque of a joint that moves; cut the columns of this joint out"
+        )
+    acting = acting_of(rows)
+    rows = rows_of(recordings, joint, acting=acting.columns) or rows
     notes = [note for one in recordings for note in one.notes if f"dq{joint} " in note or "dq" not in note]
     if is_opposite(rows):
         if not {"sign", "all"} & set(accept):
@@ -116,10 +127,12 @@ def _joint(recordings: list[JointRecording], joint: str, accept: Collection[str]
             )
         recordings = _scaled(recordings, joint, -1.0)
         notes.append(f"the sign of tau{joint} was turned, as accepted")
-    acting = acting_of(rows)
-    rows = rows_of(recordings, joint, acting=acting.columns) or rows
-    kernel, unseen = _below_mode(recordings, joint, rows, acting.columns)
-    shift = _shift(recordings, joint, kernel, acting.columns)
+        rows = replace(rows, torque=-rows.torque, torque_rate=-rows.torque_rate)
+    seen = _seen(rows)
+    # a ripple shakes the joint as a mode does; waves over time may be those of the motion itself
+    ripples = [wave for wave in seen if wave[0] == ANGLE]
+    kernel, unseen = _below_mode(recordings, joint, rows, acting.columns, ripples)
+    shift = _shift(recordings, joint, kernel, acting.columns, seen)
     rows = rows_of(recordings, joint, shift, kernel, acting.columns) or rows
     rows, outliers = without_outliers(rows)
     chosen, waves = choose(rows, acting.moves), list[TorqueWave]()
@@ -156,18 +169,25 @@ def _seen(rows: JointRows) -> list[tuple[str, float]]:
 
 
 def is_opposite(rows: JointRows) -> bool:
-    """Whether inertia and friction are negative beyond their errors."""
-    base = stacked(base_of(rows))
-    fit = crossed(np.hstack([base, rows.sign[:, None]]), rows)
-    sure = -SETTINGS.joint_errors
-    return bool(fit.values[0] < sure * fit.errors[0] and fit.values[-1] < sure * fit.errors[-1])
+    """Whether inertia and friction are negative beyond their errors, beside friction that rises with speed or not."""
+    parts, sure = base_of(rows), -SETTINGS.joint_errors
+    for names in (("dry_friction",), ("dry_friction", "viscous_friction")):
+        fit = crossed(stacked([*parts, *first_of_kinds(rows, *names)]), rows)
+        place = -len(names)
+        if fit.values[0] < sure * fit.errors[0] and fit.values[place] < sure * fit.errors[place]:
+            return True
+    return False
 
 
 def _below_mode(
-    recordings: list[JointRecording], joint: str, rows: JointRows, acting: Sequence[int]
+    recordings: list[JointRecording],
+    joint: str,
+    rows: JointRows,
+    acting: Sequence[int],
+    seen: Sequence[tuple[str, float]],
 ) -> tuple[float, bool]:
     """The kernel (s) that leaves modes out: below them a joint is rigid. Whether there is one that was not seen."""
-    known = stacked(_rich(rows))
+    known = stacked(_rich(rows, seen))
     values = crossed(known, rows).values
     mode, *_ = _mode(recordings, joint, rows, known[:, 1:] @ values[1:], 0)
     kernel = rows.kernel_s
@@ -176,8 +196,8 @@ def _below_mode(
         kernel = max(kernel, SETTINGS.joint_below_mode / (2 * np.pi * lowest))
     unseen = False
     # a rigid joint has one inertia at all frequencies: what a wider kernel sees otherwise is an unseen mode
-    while (narrow := _inertia(recordings, joint, kernel, acting)) is not None:
-        wide = _inertia(recordings, joint, 2 * kernel, acting)
+    while (narrow := _inertia(recordings, joint, kernel, acting, seen)) is not None:
+        wide = _inertia(recordings, joint, 2 * kernel, acting, seen)
         if wide is None:
             break
         (inertia, error, diluted), (other, more, _) = narrow, wide
@@ -189,7 +209,11 @@ def _below_mode(
 
 
 def _inertia(
-    recordings: list[JointRecording], joint: str, kernel_s: float, acting: Sequence[int]
+    recordings: list[JointRecording],
+    joint: str,
+    kernel_s: float,
+    acting: Sequence[int],
+    seen: Sequence[tuple[str, float]],
 ) -> tuple[float, float, float] | None:
     """The inertia that a kernel shows, its error, and by how much noise of the angle makes it smaller.
 
@@ -198,7 +222,7 @@ def _inertia(
     rows = rows_of(recordings, joint, 0, kernel_s, acting)
     if rows is None:
         return None
-    columns = stacked(_rich(rows))
+    columns = stacked(_rich(rows, seen))
     fit = crossed(columns, rows)
     own = columns[:, 0] - columns[:, 1:] @ np.linalg.lstsq(columns[:, 1:], columns[:, 0], rcond=None)[0]
     noise = rows.noise[1] ** 2
@@ -206,12 +230,17 @@ def _inertia(
     return float(fit.values[0]), float(fit.errors[0]), diluted * abs(float(fit.values[0]))
 
 
-def _shift(recordings: list[JointRecording], joint: str, kernel_s: float, acting: Sequence[int]) -> int:
+def _shift(
+    recordings: list[JointRecording],
+    joint: str,
+    kernel_s: float,
+    acting: Sequence[int],
+    seen: Sequence[tuple[str, float]],
+) -> int:
     """Samples by which the torque is late: the shift whose model predicts best, if it surely does so better."""
     most = int(min(_MOST_SHIFT_S / recordings[0].step_s, 30))
     fits: dict[int, FloatArray] = {}
     base = rows_of(recordings, joint, 0, kernel_s, acting)
-    seen = [] if base is None else _seen(base)
 
     def tried(shifts: Collection[int]) -> int:
         """The best of all shifts so far, with some more."""

@@ -18,13 +18,18 @@ ANGLE, TIME = "wave_of_angle", "wave_of_time"
 
 @dataclass(frozen=True)
 class TorqueWave:
-    """A wave: over ANGLE (N per revolution) or TIME (Hz), how exactly its number is known; another reading of it."""
+    """A wave: over ANGLE (N per revolution) or TIME (Hz), how exactly that is known; its reading over the other."""
 
     over: str
     number: float
     resolution: float
     gain: PartGain
-    rival: PartGain | None
+    rival: PartGain
+
+    @property
+    def is_told(self) -> bool:
+        """Whether the data tell it from a wave over the other one."""
+        return self.rival.is_worse_than(self.gain)
 
 
 def find_wave(rows: JointRows, chosen: Chosen) -> TorqueWave | None:
@@ -41,7 +46,12 @@ def find_wave(rows: JointRows, chosen: Chosen) -> TorqueWave | None:
     over, gain = found[0]
     if not gain.passed:
         return None
-    return TorqueWave(over, gain.part.shape, _resolution(rows, over), gain, found[1][1] if len(found) > 1 else None)
+    other = TIME if over == ANGLE else ANGLE
+    if len(found) < 2:
+        # at one speed a wave is as good over the other one, whether it stands out there or not
+        mean = [float(np.median(_phase(rows, one)[1])) for one in (over, other)]
+        found.append((other, _gain(rows, chosen, other, gain.part.shape * mean[0] / mean[1])))
+    return TorqueWave(over, gain.part.shape, _resolution(rows, over), gain, found[1][1])
 
 
 def _gain(rows: JointRows, chosen: Chosen, over: str, number: float) -> PartGain:
@@ -97,7 +107,8 @@ def _agreed(rows: JointRows, left: FloatArray, over: str, inertia: float) -> flo
         number, size = spectrum(rows, left, over, rows.block % 2 == half)
         if len(number) < 40:
             return None
-        around = median_filter(size**2, 81, mode="nearest") / np.log(2.0)
+        reach = int(4 * SETTINGS.joint_around[over == TIME])
+        around = median_filter(size**2, 2 * reach + 1, mode="nearest") / np.log(2.0)
         stands = size**2 > SETTINGS.joint_stands_out * around
         if over == TIME:
             moved = spectrum(rows, inertia * rows.acceleration, over, rows.block % 2 == half)[1]

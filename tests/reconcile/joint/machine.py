@@ -63,6 +63,8 @@ def path_of(kind: str, t: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray
         # always forward, the speed varies
         rate = 0.8 + 0.3 * np.sin(2 * np.pi * t / 5.0) + 0.2 * np.sin(2 * np.pi * t / 1.7 + 1.0)
         return np.cumsum(rate) * (t[1] - t[0]), rate
+    if kind == "sine":
+        return np.sin(0.4 * np.pi * t), 0.4 * np.pi * np.cos(0.4 * np.pi * t)
     if kind == "one_speed":
         rate = np.where((t % 8.0) < 4.0, 0.5, -0.5)
         rate = np.convolve(rate, np.ones(401) / 401, mode="same")

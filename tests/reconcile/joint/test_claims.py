@@ -5,8 +5,9 @@ import pytest
 
 from st_codegen.errors import InputError
 from st_codegen.reconcile.joint import run as joint_run
-from st_codegen.reconcile.joint.findings import findings, signatures
-from st_codegen.reconcile.joint.mode import JointResponse, find_mode, is_rigid
+from st_codegen.reconcile.joint import waves
+from st_codegen.reconcile.joint.findings import findings, number, signatures
+from st_codegen.reconcile.joint.mode import JointResponse, _is_braked, find_mode, is_rigid
 from st_codegen.reconcile.joint.reading import JointRecording, read_joints
 from st_codegen.reconcile.joint.rows import rows_of
 from st_codegen.reconcile.joint.run import reconcile_joints
@@ -177,3 +178,134 @@ def test_the_bend_of_another_law_is_not_called_the_square_of_the_speed(tmp_path)
     assert "dry_friction" in said
     if "square_friction" in result.chosen.names():  # it depends on the processor whether it is chosen
         assert any("friction over speed is bent" in text for text in signatures(result))
+
+
+def two_joints(**columns):
+    """A second joint beside one that moves."""
+    found = {("t" if key == "t" else f"{key}1"): value for key, value in plain().items()}
+    return found | {f"{key}2": value for key, value in columns.items()}
+
+
+def test_a_joint_that_stands_is_said_to_and_its_noise_is_no_wrong_speed(tmp_path):
+    """Its dq was refused as not the speed of q, and with it the whole file; where it was not, nobody heard of it."""
+    noise = np.random.default_rng(0).standard_normal((3, len(plain()["t"])))
+    columns = two_joints(q=0.5 + 1e-6 * noise[0], dq=1e-3 * noise[1], tau=5.0 + 0.05 * noise[2])
+    (joint,) = report(columns, tmp_path)
+    assert joint["joint"] == "1" and {"dry_friction", "viscous_friction"} <= set(named(joint))
+    assert any(text.startswith("of joint 2 nothing is told") for text in joint["measurement"])
+
+
+def test_a_torque_of_the_wrong_sign_beside_another_joint(tmp_path):
+    """Beside all columns of the other joint, and friction that rises with speed, nothing was sure: it was not asked."""
+    t = plain()["t"]
+    w = 2 * np.pi * np.array([[0.17], [0.37]])
+    q = np.array([0.7, 0.2]) @ np.sin(w * t)
+    dq = np.array([0.7, 0.2]) @ (w * np.cos(w * t))
+    ddq = -np.array([0.7, 0.2]) @ (w**2 * np.sin(w * t))
+    tau = 2.0 * ddq + 20.0 * np.cos(q) + 4.0 * np.sign(dq) + 3.0 * dq
+    noise = 0.05 * np.random.default_rng(0).standard_normal(len(t))
+    with pytest.raises(InputError, match="tau2 has the opposite sign"):
+        report(two_joints(q=q, dq=dq, tau=noise - tau), tmp_path)
+
+
+@pytest.mark.parametrize(("name", "factor"), [("t_s", 1.0), ("t_ms", 1e3), ("t_us", 1e6)])
+def test_units_of_the_time_may_stand_in_its_name(tmp_path, name, factor):
+    columns = plain(count=800)
+    columns["t"] = factor * (1.0 + columns["t"])
+    (one,) = read_joints([write(columns, tmp_path / "joint.csv", {"t": name})])
+    assert one.step_s == pytest.approx(0.005)
+
+
+def test_a_time_in_milliseconds_is_asked_about(tmp_path):
+    """Friction was called 3000 N m per rad/s, or dq that of another side of a gear."""
+    columns = plain(count=800)
+    columns["t"] = 1e3 * columns["t"]
+    with pytest.raises(InputError, match="is it in milliseconds"):
+        read_joints([write(columns, tmp_path / "joint.csv")])
+    with pytest.raises(InputError, match="t_ms are all the time; keep one"):
+        read_joints([write(columns | {"t_ms": columns["t"]}, tmp_path / "joint.csv")])
+
+
+def test_a_clock_may_count_from_any_date(tmp_path):
+    columns = plain(count=800)
+    columns["t"] = columns["t"] + 1.7e9
+    path = tmp_path / "joint.csv"
+    np.savetxt(path, np.stack(list(columns.values()), 1), "%.17g", ",", header=",".join(columns), comments="")
+    (one,) = read_joints([path])
+    assert one.step_s == pytest.approx(0.005)
+
+
+def test_one_speed_does_not_tell_a_ripple_from_a_hum(tmp_path, monkeypatch):
+    """It was a wave over time which no wave over the angle explains as well, where that one had not stood out."""
+    agreed = waves._agreed
+    monkeypatch.setattr(waves, "_agreed", lambda *given: agreed(*given) if given[2] == waves.TIME else None)
+    t = np.arange(0.0, 40.0, 2e-3)
+    noise = np.random.default_rng(0).standard_normal((2, len(t)))
+    q = 0.7 * t + 0.002 * np.sin(1.3 * t)
+    tau = 4.0 + 2.0 * np.cos(q) + 0.5 * np.cos(40.0 * q) + 0.05 * noise[1]
+    (joint,) = report({"t": t, "q_rad": q + 1e-6 * noise[0], "tau": tau}, tmp_path)
+    (text,) = [text for text in joint["unexplained"] if "wave of" in text]
+    assert "or of 40" in text and "per revolution" in text and "no wave over the angle" not in text
+
+
+def test_a_ripple_through_pieces_of_the_data_stands_out_of_what_it_leaks(tmp_path):
+    """In a motion of one sine its own surroundings hid it: the torque was called 7 ms early."""
+    joint = Joint(gravity=20.0, dry=4.0, viscous=3.0, ripple=1.0, order=160.0)
+    (joint,) = report(simulate(joint, Measured(path="sine", torque_noise=0.05, angle_noise=1e-6)), tmp_path)
+    value = named(joint)["torque_ripple"]["parameters"]
+    assert value["order_per_revolution"]["value"] == pytest.approx(160.0, abs=1.6)
+    assert value["amplitude_Nm"]["value"] == pytest.approx(1.0, rel=0.2)
+    assert not any("earlier" in text for text in joint["measurement"])
+
+
+def test_what_friction_shakes_and_the_drive_brakes_is_no_mode_of_the_joint():
+    """Stribeck's friction of a rigid joint was an elasticity at 30.4 +- 1 Hz: it was the drive's own response."""
+    frequency = np.linspace(1.0, 60.0, 200)
+    w = 2 * np.pi * frequency
+    drive = (1 + 2j * 0.7 * w / 60.0) / (w / 60.0) ** 2
+    lower, upper = 2 * np.pi * 19.0, 2 * np.pi * 23.0
+    peak = (1 - (w / upper) ** 2 + 0.2j * w / upper) / (1 - (w / lower) ** 2 + 0.1j * w / lower)
+    p = np.array([2.0, 0.0, 0.0, 0.0, upper, 0.1, lower, 0.05])
+    assert _is_braked(p, drive * peak, w) and not _is_braked(p, 2.0 * peak, w)
+    assert find_mode(response(2.0 * peak, frequency)) is not None
+    assert find_mode(response(2.0 * drive * peak, frequency)) is None
+
+
+def test_friction_that_changes_is_not_below_nothing_at_one_end(tmp_path):
+    """Of half a second of a joint with dry friction of 4 N m it said that it changes by 35 N m from start to end."""
+    columns = plain(friction=0.0, viscous=0.0)
+    columns["tau"] = columns["tau"] + np.sign(columns["dq"]) * (columns["t"] / columns["t"][-1] - 0.5)
+    (joint,) = report(columns, tmp_path)
+    assert "dry_friction_drift" not in named(joint)
+    assert any("negative at one end" in text for text in joint["unexplained"])
+
+
+def test_friction_that_falls_where_a_joint_moves_at_one_speed_mostly(tmp_path):
+    """Viscous friction was not looked at where its square had been taken: 2.51 +- 0.8 N m per (rad/s)^2."""
+    t = np.arange(0.0, 40.0, 1e-3)
+    random = np.random.default_rng(3)
+    v, at = np.zeros(len(t)), 0
+    while at < len(t) - 3000:
+        for way in (1.0, -1.0):
+            count = int(random.uniform(600, 1600))
+            ramp = np.minimum(np.minimum(np.arange(count), np.arange(count)[::-1]) * 3e-3, 0.6)
+            v[at : at + count], at = way * ramp, at + count + 300
+    v = np.convolve(v, np.hanning(31) / np.hanning(31).sum(), "same")
+    q = np.cumsum(v) * 1e-3
+    friction = (4.0 + 2.5 * np.exp(-((v / 0.1) ** 2))) * np.tanh(v / 1e-3) + 3.0 * v
+    tau = 2.0 * np.gradient(v, 1e-3) + 20.0 * np.cos(q) + friction + 0.05 * random.standard_normal(len(t))
+    (joint,) = report({"t": t, "q_rad": q, "tau": tau}, tmp_path)
+    assert "square_friction" not in named(joint) and "stribeck" in named(joint)
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "text"),
+    [
+        (13.9, 11.2, "13.9 +- 10"),
+        (3012.0, 38.0, "3010 +- 40"),
+        (0.012, 0.002, "0.012 +- 0.002"),
+        (1e9, 2e8, "1e+09 +- 2e+08"),
+    ],
+)
+def test_numbers_that_people_read_have_no_power_of_ten(value, error, text):
+    assert number(value, error, "") == text
