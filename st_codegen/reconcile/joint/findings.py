@@ -144,8 +144,11 @@ def _is_below_nothing(result: JointResult, name: str) -> bool:
     if name == level or level not in _POWERS:
         return False
     value, error = result.chosen.value(name)
-    mean, more = result.chosen.value(level) if level in result.chosen.names() else (0.0, 0.0)
-    return bool(abs(value) / 2 - mean > np.hypot(error / 2, more))
+    rows = result.rows
+    mean = float((rows.sign * result.chosen.of({*OVER_SPEED, "load_dependent_friction"})).mean())
+    # what changes is half as large at an end, and is multiplied by this power of the speed
+    half = float((np.abs(rows.speed) ** _POWERS[level]).mean()) / 2
+    return half * abs(value) - mean > half * error
 
 
 def _part(result: JointResult, name: str) -> JointFinding | None:
