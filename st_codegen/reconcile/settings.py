@@ -622,4 +622,7 @@ CHOSEN_ON: dict[str, tuple[str, ...]] = {
         "joint_one_inertia", "joint_mode",
     ),
     "a joint with Stribeck's friction (seed 2018 of tests/reconcile/joint)": ("joint_bend",),
+    "simulated joints under control, of some 20 motions, with ripples, Stribeck's friction, play and springs": (
+        "joint_around", "joint_lead",
+    ),
 }  # fmt: skip
