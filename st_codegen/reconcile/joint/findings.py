@@ -38,7 +38,7 @@ def findings(result: JointResult, constants: Constants | None) -> list[JointFind
     ]
     # where one speed tells no forms apart, friction is one finding
     found = list({one.name: one for one in parts if one is not None}.values())
-    found += [_ripple(result, wave, constants) for wave in _ripples(result)]
+    found += [_ripple(result, wave, constants) for wave in _ripples(result) if _is_told(ANGLE, *_size(result, wave))]
     found.sort(key=lambda one: -(one.share or 0.0))
     return found + ([_elasticity(result)] if result.mode is not None else [])
 
@@ -46,6 +46,12 @@ def findings(result: JointResult, constants: Constants | None) -> list[JointFind
 def signatures(result: JointResult) -> list[str]:
     """What stands out and has no name."""
     found = []
+    for wave in _ripples(result):
+        if not _is_told(ANGLE, *_size(result, wave)):
+            found.append(
+                f"a wave of {wave.number:.4g} per revolution of the joint ({number(*_size(result, wave), 'Nm')}): what "
+                "else is left could make all of it"
+            )
     for wave in result.waves:
         if wave.over != ANGLE:
             what = f"a wave of {wave.number:.4g} Hz over time, {_amplitude(result, wave):.2g} N m, "
@@ -277,8 +283,12 @@ def _unnamed(result: JointResult, name: str) -> str:
     return f"a torque that fades {over}, of no known cause or too fast to be measured ({value})"
 
 
+def _size(result: JointResult, wave: TorqueWave) -> tuple[float, float]:
+    return result.chosen.amplitude(wave.gain.part.name)
+
+
 def _amplitude(result: JointResult, wave: TorqueWave) -> float:
-    return result.chosen.amplitude(wave.gain.part.name)[0]
+    return _size(result, wave)[0]
 
 
 def _ripples(result: JointResult) -> list[TorqueWave]:
@@ -297,7 +307,7 @@ def _is_beside(wave: TorqueWave, loud: TorqueWave) -> bool:
 
 def _ripple(result: JointResult, wave: TorqueWave, constants: Constants | None) -> JointFinding:
     half = wave.resolution / 2
-    size, error = result.chosen.amplitude(wave.gain.part.name)
+    size, error = _size(result, wave)
     text = (
         f"torque ripple: a wave of {wave.number:.4g} +- {half:.2g} per revolution of the joint, amplitude "
         f"{number(size, error, 'Nm')} in the mean"

@@ -8,6 +8,7 @@ from st_codegen.reconcile.joint import run as joint_run
 from st_codegen.reconcile.joint import waves
 from st_codegen.reconcile.joint.findings import findings, number, signatures
 from st_codegen.reconcile.joint.mode import JointResponse, _is_braked, find_mode, is_rigid
+from st_codegen.reconcile.joint.parts import Chosen
 from st_codegen.reconcile.joint.reading import JointRecording, read_joints
 from st_codegen.reconcile.joint.rows import rows_of
 from st_codegen.reconcile.joint.run import reconcile_joints
@@ -256,6 +257,15 @@ def test_a_ripple_through_pieces_of_the_data_stands_out_of_what_it_leaks(tmp_pat
     assert value["order_per_revolution"]["value"] == pytest.approx(160.0, abs=1.6)
     assert value["amplitude_Nm"]["value"] == pytest.approx(1.0, rel=0.2)
     assert not any("earlier" in text for text in joint["measurement"])
+
+
+def test_a_ripple_that_what_is_left_could_make_has_no_name(tmp_path, monkeypatch):
+    """Of friction that grows with the load it said 0.035 N m of a ripple of 18 per revolution, with 0.2 N m left."""
+    (result,) = reconcile_joints(read_joints([write(plain(ripple=0.2), tmp_path / "joint.csv")]))
+    assert "torque_ripple" in [one.name for one in findings(result, None)]
+    monkeypatch.setattr(Chosen, "amplitude", lambda *_: (0.035, 0.2))
+    assert "torque_ripple" not in [one.name for one in findings(result, None)]
+    assert any("0.035 +- 0.2 N m): what else is left could make all of it" in text for text in signatures(result))
 
 
 def test_what_friction_shakes_and_the_drive_brakes_is_no_mode_of_the_joint():
