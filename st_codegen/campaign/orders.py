@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from st_codegen.campaign.curves import Curve
 from st_codegen.campaign.moments import moments
+from st_codegen.campaign.rounded import without_steps
 from st_codegen.campaign.spikes import off_deg
 from st_codegen.errors import InputError
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
@@ -118,9 +119,10 @@ def listed(orders: Sequence[int]) -> str:
 def curve_sums(curve: Curve, band: int = BAND) -> Sums:
     """The sums of a curve for orders up to `band`; those that it does not tell leak where it has gaps.
 
-    Samples far from those around them are left out.
+    Samples far from those around them are left out, and angles are taken without the steps that they are rounded to.
     """
-    theta, te = np.deg2rad(curve.angle_deg), np.asarray(curve.te_deg, np.float64)
+    highest = min(band, max(1, len(curve.angle_deg) // 4))
+    theta, te = np.deg2rad(without_steps(curve.angle_deg, highest)), np.asarray(curve.te_deg, np.float64)
     off, begin = off_deg(te), float(theta[0])
     far = off != 0.0
     turns = abs(float(theta[-1]) - begin) / (2.0 * np.pi) * len(te) / (len(te) - 1)

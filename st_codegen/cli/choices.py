@@ -21,7 +21,7 @@ MISTAKES = {
     "transmission error": (
         "sign", "column_scale", "waves", "low_pass", "smoothing", "filter", "start", "drift", "taken_off", "misread_te",
     ),
-    "angles": ("home_offset", "axis", "ratio", "misread_angle", "misread_ratio"),
+    "angles": ("home_offset", "shaft", "axis", "ratio", "misread_angle", "misread_ratio"),
     "conditions": ("conditions", "torque", "misread_torque", "misread_temperature", "misread_speed"),
     "directions and columns": ("direction", "exchanged_directions", "copied", "shifted"),
     "single runs": ("block", "labels"),

@@ -76,6 +76,24 @@ def misread(data, error_deg, often=1):
     return replace(data, values=seen)
 
 
+def of_the_fast_shaft(data, share=1.0):
+    """The same curves over an angle that lacks a share of TE itself, by samples: with all of it the other shaft's."""
+    seen = np.empty(data.values.shape, np.complex128)
+    for row, own in enumerate(data.values):
+        true = read = 2 * np.pi * np.arange(1024) / 1024
+        for _ in range(4):
+            te = (own @ np.exp(1j * np.outer(data.orders, true))).real
+            true = read + share * np.deg2rad(te)
+        seen[row] = np.fft.rfft(te)[data.orders] * np.where(data.orders == 0, 1, 2) / 1024
+    return replace(data, values=seen)
+
+
+def wound_up(data, degrees):
+    """The same curves over an angle that the load winds up, by so much at the largest."""
+    load = data.at.sign * data.at.torque_Nm / data.at.torque_Nm.max()
+    return replace(data, values=data.values * np.exp(1j * np.radians(degrees) * load[:, None] * ORDERS))
+
+
 def torques(data, factor=1.0, offset=0.0):
     return replace(data, at=replace(data.at, torque_Nm=factor * data.at.torque_Nm + offset))
 
@@ -135,6 +153,7 @@ MADE = {
     "column_scale": lambda data: column(data, 0.8),
     "ratio": lambda data: ramp(data, 82),
     "ratio from 130": lambda data: ramp(data, 81.01, 130.0),
+    "shaft": of_the_fast_shaft,
     "axis": lambda data: misread(data, 0.3),
     "axis twice a turn": lambda data: misread(data, 0.3, 2),
     "torque 0.95 times": lambda data: torques(data, factor=0.95),
@@ -171,6 +190,20 @@ def test_a_mistake_is_asked_about_and_corrected(name):
         for one in (examined.data, made)
     )
     assert left.sum() < 0.3 * wrong.sum()
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("share", [-1.0, 0.5, 1.5])
+def test_an_angle_that_is_off_by_another_part_of_te_is_not_the_other_shafts(share):
+    examined = examine(of_the_fast_shaft(measured(3e-6), share), RIG, PATH, accept=["all"])
+    assert "shaft" not in [mistake.name for mistake in examined.mistakes]
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("degrees", [-0.08, -0.065, 0.065, 0.08])
+def test_a_shaft_that_the_load_winds_up_as_far_as_the_gear_is_not_the_other_one(degrees):
+    examined = examine(wound_up(measured(3e-6), degrees), RIG, PATH, accept=["all"])
+    assert "shaft" not in [mistake.name for mistake in examined.mistakes]
 
 
 def at_a_rate(data, hertz):

@@ -23,6 +23,8 @@ from st_codegen.reconcile.run import _reread
 from st_codegen.rig.effects import Conditions, catalogue
 from st_codegen.rig.model import read_rig
 
+from .test_measurement import of_the_fast_shaft
+
 pytestmark = pytest.mark.thorough
 
 KNOWN = catalogue()
@@ -173,6 +175,22 @@ def test_an_angle_that_the_load_winds_up_is_no_turn_of_single_waves():
     data = replace(data, values=data.values * np.exp(1j * wound[:, None] * ORDERS))
     assert re.search(r"every angle 0.08\d* deg too low at the largest load, in proportion at others", asked(data))
     assert reconciled(data, "misread_angle").verdict == "nothing_missing"
+
+
+def test_an_angle_of_the_fast_shaft_in_noise_is_no_turn_of_single_waves():
+    """An angle that the load winds up was asked about, which is not quite what it is."""
+    data, noise = of_the_fast_shaft(measured(0.0)), measured(3e-5).values - measured(0.0).values
+    data = replace(data, values=data.values + noise, spectral_deg=np.full(noise.shape, 3e-5))
+    assert "all angles those of the fast shaft over the reduction ratio" in asked(data)
+    assert reconciled(data, "misread_angle").verdict == "nothing_missing"
+
+
+def test_zeros_of_their_own_in_both_directions_are_no_turn_of_single_waves():
+    """Thirteen waves of the rig had "changed", and nothing said that two numbers of the angle do all of it."""
+    data = measured(1e-5)
+    off = np.radians(np.where(AT.sign < 0, 0.06, -0.03))
+    text = asked(replace(data, values=data.values * np.exp(-1j * off[:, None] * ORDERS)))
+    assert re.search(r"every angle 0\.03\d* deg too low and backward beside that 0\.09\d* deg too high", text)
 
 
 def test_speeds_that_fall_with_the_load_would_do_in_place_of_a_frequency_that_moves():

@@ -19,6 +19,7 @@ from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.normal import gather, inverse
 from st_codegen.reconcile.fit.state import OFFSET, State
 from st_codegen.reconcile.fit.target import Column, FitData
+from st_codegen.reconcile.mistakes.other_shaft import over_the_output
 from st_codegen.reconcile.rest.in_time import changes_with_time
 from st_codegen.reconcile.search.peaks import frequencies_in
 from st_codegen.reconcile.settings import SETTINGS
@@ -131,6 +132,11 @@ def _turned(*signs: float) -> Reread:
     )
 
 
+def _turned_each(data: Observations, size: FloatArray) -> Observations:
+    """Angles that are read wrong, those of backward curves by another size."""
+    return _turned(-1.0)(_turned(1.0, -1.0)(data, size[:1]), size[1:])
+
+
 def _wound(data: Observations, size: FloatArray) -> Observations:
     """Angles of a shaft that the load winds up, by a size at the largest, backward the other way."""
     load = data.at.sign * data.at.torque_Nm / max(float(np.abs(data.at.torque_Nm).max()), 1e-300)
@@ -215,6 +221,14 @@ READINGS = (
     _SLIP,
     WrongReading(_ANGLE, ("every angle {:.3g} deg too {}",), _turned(1.0, -1.0), (1e-3,), (5.0,), "home_offset"),
     WrongReading(_ANGLE, ("every angle backward {:.3g} deg too {}",), _turned(-1.0), (1e-3,), (5.0,)),
+    WrongReading(
+        _ANGLE, ("every angle {:.3g} deg too {}", "backward beside that {:.3g} deg too {}"), _turned_each,
+        (1e-3, 1e-3), (5.0, 5.0),
+    ),
+    WrongReading(
+        _ANGLE, ("all angles those of the fast shaft over the reduction ratio",),
+        lambda data, _size: over_the_output(data),
+    ),
     WrongReading(
         _ANGLE, ("every angle {:.3g} deg too {} at the largest load, in proportion at others, backward the other way",),
         _wound, (1e-3,), (5.0,),

@@ -38,6 +38,7 @@ from st_codegen.reconcile.mistakes.columns import (
     taken_off,
 )
 from st_codegen.reconcile.mistakes.each_run import ramps, zeros
+from st_codegen.reconcile.mistakes.other_shaft import other_shaft
 from st_codegen.reconcile.mistakes.sensors import (
     any_filter,
     hidden_wrong_angle,
@@ -63,8 +64,8 @@ from st_codegen.threads import one_thread
 
 #: what `--accept` takes
 NAMES = (
-    "sign", "direction", "home_offset", "column_scale", "ratio", "drift", "axis", "torque", "low_pass", "smoothing",
-    "filter", "block", "labels", "start", "conditions", "taken_off", "copied", "shifted", "waves",
+    "sign", "direction", "home_offset", "column_scale", "ratio", "drift", "shaft", "axis", "torque", "low_pass",
+    "smoothing", "filter", "block", "labels", "start", "conditions", "taken_off", "copied", "shifted", "waves",
 )  # fmt: skip
 
 
@@ -534,5 +535,5 @@ def _drift(data: Observations, rig: RigModel) -> list[Mistake]:
 #: What is looked for, in this order: the form of columns and curves, what all orders have in common (`_common`), the
 #: angle, and what the sizes of orders tell.
 _OF_FORMS = (copied_columns, shifted_columns, taken_off, other_waves, other_gear, settling, _drift, _ratio)
-_OF_ANGLES = (_zeros, wrong_angle)
+_OF_ANGLES = (other_shaft, _zeros, wrong_angle)
 _OF_SIZES = (other_conditions, wrong_torques, low_pass, mean_of_angles, any_filter)
