@@ -21,7 +21,7 @@ from st_codegen.campaign.conditions import Conditions, OperatingPoint, temperatu
 from st_codegen.campaign.curves import BadFileError, RunFile, read_run, scan
 from st_codegen.campaign.harmonic_table import HarmonicTable
 from st_codegen.campaign.orders import BAND, OrderFit, Sums, curve_sums, fit_orders
-from st_codegen.campaign.spikes import repeated
+from st_codegen.campaign.spikes import LEAST_ROW, longest_row, repeated
 from st_codegen.campaign.sums_file import SumsFile
 from st_codegen.errors import InputError, Problems, counted, extra_package
 from st_codegen.processes import Progress
@@ -66,15 +66,17 @@ class Campaign:
 
     @property
     def spikes(self) -> str:
-        """Which single samples are in no result, since they lie far from those around them; empty for none."""
+        """Which samples are in no result, since they lie far from those around them; empty for none."""
         spiky = [curve for curve in self.curves if curve.sums.spikes.size]
         if not spiky:
             return ""
         counts = [curve.sums.spikes.shape[1] for curve in spiky]
         most = max(float(np.abs(curve.sums.spikes[2]).max()) for curve in spiky)
         files = sorted({curve.path.relative_to(self.folder).as_posix() for curve in spiky})
+        row = max(longest_row(curve.sums.spikes[0], 2.0 * np.pi / curve.sums.in_turn) for curve in spiky)
+        what, rows = ("sample", f", up to {row} in a row") if row >= LEAST_ROW else ("single sample", "")
         return (
-            f"{counted(sum(counts), 'single sample')} of {counted(len(spiky), 'curve')}, at most {max(counts)} of one, "
+            f"{counted(sum(counts), what)} of {counted(len(spiky), 'curve')}, at most {max(counts)} of one{rows}, "
             f"up to {most:.2g} deg off those around them: {', '.join(files[:5])}{', ..' if len(files) > 5 else ''}"
         )
 

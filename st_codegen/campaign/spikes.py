@@ -1,4 +1,4 @@
-"""Spikes: single samples far from those around them, as a counter that slips or a disturbed line makes them.
+"""Spikes: samples far from those around them, single or in a row, as a counter or a disturbed line makes them.
 
 A least squares fit has no need of every sample, and one that is far off bends every order: of N samples one that is h
 off by 2*h/N. What comes back at an angle of the turn is no accident, and stays.
@@ -20,19 +20,46 @@ _AROUND = 7
 #: deviations of Gaussian noise
 _FAR = 4.0
 _ALL_BUT = 0.99
+#: many in a row begin and end from one sample to the next: with a step that is larger than this times all but a
+#: twentieth of the steps (10 standard deviations of Gaussian noise), and so far are they off the median of a tenth of
+#: the curve, which outvotes a twentieth; fewer are single ones
+_FAR_IN_A_ROW = 5.1
+_MOST_IN_A_ROW = 0.05
+LEAST_ROW = 4
 #: curves that have a spike at one place make it one of the turn, where chance brings them together less often than this
 _LEAST_CURVES, _CHANCE = 3, 1e-6
 
 
 def off_deg(te_deg: FloatArray) -> FloatArray:
-    """By how much samples (n,) are off that lie far from those around them, no more than a hundredth; 0 for others.
+    """By how much samples (n,) are off that lie far from those around them; 0 for others.
 
-    Where most samples are equal, the digit by which some differ is no spike.
+    Single ones are no more than a hundredth of all, those in a row no more than a twentieth. Where most samples are
+    equal, the digit by which some differ is no spike.
     """
     off = te_deg - median_filter(te_deg, _AROUND, mode="nearest")
-    size = np.abs(off)
-    usual = max(float(np.quantile(size, _ALL_BUT)), float(size[size > 0].min(initial=np.inf)))
-    return np.where(size > _FAR * usual, off, 0.0)
+    found = np.where(_are_far(off, _FAR, _ALL_BUT), off, 0.0)
+    jumps = _are_far(np.diff(te_deg), _FAR_IN_A_ROW, 1.0 - _MOST_IN_A_ROW)
+    if jumps.sum() < 2:
+        return found
+    off = te_deg - median_filter(te_deg, 2 * int(_MOST_IN_A_ROW * len(te_deg)) + 1, mode="nearest")
+    far = np.flatnonzero(_are_far(off, _FAR_IN_A_ROW, 1.0 - _MOST_IN_A_ROW))
+    for row in np.split(far, np.flatnonzero(np.diff(far) > 1) + 1):
+        if len(row) >= LEAST_ROW and row[0] > 0 and row[-1] < len(jumps) and jumps[row[0] - 1] and jumps[row[-1]]:
+            found[row] = off[row]
+    return found
+
+
+def longest_row(angles_rad: FloatArray, step_rad: float) -> int:
+    """How many of some samples, at angles in order of time, stand in a row at most; step_rad: between two samples."""
+    apart = np.flatnonzero(np.abs(np.diff(angles_rad)) > 1.5 * step_rad)
+    return int(np.diff([0, *(apart + 1), len(angles_rad)]).max())
+
+
+def _are_far(values: FloatArray, times: float, all_but: float) -> BoolArray:
+    """Which of some values (n,) are further from zero than so many times what a share of them is."""
+    size = np.abs(values)
+    usual = max(float(np.quantile(size, all_but)), float(size[size > 0].min(initial=np.inf)))
+    return np.asarray(size > times * usual)
 
 
 def repeated(angles_rad: Sequence[FloatArray], within_rad: float) -> list[BoolArray]:
@@ -48,6 +75,8 @@ def repeated(angles_rad: Sequence[FloatArray], within_rad: float) -> list[BoolAr
     who = np.tile(curve[order], 3)
     first, last = np.searchsorted(around, place - within_rad), np.searchsorted(around, place + within_rad, "right")
     others = np.array([len(np.unique(who[begin:end])) - 1 for begin, end in zip(first, last, strict=True)], np.float64)
-    by_chance = len(place) * 2.0 * within_rad / turn
+    # samples in a row stand at one place
+    covered = [np.minimum(np.diff(np.sort(own), append=np.inf), 2.0 * within_rad).sum() for own in angles_rad]
+    by_chance = sum(covered) / turn
     again = (others + 1 >= _LEAST_CURVES) & (pdtrc(others - 1, by_chance) < _CHANCE)
     return np.split(again, np.cumsum([len(one) for one in angles_rad])[:-1])

@@ -243,14 +243,14 @@ def test_files_that_cannot_be_what_they_say_are_bad_ones(folder, tmp_path):
     files = sorted(folder.rglob("*.csv"))
     files[0].rename(files[0].with_name("100.0rpm100.0Nm850.0deg.csv"))
     lines = files[1].read_text().splitlines()
-    for number in range(100, 130):
+    for number in range(100, 100 + len(lines) // 10):
         cells = lines[number].split(",")
         lines[number] = ",".join((cells[0], "9999", *cells[2:]))
     files[1].write_text("\n".join(lines))
     with pytest.raises(InputError, match="2 problems") as error:
         read_campaign(folder, jobs=1)
     assert "a temperature of 850 degC, in the median run 25" in str(error.value)
-    assert "TE scatters by 1.2e+03 deg in the turn, in the median run by 0.0" in str(error.value)
+    assert "TE scatters by 3e+03 deg in the turn, in the median run by 0.0" in str(error.value)
     assert len(read_campaign(folder, jobs=1, skip_bad=True).curves) == 8
 
 
