@@ -269,30 +269,36 @@ def _without_clipped(campaign: Campaign) -> tuple[Campaign, list[str]]:
 
     A channel saturates at one value: several curves stay at it, their lowest or highest, for many samples in a row.
     Where noise or a wave turns back by itself, they stay at the digit next to the extreme about as long; a curve of few
-    digits stays at any of them.
+    digits stays at any of them. One in which most samples have a value of their own stays at none by chance: it is cut
+    off at whatever value that is, as where a mean was taken off it afterwards.
     """
     value, held, beside, values = np.moveaxis(np.array([curve.sums.ends for curve in campaign.curves]), 2, 0)
     flat = (values >= SETTINGS.flat_top) & (held > SETTINGS.flat_top * beside)
+    samples = np.array([curve.sums.samples for curve in campaign.curves])
     texts, cut = list[str](), np.zeros(len(value), np.bool_)
+
+    def said(own: BoolArray, held: FloatArray, where: str) -> str:
+        files = sorted({_file(campaign, curve) for curve, is_own in zip(campaign.curves, own, strict=True) if is_own})
+        return (
+            f"{counted(int(own.sum()), 'curve')} that are cut off at {where}, with up to "
+            f"{counted(int(held.max()), 'sample')} in a row there, as by a channel that saturates, or is too coarse "
+            f"for what lies there: {first_of(files, 5)}"
+        )
+
     for side in range(2):
         for limit, often in zip(*np.unique(value[flat[:, side], side], return_counts=True), strict=True):
             own = value[:, side] == limit
-            if often < SETTINGS.least_block:
-                continue
-            cut |= own
-            files = sorted(
-                {_file(campaign, curve) for curve, is_own in zip(campaign.curves, own, strict=True) if is_own}
-            )
-            most = int(held[own, side].max())
-            texts.append(
-                f"{counted(int(own.sum()), 'curve')} that are cut off at {limit:g}, with up to "
-                f"{counted(most, 'sample')} in a row there, as by a channel that saturates, or is too coarse for what "
-                f"lies there: {first_of(files, 5)}"
-            )
-    if cut.all():
-        raise InputError(
-            f"{campaign.folder}: no curve is whole: {'; '.join(texts)}. Measure with a wider range, or finer digits"
-        )
+            if often >= SETTINGS.least_block:
+                cut |= own
+                texts.append(said(own, held[own, side], f"{limit:g}"))
+    alone = flat & (2 * values > samples[:, None]) & ~cut[:, None]
+    if alone.any():
+        cut |= alone.any(axis=1)
+        texts.append(said(alone.any(axis=1), held[alone], "values of their own"))
+    # where most have a value of their own, others may have one at which they stay for a shorter time
+    if cut.all() or 2 * int(alone.any(axis=1).sum()) > len(cut):
+        whole = "no curve is whole" if cut.all() else "most curves are not whole, and nobody knows of the others"
+        raise InputError(f"{campaign.folder}: {whole}: {'; '.join(texts)}. Measure with a wider range, or finer digits")
     curves = tuple(curve for curve, is_cut in zip(campaign.curves, cut, strict=True) if not is_cut)
     return replace(campaign, curves=curves), texts
 
