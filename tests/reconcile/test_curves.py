@@ -48,6 +48,22 @@ def test_orders_above_the_band_do_not_leak_out_of_a_gap(tmp_path, monkeypatch):
     assert any("orders 237, 240, 243 of the rig" in text for text in found.not_looked_at)
 
 
+@pytest.mark.parametrize("order", [260, 300, 380])
+def test_an_order_above_the_band_that_the_rig_lacks_does_not_leak_out_of_a_gap(tmp_path, monkeypatch, order):
+    """With a gap at one angle in all curves it stood in thirty orders below; in the last runs it was a step of them."""
+
+    def gap(_, angle, te):
+        kept = np.r_[:300, 324:1000]
+        return angle[kept], (te + 1e-2 * np.cos(np.deg2rad(order * angle) + 1.0))[kept]
+
+    found = read(tmp_path, monkeypatch, gap, TORQUES * 3)
+    whole = read(tmp_path, monkeypatch, lambda _, angle, te: (angle, te), TORQUES * 3)
+    assert found.orders.tolist() == whole.orders[whole.orders <= 244].tolist()
+    noise = SIGMA * np.sqrt(2.0 / 1000)
+    assert np.abs((found.values - whole.values[:, whole.orders <= 244]).mean(axis=0)).max() < 2 * noise
+    assert found.beyond_deg == pytest.approx(1e-2 / np.sqrt(2), rel=0.03)
+
+
 @pytest.mark.parametrize("size", [0.3, 1.0, 3.0], ids="{}x".format)
 def test_an_order_above_the_band_may_have_another_size_than_the_rig_says(size):
     random, angle = np.random.default_rng(0), np.arange(1000) * 0.36

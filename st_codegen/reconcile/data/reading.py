@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
 from st_codegen.campaign.conditions import Conditions
 from st_codegen.campaign.curves import CONDITIONS_FILE
@@ -54,7 +55,11 @@ def _campaign(folder: Path, rig: RigModel, progress: Progress | None, skip_bad: 
     # what the rig makes above the band leaks into it where curves have gaps
     above = [order for order in rig.orders() if order > bands.min()]
     beyond = rig.coefficients(campaign.at, above) / scale if above else np.zeros((len(bands), 0))
-    expected = [dict(zip(above, row.tolist(), strict=True)) for row in beyond]
+    others = _peaks_above(campaign, bands, above)
+    expected = [
+        dict(zip([*above, *others], [*row.tolist(), *(curve.sums.te[others] * 2.0 / curve.sums.samples)], strict=True))
+        for row, curve in zip(beyond, campaign.curves, strict=True)
+    ]
     waves, floor = _spectra(_fits(campaign, list(rig.orders()), bands, expected, progress), bands)
     orders, mistaken = _looked_at(campaign, rig, waves, floor)
     fits = _fits(campaign, orders, bands, expected, progress)
@@ -108,6 +113,22 @@ def _without_foreign_waves(campaign: Campaign, rig: RigModel) -> tuple[Campaign,
 
 def _hold_several_turns(campaign: Campaign) -> bool:
     return any(curve.sums.turns > 1.0 for curve in campaign.curves)
+
+
+def _peaks_above(campaign: Campaign, bands: IntArray, known: Sequence[int]) -> list[int]:
+    """Orders above the bands of all curves that stand out in most of them, and of which the rig has nothing (`known`).
+
+    Where angles are uneven, or some are missing, they leak into those that are looked at.
+    """
+    lowest = int(bands.max()) + 1
+    highest = min(BAND, *((curve.sums.in_turn - 1) // 2 for curve in campaign.curves))
+    if highest < lowest:
+        return []
+    power = np.stack([np.abs(curve.sums.te[lowest : highest + 1]) ** 2 for curve in campaign.curves])
+    usual = np.median(power / np.maximum(np.median(power, axis=1, keepdims=True), 1e-300), axis=0)
+    reach = 2 * SETTINGS.orders_of_line + 1
+    peaks = (usual > SETTINGS.loud_line) & (usual == maximum_filter1d(usual, reach, mode="nearest"))
+    return sorted({*(lowest + np.flatnonzero(peaks)).tolist()} - set(known))
 
 
 def _spectra(fits: Sequence[OrderFit], bands: IntArray) -> tuple[ComplexArray, FloatArray]:
