@@ -325,7 +325,8 @@ def doubted(
     reached = {k for k in range(max(left, default=0)) if {k - 1 if k else 2, k + 1} <= set(left)}
     # and so does what three in a row have in common, as an error of pitch that adds up, to the two beside them
     rows = [k for k in left if {k + 1, k + 2} <= set(left)]
-    reached |= {beyond for k in rows for beyond in (k - 2, k - 1, k + 3, k + 4) if beyond > 0}
+    reached |= {beyond for k in rows for beyond in (k - 2, k - 1, k + 3, k + 4) if beyond >= 0}
+    moved = near | reached | broad | set(left)
 
     slow = {0} & set(left) if in_samples else set()
     # what changed in one direction alone is half of what turns with it, and half of what does not
@@ -347,7 +348,7 @@ def doubted(
     retuned = [
         replace(
             one,
-            is_open=one.is_open or is_open(one.after, near | reached | broad | set(left) | _mirrored(one.after, left)),
+            is_open=one.is_open or is_open(one.after, moved | _mirrored(one.after, left)),
         )
         for one in found.retuned
     ]
@@ -357,7 +358,7 @@ def doubted(
         # above the load that takes play up it is dry friction's twin: what is no play is no such friction either
         claims = [claim.in_doubt() if claim.piece.effect.name == "friction_windup" else claim for claim in claims]
         retuned = [replace(one, is_open=one.is_open or one.after.name == "friction_windup") for one in retuned]
-    return replace(found, claims=tuple(claims), retuned=tuple(retuned), offset_is_open=is_broad or bool(slow))
+    return replace(found, claims=tuple(claims), retuned=tuple(retuned), offset_is_open=0 in moved)
 
 
 def _mirrored(effect: Effect, left: Collection[int]) -> set[int]:
