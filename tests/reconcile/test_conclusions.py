@@ -20,6 +20,7 @@ from st_codegen.reconcile.judge.lookalikes import (
     is_a_knee,
     may_be_another_power,
     may_be_of_a_law,
+    of_its_order,
 )
 from st_codegen.reconcile.judge.retuned import changes, with_piece_held
 from st_codegen.reconcile.report.findings import Finding, share_text
@@ -63,6 +64,16 @@ def test_two_sidebands_are_company_and_one_is_none(upper, alone):
     sidebands = effect("carrier_modulation", order=39, **values)
     piece = piece_of(sidebands, added=True, origin=sidebands)
     assert by_order_alone(SimpleNamespace(state=SimpleNamespace(pieces=[piece])), piece) is alone
+
+
+@pytest.mark.parametrize(("load", "alone"), [({}, True), ({"slope_deg_per_kNm": 1e-4, "slope_phase_rad": 0.1}, False)])
+def test_three_waves_a_turn_that_no_load_changes_are_no_name_of_the_cranks_alone(load, alone):
+    """A bump that moved, and noise that wandered, were cranks that do not share the load evenly, and nothing else."""
+    cranks = effect("crank_misalignment", amplitude_deg=1e-3, phase_rad=0.2, **load)
+    piece = piece_of(cranks, added=True, origin=cranks)
+    final = SimpleNamespace(state=SimpleNamespace(pieces=[piece]))
+    assert by_order_alone(final, piece) is alone
+    assert bool(of_its_order(final, piece)) is alone
 
 
 def test_a_shift_that_noise_could_be_is_no_changed_parameter():
@@ -656,7 +667,16 @@ def test_foreign_orders_of_a_walk_within_the_turn_are_noise():
 
 
 @pytest.mark.parametrize(
-    ("left", "is_open"), [((1, 2), {0}), ((2, 4), {3}), ((0, 2), {1}), ((1, 4), set()), ((2,), set()), ((4, 5, 6), {3})]
+    ("left", "is_open"),
+    [
+        ((1, 2), {0}),
+        ((2, 4), {3}),
+        ((0, 2), {1}),
+        ((1, 4), set()),
+        ((2,), set()),
+        ((4, 5, 6), {3}),
+        ((2, 3, 4), {0, 1}),
+    ],
 )
 def test_what_lies_between_unexplained_orders_is_open(left, is_open):
     """A worn sector reaches all the lowest orders: on two of them it was a stiffness and a crankshaft that changed."""
@@ -668,6 +688,8 @@ def test_what_lies_between_unexplained_orders_is_open(left, is_open):
     retuned = tuple(Retuned(one, one, {}, 0.0) for one in own.values())
     found = doubted(Conclusions(None, None, (), retuned, False), left, (), (), in_samples=False)
     assert {k for k, one in zip(own, found.retuned, strict=True) if one.is_open} - set(left) == is_open
+    # a bump that moved over the campaign had moved the encoders' zero as well
+    assert found.offset_is_open is (0 in is_open | set(left))
 
 
 FRICTION = effect("friction_windup", coulomb_arcmin=0.25)

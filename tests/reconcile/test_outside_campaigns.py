@@ -455,3 +455,22 @@ def test_skew_at_one_speed_is_not_named_in_place_of_dry_friction():
     result = reconcile_observations(RIG, observed(rig, replace(at, speed_rpm=np.full(len(at), 1000.0))), KNOWN)
     (claim,) = result.conclusions.claims
     assert claim.piece.effect.name == "friction_windup" and "measurement_delay" in claim.alternatives
+
+
+@pytest.mark.parametrize("seed", [4, 6])
+def test_noise_that_wanders_through_the_whole_campaign_is_no_constant_wave(seed):
+    """The cranks were misaligned, without an alternative, and order 2 was constant, where noise walked."""
+    random, orders = np.random.default_rng(seed), (0, 1, 2, 3, 4, 5, 39, 40, 78, 117)
+    levels = np.meshgrid(np.linspace(200, 1700, 6), np.linspace(0, 1600, 5), [25.0, 35.0])
+    runs = random.permutation(np.tile(np.stack([axis.ravel() for axis in levels], axis=1), (3, 1)))
+    at = Conditions.of(np.repeat([1.0, -1.0], len(runs)), *np.tile(runs.T, 2))
+    own, walk = (random.standard_normal((2, 2, len(runs), 4)) for _ in range(2))
+    walk = 8.0 * np.cumsum(walk, axis=2) / np.sqrt(len(runs))
+    data = observed(RIG, at, orders)
+    values = data.values.copy()
+    values[:, :4] += 6e-5 * np.concatenate((own + walk)[0] + 1j * (own + walk)[1])
+    values[:, 0] = values[:, 0].real
+    data = replace(data, values=values, run=np.tile(np.arange(len(runs)), 2), spectral_deg=np.full(values.shape, 2e-5))
+    result = reconcile_observations(RIG, data, KNOWN)
+    assert not result.conclusions.claims and not result.conclusions.retuned and not result.conclusions.offset_changed
+    assert not any(one.formula for one in result.unexplained)

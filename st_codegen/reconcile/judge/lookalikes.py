@@ -206,7 +206,9 @@ def may_be_of_the_turn(_: Fit, piece: Piece) -> bool:
 
 
 def is_a_constant_wave(effect: Effect) -> bool:
-    """Whether an effect is a wave of one order, the same at all conditions."""
+    """Whether an effect is a wave of one order, the same at all conditions: of any, or of that of the cranks."""
+    if effect.name == "crank_misalignment":
+        return "slope_deg_per_kNm" not in effect.values
     return effect.orders_key == "order" and effect.stage is Stage.ADDITIVE and effect.name != "load_dependent_mesh"
 
 
@@ -265,7 +267,7 @@ def of_its_order(final: Fit, piece: Piece) -> tuple[str, ...]:
     """What is said beside a name that only an order gives."""
     if not by_order_alone(final, piece):
         return ()
-    order = piece.effect.orders[0]
+    order = (*piece.effect.orders, *piece.effect.touched_orders())[0]
     if piece.effect.stage is Stage.MODULATION:
         what = "one sideband" if followers(piece) else "two constant sidebands"
         alike = "without the other: a wave of that order" if followers(piece) else "that do not follow it: two waves"

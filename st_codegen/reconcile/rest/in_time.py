@@ -568,7 +568,8 @@ def wander_over_runs(target: FitData, residual: ComplexArray, named: Collection[
 def lasting_mean(target: FitData, residual: ComplexArray) -> FloatArray:
     """By how much (deg) the mean of an order may be off where its noise lasts over runs, (K,).
 
-    0 where runs that follow each other are no more alike than by chance, or their order is not known.
+    0 where runs that follow each other are no more alike than by chance, and do not wander, or their order is not
+    known.
     """
     series = _in_their_order(target, residual)
     if not series:
@@ -577,4 +578,29 @@ def lasting_mean(target: FitData, residual: ComplexArray) -> FloatArray:
     power = sum((np.abs(one) ** 2).sum(axis=0) for one in series) / count / target.data.parts
     errors = NormalDist().inv_cdf(1.0 - SETTINGS.p_changed / 2)
     sure = rho > SETTINGS.told / np.sqrt(count)
-    return np.asarray(np.where(sure, errors * np.sqrt(power * _length(rho) * len(series) / count), 0.0))
+    lasting = np.where(sure, power * _length(rho) * len(series) / count, 0.0)
+    return np.asarray(errors * np.sqrt(np.maximum(lasting, _mean_of_a_wander(series, target.data.parts))))
+
+
+def _mean_of_a_wander(series: list[ComplexArray], parts: IntArray) -> FloatArray:
+    """The power of one component of the mean of noise that wanders through all the runs, (K,); 0 where none does.
+
+    Such noise lasts as long as the campaign, which no runs that follow each other tell, however alike they are. Of
+    waves over the runs the lowest ones then are louder than most, the more so the lower they are: the power of a walk
+    falls with the square of their number, that of flicker with their number, and that of what lasts some runs not at
+    all. The mean of a walk has 2 pi^2 / 3 times the power of its first wave.
+    """
+    low, shortest = SETTINGS.wander_orders, min(map(len, series))
+    if shortest <= 2 * low + 1:
+        return np.zeros(len(parts))
+    spectra = [np.abs(np.fft.fft(one, axis=0) / len(one)) ** 2 for one in series]
+    powers = np.mean([(one[1 : low + 1] + one[: -low - 1 : -1]) / 2 for one in spectra], axis=0)
+    white = np.mean([one[low + 1 : -low].mean(axis=0) for one in spectra], axis=0)
+    # both directions may wander together: the waves of one say how loud they are by chance
+    wanders = powers.mean(axis=0) > white * (1.0 + SETTINGS.told / np.sqrt(low * parts))
+    numbers = np.arange(1.0, low + 1)[:, None]
+    by_law = [np.maximum(powers - white, 1e-3 * white) * numbers**falls for falls in (2, 1, 0)]
+    uneven = np.stack([np.log(np.maximum(one, 1e-300)).std(axis=0) for one in by_law])
+    first = np.stack([np.median(one, axis=0) for one in by_law]) * np.array([[2 * np.pi**2 / 3]] * 2 + [[1.0]])
+    found = np.take_along_axis(first, uneven.argmin(axis=0)[None], axis=0)[0]
+    return np.where(wanders, found / parts, 0.0)

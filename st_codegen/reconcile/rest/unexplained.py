@@ -18,7 +18,7 @@ from st_codegen.reconcile.data.contrasts import AXES, levels_by_condition
 from st_codegen.reconcile.data.hum import Hum
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.rest.formulas import Formula, formula_of
-from st_codegen.reconcile.rest.in_time import Course, changes_with_time, lasting_mean
+from st_codegen.reconcile.rest.in_time import Course, changes_with_time, lasting_mean, without_lasting
 from st_codegen.reconcile.rest.structure import (
     ResidualStructure,
     beyond_loud_runs,
@@ -358,9 +358,11 @@ def _signature(
     parts = 2 if order else 1
     noise = parts * min(float((target.sigma[target.good, k] ** 2).mean()), floor**2)
     power = max(float((np.abs(r[target.good]) ** 2).mean()) - noise, 0.0 if course is None else course.power) / parts
-    shares = dependence(target, r, noise, course)
+    # a mean that noise which wanders over the runs may have is no law
+    told = without_lasting(target, target.data.with_real_mean(residual))[:, k]
+    shares = dependence(target, told, noise, course)
     direction = _direction(target, r)
-    formula = formula_of(target, r, k, max(floor, SETTINGS.least_noise_deg))
+    formula = formula_of(target, told, k, max(floor, SETTINGS.least_noise_deg))
     loud = target.good & (target.data.at.sign == {"forward": 1.0, "backward": -1.0}.get(direction, target.data.at.sign))
     beyond = float((np.abs(r[target.good] - r[target.good].mean()) ** 2).sum()) / max(noise, 1e-300) - target.good.sum()
     is_told = beyond > SETTINGS.told * np.sqrt(target.good.sum())

@@ -18,6 +18,7 @@ from st_codegen.reconcile.data.contrasts import AXES
 from st_codegen.reconcile.fit.fitting import Fit, Fold
 from st_codegen.reconcile.fit.normal import by_group, inverse
 from st_codegen.reconcile.fit.target import Groups
+from st_codegen.reconcile.rest.in_time import without_lasting
 from st_codegen.reconcile.search.peaks import has_a_frequency
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions, Effect, Form
@@ -82,11 +83,14 @@ def judge(without: Fit, with_it: Fit, places: list[int], number: int) -> Evidenc
     held, votes = held_out(without, with_it)
     # errors are those of the larger model: how far coefficients scatter about it, not about what lacks the effect
     own = replace(with_it, target=with_it.target.about(with_it.residual))
+    # noise that lasts over runs has a mean of its own
+    left = [own.target.losses(without_lasting(own.target, one.residual)).sum() for one in (without, with_it)]
+    lasting = chi_square_tail(float(left[0] - left[1]), count)
     return Evidence(
         loss_saved=saved,
         parameters=count,
         p_chance=_p_of_chance(without, own, places),
-        p_clusters=p_of_clusters(own, places, with_it.state.vector()[places]),
+        p_clusters=max(lasting, p_of_clusters(own, places, with_it.state.vector()[places])),
         held_out=held,
         votes=votes,
         stability=stability(own, places),
