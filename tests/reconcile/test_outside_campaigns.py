@@ -199,6 +199,19 @@ def test_a_law_of_a_sorted_campaign_may_be_one_of_the_time():
     assert "torque" in one.text and "or with the time if the runs were made in the order of their list" in one.text
 
 
+def test_a_law_of_a_condition_that_the_runs_go_through_once_may_be_one_of_the_time():
+    """Flicker through a campaign of one oil temperature after the other changed "in proportion to the temperature"."""
+    at, random = grid(6, 7, 3), np.random.default_rng(0)
+    mixed = random.permutation(len(at))
+    # at each temperature all that is measured there comes in an order of its own
+    through = np.concatenate([mixed[at.temperature_C[mixed] == level] for level in (30.0, 25.0, 35.0)])
+    for place, is_open in ((through, True), (mixed, False)):
+        listed = Conditions.of(*(column[place] for column in (at.sign, at.speed_rpm, at.torque_Nm, at.temperature_C)))
+        assert sorted_by(listed) == ""
+        (one,) = found(listed, {53: 2e-4 * (listed.temperature_C - 30.0) / 5.0 * TURN}).values()
+        assert "temperature" in one.text and ("or with the time: the runs go through" in one.text) is is_open
+
+
 def test_where_runs_are_few_nothing_was_found_but_large_things():
     """A mean that stepped by six of its noises among twelve runs passed for noise, and nothing else was said."""
     few, many = (reconcile_observations(RIG, observed(RIG, at), KNOWN) for at in (grid(4, 3, 1), grid(6, 5, 1)))
@@ -442,8 +455,15 @@ def test_a_drift_of_runs_that_are_listed_by_temperature_may_be_one_of_time():
     data = observed(rig, at, sigma=1e-4)
     later = 4e-4 * (at.temperature_C - at.temperature_C.min())
     values = data.values + np.where(data.orders == 0, later[:, None], 0.0)
-    for named, is_open in (("temperature", True), ("", False)):
-        one = replace(data, values=values, sorted_by=named, run=None)
+    # in the order of the list, from one temperature to the next, and in one that is mixed
+    through, mixed = np.arange(len(at)), np.random.default_rng(0).permutation(len(at))
+    for named, run, is_open in (
+        ("temperature", None, True),
+        ("", None, False),
+        ("", through, True),
+        ("", mixed, False),
+    ):
+        one = replace(data, values=values, sorted_by=named, run=run)
         changed = retuned(reconcile_observations(rig, one, KNOWN))
         assert ("something_else" in changed["thermal_drift"].alternatives) == is_open
 

@@ -16,6 +16,7 @@ from st_codegen.reconcile.fit.fitting import Fit
 from st_codegen.reconcile.fit.normal import made_of
 from st_codegen.reconcile.fit.state import Piece
 from st_codegen.reconcile.judge.claims import ONE_SIDED, SOMETHING_ELSE, Conclusions
+from st_codegen.reconcile.rest.unseen import one_after_the_other
 from st_codegen.reconcile.search.evidence import unmeasured_states
 from st_codegen.reconcile.search.peaks import frequencies_in, has_a_frequency
 from st_codegen.reconcile.search.plausible import followers
@@ -99,8 +100,10 @@ def is_a_knee(final: Fit, piece: Piece) -> bool:
 
 
 def may_be_time(final: Fit, piece: Piece) -> bool:
-    """Whether what follows the oil may follow the time: the runs are listed by their temperature."""
-    return piece.effect.name == "thermal_drift" and final.target.data.sorted_by == "temperature"
+    """Whether what follows the oil may follow the time: the runs are listed by their temperature, or go through it."""
+    data = final.target.data
+    by_oil = data.sorted_by == "temperature" or "oil temperature" in one_after_the_other(data)
+    return piece.effect.name == "thermal_drift" and by_oil
 
 
 def may_be_friction(final: Fit, piece: Piece) -> bool:

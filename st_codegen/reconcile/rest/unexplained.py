@@ -32,6 +32,7 @@ from st_codegen.reconcile.rest.structure import (
     structure,
     sure_times,
 )
+from st_codegen.reconcile.rest.unseen import one_after_the_other
 from st_codegen.reconcile.settings import SETTINGS
 
 
@@ -369,6 +370,9 @@ def _signature(
     said, amplitude = _sentence(replace(target, good=loud), r, order, shares, course, formula, is_told=is_told)
     if target.data.sorted_by and target.data.sorted_by in said and "when it was measured" not in said:
         said += ", or with the time if the runs were made in the order of their list"
+    # the law of the temperature speaks of the oil, or of its distance from a temperature
+    if any(name.removeprefix("oil ") in said for name in one_after_the_other(target.data)):
+        said += ", or with the time: the runs go through that condition once"
     if not is_alike:
         said += ", which noise that is louder in some runs may look like"
     side = _side(target, r, noise)

@@ -32,7 +32,7 @@ def cannot_show(data: Observations) -> tuple[str, ...]:
         f"{one} and {other} go together: what depends on the one cannot be told from what depends on the other"
         for one, other in axes_together(at)
     ]
-    for name in _one_after_the_other(data):
+    for name in one_after_the_other(data):
         found.append(
             f"the runs go through the {name} once, one level after the other: what changes with it cannot be told from "
             "what changes in time"
@@ -50,7 +50,7 @@ def cannot_show(data: Observations) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _one_after_the_other(data: Observations) -> list[str]:
+def one_after_the_other(data: Observations) -> list[str]:
     """The conditions whose levels have all their runs, which are several, in a row, in the order of the runs."""
     if data.run is None or data.angle_rad is not None:
         return []
