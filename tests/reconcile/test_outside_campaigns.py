@@ -494,3 +494,30 @@ def test_noise_that_wanders_through_the_whole_campaign_is_no_constant_wave(seed)
     result = reconcile_observations(RIG, data, KNOWN)
     assert not result.conclusions.claims and not result.conclusions.retuned and not result.conclusions.offset_changed
     assert not any(one.formula for one in result.unexplained)
+
+
+@pytest.mark.parametrize(
+    ("orders", "of_speed", "noise", "names"),
+    [
+        ((104, 105, 106, 107, 108), True, (2e-5, 0), []),
+        ((104, 105), True, (4e-4, 1), [("something_else",)]),
+        ((104, 105), True, (4e-4, 0), [("something_else",)]),
+        ((104, 105, 106, 107, 108), False, (2e-5, 0), [()]),
+    ],
+    ids=["clear", "in noise", "of one order", "a resonance"],
+)
+def test_orders_beside_each_other_that_are_loud_at_one_speed_are_no_resonance(orders, of_speed, noise, names):
+    """Orders that no part makes, all loudest at 1120 rpm, were a resonance of 24 Hz with no alternative."""
+    axes = np.meshgrid(np.arange(200.0, 1701.0, 100.0), [0.0, 600.0, 1200.0], [25.0, 35.0], [1.0, -1.0])
+    speed, torque, temperature, sign = (axis.ravel() for axis in axes)
+    at, looked_at = Conditions.of(sign, speed, torque, temperature), (0, 1, 2, 3, 39, 40, 78, *range(100, 112))
+    data = observed(RIG, at, looked_at, sigma=noise[0], seed=noise[1])
+    values = data.values.copy()
+    for place, order in enumerate(orders):
+        ratio = speed / 1120 * (1.0 if of_speed else order / np.median(orders))
+        wave = 3e-3 * np.exp(1j * place) * (1.0 if place else 0.6)
+        values[:, looked_at.index(order)] += wave * 0.1 * ratio**2 / (1 - ratio**2 + 0.1j * ratio * sign)
+    data = replace(data, values=values, spectral_deg=np.full(values.shape, noise[0]))
+    claims = reconcile_observations(RIG, data, KNOWN).conclusions.claims
+    assert [claim.piece.effect.name for claim in claims] == ["structural_resonance"] * len(names)
+    assert [claim.alternatives for claim in claims] == names

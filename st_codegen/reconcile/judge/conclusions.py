@@ -16,6 +16,7 @@ from st_codegen.reconcile.judge.lookalikes import (
     KNEE,
     LOOK_ALIKES,
     OF_CHANGES,
+    OF_SPEED,
     START,
     by_order_alone,
     corrections_left,
@@ -23,6 +24,7 @@ from st_codegen.reconcile.judge.lookalikes import (
     is_a_constant_wave,
     is_a_knee,
     left_of_a_smoothing,
+    may_be_of_the_speed,
     of_its_order,
     of_its_shape,
     told_sides,
@@ -234,7 +236,8 @@ def _claim(
     names = sorted({other.name for other in others} - {piece.effect.name} | in_place_of_a_move(final, number))
     stderr = _with_errors_of_form(final, piece, standard_errors(joint, number, final, wrong), peaks)
     knee, starts = is_a_knee(final, piece), may_be_a_start(final, piece.effect)
-    alone = few or by_order_alone(final, piece) or knee or starts or _is_hardly_told_burst(final, piece)
+    of_speed = may_be_of_the_speed(final, piece)
+    alone = few or by_order_alone(final, piece) or knee or starts or of_speed or _is_hardly_told_burst(final, piece)
     # nobody has counted how often a sideband without its twin is one
     one_side = piece.effect.stage is Stage.MODULATION and len(told_sides(piece, stderr)) < 2
     is_open = alone or one_side or any(looks_alike(final, piece) for looks_alike in LOOK_ALIKES)
@@ -250,7 +253,7 @@ def _claim(
             *extrapolates(joint, piece),
             *of_its_shape(piece, peaks),
             *of_its_order(final, piece),
-            *(text for is_so, text in ((few, FEW), (knee, KNEE), (starts, START)) if is_so),
+            *(text for is_so, text in ((few, FEW), (knee, KNEE), (starts, START), (of_speed, OF_SPEED)) if is_so),
         ),
         peaks=peaks,
         counted=None if one_side or joint.target.data.angle_rad is not None else counted,

@@ -18,7 +18,7 @@ from st_codegen.reconcile.fit.state import Piece
 from st_codegen.reconcile.judge.claims import ONE_SIDED, SOMETHING_ELSE, Conclusions
 from st_codegen.reconcile.rest.unseen import one_after_the_other
 from st_codegen.reconcile.search.evidence import unmeasured_states
-from st_codegen.reconcile.search.peaks import frequencies_in, has_a_frequency
+from st_codegen.reconcile.search.peaks import frequencies_in, has_a_frequency, lost_over_the_speed
 from st_codegen.reconcile.search.plausible import followers
 from st_codegen.reconcile.search.surroundings import may_be_a_start
 from st_codegen.reconcile.settings import SETTINGS
@@ -112,6 +112,12 @@ def may_be_friction(final: Fit, piece: Piece) -> bool:
     What a load winds up changes its sign with the load, what friction does with the direction alone.
     """
     return piece.effect.name == "torsional_compliance" and _hardly_changes_its_sign(final)
+
+
+def may_be_of_the_speed(final: Fit, piece: Piece) -> bool:
+    """Whether the orders of a resonance may as well all be loud at one speed of the input, as by no frequency."""
+    is_of_runs = has_a_frequency(piece.effect) and final.target.data.angle_rad is None
+    return is_of_runs and lost_over_the_speed(final, piece.effect) < 1.0
 
 
 def _hardly_changes_its_sign(final: Fit) -> bool:
@@ -249,6 +255,8 @@ def corrections_left(final: Fit, piece: Piece) -> set[str]:
 FEW = "so few runs cannot tell one law of the conditions from another: measure more levels"
 #: what is said beside play that a transmission without any would show at these torques
 KNEE = "a transmission without play that is softer at low loads does as well"
+#: what is said beside a resonance of orders beside each other
+OF_SPEED = "its orders may as well all be loud at one speed of the input: measure more speeds around it"
 #: what is said beside a name that what happens at the start of each curve may have
 START = "what dies away behind the start of each curve (an axis that settles, a filter that runs in) looks like it"
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -126,6 +126,57 @@ def is_of_one_speed(target: FitData, residual: ComplexArray, effect: Effect, oth
     # one of them may well be a resonance of its own that peaks there
     several = len({order for order, there in foreign if there}) > 1
     return several and 2 * sum(there for _, there in foreign) > len(foreign)
+
+
+def lost_over_the_speed(current: Fit, effect: Effect) -> float:
+    """By how much more its orders lose where all of a resonance peak at one speed of the input, not at one frequency.
+
+    In steps of loss by which one name is as good as another, of the noise that is left; infinite where a part of the
+    gear makes each of its orders, since these are what a structure can be excited by. Of one order both are the same.
+    """
+    # only here: few campaigns come here
+    from scipy.optimize import minimize
+
+    constants, at = effect.constants, current.target.data.at
+    made = {k + side for k in constants.mesh_orders() for side in (-constants.cranks, 0, constants.cranks)}
+    places = [int(k) for k in np.flatnonzero(np.isin(current.target.data.orders, effect.orders))]
+    if made.issuperset(effect.orders):
+        return np.inf
+    if len(places) < 2:
+        return 0.0
+    own, orders = current.explained(effect), current.target.data.orders
+    middle, damping = float(np.median(orders[places])), effect.scalar("damping_ratio")
+    span = float(orders[places].max() / orders[places].min()) - 1.0 + damping
+    rows = [np.flatnonzero(side) for side in at.by_direction(current.target.good)]
+
+    def left(k: int, waves: ComplexArray) -> float:
+        """What waves (n,), of any height in each direction, leave of the order in a column, in noises squared."""
+        found = 0.0
+        for side in rows:
+            sigma = current.target.sigma[side, k]
+            wanted, wave = (current.residual[side, k] + own[side, k]) / sigma, waves[side] / sigma
+            height = np.vdot(wave, wanted) / max(float(np.vdot(wave, wave).real), 1e-300)
+            found += float((np.abs(wanted - height * wave) ** 2).sum())
+        return found
+
+    def over_the_speed(moved: FloatArray) -> float:
+        """What is left where all orders peak where the middle one would; moved: logarithms of frequency and damping."""
+        move, width = np.exp(moved).tolist()
+        values = {"frequency_Hz": effect.scalar("frequency_Hz") * move, "damping_ratio": damping * width}
+        form = effect.with_values({**effect.values, **values})
+        whole = 0.0
+        for k in places:
+            alike = replace(at, speed_rpm=at.speed_rpm * (middle / float(orders[k])))
+            whole += left(k, form.contribution(alike, orders[k : k + 1])[:, 0])
+        return whole
+
+    starts = [np.array([move, 0.0]) for move in np.arange(-span, span + damping / 4, damping / 2)]
+    corners = np.array([[0.0, 0.0], [damping / 2, 0.0], [0.0, 0.2]]) + min(starts, key=over_the_speed)
+    speed = float(minimize(over_the_speed, corners[0], method="Nelder-Mead", options={"initial_simplex": corners}).fun)
+    frequency = sum(left(k, own[:, k]) for k in places)
+    numbers = 2.0 * len(places) * sum(map(len, rows))
+    # what neither explains is as much noise to both
+    return (speed - frequency) / SETTINGS.as_good / max(1.0, min(speed, frequency) / numbers)
 
 
 def _edges(speed: FloatArray) -> FloatArray:

@@ -15,7 +15,7 @@ from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.state import Coordinate, Piece
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.rest.structure import is_lacking
-from st_codegen.reconcile.search.peaks import frequencies_in, has_a_frequency, is_of_one_speed
+from st_codegen.reconcile.search.peaks import frequencies_in, has_a_frequency, is_of_one_speed, lost_over_the_speed
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect, Form, Scalar, Stage
 
@@ -187,7 +187,8 @@ def law_holds(without: Fit, fitted: Fit, number: int) -> bool:
     if has_a_frequency(piece.effect):
         own = np.isin(target.data.orders, piece.effect.orders)
         is_one = beats_waves(without, fitted, own, np.ones((len(target.data), 1)))
-        return is_one and is_where_it_moves(fitted, piece) and not _is_of_one_speed(fitted, piece)
+        is_one = is_one and is_where_it_moves(fitted, piece) and not _is_of_one_speed(fitted, piece)
+        return is_one and lost_over_the_speed(fitted, piece.effect) > -1.0
     if piece.effect.stage is not Stage.MODULATION:
         return True
     size = np.sqrt((np.abs(fitted.explained(piece.effect)[target.good] / target.sigma[target.good]) ** 2).mean(axis=0))
