@@ -686,7 +686,7 @@ def test_what_lies_between_unexplained_orders_is_open(left, is_open):
         3: effect("crank_misalignment", amplitude_deg=1e-3),
     }
     retuned = tuple(Retuned(one, one, {}, 0.0) for one in own.values())
-    found = doubted(Conclusions(None, None, (), retuned, False), left, (), (), in_samples=False)
+    found = doubted(Conclusions(None, None, (), retuned, True), left, (), (), in_samples=False)
     assert {k for k, one in zip(own, found.retuned, strict=True) if one.is_open} - set(left) == is_open
     # a bump that moved over the campaign had moved the encoders' zero as well
     assert found.offset_is_open is (0 in is_open | set(left))

@@ -371,7 +371,8 @@ def doubted(
         # above the load that takes play up it is dry friction's twin: what is no play is no such friction either
         claims = [claim.in_doubt() if claim.piece.effect.name == "friction_windup" else claim for claim in claims]
         retuned = [replace(one, is_open=one.is_open or one.after.name == "friction_windup") for one in retuned]
-    return replace(found, claims=tuple(claims), retuned=tuple(retuned), offset_is_open=0 in moved)
+    offset_is_open = found.offset_changed and 0 in moved
+    return replace(found, claims=tuple(claims), retuned=tuple(retuned), offset_is_open=offset_is_open)
 
 
 def _mirrored(effect: Effect, left: Collection[int]) -> set[int]:
