@@ -477,23 +477,37 @@ def test_skew_at_one_speed_is_not_named_in_place_of_dry_friction():
     assert claim.piece.effect.name == "friction_windup" and "measurement_delay" in claim.alternatives
 
 
-@pytest.mark.parametrize("seed", [4, 6])
-def test_noise_that_wanders_through_the_whole_campaign_is_no_constant_wave(seed):
-    """The cranks were misaligned, without an alternative, and order 2 was constant, where noise walked."""
+def wandering(rig, seed, times, *, is_common=False):
+    """Curves of 180 runs whose lowest orders walk, by so many times the noise that lies on it, in both directions."""
     random, orders = np.random.default_rng(seed), (0, 1, 2, 3, 4, 5, 39, 40, 78, 117)
     levels = np.meshgrid(np.linspace(200, 1700, 6), np.linspace(0, 1600, 5), [25.0, 35.0])
     runs = random.permutation(np.tile(np.stack([axis.ravel() for axis in levels], axis=1), (3, 1)))
     at = Conditions.of(np.repeat([1.0, -1.0], len(runs)), *np.tile(runs.T, 2))
     own, walk = (random.standard_normal((2, 2, len(runs), 4)) for _ in range(2))
-    walk = 8.0 * np.cumsum(walk, axis=2) / np.sqrt(len(runs))
-    data = observed(RIG, at, orders)
+    walk = times * np.cumsum(walk[:, [0, 0]] if is_common else walk, axis=2) / np.sqrt(len(runs))
+    data = observed(rig, at, orders)
     values = data.values.copy()
     values[:, :4] += 6e-5 * np.concatenate((own + walk)[0] + 1j * (own + walk)[1])
     values[:, 0] = values[:, 0].real
-    data = replace(data, values=values, run=np.tile(np.arange(len(runs)), 2), spectral_deg=np.full(values.shape, 2e-5))
-    result = reconcile_observations(RIG, data, KNOWN)
+    return replace(data, values=values, run=np.tile(np.arange(len(runs)), 2), spectral_deg=np.full(values.shape, 2e-5))
+
+
+@pytest.mark.parametrize("seed", [4, 6])
+def test_noise_that_wanders_through_the_whole_campaign_is_no_constant_wave(seed):
+    """The cranks were misaligned, without an alternative, and order 2 was constant, where noise walked."""
+    result = reconcile_observations(RIG, wandering(RIG, seed, 8.0), KNOWN)
     assert not result.conclusions.claims and not result.conclusions.retuned and not result.conclusions.offset_changed
     assert not any(one.formula for one in result.unexplained)
+
+
+@pytest.mark.parametrize("seed", [1, 5])
+def test_errors_hold_what_noise_that_wanders_through_the_campaign_has_in_the_mean(seed):
+    """An eccentricity was 16 of its standard errors off, and its phase 20."""
+    first, shaft, *others = RIG.effects
+    rig = RigModel(effects=(first, shaft.with_values({**shaft.values, "amplitude_deg": 0.0182}), *others))
+    (one,) = reconcile_observations(RIG, wandering(rig, seed, 1.0, is_common=True), KNOWN).conclusions.retuned
+    for key, true in (("amplitude_deg", 0.0182), ("phase_rad", 0.3)):
+        assert abs(one.after.values[key] - true) < 3.0 * one.stderr[key]
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.fit.fitting import Fit
 from st_codegen.reconcile.fit.target import by_place
 from st_codegen.reconcile.judge.misread import Misread, covariance_of_corrections
+from st_codegen.reconcile.rest.in_time import power_of_mean
 from st_codegen.reconcile.rest.structure import floors, is_lacking
 from st_codegen.reconcile.search.states import in_forms_as_good
 from st_codegen.reconcile.settings import SETTINGS
@@ -28,21 +29,24 @@ def covariance_with_discrepancy(fit: Fit) -> FloatArray:
 
     Beside what leaving levels out shows, each order that keeps structure has a discrepancy: a Gaussian process as
     large as what is left there, and as smooth as the range of the conditions is wide. What it makes of a coordinate
-    is linear at the solution. Samples over time have no operating points to tell one by.
+    is linear at the solution. Samples over time have no operating points to tell one by. Noise that lasts over runs has
+    a mean, what both directions have of it and what turns with them.
     """
     found: FloatArray = fit.covariance_with_form
     if fit.target.data.angle_rad is not None:
         return found
-    left = left_power(fit)
+    left, means = left_power(fit), power_of_mean(fit.target, fit.residual)
     pulled = np.zeros_like(found)
     root = _root_of_kernel(fit.target.data.at) if left.any() else np.zeros((0, 0))
     weights = fit.target.weights(fit.residual)
+    sides = np.stack([np.ones(len(weights)), fit.target.data.at.sign], axis=1) * fit.target.good[:, None]
     for place, (index, values) in by_place(fit.columns).items():
-        if not left[place]:
+        if not left[place] and not means[place]:
             continue
         block = weights[:, place, None] * values
         parts = [block.real] if fit.target.data.orders[place] == 0 else [block.real, block.imag]
         pulled[np.ix_(index, index)] += left[place] * sum(s.T @ s for s in (root.T @ part for part in parts))
+        pulled[np.ix_(index, index)] += means[place] * sum(s.T @ s for s in (sides.T @ part for part in parts))
     return found + fit.inverse @ pulled @ fit.inverse
 
 

@@ -566,7 +566,13 @@ def wander_over_runs(target: FitData, residual: ComplexArray, named: Collection[
 
 
 def lasting_mean(target: FitData, residual: ComplexArray) -> FloatArray:
-    """By how much (deg) the mean of an order may be off where its noise lasts over runs, (K,).
+    """By how much (deg) the mean of an order may be off where its noise lasts over runs, (K,); see `power_of_mean`."""
+    errors = NormalDist().inv_cdf(1.0 - SETTINGS.p_changed / 2)
+    return np.asarray(errors * np.sqrt(power_of_mean(target, residual)))
+
+
+def power_of_mean(target: FitData, residual: ComplexArray) -> FloatArray:
+    """The power of one component (deg^2) that the mean of noise which lasts over runs has in an order, (K,).
 
     0 where runs that follow each other are no more alike than by chance, and do not wander, or their order is not
     known.
@@ -576,10 +582,9 @@ def lasting_mean(target: FitData, residual: ComplexArray) -> FloatArray:
         return np.zeros(residual.shape[1])
     rho, count = _alike(series), sum(len(one) for one in series)
     power = sum((np.abs(one) ** 2).sum(axis=0) for one in series) / count / target.data.parts
-    errors = NormalDist().inv_cdf(1.0 - SETTINGS.p_changed / 2)
     sure = rho > SETTINGS.told / np.sqrt(count)
     lasting = np.where(sure, power * _length(rho) * len(series) / count, 0.0)
-    return np.asarray(errors * np.sqrt(np.maximum(lasting, _mean_of_a_wander(series, target.data.parts))))
+    return np.asarray(np.maximum(lasting, _mean_of_a_wander(series, target.data.parts)))
 
 
 def _mean_of_a_wander(series: list[ComplexArray], parts: IntArray) -> FloatArray:
