@@ -37,8 +37,8 @@ def covariance_with_discrepancy(fit: Fit) -> FloatArray:
         return found
     left, means = left_power(fit), power_of_mean(fit.target, fit.residual)
     pulled = np.zeros_like(found)
-    root = _root_of_kernel(fit.target.data.at) if left.any() else np.zeros((0, 0))
     weights = fit.target.weights(fit.residual)
+    root = _root_of_kernel(fit.target.data.at) if left.any() else np.zeros((len(weights), 0))
     sides = np.stack([np.ones(len(weights)), fit.target.data.at.sign], axis=1) * fit.target.good[:, None]
     for place, (index, values) in by_place(fit.columns).items():
         if not left[place] and not means[place]:
