@@ -28,7 +28,14 @@ from st_codegen.reconcile.rest.in_time import _alike
 from st_codegen.reconcile.rest.structure import is_lacking, loud_and_foreign
 from st_codegen.reconcile.rest.suspects import bad_runs, excused
 from st_codegen.reconcile.search.candidates import Search, variants
-from st_codegen.reconcile.search.peaks import Frequencies, bracket, chance_of_bracket, is_of_one_speed, spread
+from st_codegen.reconcile.search.peaks import (
+    Frequencies,
+    bracket,
+    chance_of_bracket,
+    is_of_one_speed,
+    lost_over_the_speed,
+    spread,
+)
 from st_codegen.reconcile.search.plausible import (
     at_two_frequencies,
     bounds_met,
@@ -358,6 +365,21 @@ def test_what_is_loud_at_one_speed_in_all_orders_is_no_resonance():
     # a resonance above the largest speed has all orders loudest there
     target, _ = peaks(k78=40.0, k81=40.0, k162=80.0)
     assert not is_of_one_speed(target, target.data.values, of_orders(78, 81), [162])
+
+
+def test_orders_far_from_each_other_are_held_against_one_speed_where_runs_are(monkeypatch):
+    """All speeds between two orders, in steps of a narrow peak, were 20,000 fits, or too many for numbers."""
+    shape = {"orders": [1, 390], "frequency_Hz": 24.0, "damping_ratio": 0.01}
+    mode = effect("structural_resonance", amplitude_deg=[1e-3] * 2, **shape)
+    at = Conditions.of(np.tile([1.0, -1.0], 20), np.repeat(np.linspace(200, 1700, 20), 2), 500.0, 30.0)
+    data = observed(RigModel(effects=(mode,)), at, orders=(0, 1, 390))
+    target = FitData(data, np.full(data.values.shape, SIGMA), np.ones(len(at), bool), groups_of(at))
+    asked = []
+    contribution = type(mode).contribution
+    monkeypatch.setattr(type(mode), "contribution", lambda *given: asked.append(1) or contribution(*given))
+    fitted = SimpleNamespace(target=target, residual=0.0 * data.values, explained=lambda _: data.values)
+    assert np.isfinite(lost_over_the_speed(fitted, mode))
+    assert len(asked) < 2 * 20 + 500
 
 
 @pytest.mark.parametrize(("per_kNm", "is_one"), [(0.0, True), (-0.15, False)])

@@ -146,7 +146,6 @@ def lost_over_the_speed(current: Fit, effect: Effect) -> float:
         return 0.0
     own, orders = current.explained(effect), current.target.data.orders
     middle, damping = float(np.median(orders[places])), effect.scalar("damping_ratio")
-    span = float(orders[places].max() / orders[places].min()) - 1.0 + damping
     rows = [np.flatnonzero(side) for side in at.by_direction(current.target.good)]
 
     def left(k: int, waves: ComplexArray) -> float:
@@ -170,7 +169,14 @@ def lost_over_the_speed(current: Fit, effect: Effect) -> float:
             whole += left(k, form.contribution(alike, orders[k : k + 1])[:, 0])
         return whole
 
-    starts = [np.array([move, 0.0]) for move in np.arange(-span, span + damping / 4, damping / 2)]
+    # the peak is at a speed of some run, and at one that the frequency gives one of the orders
+    hertz = at.speed_rpm[current.target.good] * (middle / 60.0 / constants.reduction_ratio)
+    moves = np.log(np.maximum(hertz, 1e-300) / effect.scalar("frequency_Hz"))
+    span = float(np.log(orders[places].max() / orders[places].min())) + damping
+    steps = np.unique(np.round(moves[np.abs(moves) <= span] / (damping / 2)))
+    if not len(steps):
+        return np.inf
+    starts = [np.array([step * damping / 2, 0.0]) for step in steps.tolist()]
     corners = np.array([[0.0, 0.0], [damping / 2, 0.0], [0.0, 0.2]]) + min(starts, key=over_the_speed)
     speed = float(minimize(over_the_speed, corners[0], method="Nelder-Mead", options={"initial_simplex": corners}).fun)
     frequency = sum(left(k, own[:, k]) for k in places)

@@ -159,7 +159,7 @@ def _first_that_passes(
         if raw.piece.effect.least_foreign:
             # what its form lacks is of one angle as well, and of one size in all orders: weighed by what each keeps
             # without it, the many quiet orders would bend it
-            without = fit(current.target.about(fitted.residual), current.state, steps=steps)
+            without = fit(current.target.about(fitted.residual), current.state, steps=SETTINGS.long_steps)
         # what is judged has reached where it goes
         reached = fit(without.target, fitted.state, steps=SETTINGS.long_steps, tolerance=tolerance)
         number = raw.place(reached.state)
