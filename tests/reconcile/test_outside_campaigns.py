@@ -510,6 +510,40 @@ def test_errors_hold_what_noise_that_wanders_through_the_campaign_has_in_the_mea
         assert abs(one.after.values[key] - true) < 3.0 * one.stderr[key]
 
 
+def in_time_of(rig, change, *, is_through):
+    """Observations of 75 runs in mixed order, or of each oil temperature once, with a change (runs, K) of waves."""
+    at, random = grid(5, 5, 3), np.random.default_rng(3)
+    forward, backward = np.flatnonzero(at.sign > 0), np.flatnonzero(at.sign < 0)
+    listed = random.permutation(len(forward))
+    if is_through:
+        listed = listed[np.argsort(at.temperature_C[forward][listed], kind="stable")]
+    at = at.rows(np.concatenate([forward[listed], backward[listed]]))
+    data, count = observed(rig, at), len(forward)
+    run = np.tile(np.arange(count), 2)
+    return replace(data, values=data.values + change(data, run / count), run=run)
+
+
+@pytest.mark.parametrize(
+    ("order", "size", "is_through"),
+    [(3, 4e-4, True), (3, 6e-4, False), (3, 1e-3, False), (1, 6e-4, False)],
+    ids=["oil", "step", "as large a step", "changed"],
+)
+def test_what_is_constant_has_its_name_beside_a_law_that_is_measured_once_and_a_step(order, size, is_through):
+    """Both passed for noise that wanders, which may have any mean: misaligned cranks and a changed shaft were lost."""
+    cranks = effect("crank_misalignment", amplitude_deg=1e-3, phase_rad=0.2)
+    first, shaft, *others = RIG.effects
+    turned = shaft.with_values({**shaft.values, "amplitude_deg": shaft.values["amplitude_deg"] + 1e-3})
+    rig = replace(RIG, effects=(*RIG.effects, cranks) if order == 3 else (first, turned, *others))
+
+    def change(data, at):
+        grows = (data.at.temperature_C - 30.0) / 5.0 if is_through else np.where(at > 0.5, 0.5, -0.5)
+        return size * grows[:, None] * (data.orders == order) * np.exp(0.4j)
+
+    found = reconcile_observations(RIG, in_time_of(rig, change, is_through=is_through), KNOWN).conclusions
+    names = [claim.piece.effect.name for claim in found.claims], [one.after.name for one in found.retuned]
+    assert names == ((["crank_misalignment"], []) if order == 3 else ([], ["output_shaft_eccentricity"]))
+
+
 @pytest.mark.parametrize(
     ("orders", "of_speed", "noise", "names"),
     [

@@ -507,6 +507,18 @@ def test_noise_that_wanders_through_the_whole_campaign_may_have_any_mean():
     assert np.median(lasting_mean(target, residual)[1:]) == pytest.approx(errors, rel=0.3)
 
 
+@pytest.mark.parametrize("runs", [60, 75, 200])
+@pytest.mark.parametrize("size", [3e-5, 6e-5, 5e-4])
+@pytest.mark.parametrize("is_ramp", [False, True])
+def test_a_step_and_a_trend_leave_the_mean_to_be_told(runs, size, is_ramp):
+    """They have the low waves of a walk: what was constant beside them had no name, and no number had changed."""
+    random, at = np.random.default_rng(8), np.arange(runs)
+    begins = random.uniform(0.1, 0.9, 20)[:, None] * runs
+    courses = np.maximum(at - begins / 2, 0.0) / runs if is_ramp else at > begins
+    target, residual = curves_over_runs(dict(enumerate(2e-4 + size * courses, 1)), runs=runs)
+    assert (np.abs(residual.mean(axis=0)) > lasting_mean(target, residual))[1:].all()
+
+
 def test_low_orders_that_grow_over_the_runs_do_not_walk_within_the_turn():
     """A sector that wears was called a wander, and its size the noise of all the other orders."""
     grows = np.maximum(np.arange(96) - 60, 0) / 36

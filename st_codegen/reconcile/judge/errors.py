@@ -24,18 +24,18 @@ from st_codegen.rig.effects import Conditions, Form
 
 
 @lru_cache(maxsize=4)
-def covariance_with_discrepancy(fit: Fit) -> FloatArray:
+def covariance_with_discrepancy(fit: Fit, *, at_most: bool = False) -> FloatArray:
     """Covariance of the coordinates of a fit, (p, p), that allows for forms which are not quite the machine's.
 
     Beside what leaving levels out shows, each order that keeps structure has a discrepancy: a Gaussian process as
     large as what is left there, and as smooth as the range of the conditions is wide. What it makes of a coordinate
     is linear at the solution. Samples over time have no operating points to tell one by. Noise that lasts over runs has
-    a mean, what both directions have of it and what turns with them.
+    a mean, what both directions have of it and what turns with them; see `power_of_mean` for at_most.
     """
     found: FloatArray = fit.covariance_with_form
     if fit.target.data.angle_rad is not None:
         return found
-    left, means = left_power(fit), power_of_mean(fit.target, fit.residual)
+    left, means = left_power(fit), power_of_mean(fit.target, fit.residual, at_most=at_most)
     pulled = np.zeros_like(found)
     weights = fit.target.weights(fit.residual)
     root = _root_of_kernel(fit.target.data.at) if left.any() else np.zeros((len(weights), 0))
@@ -88,7 +88,8 @@ def standard_errors(
     others then.
     """
     piece, place = joint.state.pieces[number], joint.state.slices()[number]
-    covariance = covariance_with_discrepancy(joint)[place, place]
+    # what looks like a step may be noise that wanders, and of a step the size is another one on both sides
+    covariance = covariance_with_discrepancy(joint, at_most=True)[place, place]
     if final is not None and final.state.pieces[number].coordinates() == piece.coordinates():
         own = final.state.slices()[number]
         covariance = covariance + covariance_of_corrections(final)[own, own]

@@ -8,9 +8,11 @@ from functools import cache, lru_cache
 from statistics import NormalDist
 
 import numpy as np
+from scipy.linalg import orth
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.chances import chi_square_tail, f_tail
+from st_codegen.reconcile.data.contrasts import levels_by_condition
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.settings import SETTINGS
 
@@ -105,9 +107,7 @@ def _beside(target: FitData, z: ComplexArray, base: FloatArray, weights: FloatAr
     assert run is not None
     places = np.unique(run[good])
     place, count = np.searchsorted(places, run), len(places)
-    edge = max(2, count // 20)
-    cuts = np.unique(np.linspace(edge, count - edge, SETTINGS.most_cuts).round())
-    profiles = np.concatenate([np.arange(count) >= cuts[:, None], _shapes(count)]).T
+    profiles = _profiles(count)
     gains, left = np.zeros(profiles.shape[1]), 0.0
     directions = target.data.at.by_direction(good)
     for rows in directions:
@@ -327,6 +327,14 @@ def _shapes(count: int) -> FloatArray:
     at, edge = np.arange(count, dtype=np.float64), max(2, count // 20)
     cuts = np.unique(np.linspace(edge, count - 1 - edge, SETTINGS.bends).round())
     return np.stack([at, *(np.maximum(at - cut, 0.0) for cut in cuts), *(np.minimum(at - cut, 0.0) for cut in cuts)])
+
+
+@lru_cache(maxsize=2)
+def _profiles(count: int) -> FloatArray:
+    """What a step or a ramp may look like over the runs, (runs, m)."""
+    edge = max(2, count // 20)
+    cuts = np.unique(np.linspace(edge, count - edge, SETTINGS.most_cuts).round())
+    return np.concatenate([np.arange(count) >= cuts[:, None], _shapes(count) / count]).T
 
 
 def _ramp_text(shape: FloatArray, size: float) -> str:
@@ -571,20 +579,83 @@ def lasting_mean(target: FitData, residual: ComplexArray) -> FloatArray:
     return np.asarray(errors * np.sqrt(power_of_mean(target, residual)))
 
 
-def power_of_mean(target: FitData, residual: ComplexArray) -> FloatArray:
+def power_of_mean(target: FitData, residual: ComplexArray, *, at_most: bool = False) -> FloatArray:
     """The power of one component (deg^2) that the mean of noise which lasts over runs has in an order, (K,).
 
     0 where runs that follow each other are no more alike than by chance, and do not wander, or their order is not
-    known.
+    known; and, but for what the mean has at most, where what is told by the conditions and a course leaves no such
+    noise.
     """
     series = _in_their_order(target, residual)
     if not series:
         return np.zeros(residual.shape[1])
+    found = _power_of_mean(series, target.data.parts)
+    asked = np.flatnonzero(found)
+    if len(asked) and not at_most:
+        left = _beside_what_is_told(target, [one[:, asked] for one in series])
+        found[asked] *= _power_of_mean(left, target.data.parts[asked]) > 0.0
+    return found
+
+
+def _power_of_mean(series: list[ComplexArray], parts: IntArray) -> FloatArray:
+    """See `power_of_mean`; series: of each direction (runs, K), about its mean."""
     rho, count = _alike(series), sum(len(one) for one in series)
-    power = sum((np.abs(one) ** 2).sum(axis=0) for one in series) / count / target.data.parts
+    power = sum((np.abs(one) ** 2).sum(axis=0) for one in series) / count / parts
     sure = rho > SETTINGS.told / np.sqrt(count)
     lasting = np.where(sure, power * _length(rho) * len(series) / count, 0.0)
-    return np.asarray(np.maximum(lasting, _mean_of_a_wander(series, target.data.parts)))
+    return np.maximum(lasting, _mean_of_a_wander(series, parts))
+
+
+def _beside_what_is_told(target: FitData, series: list[ComplexArray]) -> list[ComplexArray]:
+    """Series (runs, K) without the levels of the conditions and, where that is likelier than a walk, one step or ramp.
+
+    A law of a condition that the runs go through once, a step and a trend have the low waves of noise that wanders, and
+    a mean that everyone can tell. The likelihoods are those of a walk's waves over the runs, and of what the best step
+    or ramp leaves, each with its best scale. What a step has more of numbers, its size in each direction and its place,
+    weighs as in Schwarz (1978).
+    """
+    run, good, likelier = target.data.run, target.good, np.zeros(series[0].shape[1])
+    assert run is not None
+    beside, rest = list[ComplexArray](), list[ComplexArray]()
+    for rows, one in zip(map(np.flatnonzero, target.data.at.by_direction(good)), series, strict=True):
+        in_time, count = rows[np.argsort(run[rows], kind="stable")], len(one)
+        base = [np.ones((count, 1))]
+        for level in levels_by_condition(target.data.at).values():
+            own = level[in_time]
+            # what changes faster has no low waves
+            if SETTINGS.runs_of_a_level * np.count_nonzero(np.diff(own)) <= count:
+                base.append((own[:, None] == np.unique(own)).astype(np.float64))
+        q = orth(np.concatenate(base, axis=1), rcond=1e-8)
+        profiles = _profiles(count)
+        x, y = profiles - q @ (q.T @ profiles), one - q @ (q.T @ one)
+        square = (x * x).sum(axis=0)
+        # what the levels follow tells nothing beside them
+        slopes = (x.T @ y) * (square > 1e-6 * count)[:, None] / np.maximum(square, _NONE)[:, None]
+        best = (np.abs(slopes) ** 2 * square[:, None]).argmax(axis=0)
+        beside.append(y)
+        rest.append(y - x[:, best] * slopes[best, np.arange(y.shape[1])])
+        likelier += _log_likelihood_of_a_walk(y)
+        likelier += count * np.log(np.maximum((np.abs(rest[-1]) ** 2).mean(axis=0), _NONE))
+        likelier += np.log(count) / 2 + np.log(len(square))
+    return [np.where(likelier > 0.0, one, other) for one, other in zip(beside, rest, strict=True)]
+
+
+#: powers of a walk's first wave over that of the noise of single runs
+_WALKS = np.geomspace(0.01, 1e6, 33)
+
+
+def _log_likelihood_of_a_walk(series: ComplexArray) -> FloatArray:
+    """The logarithm of the likelihood of series (runs, K) about zero as a walk beside noise of single runs, (K,).
+
+    Of the size of the walk, and of the noise, that make it largest; beside a constant that depends on the runs alone.
+    """
+    count = len(series)
+    power = np.abs(np.fft.fft(series, axis=0)[1:]) ** 2 / count
+    # the waves of a walk of single steps
+    walk = (np.sin(np.pi / count) / np.sin(np.pi * np.arange(1, count) / count)) ** 2
+    usual = 1.0 + _WALKS[:, None] * walk
+    scale = np.maximum((1.0 / usual) @ power / count, 1e-300)
+    return np.asarray((-count * np.log(scale) - np.log(usual).sum(axis=1)[:, None]).max(axis=0))
 
 
 def _mean_of_a_wander(series: list[ComplexArray], parts: IntArray) -> FloatArray:
@@ -595,7 +666,7 @@ def _mean_of_a_wander(series: list[ComplexArray], parts: IntArray) -> FloatArray
     falls with the square of their number, that of flicker with their number, and that of what lasts some runs not at
     all. The mean of a walk has 2 pi^2 / 3 times the power of its first wave.
     """
-    low, shortest = SETTINGS.wander_orders, min(map(len, series))
+    low, shortest = SETTINGS.waves_of_a_wander, min(map(len, series))
     if shortest <= 2 * low + 1:
         return np.zeros(len(parts))
     spectra = [np.abs(np.fft.fft(one, axis=0) / len(one)) ** 2 for one in series]
@@ -604,7 +675,7 @@ def _mean_of_a_wander(series: list[ComplexArray], parts: IntArray) -> FloatArray
     # both directions may wander together: the waves of one say how loud they are by chance
     wanders = powers.mean(axis=0) > white * (1.0 + SETTINGS.told / np.sqrt(low * parts))
     numbers = np.arange(1.0, low + 1)[:, None]
-    by_law = [np.maximum(powers - white, 1e-3 * white) * numbers**falls for falls in (2, 1, 0)]
+    by_law = [np.maximum(powers - white, SETTINGS.faintest_wave * white) * numbers**falls for falls in (2, 1, 0)]
     uneven = np.stack([np.log(np.maximum(one, 1e-300)).std(axis=0) for one in by_law])
     first = np.stack([np.median(one, axis=0) for one in by_law]) * np.array([[2 * np.pi**2 / 3]] * 2 + [[1.0]])
     found = np.take_along_axis(first, uneven.argmin(axis=0)[None], axis=0)[0]

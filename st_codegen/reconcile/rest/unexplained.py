@@ -201,7 +201,9 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, floor: float) ->
     at_least = what in (_LIKE_THEM, _BOTH_SIDES)
     where = _where_loud(target, residual[:, k]) or "with no pattern over the conditions that was found"
     why = "runs differ, or the structure is sharp"
-    is_common = _is_common(target, residual[:, k], order, max(power - own, 0.0))
+    # where noise lasts over runs their mean is told by fewer of them
+    lasting = 0.0 if order else float(lasting_mean(target, residual)[k])
+    is_common = _is_common(target, residual[:, k], order, max(power - own, 0.0), lasting)
     if is_common:
         where, why = "most of it the same in all runs of a direction", "they differ by less of it"
     elif changes_with_time(target, residual)[k]:
@@ -258,9 +260,9 @@ def _noise_of_order(target: FitData, residual: ComplexArray, k: int, floor: floa
     return own, what
 
 
-def _is_common(target: FitData, r: ComplexArray, order: int, beyond: float) -> bool:
+def _is_common(target: FitData, r: ComplexArray, order: int, beyond: float, lasting: float) -> bool:
     """Whether a residual (n,) has a mean in the runs of a direction that is no chance, and most of what is beyond noise
-    (power over the angle) is that.
+    (power over the angle) is that; lasting: the mean (deg) of noise that lasts over runs.
     """
     at, good, parts = target.data.at, target.good, 2 if order else 1
     own: ComplexArray = r if order else r.real.astype(np.complex128)
@@ -271,8 +273,6 @@ def _is_common(target: FitData, r: ComplexArray, order: int, beyond: float) -> b
     pairs = pairs_of(target)
     first, second = own[pairs].T
     tested: list[ComplexArray] = [(first + second) / 2.0, (first - second) / 2.0] if len(pairs) else [own[good]]
-    # where noise lasts over runs their mean is told by fewer of them
-    lasting = float(lasting_mean(target, r[:, None])[0]) if order == 0 else 0.0
     return any(_is_no_chance(one, parts, lasting) for one in tested)
 
 
