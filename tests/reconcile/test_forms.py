@@ -536,6 +536,25 @@ def test_a_discrepancy_makes_errors_as_large_as_what_is_left():
     assert left > 3 * SIGMA and errors.max() > 0.3 * left
 
 
+def test_errors_hold_the_mean_of_noise_that_wanders_where_no_order_keeps_structure():
+    """Without an order that has a discrepancy they ended in a crash."""
+    at, random = grid(np.arange(100, 1801, 100.0), 7), np.random.default_rng(0)
+    run = random.permutation(len(at))
+    values = SIGMA * (random.standard_normal((2, len(at), 2)) + 1j * random.standard_normal((2, len(at), 2)))
+    walk = 8.0 * np.cumsum(values[1, :, 1]) / np.sqrt(len(at))
+    values[0, :, 1] += walk[run]
+    data = Observations(at, labels(at), np.array([0, 120]), values[0], run=run)
+    noise = estimate(data, values[0])
+    wave = effect("pin_error", order=120, amplitude_deg=4e-4, phase_rad=0.0)
+    state = State(RIG.with_effects([]), 0.0, (piece_of(wave, added=True),))
+    found = fit(FitData(data, noise.sigma, noise.good, groups_of(at)), state)
+    assert not left_power(found).any()
+    # there is no such wave
+    size = np.abs(found.state.vector()[1:])
+    assert (size > 5.0 * np.sqrt(np.diag(found.covariance_with_form)[1:])).any()
+    assert (size < 3.0 * np.sqrt(np.diag(covariance_with_discrepancy(found))[1:])).all()
+
+
 def test_a_wave_that_was_taken_out_is_in_the_gap_whole():
     """On orders that nobody looks at it was in no gap: a hum of 2e-4 deg RMS was 0.1 % of a gap of 1.2e-4."""
     at = grid([500.0, 900.0, 1300.0])
