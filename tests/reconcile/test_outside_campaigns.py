@@ -13,6 +13,7 @@ from st_codegen.reconcile.core import reconcile_observations
 from st_codegen.reconcile.data.hum import Hum, without_waves_between
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs, sorted_by
 from st_codegen.reconcile.data.reading import _colour
+from st_codegen.reconcile.judge.lookalikes import OF_ONE_ORDER, OF_SPEED
 from st_codegen.reconcile.plan.next_runs import next_runs
 from st_codegen.reconcile.report.output import report
 from st_codegen.reconcile.report.sentences import floor_text, left_text, verdict_text
@@ -545,16 +546,16 @@ def test_what_is_constant_has_its_name_beside_a_law_that_is_measured_once_and_a_
 
 
 @pytest.mark.parametrize(
-    ("orders", "of_speed", "noise", "names"),
+    ("orders", "of_speed", "noise", "names", "said"),
     [
-        ((104, 105, 106, 107, 108), True, (2e-5, 0), []),
-        ((104, 105), True, (4e-4, 1), [("something_else",)]),
-        ((104, 105), True, (4e-4, 0), [("something_else",)]),
-        ((104, 105, 106, 107, 108), False, (2e-5, 0), [()]),
+        ((104, 105, 106, 107, 108), True, (2e-5, 0), [], []),
+        ((104, 105), True, (4e-4, 1), [("something_else",)], [OF_SPEED]),
+        ((104, 105), True, (4e-4, 0), [("something_else",)], [OF_ONE_ORDER]),
+        ((104, 105, 106, 107, 108), False, (2e-5, 0), [()], []),
     ],
     ids=["clear", "in noise", "of one order", "a resonance"],
 )
-def test_orders_beside_each_other_that_are_loud_at_one_speed_are_no_resonance(orders, of_speed, noise, names):
+def test_orders_beside_each_other_that_are_loud_at_one_speed_are_no_resonance(orders, of_speed, noise, names, said):
     """Orders that no part makes, all loudest at 1120 rpm, were a resonance of 24 Hz with no alternative."""
     axes = np.meshgrid(np.arange(200.0, 1701.0, 100.0), [0.0, 600.0, 1200.0], [25.0, 35.0], [1.0, -1.0])
     speed, torque, temperature, sign = (axis.ravel() for axis in axes)
@@ -569,3 +570,5 @@ def test_orders_beside_each_other_that_are_loud_at_one_speed_are_no_resonance(or
     claims = reconcile_observations(RIG, data, KNOWN).conclusions.claims
     assert [claim.piece.effect.name for claim in claims] == ["structural_resonance"] * len(names)
     assert [claim.alternatives for claim in claims] == names
+    # of one order no more speeds tell the one from the other
+    assert [text for claim in claims for text in (OF_SPEED, OF_ONE_ORDER) if text in claim.extrapolates] == said

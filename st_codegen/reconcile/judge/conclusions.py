@@ -16,6 +16,7 @@ from st_codegen.reconcile.judge.lookalikes import (
     KNEE,
     LOOK_ALIKES,
     OF_CHANGES,
+    OF_ONE_ORDER,
     OF_SPEED,
     START,
     by_order_alone,
@@ -237,6 +238,7 @@ def _claim(
     stderr = _with_errors_of_form(final, piece, standard_errors(joint, number, final, wrong), peaks)
     knee, starts = is_a_knee(final, piece), may_be_a_start(final, piece.effect)
     of_speed = may_be_of_the_speed(final, piece)
+    speeds = OF_SPEED if len(piece.effect.orders) > 1 else OF_ONE_ORDER
     alone = few or by_order_alone(final, piece) or knee or starts or of_speed or _is_hardly_told_burst(final, piece)
     # nobody has counted how often a sideband without its twin is one
     one_side = piece.effect.stage is Stage.MODULATION and len(told_sides(piece, stderr)) < 2
@@ -253,7 +255,7 @@ def _claim(
             *extrapolates(joint, piece),
             *of_its_shape(piece, peaks),
             *of_its_order(final, piece),
-            *(text for is_so, text in ((few, FEW), (knee, KNEE), (starts, START), (of_speed, OF_SPEED)) if is_so),
+            *(text for is_so, text in ((few, FEW), (knee, KNEE), (starts, START), (of_speed, speeds)) if is_so),
         ),
         peaks=peaks,
         counted=None if one_side or joint.target.data.angle_rad is not None else counted,

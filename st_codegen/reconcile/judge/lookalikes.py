@@ -257,6 +257,8 @@ FEW = "so few runs cannot tell one law of the conditions from another: measure m
 KNEE = "a transmission without play that is softer at low loads does as well"
 #: what is said beside a resonance of orders beside each other
 OF_SPEED = "its orders may as well all be loud at one speed of the input: measure more speeds around it"
+#: what is said beside a resonance of one order that no part makes
+OF_ONE_ORDER = "its one order, which no part of the gear makes, may as well be loud at one speed of the input"
 #: what is said beside a name that what happens at the start of each curve may have
 START = "what dies away behind the start of each curve (an axis that settles, a filter that runs in) looks like it"
 
