@@ -210,7 +210,24 @@ def test_a_law_of_a_condition_that_the_runs_go_through_once_may_be_one_of_the_ti
         listed = Conditions.of(*(column[place] for column in (at.sign, at.speed_rpm, at.torque_Nm, at.temperature_C)))
         assert sorted_by(listed) == ""
         (one,) = found(listed, {53: 2e-4 * (listed.temperature_C - 30.0) / 5.0 * TURN}).values()
-        assert "temperature" in one.text and ("or with the time: the runs go through" in one.text) is is_open
+        assert "temperature" in one.text
+        assert ("or with the time: the runs go through the oil temperature once" in one.text) is is_open
+    # what steps over the runs follows the time anyway
+    levels = np.random.default_rng(2).permutation(np.unique(at.torque_Nm))
+    listed = at.rows(np.concatenate([mixed[at.torque_Nm[mixed] == level] for level in levels]))
+    (one,) = found(listed, {53: 1e-3 * (np.arange(len(at)) > 75) * listed.torque_Nm / 1800 * TURN}).values()
+    assert "a step of" in one.text and "in proportion to the torque" in one.text and "with the time" not in one.text
+
+
+def test_a_law_is_told_with_the_constant_beside_it_where_noise_wanders_as_well():
+    """It was said to be 1.5e-4 deg at an oil temperature where the order had 2.5e-4 deg."""
+    at, random = grid(6, 7, 3), np.random.default_rng(0)
+    mixed = np.random.default_rng(0).permutation(len(at))
+    listed = at.rows(np.concatenate([mixed[at.temperature_C[mixed] == level] for level in (30.0, 25.0, 35.0)]))
+    walk = 1e-4 * np.cumsum(random.standard_normal((2, len(at))), axis=1) / np.sqrt(len(at))
+    wave = (4e-4 + 1.5e-4 * (listed.temperature_C - 30.0) / 5.0) * TURN + walk[0] + 1j * walk[1]
+    (one,) = found(listed, {53: wave}).values()
+    assert set(one.formula.terms) == {"constant", "temperature"} and "is constant" in one.formula.text
 
 
 def test_where_runs_are_few_nothing_was_found_but_large_things():

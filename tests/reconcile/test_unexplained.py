@@ -12,6 +12,7 @@ from st_codegen.reconcile.data.contrasts import neighbours
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
 from st_codegen.reconcile.fit.target import FitData, groups_of
+from st_codegen.reconcile.rest import unexplained
 from st_codegen.reconcile.rest.in_time import lasting_mean, without_lasting
 from st_codegen.reconcile.rest.structure import (
     ResidualStructure,
@@ -505,6 +506,15 @@ def test_noise_that_wanders_through_the_whole_campaign_may_have_any_mean():
     # its mean is that of n (1 - r) / (1 + r) runs
     errors = 5.3 * np.sqrt((np.abs(residual[:, 1:]) ** 2).mean() / 2 / runs * 1.7 / 0.3)
     assert np.median(lasting_mean(target, residual)[1:]) == pytest.approx(errors, rel=0.3)
+
+
+def test_what_noise_that_lasts_may_have_in_the_mean_is_asked_once(monkeypatch):
+    """Of all orders it was asked for each that is unexplained: 0.85 s each at 4000 x 400."""
+    asked = []
+    monkeypatch.setattr(unexplained, "without_lasting", lambda _, residual: asked.append(1) or residual)
+    at = grid()
+    assert len(found(at, {40: np.full(len(at), 1e-3), 53: np.full(len(at), 1e-3)})) == 2
+    assert len(asked) == 1
 
 
 @pytest.mark.parametrize("runs", [60, 75, 200])

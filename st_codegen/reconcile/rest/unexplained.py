@@ -167,8 +167,9 @@ def signatures(
     asked = np.zeros(len(found.orders), bool) if claimed is None else claimed
     significant = found.significant_among(asked)
     alike = beyond_loud_runs(target, residual) if significant.any() else significant
+    beside = without_lasting(target, target.data.with_real_mean(residual)) if significant.any() else residual
     out = [
-        _signature(target, residual, found, int(k), floor[k], is_alike=bool(alike[k]))
+        _signature(target, residual, beside[:, k], found, int(k), floor[k], is_alike=bool(alike[k]))
         for k in np.flatnonzero(significant)
     ]
     loud = (rms_of_component(target, residual) > sure_times(target) * floor) & asked
@@ -351,28 +352,41 @@ def _at_level(name: str, values: FloatArray) -> str:
 
 
 def _signature(
-    target: FitData, residual: ComplexArray, found: ResidualStructure, k: int, floor: float, *, is_alike: bool
+    target: FitData,
+    residual: ComplexArray,
+    beside: ComplexArray,
+    found: ResidualStructure,
+    k: int,
+    floor: float,
+    *,
+    is_alike: bool,
 ) -> Signature:
-    """The signature of one order with structure; is_alike: whether it is more than louder runs make by noise."""
+    """The signature of one order with structure.
+
+    beside: the order (n,) without a mean that noise which lasts over runs may have; is_alike: whether it is more than
+    louder runs make by noise.
+    """
     order, course = int(found.orders[k]), found.courses[k]
     r = residual[:, k] if order else residual[:, k].real.astype(np.complex128)
     parts = 2 if order else 1
     noise = parts * min(float((target.sigma[target.good, k] ** 2).mean()), floor**2)
     power = max(float((np.abs(r[target.good]) ** 2).mean()) - noise, 0.0 if course is None else course.power) / parts
-    # a mean that noise which wanders over the runs may have is no law
-    told = without_lasting(target, target.data.with_real_mean(residual))[:, k]
-    shares = dependence(target, told, noise, course)
+    formula = formula_of(target, r, k, max(floor, SETTINGS.least_noise_deg))
+    # a mean that noise which wanders over the runs may have is no law; beside one it is a part of the size
+    if (beside != r).any() and formula is not None and set(formula.terms) == {"constant"}:
+        formula = None
+    shares = dependence(target, r if formula else beside, noise, course)
     direction = _direction(target, r)
-    formula = formula_of(target, told, k, max(floor, SETTINGS.least_noise_deg))
     loud = target.good & (target.data.at.sign == {"forward": 1.0, "backward": -1.0}.get(direction, target.data.at.sign))
     beyond = float((np.abs(r[target.good] - r[target.good].mean()) ** 2).sum()) / max(noise, 1e-300) - target.good.sum()
     is_told = beyond > SETTINGS.told * np.sqrt(target.good.sum())
     said, amplitude = _sentence(replace(target, good=loud), r, order, shares, course, formula, is_told=is_told)
     if target.data.sorted_by and target.data.sorted_by in said and "when it was measured" not in said:
         said += ", or with the time if the runs were made in the order of their list"
-    # the law of the temperature speaks of the oil, or of its distance from a temperature
-    if any(name.removeprefix("oil ") in said for name in one_after_the_other(target.data)):
-        said += ", or with the time: the runs go through that condition once"
+    # the law of the temperature speaks of the oil, or of its distance from a temperature; a course is one of the time
+    through = [name for name in one_after_the_other(target.data) if name.removeprefix("oil ") in said]
+    if through and (course is None or not said.startswith(course.text)):
+        said += f", or with the time: the runs go through the {' and the '.join(through)} once"
     if not is_alike:
         said += ", which noise that is louder in some runs may look like"
     side = _side(target, r, noise)
