@@ -220,6 +220,25 @@ def test_what_both_directions_of_a_run_have_is_no_noise():
     assert found(at, {0: np.where(np.isin(pairs, few), 0.03, 0.0)}) == {}
 
 
+def test_what_both_directions_share_of_the_mean_is_no_floor_of_it():
+    """As loud as the noise of a run, all of it in both directions: nothing was said to be missing."""
+    at = grid()
+    pairs = np.unique(np.stack([at.speed_rpm, at.torque_Nm, at.temperature_C]), axis=1, return_inverse=True)[1].ravel()
+    random = np.random.default_rng(5)
+    values = SIGMA * (random.standard_normal((len(at), 6)) + 1j * random.standard_normal((len(at), 6)))
+    values[:, 0] = values[:, 0].real
+    assert curves(values, SIGMA)[0] == {}
+    runs = 1.2 * SIGMA * random.standard_normal(pairs.max() + 1)
+    own = 1.2 * SIGMA * random.standard_normal(len(at))
+    values[:, 0] += runs[pairs]
+    (one,) = curves(values, SIGMA)[0].values()
+    assert one.order == 0 and "with no pattern" in one.text
+    assert one.rms_deg == pytest.approx(runs.std(), rel=0.1)
+    # what each direction has alone may be how runs scatter
+    values[:, 0] += own - runs[pairs]
+    assert curves(values, SIGMA)[0] == {}
+
+
 def test_noise_that_lasts_over_runs_is_not_alike_in_both_directions():
     """Two walks that share nothing are alike by chance: one order in a hundred was said to be structure."""
     at = grid()

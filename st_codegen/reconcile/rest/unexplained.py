@@ -175,8 +175,9 @@ def signatures(
     loud = (rms_of_component(target, residual) > sure_times(target) * floor) & asked
     loud[scatter(target, residual)] = True
     loud |= False if kept is None else kept
-    # what the mean of runs differs by is its floor, where that comes from the runs
-    loud &= (target.data.orders > 0) | (rms_of_component(target, residual) > sure_times(target) * floor)
+    # what the mean of runs differs by is its floor, where that comes from the runs, and both directions do not share it
+    beyond = (rms_of_component(target, residual) > sure_times(target) * floor) | by_directions(target, residual)[0]
+    loud &= (target.data.orders > 0) | beyond
     out += [
         _scattered(target, residual, int(k), floor[k])
         for k in np.flatnonzero(loud & ~significant & (of_an_encoder(target, residual) == 0))
@@ -241,8 +242,8 @@ def _noise_of_order(target: FitData, residual: ComplexArray, k: int, floor: floa
 
     floor: RMS of one component of its noise; direction: in which one its residual is.
     """
-    parts = int(target.data.parts[k])
-    own, differ = float(noise_within(target)[k] ** 2), float(by_directions(target, residual)[1][k] ** 2)
+    parts, (shared, apart) = int(target.data.parts[k]), by_directions(target, residual)
+    own, differ = float(noise_within(target)[k] ** 2), float(apart[k] ** 2)
     what = within = (
         "what orders beside it differ by" if target.data.spectral_deg is None else "the noise within the curves"
     )
@@ -252,7 +253,7 @@ def _noise_of_order(target: FitData, residual: ComplexArray, k: int, floor: floa
     quiet = _quietest_direction(target, residual[:, k]) / parts
     if direction != "both" and quiet < own:
         own, what = max(quiet, SETTINGS.least_noise_deg**2), "what the other direction has"
-    if parts == 1 and own < floor**2:
+    if parts == 1 and own < floor**2 and not shared[k]:
         # the floor of the mean is that within the curves as well, where no more is known
         of_curves = floor <= noise_within(target)[k]
         own, what = floor**2, within if of_curves else "what the means of runs near each other differ by"
