@@ -17,7 +17,7 @@ import numpy.typing as npt
 from st_codegen.campaign.curves import Curve
 from st_codegen.campaign.moments import moments
 from st_codegen.campaign.rounded import without_steps
-from st_codegen.campaign.spikes import off_deg
+from st_codegen.campaign.spikes import LEAST_ROW, longest_row, off_deg
 from st_codegen.errors import InputError
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 
@@ -45,9 +45,9 @@ class Sums:
     TE*exp(-i*k*theta) in deg; te_square: sum of TE^2 in deg^2; plain_fft: complex128 (band + 1,), deg, the
     coefficients of an FFT over the number of the sample; ends: float64 (2, 4), the lowest and the highest TE in deg,
     each with the most samples in a row that have it, the most that have the value next to it, and the number of values;
-    spikes: float64 (3, s), the samples that are in none of the sums: angle in rad, TE in deg, and by how much that is
-    off what the FFT has in their places; begin: the angle of the first sample, rad; turns: how many the curve holds, 1
-    for less than one and a half.
+    spikes: float64 (4, s), the samples that are in none of the sums: angle in rad, TE in deg, by how much that is off
+    what the FFT has in their places, and their numbers in order of time; begin: the angle of the first sample, rad;
+    turns: how many the curve holds, 1 for less than one and a half.
     """
 
     samples: int
@@ -70,9 +70,16 @@ class Sums:
         """How many of these a turn has: they tell which orders are told, and as which others a higher one shows."""
         return round(self.taken / self.turns)
 
+    @property
+    def row_left_out(self) -> int:
+        """How many samples of a turn were left out in a row, at most, where no other turn of the curve has any."""
+        there = np.bincount(np.arange(self.taken) % self.in_turn)
+        np.subtract.at(there, self.spikes[3].astype(np.intp) % self.in_turn, 1)
+        return longest_row(np.flatnonzero(there == 0))
+
     def with_spikes(self, chosen: BoolArray) -> Sums:
         """The sums with some of the samples that were left out, bool (s,)."""
-        angle, te, _ = self.spikes[:, chosen]
+        angle, te = self.spikes[:2, chosen]
         return replace(
             self,
             samples=self.samples + len(te),
@@ -129,7 +136,7 @@ def curve_sums(curve: Curve, band: int = BAND) -> Sums:
     whole = te - off
     fft = np.fft.rfft(whole if theta[0] <= theta[-1] else whole[::-1]) * (2.0 / len(te))
     fft[0] /= 2.0
-    left_out = np.stack([theta[far], te[far], off[far]])
+    left_out = np.stack([theta[far], te[far], off[far], np.flatnonzero(far)])
     theta, te = theta[~far], te[~far]
     both = moments(theta, np.stack([np.ones(len(te)), te]), 2 * band)
     sums = Sums(
@@ -279,7 +286,11 @@ def _solve(sums: Sums, orders: npt.NDArray[np.intp], belief: FloatArray | None =
         new = _no_images(sums, orders[:0], orders)
         same = np.setdiff1d(orders, new).tolist()
         which = f"{listed(same)} from others" if same else f"{listed(orders.tolist())} apart"
-        raise InputError(f"the angles of the samples do not tell the orders {which}: are their steps coarse?")
+        row = sums.row_left_out
+        why = "are their steps coarse, or has the turn a gap?"
+        if row >= LEAST_ROW:
+            why = f"{row} samples in a row are left out, which lie far from those around them"
+        raise InputError(f"the angles of the samples do not tell the orders {which}: {why}")
     solution[mask] = found
     return solution[: len(orders)] + 1j * solution[len(orders) :]
 

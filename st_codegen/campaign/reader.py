@@ -11,14 +11,14 @@ import math
 import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 
 import numpy as np
 
 from st_codegen.campaign.conditions import Conditions, OperatingPoint, temperatures_of_no_oil
-from st_codegen.campaign.curves import BadFileError, RunFile, read_run, scan
+from st_codegen.campaign.curves import MOST_GAP_DEG, BadFileError, RunFile, read_run, scan
 from st_codegen.campaign.harmonic_table import HarmonicTable
 from st_codegen.campaign.orders import BAND, OrderFit, Sums, curve_sums, fit_orders
 from st_codegen.campaign.spikes import LEAST_ROW, longest_row, repeated
@@ -73,7 +73,7 @@ class Campaign:
         counts = [curve.sums.spikes.shape[1] for curve in spiky]
         most = max(float(np.abs(curve.sums.spikes[2]).max()) for curve in spiky)
         files = sorted({curve.path.relative_to(self.folder).as_posix() for curve in spiky})
-        row = max(longest_row(curve.sums.spikes[0], 2.0 * np.pi / curve.sums.in_turn) for curve in spiky)
+        row = max(longest_row(curve.sums.spikes[3]) for curve in spiky)
         what, rows = ("sample", f", up to {row} in a row") if row >= LEAST_ROW else ("single sample", "")
         return (
             f"{counted(sum(counts), what)} of {counted(len(spiky), 'curve')}, at most {max(counts)} of one{rows}, "
@@ -146,6 +146,10 @@ def read_campaign(
     for fault in _apart([file for file in files if file.path in results], results):
         faults.append(fault)
         del results[fault.path]
+    _put_back_repeated(results)
+    for fault in list(_full_of_spikes(results)):
+        faults.append(fault)
+        del results[fault.path]
     if faults and not skip_bad:
         problems = Problems(f"{folder}: bad curve files (leave them out with --skip-bad; in a fleet: skip_bad = true)")
         faults.sort(key=lambda error: (error.path, error.line or 0))
@@ -161,7 +165,7 @@ def read_campaign(
         raise InputError(
             f"{folder}: no usable curve files; the first of {counted(len(faults), 'problem')}: {faults[0]}"
         )
-    return _with_repeated_spikes(Campaign(folder, tuple(curves), tuple(faults)))
+    return Campaign(folder, tuple(curves), tuple(faults))
 
 
 def _apart(files: Sequence[RunFile], results: Mapping[Path, Mapping[Direction, Sums]]) -> Iterator[BadFileError]:
@@ -186,16 +190,27 @@ def _variance(sums: Sums) -> float:
     return sums.te_square / sums.samples - float(abs(sums.te[0] / sums.samples)) ** 2
 
 
-def _with_repeated_spikes(campaign: Campaign) -> Campaign:
-    """The campaign with samples that stand out at one angle in several curves: the turn has something there."""
-    all_sums = [curve.sums for curve in campaign.curves]
-    step = 2.0 * np.pi / min(sums.in_turn for sums in all_sums)
-    again = repeated([sums.spikes[0] for sums in all_sums], 1.5 * step)
-    curves = tuple(
-        replace(curve, sums=curve.sums.with_spikes(own)) if own.any() else curve
-        for curve, own in zip(campaign.curves, again, strict=True)
-    )
-    return replace(campaign, curves=curves)
+def _put_back_repeated(results: dict[Path, dict[Direction, Sums]]) -> None:
+    """Put samples that stand out at one angle in several curves back into them: the turn has something there."""
+    curves = [(path, direction, sums) for path, run in results.items() for direction, sums in run.items()]
+    step = 2.0 * np.pi / min((sums.in_turn for *_, sums in curves), default=1)
+    again = repeated([sums.spikes[0] for *_, sums in curves], 1.5 * step)
+    for (path, direction, sums), own in zip(curves, again, strict=True):
+        if own.any():
+            results[path] = {**results[path], direction: sums.with_spikes(own)}
+
+
+def _full_of_spikes(results: Mapping[Path, Mapping[Direction, Sums]]) -> Iterator[BadFileError]:
+    """Files of which so many samples in a row are left out that they would be refused without them, too."""
+    for path, run in results.items():
+        reasons = [
+            f"{direction}: {sums.row_left_out} samples in a row lie far from those around them, and without them about "
+            f"{gap:.3g} deg of the revolution have none"
+            for direction, sums in run.items()
+            if sums.row_left_out and (gap := 360.0 * (sums.row_left_out + 1) / sums.in_turn) > MOST_GAP_DEG
+        ]
+        if reasons:
+            yield BadFileError(path, None, f"{'; '.join(reasons)}: was a line or a counter disturbed?")
 
 
 def _read_all(

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 from scipy.special import pdtrc
 
-from st_codegen.ir.arrays import BoolArray, FloatArray
+from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray
 
 #: samples whose median says what lies around one: up to three in a row are outvoted
 _AROUND = 7
@@ -49,10 +49,10 @@ def off_deg(te_deg: FloatArray) -> FloatArray:
     return found
 
 
-def longest_row(angles_rad: FloatArray, step_rad: float) -> int:
-    """How many of some samples, at angles in order of time, stand in a row at most; step_rad: between two samples."""
-    apart = np.flatnonzero(np.abs(np.diff(angles_rad)) > 1.5 * step_rad)
-    return int(np.diff([0, *(apart + 1), len(angles_rad)]).max())
+def longest_row(numbers: FloatArray | IntArray) -> int:
+    """How many of some samples stand in a row at most, by their numbers in rising order."""
+    apart = np.flatnonzero(np.diff(numbers) > 1)
+    return int(np.diff([0, *(apart + 1), len(numbers)]).max())
 
 
 def _are_far(values: FloatArray, times: float, all_but: float) -> BoolArray:
@@ -68,15 +68,19 @@ def repeated(angles_rad: Sequence[FloatArray], within_rad: float) -> list[BoolAr
     angles_rad: of each curve those of its spikes, (s,); within_rad: how near is one place.
     """
     turn = 2.0 * np.pi
-    place = np.mod(np.concatenate([*angles_rad, np.zeros(0)]), turn)
-    curve = np.repeat(np.arange(len(angles_rad)), [len(one) for one in angles_rad])
-    order = np.argsort(place, kind="stable")
-    around = np.concatenate([place[order] - turn, place[order], place[order] + turn])
-    who = np.tile(curve[order], 3)
-    first, last = np.searchsorted(around, place - within_rad), np.searchsorted(around, place + within_rad, "right")
-    others = np.array([len(np.unique(who[begin:end])) - 1 for begin, end in zip(first, last, strict=True)], np.float64)
-    # samples in a row stand at one place
-    covered = [np.minimum(np.diff(np.sort(own), append=np.inf), 2.0 * within_rad).sum() for own in angles_rad]
-    by_chance = sum(covered) / turn
-    again = (others + 1 >= _LEAST_CURVES) & (pdtrc(others - 1, by_chance) < _CHANCE)
-    return np.split(again, np.cumsum([len(one) for one in angles_rad])[:-1])
+    places = [np.mod(own, turn) for own in angles_rad]
+    # from where to where each curve has a spike within reach: samples in a row stand at one place
+    begins, ends = [np.zeros(0)], [np.zeros(0)]
+    for own in places:
+        around = np.sort(np.concatenate([own - turn, own, own + turn]))
+        apart = np.flatnonzero(np.diff(around) > 2.0 * within_rad)
+        begins.append(around[np.append(0, apart + 1)[: len(around)]] - within_rad)
+        ends.append(around[np.append(apart, -1)[: len(around)]] + within_rad)
+    begin, end = np.sort(np.concatenate(begins)), np.sort(np.concatenate(ends))
+    by_chance = float(end.clip(0.0, turn).sum() - begin.clip(0.0, turn).sum()) / turn
+
+    def are_again(own: FloatArray) -> BoolArray:
+        curves = np.searchsorted(begin, own, "right") - np.searchsorted(end, own, "left")
+        return np.asarray((curves >= _LEAST_CURVES) & (pdtrc(np.maximum(curves - 2.0, 0.0), by_chance) < _CHANCE))
+
+    return [are_again(own) for own in places]

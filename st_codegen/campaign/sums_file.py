@@ -15,7 +15,7 @@ from st_codegen.files.text import whole_file
 from st_codegen.te.harmonics import Direction
 
 #: changes with the way sums are made, or files are judged: a file of another version is made anew
-_VERSION = 8
+_VERSION = 9
 _POLARS = ("polars", "train", "keeping what was read of a campaign")
 
 
@@ -123,7 +123,7 @@ def _sums(row: dict[str, Any]) -> Sums:
         row["te_square"],
         complex_array("plain_fft"),
         np.asarray(row["ends"], np.float64).reshape(2, 4),
-        np.asarray(row["spikes"], np.float64).reshape(3, -1),
+        np.asarray(row["spikes"], np.float64).reshape(4, -1),
         row["begin"],
         row["turns"],
     )
