@@ -47,7 +47,8 @@ class Sums:
     each with the most samples in a row that have it, the most that have the value next to it, and the number of values;
     spikes: float64 (4, s), the samples that are in none of the sums: angle in rad, TE in deg, by how much that is off
     what the FFT has in their places, and their numbers in order of time; begin: the angle of the first sample, rad;
-    turns: how many the curve holds, 1 for less than one and a half.
+    turns: how many the curve holds, 1 for less than one and a half; moved_deg: by how much angles are off those that
+    were read, at most, where these are rounded.
     """
 
     samples: int
@@ -59,6 +60,7 @@ class Sums:
     spikes: FloatArray
     begin: float = 0.0
     turns: float = 1.0
+    moved_deg: float = 0.0
 
     @property
     def taken(self) -> int:
@@ -126,10 +128,31 @@ def listed(orders: Sequence[int]) -> str:
 def curve_sums(curve: Curve, band: int = BAND) -> Sums:
     """The sums of a curve for orders up to `band`; those that it does not tell leak where it has gaps.
 
-    Samples far from those around them are left out, and angles are taken without the steps that they are rounded to.
+    Samples far from those around them are left out. Angles are taken without the steps that they are rounded to where
+    all orders then leave clearly less of the curve: those of a curve that was thinned out have steps as well, and are
+    exact.
     """
-    highest = min(band, max(1, len(curve.angle_deg) // 4))
-    theta, te = np.deg2rad(without_steps(curve.angle_deg, highest)), np.asarray(curve.te_deg, np.float64)
+    sums = _sums_over(curve.angle_deg, curve, band)
+    angle = without_steps(curve.angle_deg, min(band, len(curve.te_deg) // 4))
+    if angle is curve.angle_deg:
+        return sums
+    smooth = replace(_sums_over(angle, curve, band), moved_deg=float(np.abs(angle - curve.angle_deg).max()))
+    # the odds of two curves with as many numbers each
+    more = math.log(_left_of_all(sums) / _left_of_all(smooth)) * (sums.samples - 2 * sums.band - 1) / 2.0
+    return smooth if more > SIGNIFICANT**2 else sums
+
+
+def _left_of_all(sums: Sums) -> float:
+    """The sum of squares that all orders of the band leave of a curve, as far as it tells them."""
+    orders = np.arange(sums.band + 1)
+    held = np.full(len(orders), _LEAST_BELIEF * sums.samples)
+    least = np.finfo(np.float64).eps * max(sums.te_square, np.finfo(np.float64).tiny)
+    return max(_square_error(sums, orders, _solve(sums, orders, held)), least)
+
+
+def _sums_over(angle_deg: FloatArray, curve: Curve, band: int) -> Sums:
+    """The sums of a curve with these angles."""
+    theta, te = np.deg2rad(angle_deg), np.asarray(curve.te_deg, np.float64)
     off, begin = off_deg(te), float(theta[0])
     far = off != 0.0
     turns = abs(float(theta[-1]) - begin) / (2.0 * np.pi) * len(te) / (len(te) - 1)
@@ -279,7 +302,8 @@ def _solve(sums: Sums, orders: npt.NDArray[np.intp], belief: FloatArray | None =
         own = np.full(len(matrix), True) if belief is None else np.tile(belief == 0.0, 2)[mask]
         least = math.sqrt(np.finfo(np.float64).eps)
         # a wave that is nothing at all angles, as a sine of two steps a period, may have any size
-        is_told = np.abs(again - known)[own].max() <= least and np.diag(matrix)[own].min() > least * sums.samples
+        is_told = np.abs(again - known)[own].max(initial=0.0) <= least
+        is_told = is_told and np.diag(matrix)[own].min(initial=np.inf) > least * sums.samples
     except np.linalg.LinAlgError:
         is_told = False
     if not is_told:

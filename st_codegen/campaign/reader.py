@@ -72,13 +72,29 @@ class Campaign:
             return ""
         counts = [curve.sums.spikes.shape[1] for curve in spiky]
         most = max(float(np.abs(curve.sums.spikes[2]).max()) for curve in spiky)
-        files = sorted({curve.path.relative_to(self.folder).as_posix() for curve in spiky})
         row = max(longest_row(curve.sums.spikes[3]) for curve in spiky)
         what, rows = ("sample", f", up to {row} in a row") if row >= LEAST_ROW else ("single sample", "")
         return (
             f"{counted(sum(counts), what)} of {counted(len(spiky), 'curve')}, at most {max(counts)} of one{rows}, "
-            f"up to {most:.2g} deg off those around them: {', '.join(files[:5])}{', ..' if len(files) > 5 else ''}"
+            f"up to {most:.2g} deg off those around them: {self._files(spiky)}"
         )
+
+    @property
+    def rounded(self) -> str:
+        """Which curves are taken over other angles than were read, since these are rounded; empty for none."""
+        moved = [curve for curve in self.curves if curve.sums.moved_deg]
+        if not moved:
+            return ""
+        most = max(curve.sums.moved_deg for curve in moved)
+        return (
+            f"the rounded angles of {counted(len(moved), 'curve')}, in whose place smooth ones stand, up to {most:.2g} "
+            f"deg off: {self._files(moved)}"
+        )
+
+    def _files(self, curves: Sequence[MeasuredCurve]) -> str:
+        """The first files of some curves."""
+        files = sorted({curve.path.relative_to(self.folder).as_posix() for curve in curves})
+        return f"{', '.join(files[:5])}{', ..' if len(files) > 5 else ''}"
 
     @property
     def at(self) -> Conditions:

@@ -84,6 +84,7 @@ class SumsFile:
                 "te_square": sums.te_square,
                 "begin": sums.begin,
                 "turns": sums.turns,
+                "moved_deg": sums.moved_deg,
                 "ends": sums.ends.ravel(),
                 "spikes": sums.spikes.ravel(),
                 "angle": sums.angle.view(np.float64),
@@ -126,4 +127,5 @@ def _sums(row: dict[str, Any]) -> Sums:
         np.asarray(row["spikes"], np.float64).reshape(4, -1),
         row["begin"],
         row["turns"],
+        row["moved_deg"],
     )

@@ -60,7 +60,7 @@ def measured_table(
     else:
         chosen, reasons = list(orders), tuple(_asked(reason, orders) for reason in reasons)
     fits = read.fits(chosen, progress)
-    left_out = (*map(str, read.bad), *([read.spikes] if read.spikes else []))
+    left_out = (*map(str, read.bad), *filter(None, (read.spikes, read.rounded)))
     return Measured(read.table(fits), reasons, left_out, read.samples)
 
 

@@ -337,7 +337,7 @@ def _not_looked_at(
         f"{'' if error.line is None else f'line {error.line}: '}{error.reason}"
         for error in campaign.bad
     ]
-    found += [campaign.spikes] if campaign.spikes else []
+    found += filter(None, (campaign.spikes, campaign.rounded))
     least = int(bands.min())
     if least < bands.max():
         coarse = sorted({file for file, band in zip(files, bands, strict=True) if band < bands.max()})
