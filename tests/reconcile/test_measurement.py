@@ -3,6 +3,7 @@
 import contextlib
 import itertools
 import re
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,11 +14,12 @@ from st_codegen.campaign.curves import Curve
 from st_codegen.campaign.orders import curve_sums
 from st_codegen.errors import InputError
 from st_codegen.reconcile.data.hum import without_hums, without_waves_between
-from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
+from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs, rows_that_tell
 from st_codegen.reconcile.data.ramps import ramp_deg
 from st_codegen.reconcile.mistakes import sensors
 from st_codegen.reconcile.mistakes.each_run import _most_gain, ramps
 from st_codegen.reconcile.mistakes.examine import examine
+from st_codegen.reconcile.mistakes.other_shaft import other_shaft, over_the_output
 from st_codegen.reconcile.mistakes.sensors import hidden_wrong_angle
 from st_codegen.reconcile.mistakes.votes import PowerSums, expected_of, noise_power, told_power
 from st_codegen.reconcile.rest.unexplained import Signature, _with_hums
@@ -190,6 +192,60 @@ def test_a_mistake_is_asked_about_and_corrected(name):
         for one in (examined.data, made)
     )
     assert left.sum() < 0.3 * wrong.sum()
+
+
+def over_a_grid(speeds, torques, least_Nm=-1500.0, orders=ORDERS):
+    """A table in the order of its speeds and torques, of curves over the angle of the fast shaft."""
+    points = np.meshgrid(np.linspace(100, 1700, speeds), np.linspace(least_Nm, 1500, torques), [30.0], indexing="ij")
+    count, random = speeds * torques, np.random.default_rng(1)
+    at = Conditions.of(np.repeat([1.0, -1.0], count), *(np.tile(axis.ravel(), 2) for axis in points))
+    values = RIG.coefficients(at, orders.tolist())
+    noise = 3e-6 * (random.standard_normal(values.shape) + 1j * random.standard_normal(values.shape))
+    values = values + np.where(orders == 0, noise.real, noise)
+    return of_the_fast_shaft(Observations(at, labels(at), orders, values, spectral_deg=np.full(values.shape, 3e-6)))
+
+
+@pytest.mark.parametrize("least_Nm", [-1500.0, 0.0])
+@pytest.mark.parametrize("grid", [(20, 6), (25, 10), (50, 10)])
+def test_the_other_shaft_is_told_from_runs_that_are_in_step_with_their_torques(grid, least_Nm):
+    """Of every fifth run of ten torques there are two, which a shaft that is wound up would explain."""
+    assert [mistake.name for mistake in other_shaft(over_a_grid(*grid, least_Nm), RIG)] == ["shaft"]
+
+
+def test_the_other_shaft_has_no_size_where_the_mean_was_not_looked_at():
+    """It was turned by up to 0 deg."""
+    whole, waves = (other_shaft(over_a_grid(20, 6, orders=orders), RIG) for orders in (ORDERS, ORDERS[ORDERS > 0]))
+    assert "by what TE is at its run, up to 0.08 deg, and within" in whole[0].text
+    assert all("by what TE is at its run, and within" in mistake.text for mistake in waves)
+    turned = replace(over_a_grid(20, 6), values=over_a_grid(20, 6).values * (ORDERS > 0))
+    assert all("by what TE is at its run, and within" in mistake.text for mistake in other_shaft(turned, RIG))
+
+
+def test_hundreds_of_orders_over_the_angle_of_the_output_are_those_of_the_sum_over_samples():
+    """A row took 30 to 50 ms."""
+    random, orders = np.random.default_rng(0), np.arange(401)
+    values = 1e-3 * (random.standard_normal((100, 401)) + 1j * random.standard_normal((100, 401)))
+    values[:, 0] = values[:, 0].real
+    at = Conditions.of(np.ones(100), np.full(100, 1000.0), np.full(100, 100.0), np.full(100, 30.0))
+    began = time.process_time()
+    found = over_the_output(Observations(at, labels(at), orders, values)).values
+    assert time.process_time() - began < 1.0
+    theta = np.arange(1024) * (2 * np.pi / 1024)
+    for row in (0, 99):
+        te, slope = (
+            (part @ np.exp(1j * np.outer(orders, theta))).real for part in (values[row], 1j * orders * values[row])
+        )
+        direct = np.exp(-1j * np.outer(orders, theta + np.radians(te))) @ (te * (1 + np.radians(slope))) / 512
+        direct[0] /= 2
+        assert np.abs(found[row] - direct).max() < 1e-15, "to the last bits"
+
+
+def test_the_rows_that_tell_are_in_step_with_no_grid():
+    assert rows_that_tell(70).tolist() == [*range(70)]
+    for count in (240, 500, 1000):
+        some = rows_that_tell(count)
+        assert len(some) == 100 and (np.diff(some) > 0).all() and (some == rows_that_tell(count)).all()
+        assert all(len(np.unique(some % level)) == level for level in range(2, 11))
 
 
 @pytest.mark.thorough

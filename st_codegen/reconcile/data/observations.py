@@ -253,6 +253,15 @@ def labels(at: Conditions, files: Sequence[str] | None = None) -> tuple[str, ...
     return tuple(names)
 
 
+def rows_that_tell(count: int, most: int | None = None) -> IntArray:
+    """Some of so many rows (or runs), in their order, which tell what all have in common; all where they are few.
+
+    They are drawn, always the same ones: every tenth row of sorted ones may have one torque.
+    """
+    drawn = np.random.default_rng(0).permutation(count)
+    return np.sort(drawn[: SETTINGS.rows_that_tell if most is None else most])
+
+
 def first_of(texts: Sequence[str], most: int, between: str = ", ") -> str:
     """The first texts, as many as are shown, and two dots where there are more."""
     return between.join(texts[:most]) + (f"{between}.." if len(texts) > most else "")

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from st_codegen.ir.arrays import ComplexArray, FloatArray, IntArray
-from st_codegen.reconcile.data.observations import Observations
+from st_codegen.reconcile.data.observations import Observations, rows_that_tell
 from st_codegen.reconcile.settings import SETTINGS
 
 
@@ -71,11 +71,11 @@ def start_of_ramp(gap: ComplexArray, noise: FloatArray, orders: IntArray) -> flo
     waves = orders > 0
     if waves.sum() < SETTINGS.least_orders_of_zero:
         return 0.0
-    some = slice(None, None, -(-len(gap) // SETTINGS.rows_that_tell))
-    k, own = orders[waves], gap[some, waves]
+    some = rows_that_tell(len(gap))
+    k, own = orders[waves], gap[some][:, waves]
     # one vote an order, however large it is, as far as it is more than noise
     power = np.maximum((np.abs(own) ** 2).mean(axis=0), 1e-300)
-    weighed = own / np.sqrt(power) * np.maximum(1.0 - noise[some, waves].mean(axis=0) / power, 0.0)
+    weighed = own / np.sqrt(power) * np.maximum(1.0 - noise[some][:, waves].mean(axis=0) / power, 0.0)
 
     def explained(angles: FloatArray) -> FloatArray:
         return np.asarray((np.imag(weighed @ np.exp(1j * np.outer(k, angles))) ** 2).sum(axis=0))

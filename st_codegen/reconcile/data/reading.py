@@ -319,7 +319,9 @@ def _without_clipped(campaign: Campaign) -> tuple[Campaign, list[str]]:
     # where most have a value of their own, others may have one at which they stay for a shorter time
     if cut.all() or 2 * int(alone.any(axis=1).sum()) > len(cut):
         whole = "no curve is whole" if cut.all() else "most curves are not whole, and nobody knows of the others"
-        raise InputError(f"{campaign.folder}: {whole}: {'; '.join(texts)}. Measure with a wider range, or finer digits")
+        # beside those that are cut off most samples have a value of their own: digits are not what lacks
+        digits = "" if (2 * values > samples[:, None] - held)[flat].all() else ", or finer digits"
+        raise InputError(f"{campaign.folder}: {whole}: {'; '.join(texts)}. Measure with a wider range{digits}")
     curves = tuple(curve for curve, is_cut in zip(campaign.curves, cut, strict=True) if not is_cut)
     return replace(campaign, curves=curves), texts
 

@@ -9,8 +9,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from st_codegen.campaign.moments import moments
 from st_codegen.ir.arrays import ComplexArray
-from st_codegen.reconcile.data.observations import Observations
+from st_codegen.reconcile.data.observations import Observations, rows_that_tell
 from st_codegen.reconcile.mistakes.single_runs import Mistake
 from st_codegen.reconcile.mistakes.votes import agreed_gain, expected_of
 from st_codegen.reconcile.settings import SETTINGS
@@ -18,7 +19,7 @@ from st_codegen.rig.model import RigModel
 
 _SHAFT = (
     "the angle seems to be that of the fast shaft over the reduction ratio, in place of the output's: every order is "
-    "turned by what TE is at its run, up to {:.2g} deg, and within the turn"
+    "turned by what TE is at its run{}, and within the turn"
 )
 
 
@@ -31,17 +32,21 @@ def other_shaft(data: Observations, rig: RigModel) -> list[Mistake]:
     if not data.both_directions() or not (data.orders > 0).any():
         return []
     # both directions of some runs
-    step = -(-len(data) // SETTINGS.rows_that_tell)
-    some = data.rows(data.number_of_run % step == 0)
+    number = data.number_of_run
+    runs = int(number.max()) + 1
+    some = data.rows(np.isin(number, rows_that_tell(runs, -(-SETTINGS.rows_that_tell * runs // len(data)))))
     if not some.both_directions():
         return []
-    expected, waves = expected_of(some, rig), some.orders > 0
 
-    def gain(share: float, plain: ComplexArray = expected) -> float:
-        return agreed_gain(some, rig, expected + some.values - over_the_output(some, share).values, waves, plain)
+    def gain(rows: Observations, share: float, plain: ComplexArray | None = None) -> float:
+        seen = expected_of(rows, rig) + rows.values - over_the_output(rows, share).values
+        return agreed_gain(rows, rig, seen, rows.orders > 0, plain)
 
-    whole, size = gain(1.0), SETTINGS.of_a_size
-    if not whole or max(gain(1.0 - size), gain(1.0 + size)) >= whole or not gain(1.0, _wound(some, expected)):
+    whole, part = gain(some, 1.0), SETTINGS.of_a_size
+    if not whole or max(gain(some, 1.0 - part), gain(some, 1.0 + part)) >= whole:
+        return []
+    # what is left beside another zero and a shaft that is wound up is little: few rows do not tell it
+    if not gain(data, 1.0, _wound(data, expected_of(data, rig))):
         return []
 
     def corrected(given: Observations) -> Observations:
@@ -50,7 +55,8 @@ def other_shaft(data: Observations, rig: RigModel) -> list[Mistake]:
         return replace(given, values=np.where(given.told, read.values, given.values))
 
     most = float(np.abs(data.values[:, data.orders == 0]).max(initial=0.0))
-    return [Mistake("shaft", _SHAFT.format(most), corrected, remedy="take TE out of the angle")]
+    size = f", up to {most:.2g} deg" if most else ""
+    return [Mistake("shaft", _SHAFT.format(size), corrected, remedy="take TE out of the angle")]
 
 
 def _wound(data: Observations, expected: ComplexArray) -> ComplexArray:
@@ -65,7 +71,8 @@ def _wound(data: Observations, expected: ComplexArray) -> ComplexArray:
 
 def over_the_output(data: Observations, share: float = 1.0) -> Observations:
     """The orders of curves over their angle with a share of themselves: with all of it that of the output."""
-    orders, count = data.orders, 1 << (2 * int(data.orders.max()) + 16).bit_length()
+    orders, highest = data.orders, int(data.orders.max())
+    count = 1 << (2 * highest + 16).bit_length()
     spectrum = np.zeros((len(data), count // 2 + 1), np.complex128)
     spectrum[:, orders] = data.values * np.where(orders == 0, count, count / 2)
     te, slope = (np.fft.irfft(part, count) for part in (spectrum, 1j * np.arange(count // 2 + 1) * spectrum))
@@ -74,6 +81,6 @@ def over_the_output(data: Observations, share: float = 1.0) -> Observations:
     for row, (own, its) in enumerate(zip(te, slope, strict=True)):
         # even steps of the one angle are none of the other
         weight = own * (1.0 + share * np.radians(its)) * (2.0 / count)
-        found[row] = np.exp(-1j * np.outer(orders, grid + share * np.radians(own))) @ weight
+        found[row] = moments(grid + share * np.radians(own), weight[None], highest)[0, orders]
     found[:, orders == 0] /= 2.0
     return replace(data, values=found)

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from st_codegen.reconcile.data.observations import SIGNS, Observations
+from st_codegen.reconcile.data.observations import SIGNS, Observations, rows_that_tell
 from st_codegen.reconcile.fit.normal import made_of
 from st_codegen.reconcile.mistakes.each_run import Distorted, distortion, own_steps
 from st_codegen.reconcile.mistakes.single_runs import Mistake
@@ -441,7 +441,7 @@ def wrong_angle(data: Observations, rig: RigModel) -> list[Mistake]:
     """An angle that is read wrong within the turn, by the same waves of it in all runs."""
     its = np.array(rig.orders(), np.int64)
     known, noise = rig.coefficients(data.at, its.tolist()), noise_power(data)
-    some = slice(None, None, -(-len(data) // SETTINGS.rows_that_tell))
+    some = rows_that_tell(len(data))
     found = distortion(data.values[some], noise[some], data.orders, known[some], its)
     waves = data.orders > 0
     if found is None or not data.both_directions() or not waves.any():

@@ -13,7 +13,7 @@ import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.noise import estimate
-from st_codegen.reconcile.data.observations import Observations, first_of
+from st_codegen.reconcile.data.observations import Observations, first_of, rows_that_tell
 from st_codegen.reconcile.mistakes.votes import expected_of, noise_power
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.model import RigModel
@@ -96,7 +96,7 @@ def _exchanges(asked: _Asked) -> tuple[int, int]:
         by_directions.setdefault(tuple(data.at.sign[rows].tolist()), []).append(rows)
     hidden = tried = 0
     for runs in by_directions.values():
-        of = np.array(runs)[np.linspace(0, len(runs) - 1, min(len(runs), SETTINGS.labels_tried)).astype(int)]
+        of = np.array(runs)[rows_that_tell(len(runs), SETTINGS.labels_tried)]
         gain = asked.weight[of][:, None] * np.abs(asked.known[of][:, None] - asked.known[of][None]) ** 2
         by_order = gain.sum(axis=2)
         told = usual + gain.sum(axis=3).min(axis=2) > limit

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import fmin
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from st_codegen.reconcile.data.observations import Observations
+from st_codegen.reconcile.data.observations import Observations, rows_that_tell
 from st_codegen.reconcile.data.ramps import ramp, ramp_waves
 from st_codegen.reconcile.mistakes.single_runs import Mistake
 from st_codegen.reconcile.mistakes.votes import expected_of, noise_power, told_power
@@ -57,7 +57,7 @@ class _Curves:
 
     def few(self) -> _Curves:
         """Some rows and loud orders of these, which tell a pole."""
-        rows = slice(None, None, -(-len(self.values) // SETTINGS.rows_that_tell))
+        rows = rows_that_tell(len(self.values))
         loud = np.flatnonzero(self.weight)
         loud = loud[:: -(-len(loud) // SETTINGS.orders_of_start)]
         return _Curves(self.values[rows][:, loud], self.orders[loud], self.weight[loud], self.speed[rows])
