@@ -281,6 +281,23 @@ def test_what_friction_shakes_and_the_drive_brakes_is_no_mode_of_the_joint():
     assert find_mode(response(2.0 * drive * peak, frequency)) is None
 
 
+@pytest.mark.parametrize(("damping", "early_s"), [(0.05, 0.0), (0.25, 0.0), (0.05, 0.005)])
+def test_neither_damping_nor_an_early_torque_makes_a_mode_the_drive_s_own(damping, early_s):
+    """Both lead the acceleration below a mode: from a damping ratio of 0.2 on, or 3 ms, it was passed over."""
+    frequency = np.linspace(1.0, 60.0, 200)
+    w = frequency / 30.0
+    value = 2.0 * (1 - w**2 + 2j * damping * w) * np.exp(2j * np.pi * frequency * early_s)
+    noise = np.random.default_rng(0).standard_normal((3, 2, len(w)))
+    error = 0.01 * np.abs(value)
+    whole, *halves = (
+        value + size * error * (real + 1j * imaginary)
+        for size, (real, imaginary) in zip((1.0, 2**0.5, 2**0.5), noise, strict=True)
+    )
+    mode = find_mode(JointResponse(frequency, whole, error, (halves[0], halves[1]), 2**0.5 * error))
+    assert mode is not None and mode.resonance_Hz == pytest.approx(30.0, rel=0.01)
+    assert mode.damping == pytest.approx(damping, rel=0.1)
+
+
 def test_friction_that_changes_is_not_below_nothing_at_one_end(tmp_path):
     """Of half a second of a joint with dry friction of 4 N m it said that it changes by 35 N m from start to end."""
     columns = plain(friction=0.0, viscous=0.0)
