@@ -42,16 +42,14 @@ def find_wave(rows: JointRows, chosen: Chosen) -> TorqueWave | None:
             found.append((over, _gain(rows, chosen, over, number)))
     if not found:
         return None
-    found.sort(key=lambda pair: -pair[1].share)
-    over, gain = found[0]
+    over, gain = max(found, key=lambda pair: pair[1].share)
     if not gain.passed:
         return None
     other = TIME if over == ANGLE else ANGLE
-    if len(found) < 2:
-        # at one speed a wave is as good over the other one, whether it stands out there or not
-        mean = [float(np.median(_phase(rows, one)[1])) for one in (over, other)]
-        found.append((other, _gain(rows, chosen, other, gain.part.shape * mean[0] / mean[1])))
-    return TorqueWave(over, gain.part.shape, _resolution(rows, over), gain, found[1][1])
+    # at one speed this wave is as good over the other one; what stands out there itself may be another wave
+    mean = [float(np.median(_phase(rows, one)[1])) for one in (over, other)]
+    rival = _gain(rows, chosen, other, gain.part.shape * mean[0] / mean[1])
+    return TorqueWave(over, gain.part.shape, _resolution(rows, over), gain, rival)
 
 
 def _gain(rows: JointRows, chosen: Chosen, over: str, number: float) -> PartGain:

@@ -249,6 +249,18 @@ def test_one_speed_does_not_tell_a_ripple_from_a_hum(tmp_path, monkeypatch):
     assert "or of 40" in text and "per revolution" in text and "no wave over the angle" not in text
 
 
+def test_a_hum_and_a_ripple_that_are_both_there_are_not_one_wave(tmp_path):
+    """It said "a wave of 7.301 Hz over time, or of 30.05 per revolution", beside a ripple of 30.05 that had a name."""
+    columns = plain(ripple=0.15)
+    columns["tau"] += 0.152 * np.sin(2 * np.pi * 7.3 * columns["t"])
+    (joint,) = report(columns, tmp_path)
+    ripple = named(joint)["torque_ripple"]
+    assert ripple["parameters"]["order_per_revolution"]["value"] == pytest.approx(40.0, rel=0.02)
+    assert not any("Hz" in text for text in ripple["alternatives"])
+    (text,) = [text for text in joint["unexplained"] if "wave of" in text]
+    assert text.startswith("a wave of 7.3") and "no wave over the angle explains as well" in text
+
+
 def test_a_ripple_through_pieces_of_the_data_stands_out_of_what_it_leaks(tmp_path):
     """In a motion of one sine its own surroundings hid it: the torque was called 7 ms early."""
     joint = Joint(gravity=20.0, dry=4.0, viscous=3.0, ripple=1.0, order=160.0)
