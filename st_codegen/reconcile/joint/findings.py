@@ -147,7 +147,8 @@ def _is_told(name: str, value: float, error: float) -> bool:
 def _is_below_nothing(result: JointResult, name: str) -> bool:
     """Whether friction that changes would surely be negative at one end of the recording, where it drives the joint."""
     level = name.removesuffix("_drift")
-    if name == level or level not in _POWERS:
+    # dry friction that a constant may hold is of any size
+    if name == level or level not in _POWERS or "dry_friction" in result.chosen.not_told:
         return False
     value, error = result.chosen.value(name)
     rows = result.rows
@@ -273,9 +274,10 @@ def _unnamed(result: JointResult, name: str) -> str:
             f"a part with the form of {name.replace('_', ' ')} and the wrong sign ({value}): no friction drives a joint"
         )
     if _is_below_nothing(result, name):
+        forms = ", or of ".join(_INSTEAD[one] for one in (name, *result.chosen.alternatives.get(name, ())))
         return (
-            f"a part with the form of {name.replace('_', ' ')} ({value} from start to end): the friction would be "
-            "negative at one end, and no friction drives a joint"
+            f"a part with the form of {forms} ({value} from start to end): the friction would be negative at one end, "
+            "and no friction drives a joint"
         )
     if name in ("curved_friction", "square_friction"):
         return f"friction over speed is bent ({value}), not as by Stribeck's effect"

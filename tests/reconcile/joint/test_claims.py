@@ -1,5 +1,7 @@
 """Sentences on joints that other physics showed to be false: each stands for one that was said."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -317,6 +319,31 @@ def test_friction_that_changes_is_not_below_nothing_at_one_end(tmp_path):
     (joint,) = report(columns, tmp_path)
     assert "dry_friction_drift" not in named(joint)
     assert any("negative at one end" in text for text in joint["unexplained"])
+
+
+def one_way():
+    """A joint that never reverses, with a constant of 4 N m that may be dry friction."""
+    t = np.arange(0.0, 40.0, 2e-3)
+    noise = np.random.default_rng(0).standard_normal((2, len(t)))
+    v = 0.8 + 0.3 * np.sin(0.4 * np.pi * t) + 0.2 * np.sin(2 * np.pi * t / 1.7 + 1.0)
+    q = np.cumsum(v) * 2e-3
+    tau = 2.0 * np.gradient(v, 2e-3) + 6.0 * np.cos(q) + 4.0 - (t / t[-1] - 0.5) + 0.02 * noise[1]
+    return {"t": t, "q_rad": q + 2e-6 * noise[0], "tau": tau}
+
+
+def test_friction_that_a_constant_may_hold_is_not_below_nothing(tmp_path):
+    """Of 4 N m that fall by 1 N m it said that the friction would be negative at one end."""
+    (joint,) = report(one_way(), tmp_path)
+    assert "torque zero drift" in named(joint)["dry_friction_drift"]["alternatives"]
+    assert not any("negative" in text for text in joint["unexplained"])
+
+
+def test_what_would_be_negative_friction_may_be_another_part(tmp_path):
+    """The sentence left out the zero of the torque that would do in its place."""
+    (result,) = reconcile_joints(read_joints([write(one_way(), tmp_path / "joint.csv")]))
+    sure = replace(result, chosen=replace(result.chosen, not_told=()))
+    (text,) = [text for text in signatures(sure) if "negative at one end" in text]
+    assert text.startswith("a part with the form of dry friction drift, or of torque zero drift (")
 
 
 def test_friction_that_falls_where_a_joint_moves_at_one_speed_mostly(tmp_path):
