@@ -95,8 +95,9 @@ def reconcile_joints(
         raise InputError(
             f"no joint moves for long enough: nothing can be told of friction, ripple or elasticity; {least}"
         )
-    if still := sorted(recordings[0].angle.keys() - {one.joint for one in moving}):
-        note = f"of joint {', '.join(still)} nothing is told: it does not move for long enough; {least}"
+    if still := [joint for joint in recordings[0].angle if joint not in {one.joint for one in moving}]:
+        which, they = ("joints", "they do") if still[1:] else ("joint", "it does")
+        note = f"of {which} {', '.join(still)} nothing is told: {they} not move for long enough; {least}"
         moving[0] = replace(moving[0], notes=(*moving[0].notes, note))
     return tuple(moving)
 
@@ -109,7 +110,10 @@ def _scaled(recordings: Sequence[JointRecording], joint: str, factor: float) -> 
 
 
 def _joint(recordings: list[JointRecording], joint: str, accept: Collection[str]) -> JointResult | None:
-    rows = None if all(is_standing(one.angle[joint]) for one in recordings) else rows_of(recordings, joint)
+    # in a folder one joint may move in each file
+    still = [one.name for one in recordings if is_standing(one.angle[joint])]
+    recordings = [one for one in recordings if not is_standing(one.angle[joint])]
+    rows = rows_of(recordings, joint) if recordings else None
     if rows is None:
         return None
     if not np.ptp(rows.torque):
@@ -119,6 +123,8 @@ def _joint(recordings: list[JointRecording], joint: str, accept: Collection[str]
     acting = acting_of(rows)
     rows = rows_of(recordings, joint, acting=acting.columns) or rows
     notes = [note for one in recordings for note in one.notes if f"dq{joint} " in note or "dq" not in note]
+    if still:
+        notes.append(f"joint {joint} stands in {', '.join(still)}: nothing is taken from there")
     if is_opposite(rows):
         if not {"sign", "all"} & set(accept):
             raise InputError(

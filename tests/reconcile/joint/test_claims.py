@@ -8,7 +8,7 @@ import pytest
 from st_codegen.errors import InputError
 from st_codegen.reconcile.joint import run as joint_run
 from st_codegen.reconcile.joint import waves
-from st_codegen.reconcile.joint.findings import findings, number, signatures
+from st_codegen.reconcile.joint.findings import findings, joint_report, number, signatures
 from st_codegen.reconcile.joint.mode import JointResponse, _is_braked, find_mode, is_rigid
 from st_codegen.reconcile.joint.parts import Chosen
 from st_codegen.reconcile.joint.reading import JointRecording, read_joints
@@ -196,6 +196,30 @@ def test_a_joint_that_stands_is_said_to_and_its_noise_is_no_wrong_speed(tmp_path
     (joint,) = report(columns, tmp_path)
     assert joint["joint"] == "1" and {"dry_friction", "viscous_friction"} <= set(named(joint))
     assert any(text.startswith("of joint 2 nothing is told") for text in joint["measurement"])
+
+
+def test_a_folder_in_which_one_joint_moves_in_each_file(tmp_path):
+    """It was refused: the joint that stands in one file hid the other one's, and no joint moved."""
+    noise = np.random.default_rng(0).standard_normal((4, len(plain()["t"])))
+    still = {"q": 0.5 + 1e-6 * noise[0], "dq": 1e-3 * noise[1], "tau": 5.0 + 0.05 * noise[2]}
+    first = two_joints(**still)
+    moves = {1: 2, 2: 1}
+    second = {key if key == "t" else f"{key[:-1]}{moves[int(key[-1])]}": value for key, value in first.items()}
+    files = [write(first, tmp_path / "a.csv"), write(second, tmp_path / "b.csv")]
+    joints = joint_report(reconcile_joints(read_joints(files)), None)["joints"]
+    assert [joint["joint"] for joint in joints] == ["1", "2"]
+    for joint, file in zip(joints, ("b.csv", "a.csv"), strict=True):
+        assert named(joint)["dry_friction"]["parameters"]["dry_friction_Nm"]["value"] == pytest.approx(1.0, rel=0.03)
+        assert any(f"stands in {file}: nothing is taken from there" in text for text in joint["measurement"])
+
+
+def test_joints_that_stand_are_named_in_their_order(tmp_path):
+    columns = {("t" if key == "t" else f"{key}1"): value for key, value in plain().items()}
+    noise = np.random.default_rng(0).standard_normal((2, len(columns["t"])))
+    for joint in (2, 10):
+        columns |= {f"q{joint}": 0.5 + 1e-6 * noise[0], f"tau{joint}": noise[1]}
+    (joint,) = report(columns, tmp_path)
+    assert any(text.startswith("of joints 2, 10 nothing is told: they do not") for text in joint["measurement"])
 
 
 def test_a_torque_of_the_wrong_sign_beside_another_joint(tmp_path):
