@@ -530,9 +530,10 @@ class Settings:
     joint_factor: float = 0.1
     joint_jump: float = 3.0
     #: a step (s) from which on a time without a unit in its name is asked about: no joint is recorded so slowly, and in
-    #: ms every step is longer; travel (rad) below which a joint stands: gears and bristles give so much without sliding
+    #: ms every step below 2 kHz is longer; travel (rad) below which a joint stands: ten arcminutes, which simple gears
+    #: give without sliding (those of robots: one to three)
     joint_step: float = 0.5
-    joint_travel: float = 0.01
+    joint_travel: float = 0.003
     #: share of the torque's changes that motion and friction predict below which it may be another joint's
     joint_unrelated: float = 0.5
     joint_largest: float = 1e9

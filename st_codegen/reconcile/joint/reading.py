@@ -23,6 +23,7 @@ UNITS = {
 _NAME = re.compile(r"(q|dq|tau)(\d*)(?:_(\w+))?")
 #: names of the time, as factors to s
 _TIME = {"t": 1.0, "t_s": 1.0, "t_ms": 1e-3, "t_us": 1e-6}
+_UNITS_OF_TIME = {"seconds": 1.0, "milliseconds": 1e-3, "microseconds": 1e-6}
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,8 @@ def _read(path: Path) -> JointRecording:
         else:
             columns[kind, joint] = name, UNITS[kind][unit]
     joints = sorted({joint for _, joint in columns}, key=lambda joint: int(joint or 0))
+    if "" in joints and joints[1:]:
+        problems.add(f"a joint without a number stands beside q{joints[1]}: number all of them (q1, dq1, tau1, q2, ..)")
     for joint in joints:
         for kind in ("q", "tau"):
             if (kind, joint) not in columns:
@@ -100,8 +103,11 @@ def _read(path: Path) -> JointRecording:
     speed = {joint: si.get(("dq", joint)) for joint in joints}
     for joint in joints:
         with problems.collect():
-            notes += _check(joint, columns["q", joint][0], angle[joint], speed[joint], step)
+            notes += _check(joint, columns["q", joint][0], angle[joint], speed[joint], step, time)
     problems.raise_if_any()
+    is_told = [not is_standing(angle[joint]) and (dq := speed[joint]) is not None and np.ptp(dq) for joint in joints]
+    if time == "t" and not any(is_told):
+        notes.append(f"t is taken to be in s: a sample every {step:g} s")
     torque = {joint: si["tau", joint] for joint in joints}
     return JointRecording(path.name, step, angle, speed, torque, tuple(f"{path.name}: {note}" for note in notes))
 
@@ -159,17 +165,20 @@ def is_standing(angle: FloatArray) -> bool:
     return float(np.ptp(angle)) < SETTINGS.joint_travel
 
 
-def _check(joint: str, name: str, angle: FloatArray, speed: FloatArray | None, step: float) -> list[str]:
-    """What a given speed says of units and time. Raises InputError where it is not that of the angle."""
+def _check(joint: str, name: str, angle: FloatArray, speed: FloatArray | None, step: float, time: str) -> list[str]:
+    """What a given speed says of units and time, whose column has a name. Raises InputError where it is another one.
+
+    Of a joint that stands it is noise, but for what agrees with the angle by another unit.
+    """
     turns = float(np.ptp(angle)) / (2 * np.pi)
     if name == f"q{joint}" and turns > SETTINGS.joint_turns:
         raise InputError(
             f"{name} covers {turns:.0f} turns if it is in rad: is it in degrees? Name the column q{joint}_deg or "
             f"q{joint}_rad"
         )
-    if is_standing(angle):
-        return []
-    _check_jumps(name, angle)
+    standing = is_standing(angle)
+    if not standing:
+        _check_jumps(name, angle)
     if speed is None:
         taken = f", which is taken to be in {'rad' if name == f'q{joint}' else name.rpartition('_')[2]}"
         return [f"dq{joint} is not there: speeds are derived from {name}{taken}"]
@@ -185,15 +194,17 @@ def _check(joint: str, name: str, angle: FloatArray, speed: FloatArray | None, s
         return []
     factor = float(given @ derived) / power
     alike = abs(factor) * np.sqrt(power / float(given @ given))
+    known = {180 / np.pi: "dq in deg/s, or q in rad while named deg", np.pi / 180: "q in degrees, dq in rad/s",
+             30 / np.pi: "dq in rpm", -1.0: "dq with the opposite sign",
+             **{_TIME[time] / unit: f"{time} in {word}" for word, unit in _UNITS_OF_TIME.items()}}  # fmt: skip
+    why = [text for value, text in known.items() if abs(factor / value - 1) < SETTINGS.joint_factor]
+    if standing and (alike < SETTINGS.joint_alike or not why):
+        return []
     if alike < SETTINGS.joint_alike:
         raise InputError(
             f"dq{joint} is not the speed of {name}: they agree to {alike:.2f} only (correlation), 1 is expected"
         )
     if abs(factor - 1) > SETTINGS.joint_factor:
-        known = {180 / np.pi: "dq in deg/s, or q in rad while named deg", np.pi / 180: "q in degrees, dq in rad/s",
-                 30 / np.pi: "dq in rpm", -1.0: "dq with the opposite sign", 1e3: "t in milliseconds",
-                 1e6: "t in microseconds"}  # fmt: skip
-        why = [text for value, text in known.items() if abs(factor / value - 1) < SETTINGS.joint_factor]
         raise InputError(
             f"dq{joint} is {factor:.4g} times the rate of {name}: {why[0] if why else 'of another side of a gear'}? "
             f"Units may stand in the names: q{joint}_deg, dq{joint}_deg_s, dq{joint}_rpm, t_ms; without dq{joint} the "

@@ -141,11 +141,59 @@ def test_a_joint_that_is_shaken_both_ways_does_not_move_in_one():
 
 def test_a_speed_that_is_not_there_leaves_the_unit_of_the_angle_to_its_name(tmp_path):
     columns = changed(dq=lambda c: 0 * c["dq"])
-    (note,) = read_joints([write(columns, tmp_path / "a.csv")])[0].notes
+    note, _ = read_joints([write(columns, tmp_path / "a.csv")])[0].notes
     assert "dq never changes and is not looked at" in note
     del columns["dq"]
-    (note,) = read_joints([write(columns, tmp_path / "b.csv")])[0].notes
+    note, _ = read_joints([write(columns, tmp_path / "b.csv")])[0].notes
     assert note.endswith("which is taken to be in rad")
+
+
+@pytest.mark.parametrize(("name", "has_speed"), [("t", False), ("t", True), ("t_s", False)])
+def test_a_time_that_neither_its_name_nor_a_speed_tells_is_said_to_be_taken_in_s(tmp_path, name, has_speed):
+    """Steps of 0.25 ms pass for 0.25 s: viscous friction was 805 +- 30 N m per rad/s, and nothing was asked."""
+    columns = plain(count=800)
+    if not has_speed:
+        del columns["dq"]
+    (one,) = read_joints([write(columns, tmp_path / "joint.csv", {"t": name})])
+    said = [note for note in one.notes if note.endswith("t is taken to be in s: a sample every 0.005 s")]
+    assert len(said) == (name == "t" and not has_speed)
+
+
+def test_a_time_of_another_unit_than_that_in_its_name_is_asked_about(tmp_path):
+    """Seconds under the name t_ms were asked about as another side of a gear, milliseconds of t_us as well."""
+    for name, factor, words in (("t_ms", 1.0, "t_ms in seconds"), ("t_us", 1e3, "t_us in milliseconds")):
+        columns = plain(count=800)
+        columns["t"] = factor * columns["t"]
+        with pytest.raises(InputError, match=words):
+            read_joints([write(columns, tmp_path / "joint.csv", {"t": name})])
+
+
+def test_a_joint_without_a_number_beside_others_is_asked_about(tmp_path):
+    """It ended in a ValueError."""
+    columns = plain(count=800)
+    columns |= {"q2": columns["q"], "tau2": columns["tau"]}
+    with pytest.raises(InputError, match="stands beside q2: number all of them"):
+        read_joints([write(columns, tmp_path / "joint.csv")])
+
+
+def test_short_strokes_are_no_standing(tmp_path):
+    """A joint that goes back and forth by 0.008 rad was refused as one that does not move."""
+    t = np.arange(0.0, 20.0, 1e-3)
+    bell = np.hanning(41) / np.hanning(41).sum()
+    v = np.convolve(0.02 * np.sign(np.sin(2 * np.pi * t / 0.8)), bell, "same")
+    q = np.cumsum(v) * 1e-3
+    noise = np.random.default_rng(0).standard_normal((2, len(t)))
+    tau = 2.0 * np.gradient(v, 1e-3) + 6.0 * np.cos(0.5 + q) + np.sign(v) + 0.02 * noise[1]
+    (joint,) = report({"t": t, "q_rad": q + 1e-8 * noise[0], "tau": tau}, tmp_path)
+    assert np.ptp(q) < 0.009
+    assert named(joint).keys() & {"dry_friction", "friction"}
+
+
+def test_radians_under_a_name_of_degrees_are_no_standing_joint(tmp_path):
+    """Seen as degrees the joint hardly travels, and was said to stand."""
+    columns = changed(q=lambda c: 0.05 * c["q"], dq=lambda c: 0.05 * c["dq"])
+    with pytest.raises(InputError, match="q in rad while named deg"):
+        read_joints([write(columns, tmp_path / "joint.csv", {"q": "q_deg"})])
 
 
 def test_a_clock_that_jitters_is_told_from_a_gap(tmp_path):
