@@ -28,7 +28,7 @@ from st_codegen.reconcile.joint.parts import (
 )
 from st_codegen.reconcile.joint.reading import JointRecording, is_standing
 from st_codegen.reconcile.joint.rows import JointRows, rows_of
-from st_codegen.reconcile.joint.waves import ANGLE, TorqueWave, columns, find_wave
+from st_codegen.reconcile.joint.waves import ANGLE, TorqueWave, columns, find_wave, most_waves
 from st_codegen.reconcile.settings import SETTINGS
 
 #: shifts of the torque that are tried, s
@@ -157,8 +157,15 @@ def _joint(recordings: list[JointRecording], joint: str, accept: Collection[str]
 
 
 def _rich(rows: JointRows, seen: Sequence[tuple[str, float]] = ()) -> list[TorquePart]:
-    """All that friction may be, and waves that were seen: what a shift of the torque and a mode are judged beside."""
-    waves = [TorquePart(f"{over}:{number:.6g}", number, columns(rows, over, number)) for over, number in seen]
+    """All that friction may be, and waves that were seen: what a shift of the torque and a mode are judged beside.
+
+    A wave that the kernel takes away is next to nothing, of which any size would fit.
+    """
+    waves = [
+        TorquePart(f"{over}:{number:.6g}", number, columns(rows, over, number))
+        for over, number in seen
+        if number <= most_waves(rows, over)
+    ]
     return [*base_of(rows), *first_of_kinds(rows, *RICH), *waves]
 
 

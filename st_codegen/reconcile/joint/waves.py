@@ -76,15 +76,19 @@ def _resolution(rows: JointRows, over: str) -> float:
     return 2 * np.pi / float(np.ptp(_phase(rows, over)[0]))
 
 
+def most_waves(rows: JointRows, over: str) -> float:
+    """The largest number of a wave that the kernel does not take away."""
+    return 1.5 / (float(np.median(_phase(rows, over)[1])) * rows.kernel_s)
+
+
 def spectrum(
     rows: JointRows, left: FloatArray, over: str, kept: BoolArray | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """Numbers of waves and the amplitude of what is left there, from the fewest that are told to the most."""
     kept = np.ones(len(left), np.bool_) if kept is None else kept
-    phase, rate = _phase(rows, over)
+    phase, _ = _phase(rows, over)
     resolution = _resolution(rows, over)
-    # a wave that the kernel takes away is not seen
-    most = 1.5 / (float(np.median(rate)) * rows.kernel_s)
+    most = most_waves(rows, over)
     cells = 1 << int(np.ceil(np.log2(8 * max(most / resolution, 8.0))))
     place = np.minimum(((phase - phase.min()) * cells * resolution / (2 * np.pi)).astype(np.int64), cells - 1)
     sums = np.bincount(place[kept], left[kept] - left[kept].mean(), minlength=cells)
