@@ -570,9 +570,10 @@ class Settings:
     #: what is left is noise up to so many times the noise of the torque at its highest frequencies
     joint_noise: float = 1.25
     #: waves over the angle that are looked for; how far their order may differ between two halves (resolutions); waves
-    #: that the angle must hold at least to be told from a slow bend; how far they stand above their surroundings, which
-    #: reach so far to each side over the angle, over time (resolutions): half of the stretches hold a wave in pieces,
-    #: and it leaks half as far; over time the motion's own harmonics stand side by side
+    #: that the angle must hold at least to be told from a slow bend; how many times the power of their surroundings
+    #: they have; how far these reach to each side, over the angle and over time (resolutions). Each half is every other
+    #: stretch: a wave in such pieces spreads to both sides, and is hidden where the surroundings are no wider than
+    #: that. Over time they are narrower, since the harmonics of the motion stand side by side
     joint_waves: int = 6
     joint_agree: float = 1.0
     joint_least_waves: float = 3.0

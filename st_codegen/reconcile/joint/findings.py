@@ -49,15 +49,16 @@ def signatures(result: JointResult) -> list[str]:
     for wave in _ripples(result):
         if not _is_told(ANGLE, *_size(result, wave)):
             found.append(
-                f"a wave of {wave.number:.4g} per revolution of the joint ({number(*_size(result, wave), 'Nm')}): what "
-                "else is left could make all of it"
+                f"a wave of {digits(wave.number, 4)} per revolution of the joint{_or_over_time(wave)} "
+                f"({number(*_size(result, wave), 'Nm')}): what else is left could make all of it"
             )
     for wave in result.waves:
         if wave.over != ANGLE:
-            what = f"a wave of {wave.number:.4g} Hz over time, {_amplitude(result, wave):.2g} N m, "
+            what = f"a wave of {digits(wave.number, 4)} Hz over time, {digits(_amplitude(result, wave), 2)} N m, "
             how = "which no wave over the angle explains as well: a hum, or an error of what repeats with the motion"
-            if not wave.is_told:
-                how = f"or of {wave.rival.part.shape:.4g} per revolution: the speed does not tell a hum from a ripple"
+            if wave.has_rival:
+                other = digits(wave.rival.part.shape, 4)
+                how = f"or of {other} per revolution: the speed does not tell a hum from a ripple"
             found.append(what + how)
     for name in result.chosen.names():
         if name not in (RIGID, OTHERS) and not name.startswith("wave_") and _part(result, name) is None:
@@ -69,7 +70,8 @@ def signatures(result: JointResult) -> list[str]:
         )
     _, after, floor = result.gap
     if after > SETTINGS.joint_noise * floor:
-        left = f"{np.sqrt(after**2 - floor**2):.2g} N m RMS on left-out stretches beyond the noise that can be told"
+        size = digits(np.sqrt(after**2 - floor**2), 2)
+        left = f"{size} N m RMS on left-out stretches beyond the noise that can be told"
         beside = ", of which what other joints do may make a part" if OTHERS in result.chosen.names() else ""
         found.append(left + beside)
     return found
@@ -125,14 +127,15 @@ _INSTEAD = {
 def number(value: float, error: float | None, unit: str) -> str:
     """A value with its error and unit in words."""
     words = {"Nm": "N m", "Nm_s": "N m per rad/s", "Nm_s2": "N m per (rad/s)^2", "": ""}.get(unit, unit)
-    spread = "" if error is None else f" +- {_digits(error, 1)}"
-    return f"{_digits(value, 3)}{spread}" + (f" {words}" if words else "")
+    spread = "" if error is None else f" +- {digits(error, 1)}"
+    return f"{digits(value, 3)}{spread}" + (f" {words}" if words else "")
 
 
-def _digits(value: float, count: int) -> str:
-    """So many digits of a number, those of a large one without a power of ten: 30, not 3e+01."""
+def digits(value: float, count: int) -> str:
+    """So many digits of a number, from a millionth to a million without a power of ten: 30, not 3e+01."""
     short = f"{value:.{count}g}"
-    return f"{float(short):.0f}" if 10.0**count <= abs(float(short)) < 1e6 else short
+    is_usual = 1e-6 <= abs(float(short)) < 1e6
+    return np.format_float_positional(float(short), trim="-") if is_usual and "e" in short else short
 
 
 def _share(result: JointResult, name: str) -> float:
@@ -177,7 +180,7 @@ def _part(result: JointResult, name: str) -> JointFinding | None:
         return _near_one_speed(result, float(fast))
     if name == "dry_friction":
         slowest, fastest = np.quantile(np.abs(result.rows.speed), (0.02, 0.98))
-        remark = f"read between {slowest:.2g} and {fastest:.2g} rad/s; at standstill it is not seen"
+        remark = f"read between {digits(slowest, 2)} and {digits(fastest, 2)} rad/s; at standstill it is not seen"
     elif name == "direction_dependent_friction":
         remark = "what else is said of friction is the mean of both directions"
     said = _SAID[name]
@@ -202,7 +205,7 @@ def _near_one_speed(result: JointResult, speed: float) -> JointFinding:
     error = float(np.sqrt(sum(part[1] ** 2 for part in parts.values())))
     how = "the speed hardly varied: how much of it is dry and how much rises with speed is not told"
     share = float(result.chosen.of(names).var() / result.rows.torque.var())
-    text = f"friction of {number(value, error, 'Nm')} near {speed:.2g} rad/s"
+    text = f"friction of {number(value, error, 'Nm')} near {digits(speed, 2)} rad/s"
     return JointFinding("friction", text, {"friction_Nm": (value, error, "Nm")}, (), how, share)
 
 
@@ -227,8 +230,8 @@ def _stribeck(result: JointResult) -> JointFinding | None:
     if value <= 0 or least < 8 or curve[0] - curve[least] < SETTINGS.joint_better * error or curve[least] < 0:
         return None
     text = (
-        f"friction that falls with speed (Stribeck): {curve[0]:.3g} N m at {slowest:.2g} rad/s, least at about "
-        f"{speed[least]:.2g} rad/s with {curve[least]:.3g} N m"
+        f"friction that falls with speed (Stribeck): {digits(curve[0], 3)} N m at {digits(slowest, 2)} rad/s, least at "
+        f"about {digits(speed[least], 2)} rad/s with {digits(curve[least], 3)} N m"
     )
     alternatives = tuple(_INSTEAD[one] for one in result.chosen.alternatives.get("curved_friction", ()))
     parameters: dict[str, Value] = {
@@ -247,7 +250,7 @@ def _reversal(result: JointResult, name: str) -> JointFinding | None:
     over, unit, key = ("travel", "rad", "travel_rad") if name == "reversal_travel" else ("time", "s", "time_s")
     text = (
         f"after a reversal the torque is short of {number(-value, error, 'Nm')}, which comes back over a {over} of "
-        f"about {shape:.2g} {unit}"
+        f"about {digits(shape, 2)} {unit}"
     )
     causes = (
         ["play", "bristles or a spring before the sliding part"]
@@ -302,6 +305,10 @@ def _ripples(result: JointResult) -> list[TorqueWave]:
     return kept
 
 
+def _or_over_time(wave: TorqueWave) -> str:
+    return f", or of {digits(wave.rival.part.shape, 4)} Hz over time," if wave.has_rival else ""
+
+
 def _is_beside(wave: TorqueWave, loud: TorqueWave) -> bool:
     near = max(SETTINGS.joint_beside * loud.number, 3 * loud.resolution)
     return wave is not loud and abs(wave.number - loud.number) < near
@@ -311,18 +318,18 @@ def _ripple(result: JointResult, wave: TorqueWave, constants: Constants | None) 
     half = wave.resolution / 2
     size, error = _size(result, wave)
     text = (
-        f"torque ripple: a wave of {wave.number:.4g} +- {half:.2g} per revolution of the joint, amplitude "
-        f"{number(size, error, 'Nm')} in the mean"
+        f"torque ripple: a wave of {digits(wave.number, 4)} +- {digits(half, 2)} per revolution of the joint, "
+        f"amplitude {number(size, error, 'Nm')} in the mean"
     )
     named = _kinematics(wave, constants)
     remark = f"of the machine's parts {', '.join(named)} would make it, by its order alone" if named else ""
-    beside = [f"{one.number:.3g}" for one in result.waves if one.over == ANGLE and _is_beside(one, wave)]
+    beside = [digits(one.number, 3) for one in result.waves if one.over == ANGLE and _is_beside(one, wave)]
     if beside:
         how = f"weaker waves beside it ({', '.join(beside)}): its size or phase changes, or there are more waves"
         remark = f"{remark}; {how}" if remark else how
     alternatives = []
-    if not wave.is_told:
-        alternatives.append(f"a wave of {wave.rival.part.shape:.4g} Hz over time")
+    if wave.has_rival:
+        alternatives.append(f"a wave of {digits(wave.rival.part.shape, 4)} Hz over time")
     if wave.number < 6:
         alternatives.append("a bend of gravity or of another torque over the angle")
     errors: dict[str, Value] = {
@@ -352,10 +359,11 @@ def _kinematics(wave: TorqueWave, constants: Constants | None) -> list[str]:
 def _elasticity(result: JointResult) -> JointFinding:
     mode = result.mode
     assert mode is not None
-    lower = f", and an antiresonance at {mode.antiresonance_Hz:.3g} Hz below it" if mode.antiresonance_Hz else ""
+    lower = f", and an antiresonance at {digits(mode.antiresonance_Hz, 3)} Hz below it" if mode.antiresonance_Hz else ""
     text = (
-        f"elasticity: torque per acceleration has a resonance at {mode.resonance_Hz:.3g} +- {mode.resonance_error:.1g} "
-        f"Hz with a damping ratio of {mode.damping:.2g} +- {mode.damping_error:.1g}{lower}"
+        f"elasticity: torque per acceleration has a resonance at {digits(mode.resonance_Hz, 3)} +- "
+        f"{digits(mode.resonance_error, 1)} Hz with a damping ratio of {digits(mode.damping, 2)} +- "
+        f"{digits(mode.damping_error, 1)}{lower}"
     )
     parameters: dict[str, Value] = {
         "resonance_Hz": (mode.resonance_Hz, mode.resonance_error, "Hz"),
@@ -376,8 +384,8 @@ def measurement(result: JointResult) -> list[str]:
         _, after, floor = result.gap
         rest = ", or what stays unexplained" if after > SETTINGS.joint_noise * floor else ""
         found.append(
-            f"tau{result.joint} is as if {abs(result.late_s) * 1e3:.3g} ms {way} than the motion, and is shifted by as "
-            f"much: a delay, a filter, or an elasticity between encoder and drive{rest}"
+            f"tau{result.joint} is as if {digits(abs(result.late_s) * 1e3, 3)} ms {way} than the motion, and is "
+            f"shifted by as much: a delay, a filter, or an elasticity between encoder and drive{rest}"
         )
     if (told := explained(result)) < SETTINGS.joint_unrelated:
         found.append(
@@ -420,17 +428,16 @@ def cannot_show(result: JointResult) -> list[str]:
         found.append("an elasticity: no band of frequencies in which the motion explains the torque")
     elif result.mode is None and not result.is_rigid:
         found.append(
-            f"an elasticity: the torque up to {result.told_to_Hz:.3g} Hz is not that of one inertia, and no mode was "
-            "resolved in it; what happens at reversals can do that as well"
+            f"an elasticity: the torque up to {digits(result.told_to_Hz, 3)} Hz is not that of one inertia, and no "
+            "mode was resolved in it; what happens at reversals can do that as well"
         )
     elif result.mode is None:
-        found.append(f"an elasticity above {result.told_to_Hz:.3g} Hz: the motion explains the torque below")
+        found.append(f"an elasticity above {digits(result.told_to_Hz, 3)} Hz: the motion explains the torque below")
     if not result.waves:
-        found.append(
-            f"waves of fewer than {SETTINGS.joint_least_waves * 2 * np.pi / np.ptp(rows.angle):.2g} per revolution"
-        )
-    found.append(f"what changes faster than about {0.2 / rows.kernel_s:.2g} Hz, other than an elasticity")
-    found.append("standstill, and speeds below " + f"{float(np.abs(rows.speed).min()):.2g} rad/s")
+        fewest = SETTINGS.joint_least_waves * 2 * np.pi / float(np.ptp(rows.angle))
+        found.append(f"waves of fewer than {digits(fewest, 2)} per revolution")
+    found.append(f"what changes faster than about {digits(0.2 / rows.kernel_s, 2)} Hz, other than an elasticity")
+    found.append(f"standstill, and speeds below {digits(float(np.abs(rows.speed).min()), 2)} rad/s")
     found.append("a torque constant that is off: all sizes in N m are off by the same factor")
     return found
 

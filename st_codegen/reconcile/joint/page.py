@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.reconcile.joint.findings import friction_curve
+from st_codegen.reconcile.joint.findings import digits, friction_curve
 from st_codegen.reconcile.joint.parts import KINDS
 from st_codegen.reconcile.joint.run import JointResult
 from st_codegen.reconcile.joint.waves import ANGLE, TIME, spectrum
@@ -37,8 +37,8 @@ def joint_summary(content: Mapping[str, Any]) -> str:
         lines += [f"- unexplained: {text}" for text in joint["unexplained"]]
         gap = joint["gap"]["held_out"]
         lines.append(
-            f"Gap on held-out stretches: rigid joint {gap['before']:.3g} -> {gap['after']:.3g} N m RMS, noise floor at "
-            f"most {gap['noise_floor']:.3g} N m"
+            f"Gap on held-out stretches: rigid joint {digits(gap['before'], 3)} -> {digits(gap['after'], 3)} N m RMS, "
+            f"noise floor at most {digits(gap['noise_floor'], 3)} N m"
         )
         lines += [f"Cannot be shown: {text}" for text in joint["cannot_show"]]
     return "\n".join(lines)

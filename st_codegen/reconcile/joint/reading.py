@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -61,8 +61,8 @@ def read_joints(paths: Sequence[Path]) -> tuple[JointRecording, ...]:
     return tuple(found)
 
 
-def _read(path: Path) -> JointRecording:
-    table, problems = read_csv(path), Problems(str(path))
+def _columns(table: CsvTable, problems: Problems) -> dict[tuple[str, str], tuple[str, float]]:
+    """The column of each quantity and joint, and its factor to rad, rad/s or N m."""
     columns: dict[tuple[str, str], tuple[str, float]] = {}
     for name in table.names:
         match = _NAME.fullmatch(name)
@@ -76,13 +76,24 @@ def _read(path: Path) -> JointRecording:
             problems.add(f"the columns {columns[kind, joint][0]} and {name} are the same quantity")
         else:
             columns[kind, joint] = name, UNITS[kind][unit]
-    joints = sorted({joint for _, joint in columns}, key=lambda joint: int(joint or 0))
+    joints = _joints(columns)
     if "" in joints and joints[1:]:
         problems.add(f"a joint without a number stands beside q{joints[1]}: number all of them (q1, dq1, tau1, q2, ..)")
     for joint in joints:
         for kind in ("q", "tau"):
             if (kind, joint) not in columns:
                 problems.add(f"the column '{kind}{joint}' is missing: a joint needs q and tau")
+    return columns
+
+
+def _joints(columns: Iterable[tuple[str, str]]) -> list[str]:
+    return sorted({joint for _, joint in columns}, key=lambda joint: int(joint or 0))
+
+
+def _read(path: Path) -> JointRecording:
+    table, problems = read_csv(path), Problems(str(path))
+    columns = _columns(table, problems)
+    joints = _joints(columns)
     time, *more = (name for name in _TIME if name in table.names)
     if more:
         problems.add(f"the columns {', '.join([time, *more])} are all the time; keep one of them")
@@ -105,8 +116,8 @@ def _read(path: Path) -> JointRecording:
         with problems.collect():
             notes += _check(joint, columns["q", joint][0], angle[joint], speed[joint], step, time)
     problems.raise_if_any()
-    is_told = [not is_standing(angle[joint]) and (dq := speed[joint]) is not None and np.ptp(dq) for joint in joints]
-    if time == "t" and not any(is_told):
+    tells = [not is_standing(angle[joint]) and (dq := speed[joint]) is not None and np.ptp(dq) for joint in joints]
+    if time == "t" and not any(tells):
         notes.append(f"t is taken to be in s: a sample every {step:g} s")
     torque = {joint: si["tau", joint] for joint in joints}
     return JointRecording(path.name, step, angle, speed, torque, tuple(f"{path.name}: {note}" for note in notes))

@@ -27,9 +27,9 @@ class TorqueWave:
     rival: PartGain
 
     @property
-    def is_told(self) -> bool:
-        """Whether the data tell it from a wave over the other one."""
-        return self.rival.is_worse_than(self.gain)
+    def has_rival(self) -> bool:
+        """Whether a wave over the other one would do as well."""
+        return not self.rival.is_worse_than(self.gain)
 
 
 def find_wave(rows: JointRows, chosen: Chosen) -> TorqueWave | None:

@@ -1,5 +1,6 @@
 """Sentences on joints that other physics showed to be false: each stands for one that was said."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ from st_codegen.errors import InputError
 from st_codegen.reconcile.joint import run as joint_run
 from st_codegen.reconcile.joint import waves
 from st_codegen.reconcile.joint.findings import findings, joint_report, number, signatures
-from st_codegen.reconcile.joint.mode import JointResponse, _is_braked, find_mode, is_rigid
+from st_codegen.reconcile.joint.mode import JointMode, JointResponse, _is_braked, find_mode, is_rigid
 from st_codegen.reconcile.joint.parts import Chosen
 from st_codegen.reconcile.joint.reading import JointRecording, read_joints
 from st_codegen.reconcile.joint.rows import rows_of
@@ -361,7 +362,12 @@ def test_a_ripple_that_what_is_left_could_make_has_no_name(tmp_path, monkeypatch
     assert "torque_ripple" in [one.name for one in findings(result, None)]
     monkeypatch.setattr(Chosen, "amplitude", lambda *_: (0.035, 0.2))
     assert "torque_ripple" not in [one.name for one in findings(result, None)]
-    assert any("0.035 +- 0.2 N m): what else is left could make all of it" in text for text in signatures(result))
+    end = "0.035 +- 0.2 N m): what else is left could make all of it"
+    (text,) = [text for text in signatures(result) if text.endswith(end)]
+    assert "Hz" not in text
+    monkeypatch.setattr(waves.TorqueWave, "has_rival", True)
+    (text,) = [text for text in signatures(result) if text.endswith(end)]
+    assert re.search(r"per revolution of the joint, or of [\d.]+ Hz over time, \(", text)
 
 
 def test_what_friction_shakes_and_the_drive_brakes_is_no_mode_of_the_joint():
@@ -452,8 +458,18 @@ def test_friction_that_falls_where_a_joint_moves_at_one_speed_mostly(tmp_path):
         (13.9, 11.2, "13.9 +- 10"),
         (3012.0, 38.0, "3010 +- 40"),
         (0.012, 0.002, "0.012 +- 0.002"),
+        (4.23e-5, 1e-5, "0.0000423 +- 0.00001"),
         (1e9, 2e8, "1e+09 +- 2e+08"),
     ],
 )
 def test_numbers_that_people_read_have_no_power_of_ten(value, error, text):
     assert number(value, error, "") == text
+
+
+def test_frequencies_have_no_power_of_ten_either(tmp_path):
+    """A resonance stood at 1.24e+03 +- 1e+01 Hz."""
+    (result,) = reconcile_joints(read_joints([write(plain(count=800), tmp_path / "joint.csv")]))
+    one = response(np.ones(3, complex), np.arange(1.0, 4.0))
+    mode = JointMode(1240.0, 0.02, 12.0, 0.00005, 880.0, one, one.value)
+    (text,) = [one.text for one in findings(replace(result, mode=mode), None) if one.name == "elasticity"]
+    assert "at 1240 +- 10 Hz with a damping ratio of 0.02 +- 0.00005" in text
