@@ -172,8 +172,8 @@ def _check_jumps(name: str, angle: FloatArray) -> None:
 
 
 def is_standing(angle: FloatArray) -> bool:
-    """Whether a joint travels no further than what gives in it: then dq is noise, and its friction is not seen."""
-    return float(np.ptp(angle)) < SETTINGS.joint_travel
+    """Whether a joint travels no further than what gives in it, or than one step of its encoder: its dq is noise."""
+    return float(np.ptp(angle)) < SETTINGS.joint_travel or len(np.unique(angle)) < 3
 
 
 def _check(joint: str, name: str, angle: FloatArray, speed: FloatArray | None, step: float, time: str) -> list[str]:

@@ -90,7 +90,9 @@ def reconcile_joints(
             found.append(_joint(_scaled(recordings, joint, factor), joint, accept))
     problems.raise_if_any()
     moving = [one for one in found if one is not None]
-    least = f"a joint that travels less than {SETTINGS.joint_travel:g} rad counts as standing"
+    least = (
+        f"a joint that travels less than {SETTINGS.joint_travel:g} rad, or one step of its encoder, counts as standing"
+    )
     if not moving:
         raise InputError(
             f"no joint moves for long enough: nothing can be told of friction, ripple or elasticity; {least}"

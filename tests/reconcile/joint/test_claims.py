@@ -238,10 +238,12 @@ def two_joints(**columns):
     return found | {f"{key}2": value for key, value in columns.items()}
 
 
-def test_a_joint_that_stands_is_said_to_and_its_noise_is_no_wrong_speed(tmp_path):
+@pytest.mark.parametrize("coarse", [False, True])
+def test_a_joint_that_stands_is_said_to_and_its_noise_is_no_wrong_speed(tmp_path, coarse):
     """Its dq was refused as not the speed of q, and with it the whole file; where it was not, nobody heard of it."""
     noise = np.random.default_rng(0).standard_normal((3, len(plain()["t"])))
-    columns = two_joints(q=0.5 + 1e-6 * noise[0], dq=1e-3 * noise[1], tau=5.0 + 0.05 * noise[2])
+    angle = 2 * np.pi / 1024 * (noise[0] > 1.0) if coarse else 0.5 + 1e-6 * noise[0]
+    columns = two_joints(q=angle, dq=1e-3 * noise[1], tau=5.0 + 0.05 * noise[2])
     (joint,) = report(columns, tmp_path)
     assert joint["joint"] == "1" and {"dry_friction", "viscous_friction"} <= set(named(joint))
     assert any(text.startswith("of joint 2 nothing is told") for text in joint["measurement"])
