@@ -589,7 +589,8 @@ class Settings:
     #: a mode broader than this is a filter, or none; the share of the misfit that it must take off held-out stretches
     joint_broadest: float = 0.3
     #: lead of the torque before the acceleration below a mode (mean sine of its phase, without what the mode's own
-    #: damping and an early torque add) from which on what friction shakes is braked by the drive: a joint has none
+    #: damping adds) from which on what friction shakes is braked by the drive: a joint has none, but for what is left
+    #: of delays
     joint_lead: float = 0.3
     #: width of the kernel under which a mode is no part of what friction is read from (radians at its frequency)
     joint_below_mode: float = 3.0

@@ -167,12 +167,13 @@ def _is_braked(p: FloatArray, value: ComplexArray, w: FloatArray) -> bool:
     """Whether the torque leads the acceleration below a mode: then the drive brakes what shakes, and does not drive it.
 
     A joint takes power. Where friction shakes it, as at reversals, the drive takes it: its own response is seen. The
-    mode's own damping is no such lead, nor is a torque that is early.
+    mode's own damping is no such lead. A torque that is early counts: it has been shifted before, and the time in the
+    fit may be the drive's response.
     """
     lowest = min(p[4], p[6]) if len(p) > 6 else p[4]
     here = (w > lowest / 3) & (w < 0.8 * lowest)
     form = _both if len(p) > 6 else _upper
-    below = (value * _plain(np.array([*p[:3], 0.0]), w) / form(p, w))[here]
+    below = (value * _plain(p, w) / form(p, w))[here]
     return bool(below.imag.sum() > SETTINGS.joint_lead * np.abs(below).sum())
 
 
