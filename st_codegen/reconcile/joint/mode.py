@@ -172,7 +172,8 @@ def _is_braked(p: FloatArray, value: ComplexArray, w: FloatArray) -> bool:
     """
     lowest = min(p[4], p[6]) if len(p) > 6 else p[4]
     here = (w > lowest / 3) & (w < 0.8 * lowest)
-    form = _both if len(p) > 6 else _upper
+    # a filter and an early time beside it undo each other's phase: neither is taken off alone
+    form = _both if len(p) > 6 and not _is_filter(p) else _upper
     below = (value * _plain(p, w) / form(p, w))[here]
     return bool(below.imag.sum() > SETTINGS.joint_lead * np.abs(below).sum())
 

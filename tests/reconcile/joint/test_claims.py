@@ -402,6 +402,14 @@ def test_a_mode_s_own_damping_does_not_make_it_the_drive_s(damping):
     assert mode.damping == pytest.approx(damping, rel=0.1)
 
 
+def test_a_filter_beside_a_mode_is_no_lead():
+    """Fits have it with a time that is early by as much: without the filter alone a mode looked braked."""
+    w = 2 * np.pi * np.linspace(1.0, 60.0, 200)
+    mode = 2.0 * (1 - (w / 177.0) ** 2 + 2j * 0.03 * w / 177.0)
+    value = mode * np.exp(0.0048j * w) / (1 - (w / 318.0) ** 2 + 2j * 0.7 * w / 318.0)
+    assert not _is_braked(np.array([2.0, 0.0, 0.0, -0.0048, 177.0, 0.03, 318.0, 0.7]), value, w)
+
+
 def test_an_early_torque_hides_no_mode(tmp_path):
     """It leads the acceleration as well, and is shifted before the mode is judged."""
     joint = Joint(dry=1.0, viscous=0.8, spring_Hz=30.0, behind=True)
