@@ -128,9 +128,9 @@ def listed(orders: Sequence[int]) -> str:
 def curve_sums(curve: Curve, band: int = BAND) -> Sums:
     """The sums of a curve for orders up to `band`; those that it does not tell leak where it has gaps.
 
-    Samples far from those around them are left out. Angles are taken without the steps that they are rounded to where
-    all orders then leave clearly less of the curve: those of a curve that was thinned out have steps as well, and are
-    exact.
+    Samples far from those around them are left out. Angles are taken without the steps that they are rounded to, unless
+    all orders leave clearly less of the curve as it is read: those of a curve that was thinned out have steps as well,
+    and are exact. What steps make of a curve may be less than its noise, and is the same in all curves.
     """
     sums = _sums_over(curve.angle_deg, curve, band)
     angle = without_steps(curve.angle_deg, min(band, len(curve.te_deg) // 4))
@@ -138,8 +138,8 @@ def curve_sums(curve: Curve, band: int = BAND) -> Sums:
         return sums
     smooth = replace(_sums_over(angle, curve, band), moved_deg=float(np.abs(angle - curve.angle_deg).max()))
     # the odds of two curves with as many numbers each
-    more = math.log(_left_of_all(sums) / _left_of_all(smooth)) * (sums.samples - 2 * sums.band - 1) / 2.0
-    return smooth if more > SIGNIFICANT**2 else sums
+    more = math.log(_left_of_all(smooth) / _left_of_all(sums)) * (sums.samples - 2 * sums.band - 1) / 2.0
+    return sums if more > SIGNIFICANT**2 else smooth
 
 
 def _left_of_all(sums: Sums) -> float:

@@ -216,8 +216,24 @@ def _put_back_repeated(results: dict[Path, dict[Direction, Sums]]) -> None:
             results[path] = {**results[path], direction: sums.with_spikes(own)}
 
 
+def _lack_one_place(curves: Sequence[Sums]) -> bool:
+    """Whether as much is left out of all curves, about one angle of the turn, to a tenth of it."""
+    if any(not sums.spikes.size for sums in curves):
+        return False
+    middles = np.array([np.exp(1j * sums.spikes[0]).mean() for sums in curves])
+    shares = np.array([sums.spikes.shape[1] / sums.taken for sums in curves])
+    apart, near = np.abs(np.angle(middles / middles[0])) / (2.0 * np.pi), 0.1 * float(shares.min())
+    return bool(apart.max() < near and np.ptp(shares) < near)
+
+
 def _full_of_spikes(results: Mapping[Path, Mapping[Direction, Sums]]) -> Iterator[BadFileError]:
-    """Files of which so many samples in a row are left out that they would be refused without them, too."""
+    """Files of which so many samples in a row are left out that they would be refused without them, too.
+
+    None where all curves have such a row at one place: the turn has something there.
+    """
+    curves = [sums for run in results.values() for sums in run.values()]
+    if len(curves) > 1 and _lack_one_place(curves):
+        return
     for path, run in results.items():
         reasons = [
             f"{direction}: {sums.row_left_out} samples in a row lie far from those around them, and without them about "

@@ -91,6 +91,16 @@ def test_exact_angles_of_a_curve_that_was_thinned_out_stay():
     assert np.count_nonzero(fit.spectrum > 5 * fit.spectrum_floor) == 4
 
 
+def test_what_steps_make_of_a_curve_below_its_noise_does_not_add_up_over_curves():
+    """No curve told that it was rounded, and the mean of 60 had orders 21 and 99, which nothing makes, of 5e-5 deg."""
+    true, random = np.arange(1180) * (360 / 1180), np.random.default_rng(0)
+    theta, read = np.deg2rad(true), np.round(np.round(true / 0.1) * 0.1, 6)
+    te = 1e-2 * np.cos(theta) + 5e-3 * np.cos(39 * theta + 1)
+    sums = [curve_sums(Curve(read, te + 2e-4 * random.standard_normal(1180))) for _ in range(20)]
+    means = np.mean([fit_orders(one, [1, 21, 39, 99]).coefficients for one in sums], axis=0)
+    assert np.abs(means[[1, 3]]).max() < 5 * 2e-4 * np.sqrt(2 / 1180 / 20)
+
+
 def test_curves_whose_angles_are_changed_are_listed(tmp_path):
     """Three forward curves have rounded angles, the others exact ones of the same steps."""
     for number in range(25):

@@ -210,6 +210,11 @@ def test_a_curve_that_has_a_gap_without_samples_in_a_row_is_a_bad_file(tmp_path)
     assert len(left.curves) == 10 and not left.spikes
     # what several curves have is the turn's, and in them
     assert len(read_campaign(made("repeated", 150, range(12)), jobs=1).curves) == 12
+    # and where so few have it that it could be chance, but all
+    alone = made("alone", 150, range(12))
+    for path in sorted(alone.rglob("*.csv"))[1:]:
+        path.unlink()
+    assert len(read_campaign(alone, jobs=1).curves) == 2
 
 
 def test_samples_in_a_row_are_no_gap_where_another_turn_has_some():

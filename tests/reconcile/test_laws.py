@@ -230,6 +230,20 @@ def behind(oil, runs):
 
 
 @pytest.mark.thorough
+def test_a_body_behind_an_oil_that_was_warmed_up_once_may_be_the_time():
+    """A walk through three temperatures was said to follow the oil late, and no more."""
+    at, orders = forms_grid(np.linspace(100, 1800, 6), 4, (22.0, 28.0, 34.0, 40.0)), [0, 39, 40, 78]
+    count = len(at) // 2
+    run, oil = np.empty(count, np.int64), at.temperature_C[::2]
+    run[np.lexsort((np.random.default_rng(2).permutation(count), oil))] = np.arange(count)
+    body = behind(np.sort(oil), 6.0)[run]
+    result = of_curves(part(MESH, orders), at, orders, {0: np.repeat(3e-4 * (body - 30.0), 2) + 0j}, np.repeat(run, 2))
+    (one,) = result.unexplained
+    assert "follows the oil temperature late" in one.text
+    assert "or with the time: the runs go through the oil temperature once" in one.text
+
+
+@pytest.mark.thorough
 @pytest.mark.parametrize("lag", [1.5, 6.0])
 def test_a_body_that_lags_behind_the_oil_is_no_drift_with_the_oil(lag):
     """Runs in any order: half of what the body does follows the oil of the run, and was named as a drift with it."""
@@ -245,6 +259,7 @@ def test_a_body_that_lags_behind_the_oil_is_no_drift_with_the_oil(lag):
     (one,) = result.unexplained
     assert one.order == 0 and "follows the oil temperature late" in one.text
     assert re.search(r"0\.000(29|3|31) deg per kelvin", one.text) and one.dependence["time"] > 0.5
+    assert "or with the time" not in one.text
     result = of_curves(part(MESH, orders), at, orders, {0: 3e-4 * (at.temperature_C - 30.0) + 0j}, run)
     assert [claim.piece.effect.name for claim in result.conclusions.claims] == ["thermal_drift"]
     assert result.unexplained == ()

@@ -234,6 +234,15 @@ def test_what_both_directions_share_of_the_mean_is_no_floor_of_it():
     (one,) = curves(values, SIGMA)[0].values()
     assert one.order == 0 and "with no pattern" in one.text
     assert one.rms_deg == pytest.approx(runs.std(), rel=0.1)
+    # beyond what the rig says that runs differ by
+    data = Observations(
+        at, labels(at), np.array((0, 1, 2, 3, 48, 53)), values, spectral_deg=np.full(values.shape, SIGMA)
+    )
+    noise = estimate(data, values)
+    target = FitData(data, noise.sigma, noise.good, groups_of(at), run_offset_deg=0.4 * SIGMA)
+    (less,) = signatures(target, values, floors(target, values, noise.floor_rms))
+    assert less.rms_deg == pytest.approx(np.sqrt(one.rms_deg**2 - (0.4 * SIGMA) ** 2), rel=0.05)
+    assert "with what the rig says that runs differ by" in less.text
     # what each direction has alone may be how runs scatter
     values[:, 0] += own - runs[pairs]
     assert curves(values, SIGMA)[0] == {}
@@ -525,6 +534,18 @@ def test_noise_that_wanders_through_the_whole_campaign_may_have_any_mean():
     # its mean is that of n (1 - r) / (1 + r) runs
     errors = 5.3 * np.sqrt((np.abs(residual[:, 1:]) ** 2).mean() / 2 / runs * 1.7 / 0.3)
     assert np.median(lasting_mean(target, residual)[1:]) == pytest.approx(errors, rel=0.3)
+
+
+def test_two_runs_of_a_direction_do_not_say_that_a_walk_is_a_step():
+    """A step fits two runs exactly: a third of the walks that counted as noise did so beside them."""
+    random, known = np.random.default_rng(6), []
+    for few in (0, 2):
+        steps = random.standard_normal((2, 20, 60)) + 1j * random.standard_normal((2, 20, 60))
+        walks = 4e-5 * np.cumsum(steps[0], axis=1) / np.sqrt(60) + 1e-5 * steps[1]
+        target, residual = curves_over_runs(dict(enumerate(walks, 1)), runs=60)
+        good = (target.data.at.sign > 0) | (np.arange(120) < 2 * few)
+        known.append((lasting_mean(replace(target, good=good), residual)[1:] > 0.0).mean())
+    assert known[1] > known[0] - 0.3
 
 
 def test_what_noise_that_lasts_may_have_in_the_mean_is_asked_once(monkeypatch):

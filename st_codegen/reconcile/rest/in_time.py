@@ -634,6 +634,9 @@ def _beside_what_is_told(target: FitData, series: list[ComplexArray]) -> list[Co
         best = (np.abs(slopes) ** 2 * square[:, None]).argmax(axis=0)
         beside.append(y)
         rest.append(y - x[:, best] * slopes[best, np.arange(y.shape[1])])
+        # so few runs as a step has numbers fit it exactly, and say nothing
+        if count <= 2 * (q.shape[1] + 2):
+            continue
         likelier += _log_likelihood_of_a_walk(y)
         likelier += count * np.log(np.maximum((np.abs(rest[-1]) ** 2).mean(axis=0), _NONE))
         likelier += np.log(count) / 2 + np.log(len(square))
@@ -666,8 +669,10 @@ def _mean_of_a_wander(series: list[ComplexArray], parts: IntArray) -> FloatArray
     falls with the square of their number, that of flicker with their number, and that of what lasts some runs not at
     all. The mean of a walk has 2 pi^2 / 3 times the power of its first wave.
     """
-    low, shortest = SETTINGS.waves_of_a_wander, min(map(len, series))
-    if shortest <= 2 * low + 1:
+    low = SETTINGS.waves_of_a_wander
+    # a direction of a few runs has no waves that tell
+    series = [one for one in series if len(one) > 2 * low + 1]
+    if not series:
         return np.zeros(len(parts))
     spectra = [np.abs(np.fft.fft(one, axis=0) / len(one)) ** 2 for one in series]
     powers = np.mean([(one[1 : low + 1] + one[: -low - 1 : -1]) / 2 for one in spectra], axis=0)

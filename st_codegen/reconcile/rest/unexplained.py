@@ -200,7 +200,7 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, floor: float) ->
     direction = _direction(target, residual[:, k])
     own, what = _noise_of_order(target, residual, k, floor, direction)
     # what runs, or their directions, differ by may be more of what is unexplained
-    at_least = what in (_LIKE_THEM, _BOTH_SIDES)
+    at_least = what.startswith((_LIKE_THEM, _BOTH_SIDES))
     where = _where_loud(target, residual[:, k]) or "with no pattern over the conditions that was found"
     why = "runs differ, or the structure is sharp"
     # where noise lasts over runs their mean is told by fewer of them
@@ -257,6 +257,8 @@ def _noise_of_order(target: FitData, residual: ComplexArray, k: int, floor: floa
         # the floor of the mean is that within the curves as well, where no more is known
         of_curves = floor <= noise_within(target)[k]
         own, what = floor**2, within if of_curves else "what the means of runs near each other differ by"
+    if parts == 1 and shared[k] and target.run_offset_deg:
+        own, what = own + target.run_offset_deg**2, f"{what}, with what the rig says that runs differ by"
     if floor**2 < own and not np.isclose(floor**2, own):
         own, what = floor**2, _LIKE_THEM
     return own, what
@@ -384,9 +386,10 @@ def _signature(
     said, amplitude = _sentence(replace(target, good=loud), r, order, shares, course, formula, is_told=is_told)
     if target.data.sorted_by and target.data.sorted_by in said and "when it was measured" not in said:
         said += ", or with the time if the runs were made in the order of their list"
-    # the law of the temperature speaks of the oil, or of its distance from a temperature; a course is one of the time
+    # the law of the temperature speaks of the oil, or of its distance from a temperature; a course is one of the time,
+    # unless it follows the oil late
     through = [name for name in one_after_the_other(target.data) if name.removeprefix("oil ") in said]
-    if through and (course is None or not said.startswith(course.text)):
+    if through and (course is None or course.is_lag or not said.startswith(course.text)):
         said += f", or with the time: the runs go through the {' and the '.join(through)} once"
     if not is_alike:
         said += ", which noise that is louder in some runs may look like"
