@@ -9,8 +9,8 @@ from st_codegen.reconcile.data.reading import _alone, _of_a_place
 from st_codegen.reconcile.report.sentences import beside_text
 from st_codegen.reconcile.report.summary import summary
 from st_codegen.reconcile.run import reconcile_files
-from st_codegen.reconcile.search.surroundings import angle_of_rest
-from st_codegen.rig.effects import Conditions, catalogue
+from st_codegen.reconcile.search.surroundings import _is_told_by_others, angle_of_rest
+from st_codegen.rig.effects import Conditions, Constants, catalogue
 from st_codegen.rig.model import read_rig
 
 from .blind_form.files import write_curves
@@ -182,6 +182,24 @@ def test_clean_data_do_not_bend_a_bump_of_another_form(tmp_path):
     assert effect.scalar("centre_deg") == pytest.approx(239.9, abs=1.0)
     assert effect.scalar("height_deg") == pytest.approx(-3.5e-3, rel=0.1)
     assert effect.scalar("width_deg") == pytest.approx(2.1, rel=0.1)
+
+
+@pytest.mark.parametrize("is_there", [True, False])
+def test_two_sidebands_are_no_bump_of_their_phases(is_there):
+    """Orders 77 and 79 in loud noise were a bump at 347 deg that other orders of the curves do not have."""
+    orders, sigma, random = np.array([4, 6, 8, 10, 12, 14, 77, 79, 81]), 4e-4, np.random.default_rng(0)
+    at = Conditions.of(np.tile([1.0, -1.0], 45), np.full(90, 500.0), np.full(90, 300.0), np.full(90, 30.0))
+    bump = KNOWN["local_defect"]({"height_deg": -0.0125, "centre_deg": 346.8, "width_deg": 0.52}, Constants())
+    own = bump.contribution(at, orders)
+    noise = sigma / np.sqrt(2) * (random.standard_normal(own.shape) + 1j * random.standard_normal(own.shape))
+    there = own if is_there else np.where(np.isin(orders, (77, 79)), own, 0.0)
+    fit = SimpleNamespace(
+        target=SimpleNamespace(data=SimpleNamespace(orders=orders), weights=lambda _: np.full(own.shape, 2 / sigma**2)),
+        residual=there + noise - own,
+        explained=lambda _: own,
+        state=SimpleNamespace(rig=SimpleNamespace(orders=lambda: (81,))),
+    )
+    assert _is_told_by_others(fit, SimpleNamespace(effect=bump)) is is_there
 
 
 def test_waves_of_all_orders_alike_have_no_name_and_change_no_effect(tmp_path):

@@ -77,8 +77,26 @@ def is_of_its_place(current: Fit, number: int) -> bool:
                 return False
     if _would_be_seen_elsewhere(target, piece.effect):
         return False
+    if not _is_told_by_others(current, piece):
+        return False
     is_its_order = not piece.effect.orders or told_order(current, piece) > 0.0
     return is_its_order and left_of_place(current, piece) <= SETTINGS.left_of_place
+
+
+def _is_told_by_others(current: Fit, piece: Piece) -> bool:
+    """Whether an effect of one angle is there on the orders beside the two that gain most by it as well.
+
+    These gain what it has there, and by chance none of it where it is not: the middle decides. Asked are orders that
+    the rig does not make, since its own take up what they can. Two sidebands that the rig lacks have the sizes and
+    phases of some narrow bump.
+    """
+    target = current.target
+    own = current.explained(piece.effect)
+    weights = target.weights(current.residual)
+    gain = (weights * (np.abs(current.residual + own) ** 2 - np.abs(current.residual) ** 2)).sum(axis=0)
+    foreign = ~np.isin(target.data.orders, list(current.state.rig.orders())) & (np.abs(own).max(axis=0) > 0.0)
+    others = np.flatnonzero(foreign)[np.argsort(gain[foreign])[:-2]]
+    return bool(gain[others].sum() > 0.5 * (weights * np.abs(own) ** 2).sum(axis=0)[others].sum())
 
 
 def _would_be_seen_elsewhere(target: FitData, effect: Effect) -> bool:
