@@ -21,7 +21,7 @@ from st_codegen.reconcile.judge.lookalikes import doubted, unlike_friction
 from st_codegen.reconcile.judge.misread import in_place_of_the_rest
 from st_codegen.reconcile.mistakes.examine import Examined
 from st_codegen.reconcile.outcome import Gap
-from st_codegen.reconcile.rest.in_time import wander_over_runs
+from st_codegen.reconcile.rest.lasting import wander_over_runs
 from st_codegen.reconcile.rest.lines import lines_in_samples
 from st_codegen.reconcile.rest.structure import (
     floors,

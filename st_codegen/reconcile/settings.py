@@ -381,6 +381,7 @@ class Settings:
     #: runs in a known order that are needed to look for steps and trends, and how much of what it
     #: leaves it must explain: a wander as large as the noise passes for noise that lasts
     least_in_time: int = 24
+    least_excess_in_time: float = 1.5
     #: a condition that changes in every third run at most has levels that look like a wander over the runs: three
     #: levels in any order change in two of three
     runs_of_a_level: float = 3.0
@@ -389,7 +390,6 @@ class Settings:
     #: how small what is left of it is by chance
     waves_of_a_wander: int = 5
     faintest_wave: float = 1e-3
-    least_excess_in_time: float = 1.5
     #: chance of a step below which an order wanders over the runs, and share of the other orders that may: of 40
     #: campaigns of ten orders and no step three at most had one, in walks of 0.25 to 5 noises, 1/f and other noise
     p_wander: float = 0.01

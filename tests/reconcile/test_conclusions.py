@@ -24,7 +24,7 @@ from st_codegen.reconcile.judge.lookalikes import (
 )
 from st_codegen.reconcile.judge.retuned import changes, with_piece_held
 from st_codegen.reconcile.report.findings import Finding, share_text
-from st_codegen.reconcile.rest.in_time import _alike
+from st_codegen.reconcile.rest.lasting import alike
 from st_codegen.reconcile.rest.structure import is_lacking, loud_and_foreign
 from st_codegen.reconcile.rest.suspects import bad_runs, excused
 from st_codegen.reconcile.search.candidates import Search, variants
@@ -498,7 +498,7 @@ def test_orders_that_do_not_reach_a_frequency_in_the_measured_speeds_are_said():
 
 def test_runs_that_follow_each_other_are_as_alike_whatever_their_size():
     series = np.array([[2.0], [2.0], [-2.0], [-2.0]])  # products 4, -4, 4 over a power of 16
-    assert _alike([series]) == _alike([series, 1e3 * series]) == pytest.approx(0.25)
+    assert alike([series]) == alike([series, 1e3 * series]) == pytest.approx(0.25)
 
 
 def test_a_share_counts_the_power_of_a_mean_and_half_the_square_of_a_wave():

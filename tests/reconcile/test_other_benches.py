@@ -16,7 +16,7 @@ from st_codegen.reconcile.judge.claims import Retuned
 from st_codegen.reconcile.judge.lookalikes import doubted
 from st_codegen.reconcile.mistakes.examine import examine
 from st_codegen.reconcile.report.summary import summary
-from st_codegen.reconcile.rest.in_time import wander_over_runs
+from st_codegen.reconcile.rest.lasting import wander_over_runs
 from st_codegen.reconcile.rest.suspects import excused
 from st_codegen.reconcile.rest.unexplained import main_cause
 from st_codegen.reconcile.search.states import in_one_piece

@@ -13,7 +13,7 @@ from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.rest import unexplained
-from st_codegen.reconcile.rest.in_time import lasting_mean, without_lasting
+from st_codegen.reconcile.rest.lasting import lasting_mean, without_lasting
 from st_codegen.reconcile.rest.structure import (
     ResidualStructure,
     beyond_loud_runs,
@@ -684,7 +684,7 @@ def test_what_all_runs_have_is_said_to_be_the_same_in_them(size, is_common):
     random = np.random.default_rng(3)
     differs = 3e-5 * (random.standard_normal(96) + 1j * random.standard_normal(96))
     target, residual = curves_over_runs({12: size * TURN + differs})
-    one = _scattered(target, residual, 12, 3e-5)
+    one = _scattered(target, residual, by_directions(target, residual), 12, 3e-5)
     assert ("most of it the same in all runs of a direction" in one.text) == is_common
     assert ("constant" in one.dependence) == is_common
 
@@ -701,7 +701,7 @@ def _few_curves_are_far_off(signs, sign):
     data = Observations(at, labels(at), ORDERS, values, run=order_of_runs(at))
     noise = estimate(data, values)
     target = FitData(data, noise.sigma, np.ones(len(at), bool), groups_of(at))
-    return _scattered(target, values, 2, 20 * SIGMA), np.sqrt((wave**2).mean() / 2)
+    return _scattered(target, values, by_directions(target, values), 2, 20 * SIGMA), np.sqrt((wave**2).mean() / 2)
 
 
 @pytest.mark.parametrize(("sign", "name"), [(1.0, "forward"), (-1.0, "backward")])

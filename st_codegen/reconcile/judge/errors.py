@@ -16,7 +16,7 @@ from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.fit.fitting import Fit
 from st_codegen.reconcile.fit.target import by_place
 from st_codegen.reconcile.judge.misread import Misread, covariance_of_corrections
-from st_codegen.reconcile.rest.in_time import power_of_mean
+from st_codegen.reconcile.rest.lasting import power_of_mean
 from st_codegen.reconcile.rest.structure import floors, is_lacking
 from st_codegen.reconcile.search.states import in_forms_as_good
 from st_codegen.reconcile.settings import SETTINGS

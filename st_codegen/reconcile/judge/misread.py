@@ -20,7 +20,7 @@ from st_codegen.reconcile.fit.normal import gather, inverse
 from st_codegen.reconcile.fit.state import OFFSET, State
 from st_codegen.reconcile.fit.target import Column, FitData
 from st_codegen.reconcile.mistakes.other_shaft import over_the_output
-from st_codegen.reconcile.rest.in_time import changes_with_time
+from st_codegen.reconcile.rest.lasting import changes_with_time
 from st_codegen.reconcile.search.peaks import frequencies_in
 from st_codegen.reconcile.settings import SETTINGS
 

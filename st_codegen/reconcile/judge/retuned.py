@@ -14,7 +14,7 @@ from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.normal import inverse
 from st_codegen.reconcile.fit.state import OFFSET, Coordinate, Piece
 from st_codegen.reconcile.judge.errors import covariance_with_discrepancy
-from st_codegen.reconcile.rest.in_time import lasting_mean, without_lasting
+from st_codegen.reconcile.rest.lasting import lasting_mean, without_lasting
 from st_codegen.reconcile.rest.structure import floors, is_lacking
 from st_codegen.reconcile.search.evidence import p_of_clusters, p_of_more
 from st_codegen.reconcile.search.plausible import bounds_met, inside_bounds, is_its_own, misfit_of_changes

@@ -21,7 +21,8 @@ from st_codegen.reconcile.data.contrasts import levels_by_condition, neighbours
 from st_codegen.reconcile.data.noise import MEDIAN_1
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.fit.target import FitData
-from st_codegen.reconcile.rest.in_time import Course, course_of, runs_noise_lasts, without_lasting
+from st_codegen.reconcile.rest.in_time import Course, course_of
+from st_codegen.reconcile.rest.lasting import runs_noise_lasts, without_lasting
 from st_codegen.reconcile.settings import SETTINGS
 
 

@@ -18,7 +18,8 @@ from st_codegen.reconcile.data.contrasts import AXES, levels_by_condition
 from st_codegen.reconcile.data.hum import Hum
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.rest.formulas import Formula, formula_of
-from st_codegen.reconcile.rest.in_time import Course, changes_with_time, lasting_mean, without_lasting
+from st_codegen.reconcile.rest.in_time import Course
+from st_codegen.reconcile.rest.lasting import changes_with_time, lasting_mean, without_lasting
 from st_codegen.reconcile.rest.structure import (
     ResidualStructure,
     beyond_loud_runs,
@@ -176,10 +177,11 @@ def signatures(
     loud[scatter(target, residual)] = True
     loud |= False if kept is None else kept
     # what the mean of runs differs by is its floor, where that comes from the runs, and both directions do not share it
-    beyond = (rms_of_component(target, residual) > sure_times(target) * floor) | by_directions(target, residual)[0]
+    directions = by_directions(target, residual)
+    beyond = (rms_of_component(target, residual) > sure_times(target) * floor) | directions[0]
     loud &= (target.data.orders > 0) | beyond
     out += [
-        _scattered(target, residual, int(k), floor[k])
+        _scattered(target, residual, directions, int(k), floor[k])
         for k in np.flatnonzero(loud & ~significant & (of_an_encoder(target, residual) == 0))
     ]
     return sorted((_with_hums(one, target.data.hums) for one in out), key=lambda signature: -signature.rms_deg)
@@ -189,16 +191,21 @@ def loudest(target: FitData, residual: ComplexArray, floor: FloatArray) -> Signa
     """The signature of the order that keeps most beyond its floor, where all together keep more than noise."""
     power = rms_of_component(target, residual) ** 2 - floor**2
     k = int(np.argmax(power * target.data.parts))
-    return _scattered(target, residual, k, floor[k])
+    return _scattered(target, residual, by_directions(target, residual), k, floor[k])
 
 
-def _scattered(target: FitData, residual: ComplexArray, k: int, floor: float) -> Signature:
-    """An order that keeps more than its noise, with no pattern that was found; floor: RMS of one component of that."""
+def _scattered(
+    target: FitData, residual: ComplexArray, directions: tuple[BoolArray, FloatArray], k: int, floor: float
+) -> Signature:
+    """An order that keeps more than its noise, with no pattern that was found.
+
+    directions: see `by_directions`; floor: RMS of one component of the noise.
+    """
     order = int(target.data.orders[k])
     # RMS over the angle: of a wave half the square of its amplitude, of the mean its square
     power = float((np.abs(residual[target.good, k]) ** 2).mean()) / (2 if order else 1)
     direction = _direction(target, residual[:, k])
-    own, what = _noise_of_order(target, residual, k, floor, direction)
+    own, what = _noise_of_order(target, residual, directions, k, floor, direction)
     # what runs, or their directions, differ by may be more of what is unexplained
     at_least = what.startswith((_LIKE_THEM, _BOTH_SIDES))
     where = _where_loud(target, residual[:, k]) or "with no pattern over the conditions that was found"
@@ -208,7 +215,7 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, floor: float) ->
     is_common = _is_common(target, residual[:, k], order, max(power - own, 0.0), lasting)
     if is_common:
         where, why = "most of it the same in all runs of a direction", "they differ by less of it"
-    elif changes_with_time(target, residual)[k]:
+    elif changes_with_time(target, residual[:, k : k + 1])[0]:
         why = _WITH_TIME
     size = float(np.sqrt(max(power - own, 0.0)))
     name = f"order {order}" if order else "the mean"
@@ -237,12 +244,19 @@ _LIKE_THEM = "what runs differ by from others like them"
 _BOTH_SIDES = "what both directions of a run differ by"
 
 
-def _noise_of_order(target: FitData, residual: ComplexArray, k: int, floor: float, direction: str) -> tuple[float, str]:
+def _noise_of_order(
+    target: FitData,
+    residual: ComplexArray,
+    directions: tuple[BoolArray, FloatArray],
+    k: int,
+    floor: float,
+    direction: str,
+) -> tuple[float, str]:
     """The least power that an order's noise is known to have, deg^2, and what it is of.
 
-    floor: RMS of one component of its noise; direction: in which one its residual is.
+    directions: see `by_directions`; floor: RMS of one component of its noise; direction: in which one its residual is.
     """
-    parts, (shared, apart) = int(target.data.parts[k]), by_directions(target, residual)
+    parts, (shared, apart) = int(target.data.parts[k]), directions
     own, differ = float(noise_within(target)[k] ** 2), float(apart[k] ** 2)
     what = within = (
         "what orders beside it differ by" if target.data.spectral_deg is None else "the noise within the curves"

@@ -18,7 +18,7 @@ from st_codegen.reconcile.data.contrasts import AXES
 from st_codegen.reconcile.fit.fitting import Fit, Fold
 from st_codegen.reconcile.fit.normal import by_group, inverse
 from st_codegen.reconcile.fit.target import Groups
-from st_codegen.reconcile.rest.in_time import without_lasting
+from st_codegen.reconcile.rest.lasting import without_lasting
 from st_codegen.reconcile.search.peaks import has_a_frequency
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions, Effect, Form
