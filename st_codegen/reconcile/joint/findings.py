@@ -134,7 +134,7 @@ def number(value: float, error: float | None, unit: str) -> str:
 def digits(value: float, count: int) -> str:
     """So many digits of a number, from a millionth to a million without a power of ten: 30, not 3e+01."""
     short = f"{value or 0.0:.{count}g}"
-    is_usual = 1e-6 <= abs(float(short)) < 1e6
+    is_usual = 1e-6 <= abs(float(short)) <= 1e6
     return np.format_float_positional(float(short), trim="-") if is_usual and "e" in short else short
 
 
