@@ -74,9 +74,10 @@ def two_processors(monkeypatch):
     if not can_be_copied():
         pytest.skip("this system cannot copy a process")
     monkeypatch.setattr(emitted, "other_processors", lambda: 1)
-    before = children(os.getpid())
+    before = set(children(os.getpid()))
     yield
-    assert children(os.getpid()) == before
+    # a process that an earlier test left behind may end meanwhile
+    assert set(children(os.getpid())) <= before
 
 
 @pytest.mark.parametrize("is_large", [True, False])
