@@ -14,7 +14,7 @@ from st_codegen.reconcile.core import reconcile_observations
 from st_codegen.reconcile.plan import questions
 from st_codegen.reconcile.plan.next_runs import NextRuns, is_known, next_runs
 from st_codegen.reconcile.plan.points import _peak_speeds
-from st_codegen.reconcile.plan.questions import unexplained
+from st_codegen.reconcile.plan.questions import Unknown, unexplained
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.campaign import read_conditions
 from st_codegen.rig.effects import Conditions
@@ -237,3 +237,22 @@ def test_speeds_around_a_peak_are_those_of_its_frequency():
     found = _peak_speeds([replace(RIG, effects=(*RIG.effects, peak))], np.array([0, 10, 80]))
     around = 81 * 30.0 * (1.0 + 0.02 * np.array(SETTINGS.around_peak))
     assert found == pytest.approx(np.array([81 * 120.0, 81 * 15.0, *around]))
+
+
+def test_what_a_chosen_point_tells_is_what_a_measured_one_tells():
+    random = np.random.default_rng(0)
+    measured, points, weight = random.random((30, 3)) * 8, random.random((50, 3)) * 8, random.random(50) * 9
+    why, taken = [""] * 50, [7, 3, 41]
+    asked = Unknown(weight, measured, points, why)
+    before = asked.gains()
+    for number in taken:
+        asked.take(number)
+    anew = Unknown(weight, np.concatenate([measured, points[taken]]), points, why)
+    assert np.allclose(asked.gains(), anew.gains(), rtol=1e-12, atol=1e-12)
+    assert (asked.gains() <= before + 1e-12).all()
+    # the equation of a Gaussian process: one minus what the known places tell, with the share that each leaves open
+    distance = ((points[:, None] - measured[None]) ** 2).sum(axis=2)
+    own = np.exp(-0.5 * ((measured[:, None] - measured[None]) ** 2).sum(axis=2)) + questions._NUGGET * np.eye(30)
+    near = np.exp(-0.5 * distance)
+    told = (near * np.linalg.solve(own, near.T).T).sum(axis=1)
+    assert np.allclose(before, 2 * np.log1p(weight * (1 - told)), rtol=1e-10, atol=1e-12)

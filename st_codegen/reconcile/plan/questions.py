@@ -12,6 +12,8 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.spatial.distance import cdist
 
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.data.contrasts import AXES, step_between
@@ -153,21 +155,25 @@ class Unknown:
     """
 
     def __init__(self, weight: FloatArray, measured: FloatArray, points: FloatArray, why: Sequence[str]) -> None:
-        self.weight, self.known, self.points, self.why = weight, measured, points, why
+        self.weight, self.points, self.why = weight, points, why
+        # what each known place tells of each point beside the places before it: a row of the Cholesky factor each, so
+        # that one more place is one more row
+        factor = np.linalg.cholesky(_kernel(measured, measured) + _NUGGET * np.eye(len(measured)))
+        self.told = solve_triangular(factor, _kernel(measured, points), lower=True, overwrite_b=True)
 
     def gains(self) -> FloatArray:
-        near = _kernel(self.points, self.known)
-        own = _kernel(self.known, self.known) + _NUGGET * np.eye(len(self.known))
-        told = np.einsum("nm,mn->n", near, np.linalg.solve(own, near.T))
+        told = np.einsum("mn,mn->n", self.told, self.told)
         return np.asarray(2 * np.log1p(self.weight * np.clip(1.0 - told, 0.0, 1.0)))
 
     def take(self, number: int) -> str:
-        self.known = np.concatenate([self.known, self.points[[number]]])
+        own = self.told[:, number]
+        beside = _kernel(self.points[[number]], self.points) - own @ self.told
+        self.told = np.concatenate([self.told, beside / np.sqrt(1.0 + _NUGGET - own @ own)])
         return self.why[number]
 
 
 def _kernel(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.asarray(np.exp(-0.5 * ((a[:, None] - b[None]) ** 2).sum(axis=2)))
+    return np.asarray(np.exp(-0.5 * cdist(a, b, "sqeuclidean")))
 
 
 def unexplained(result: Reconciliation, rows: Rows) -> list[Question]:
