@@ -1,4 +1,4 @@
-"""Compiles trained models to IEC 61131-3 Structured Text and proves that the code computes the same numbers.
+"""Compiles trained models to IEC 61131-3 Structured Text and checks it; of most tree models it proves the text equal.
 
 >>> import st_codegen
 >>> bundle = st_codegen.load("models")

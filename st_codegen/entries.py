@@ -42,5 +42,7 @@ class Entries(MutableMapping[str, _V]):
 
     def _complete(self) -> dict[str, _V]:
         while _announced:
-            importlib.import_module(_announced.pop(0))
+            room = _announced[0]
+            importlib.import_module(room)  # one that fails stays, and fails again at the next look
+            _announced[:] = [other for other in _announced if other != room]
         return self._entered

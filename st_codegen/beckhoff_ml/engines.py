@@ -176,7 +176,7 @@ class SvmEngine(Engine):
 
     @property
     def labels(self) -> range:
-        """Those of a classifier are the numbers of its classes."""
+        """Labels in the file: the numbers of the classes of a classifier, 1 and 2 of a regressor."""
         return range(len(self.vectors_per_class)) if self.classifies else range(1, 3)
 
 

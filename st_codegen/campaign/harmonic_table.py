@@ -112,7 +112,7 @@ class HarmonicTable:
         return [direction for direction in Direction if len(self.direction(direction))]
 
     def only(self, orders: Sequence[int]) -> HarmonicTable:
-        """The same rows with these orders. Raises InputError for an order that is not there."""
+        """The rows with these orders alone. Raises InputError for an order that is not there."""
         chosen = tuple(sorted(set(orders)))
         columns = [self.column(order) for order in chosen]
         coefficients = np.stack(columns, axis=1) if columns else np.empty((len(self), 0), np.complex128)

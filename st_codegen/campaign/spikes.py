@@ -63,7 +63,7 @@ def _are_far(values: FloatArray, times: float, all_but: float) -> BoolArray:
 
 
 def repeated(angles_rad: Sequence[FloatArray], within_rad: float) -> list[BoolArray]:
-    """Of the spikes of each curve which stand where others have them as well, too many to be there by chance.
+    """Which spikes of each curve stand where those of other curves do, too many to be there by chance.
 
     angles_rad: of each curve those of its spikes, (s,); within_rad: how near is one place.
     """

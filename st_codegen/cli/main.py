@@ -56,7 +56,7 @@ class _UnreadError(Exception):
 
 @contextlib.contextmanager
 def _unread_told_apart() -> Iterator[None]:
-    """Of a closed pipe click makes exit code 1, which is an answer here; other connections end with their error."""
+    """Tell a reader that went away, of which click makes exit code 1 (an answer here), from other broken pipes."""
     try:
         yield
     except BrokenPipeError as error:

@@ -22,7 +22,7 @@ class PathState:
     ranges: Ranges = field(default_factory=Ranges)
 
     def copy(self) -> PathState:
-        """The same knowledge for one branch, which then goes its own way."""
+        """What is known, copied for a branch that then goes its own way."""
         return PathState(self.versions.copy(), self.ranges.copy())
 
     def assigned(self, target: t.Expression, interval: Interval | None) -> None:

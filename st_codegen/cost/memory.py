@@ -42,7 +42,7 @@ class Region:
         return max(-(-self.size // LINE), 1)
 
     def inside(self, path: tuple[str, ...]) -> Region:
-        """The same region, seen from a caller that reaches the instance by `path`."""
+        """This region as a caller sees it that reaches the instance by `path`."""
         return self if self.is_shared else replace(self, path=path + self.path)
 
 
@@ -166,7 +166,7 @@ class Versions:
         return self._known[variable]
 
     def copy(self) -> Versions:
-        """The same versions for one branch, which then changes its own."""
+        """The versions, copied for a branch that then changes its own."""
         return Versions(self._initial, dict(self._known))
 
     def differs(self, other: Versions) -> set[t.Variable]:

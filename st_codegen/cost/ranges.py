@@ -47,7 +47,7 @@ class Ranges:
         self._known = known or {}
 
     def copy(self) -> Ranges:
-        """The same intervals for one branch, which then goes its own way."""
+        """The intervals, copied for a branch that then goes its own way."""
         return Ranges(dict(self._known))
 
     def set(self, variable: t.Variable, interval: Interval | None) -> None:

@@ -103,7 +103,7 @@ def read_csv(path: Path, wanted: Sequence[str] = ()) -> CsvTable:
 
 
 def with_underscores(columns: Mapping[str, npt.NDArray[np.float64]]) -> dict[str, npt.NDArray[np.float64]]:
-    """The same columns, also by the names that LightGBM makes of theirs: `oil temp` is `oil_temp` in its files.
+    """Columns that are found also by the names that LightGBM makes of theirs: `oil temp` is `oil_temp` in its files.
 
     (`Dataset::set_feature_names`.) No name stands for a column where two columns would bear it, unless one bears it
     in the table.

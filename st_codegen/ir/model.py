@@ -142,6 +142,14 @@ class ModelIR:
                 f"model '{self.name}': {counted(len(self.kinds), 'kind')} of {counted(len(self.outputs), 'output')}"
             )
 
+    @property
+    def refused_from(self) -> tuple[float | None, ...]:
+        """For each feature the magnitude from which on its block refuses it: None where its declared range is below."""
+        return tuple(
+            None if limit is None or feature.is_below(limit) else limit
+            for feature, limit in zip(self.features, self.magnitude_limits, strict=True)
+        )
+
     def _check_ports(self) -> None:
         """Raises InputError where what is said of the block's outputs does not fit the model."""
         if not self.ports:

@@ -269,7 +269,7 @@ class Linear(ReadsWhole):
 
 @dataclass(frozen=True)
 class SlidingLinear(ReadsColumns):
-    """The same weighted sums at several places of a value: a convolution, a matrix times several rows, a mean of each.
+    """Equal weighted sums at several places of a value: a convolution, a matrix times several rows, a mean of each.
 
     The place that starts at `starts[p]` reads the columns `starts[p] + offsets` and gives `weights @ columns + bias`,
     added in any order; weights has shape (outputs, offsets). The result has all outputs of the first place, then those

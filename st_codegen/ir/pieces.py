@@ -78,7 +78,7 @@ class Piecewise(ColumnFunction):
         return not (np.all(np.isfinite(self.pieces)) and np.all(np.isfinite(self.at)))
 
     def without_refusals(self) -> Piecewise:
-        """The same with 0.0 where there is no answer."""
+        """This operation with 0.0 in place of the answers that it refuses."""
         at, pieces = (np.where(np.isfinite(values), values, 0.0) for values in (self.at, self.pieces))
         return replace(self, at=at, pieces=pieces)
 

@@ -92,7 +92,7 @@ def ends_in_preorder(roots: AnyArray, left: AnyArray, right: AnyArray) -> Int32A
 
 
 def larger_first(roots: AnyArray, left: AnyArray, right: AnyArray) -> Preorder:
-    """The same of trees that are laid out already, with the child of the larger subtree next to its parent.
+    """Lay out trees so that of two children the one with the larger subtree stands next to its parent.
 
     A path from a root then leaves the neighbourhood at most as often as the number of nodes can be halved.
     """

@@ -143,7 +143,7 @@ class AdsController(Controller):
             raise UnknownVariableError(f"{self.address}: {name}: {error}; another project runs there") from None
 
     def _missing(self, names: str) -> str:
-        """Those of several variables that the controller does not have; all where it does not tell."""
+        """The names, of some in one text, that the controller does not have; all of them where it does not tell."""
         found = []
         for name in names.split(", "):
             try:

@@ -37,7 +37,7 @@ class Boxes:
 
     @classmethod
     def of(cls, op: TreeEnsemble, low: Int32Array, high: Int32Array) -> Boxes:
-        """Those of rows whose columns have ranks from `low` to `high`; trees that are not in preorder are laid out.
+        """Boxes of ranks of columns from `low` to `high`, one a row; trees that are not in preorder are laid out.
 
         What a split does depends on what is left of its own column. That is told by the nearest split of this column
         above it, so that the memory grows with the nodes, however many columns there are.

@@ -276,7 +276,7 @@ def _merged(
             source=_joint_source(members),
             accepts_nan=first.accepts_nan,
             must_be_present=first.must_be_present,
-            magnitude_limits=_limits(first),
+            magnitude_limits=first.refused_from,
             accepted=first.accepted,
             open_zeros=not all(member.signs_zeros for member in members),
         )
@@ -325,15 +325,7 @@ def _in_order(group: list[ModelIR], kept: list[list[ModelIR]]) -> list[ModelIR]:
 
 def _refuses(model: ModelIR) -> tuple[object, ...]:
     """What decides which inputs a model refuses."""
-    return model.features, model.accepts_nan, model.must_be_present, _limits(model), model.accepted
-
-
-def _limits(model: ModelIR) -> tuple[float | None, ...]:
-    """The magnitudes that a model refuses, without those that its declared ranges keep away from."""
-    return tuple(
-        None if limit is None or feature.is_below(limit) else limit
-        for feature, limit in zip(model.features, model.magnitude_limits, strict=True)
-    )
+    return model.features, model.accepts_nan, model.must_be_present, model.refused_from, model.accepted
 
 
 def _joint_source(models: Sequence[ModelIR]) -> Source:

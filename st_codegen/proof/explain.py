@@ -73,8 +73,8 @@ def input_limits(models: Sequence[ModelIR]) -> list[InputLimit]:
     return [
         InputLimit(model.name, feature.name, limit)
         for model in models
-        for feature, limit in zip(model.features, model.magnitude_limits, strict=True)
-        if limit is not None and not feature.is_below(limit)
+        for feature, limit in zip(model.features, model.refused_from, strict=True)
+        if limit is not None
     ]
 
 

@@ -46,7 +46,7 @@ class _Refusal:
 
 @contextlib.contextmanager
 def isolated(models: Sequence[LoadedModel]) -> Iterator[tuple[LoadedModel, ...]]:
-    """The same models, whose `predict` asks a process that is a copy of this one.
+    """These models, whose `predict` asks a process that is a copy of this one.
 
     It raises LibraryRefusesError with the library's reason. The copy shares what is loaded already, computes on one
     thread, and is made anew where a library ends it, or sleeps and never answers. A copy of this process that asks has

@@ -218,7 +218,7 @@ class VerifyReport:
 
     @property
     def guessed(self) -> str:
-        """Of which models no range of an input is known, and what was taken in its place; empty where all are."""
+        """The models without a known range of an input, and what was taken in its place; empty where all have one."""
         return guesses(self.models)
 
     @property
@@ -251,7 +251,7 @@ def _of_them(some: int, asked: int, rows: int) -> str:
 
 
 def guesses(models: Iterable[ModelReport]) -> str:
-    """Of which models no range of an input is known, and what was taken in its place; empty where all are."""
+    """The models without a known range of an input, and what was taken in its place; empty where all have one."""
     names = ", ".join(model.name for model in models if model.guessed)
     text = "the range of an input is not known, and guessed from the model's own numbers (st-codegen.toml can give it)"
     return f"{text}: {names}" if names else ""

@@ -88,7 +88,7 @@ def page(title: str, sections: Sequence[PageSection], *, summary: str = "") -> s
 
 
 def markdown(title: str, sections: Sequence[PageSection], *, summary: str = "") -> str:
-    """The same page as Markdown, without its pictures."""
+    """The page as Markdown, without its pictures."""
     parts = [f"# {_literal(title)}", *map(_literal, _paragraphs(summary))]
     for section in sections:
         parts += [f"## {_literal(section.title)}", *map(_literal, _paragraphs(section.text))]

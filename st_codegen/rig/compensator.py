@@ -72,7 +72,7 @@ def roles_of(te: TransmissionError) -> Roles:
 
 
 def restricted(bundle: Bundle, orders: Sequence[int]) -> Bundle:
-    """The same bundle with some of its orders only. Raises InputError for orders that it does not have."""
+    """The bundle with some of its orders only. Raises InputError for orders that it does not have."""
     te = transmission_error(bundle)
     unknown = sorted(set(orders) - set(te.orders))
     if unknown:

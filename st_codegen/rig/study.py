@@ -88,7 +88,7 @@ def parse_inputs(texts: Sequence[str]) -> dict[str, float]:
 
 
 def with_oil(rig: Rig, temperature_C: float | None, drift_K_per_min: float | None) -> Rig:
-    """The same rig with another oil temperature at the start, another drift, where they are given."""
+    """This rig with another oil temperature at the start, another drift, where they are given."""
     given = {"start_C": temperature_C, "drift_K_per_min": drift_K_per_min}
     changes = {key: value for key, value in given.items() if value is not None}
     thermal = dataclasses.replace(rig.axis.thermal, **changes)

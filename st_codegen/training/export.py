@@ -55,7 +55,7 @@ class BundleHead:
     play_deg: float | None = None
 
     def narrower(self, conditions: FloatArray) -> list[str]:
-        """Of some rows (n, 3), the features that do not reach over the whole range, and from where to where they go."""
+        """The features that do not reach over the whole range in some rows (n, 3), and from where to where they go."""
         ends = zip(FEATURES, self.ranges, conditions.min(axis=0), conditions.max(axis=0), strict=True)
         return [
             f"{name} {plain_number(low)} to {plain_number(high)}"

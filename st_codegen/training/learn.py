@@ -107,7 +107,7 @@ class Lesson:
         return errors_of(order, constant, truth).complex_mae
 
     def remarks(self) -> list[str]:
-        """Of which orders the models are no better than a constant, and whether runs look like copies of others."""
+        """The orders whose models are no better than a constant, and whether runs look like copies of others."""
         found = [self._no_better()]
         if self.copied:
             found.append(

@@ -1,5 +1,6 @@
 """The emitted text, executed: every kind of model, in both dialects, against the reference evaluation."""
 
+import dataclasses
 import itertools
 import re
 
@@ -13,6 +14,7 @@ from st_codegen.emit.contents import Contents
 from st_codegen.emit.render import render
 from st_codegen.emit.targets import TARGETS
 from st_codegen.ir import reference
+from st_codegen.ir.model import Feature
 from st_codegen.passes.domain import limit_inputs
 from st_codegen.proof import bounds
 from st_codegen.proof.probes import probe_rows
@@ -93,3 +95,18 @@ def test_plcopen_has_the_bodies_of_the_portable_text(name):
 @given(model=tree_models(), target=st.sampled_from(["iec", "twincat", "plcopen"]), seed=st.integers(0, 2**31))
 def test_any_tree_ensemble_is_equal_to_the_bit(model, target, seed, tmp_path_factory):
     assert_same(limit_inputs(model), target, tmp_path_factory.mktemp("trees"), rows=300, seed=seed)
+
+
+@pytest.mark.parametrize("target", ["iec", "twincat"])
+def test_an_input_that_is_limited_to_a_range_is_refused_by_no_magnitude(target, tmp_path):
+    """Its header said "magnitude below ..", where every number is taken: the range comes first."""
+    features = (Feature("a", lower=-1.0, upper=2.0), Feature("b"), Feature("c", lower=0.0, upper=1e300))
+    ranged = dataclasses.replace(SMALL_MODELS["linear"], features=features, magnitude_limits=(1e100, 1e100, 1e100))
+    assert ranged.refused_from == (None, 1e100, 1e100)
+    text = "".join(itertools.chain.from_iterable(file.pieces for file in rendered(ranged, target)))
+    headers = re.findall(r"Input \d+: .*", text)
+    assert ["magnitude below" in line for line in headers] == [False, True, True]
+    huge = np.array([[1e200, 0.0, 0.0], [np.inf, 0.0, 0.0], [0.0, 1e200, 0.0], [0.0, 0.0, 1e200]])
+    assert np.isfinite(run(ranged, target, tmp_path, huge)[:, 0]).tolist() == [True, True, False, False]
+    alone = dataclasses.replace(ranged, magnitude_limits=(1e100, None, None))
+    assert not any("INPUT_LIMIT" in "".join(file.pieces) for file in rendered(alone, target))

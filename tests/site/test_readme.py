@@ -44,6 +44,14 @@ def test_every_page_is_reached_from_it():
     assert {page.name for page in {*(ROOT / "docs").glob("*.md")} - found} == {"index.md"}
 
 
+def test_the_structured_text_that_it_shows_is_generated():
+    linked = re.search(r"\]\((golden/[^)]*\.st)\)\):\n\n((?:(?:    .*)?\n)+)", README)
+    assert linked is not None
+    shown = [line[4:] for line in linked.group(2).strip("\n").splitlines()]
+    assert len(shown) > 10
+    assert "\n".join(shown) in (ROOT / linked.group(1)).read_text(encoding="utf-8")
+
+
 @pytest.mark.parametrize("name", sorted(pictures.DRAWN))
 def test_a_picture_is_what_is_drawn_from_its_record(name):
     drawn = pictures.DRAWN[name](pictures.PICTURES)

@@ -70,8 +70,9 @@ def _(op: Rank, step: Step, listing: Listing) -> None:
         for position, search in enumerate(searches)
     ]
     total = sum(search.first.highest for search in searches)
+    apart = "; a missing value has a place of its own" if step.missing else ""
     listing.section(
-        f"where the inputs lie among {total:,} thresholds", "rank", step=step, columns=columns, looped=looped
+        f"where the inputs lie among {total:,} thresholds{apart}", "rank", step=step, columns=columns, looped=looped
     )
 
 

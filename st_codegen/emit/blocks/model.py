@@ -303,7 +303,7 @@ def model_header(model: ModelIR, *closing: str, remarks: Iterable[str] = ()) -> 
     lines.extend(
         f"Input {number}: {feature_text(feature)}{limit_text(limit)}{accepted_text(accepted)}"
         for number, (feature, limit, accepted) in enumerate(
-            zip(model.features, model.magnitude_limits, model.accepted_numbers, strict=True), 1
+            zip(model.features, model.refused_from, model.accepted_numbers, strict=True), 1
         )
     )
     if model.classes is not None:
@@ -367,7 +367,7 @@ def check_inputs(
             "RANGE_LOWER", "LREAL", [-largest if f.lower is None else f.lower for f in model.features]
         )
         upper = listing.table("RANGE_UPPER", "LREAL", [largest if f.upper is None else f.upper for f in model.features])
-    limits = model.magnitude_limits
+    limits = model.refused_from
     if any(value is not None for value in limits):
         # the largest number that is accepted; 0: no limit
         limit = listing.table(

@@ -28,7 +28,7 @@ class NotProvedError(Exception):
         self.reason, self.place = reason, place
 
     def at(self, place: object) -> NotProvedError:
-        """The same with a place in the text, where it has none."""
+        """This error, with a place in the text if it has none yet."""
         return self if self.place is not None else type(self)(self.reason, place)
 
 

@@ -138,7 +138,7 @@ class _Search:
         return [np.concatenate(column) for column in zip(*found, strict=True)]
 
     def differing(self, rows: FloatArray) -> FloatArray:
-        """Those of some rows on which an output differs in its bits: of the first batch in which there are any."""
+        """The rows, of some (n, inputs), on which an output differs in its bits: from the first batch that has any."""
         rows = rows[:: max(len(rows) * self.parts // _MOST_COMPUTED, 1)]
         for at in range(0, len(rows), self.batch):
             here = rows[at : at + self.batch]

@@ -536,7 +536,7 @@ def _is_single(value: Value) -> bool:
 
 
 def _simpler(operation: str, arguments: tuple[Value, ...]) -> Value | None:
-    """One of the operands, where it is the result."""
+    """The operand that is the result of an operation for all numbers, such as x of x + 0; None where neither is."""
     if operation == "single":
         return arguments[0] if _is_single(arguments[0]) else None
     for one, other in (arguments, arguments[::-1]) if len(arguments) == 2 else ():

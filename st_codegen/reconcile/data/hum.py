@@ -62,7 +62,7 @@ class Hum:
         return 0.0 if self.is_faint else self.amplitude_deg**2 * seen / of / 2
 
     def scaled(self, factor: float) -> Hum:
-        """The same wave in another unit."""
+        """This wave in another unit."""
         low, high = (abs(factor) * size for size in self.sizes_deg)
         return replace(
             self, amplitude_deg=self.amplitude_deg * factor, by_order=self.by_order * factor, sizes_deg=(low, high)

@@ -75,7 +75,7 @@ class Observations:
         return np.where(self.orders == 0, values.real, values)
 
     def under(self, **conditions: FloatArray) -> Observations:
-        """The same values under other conditions, given by their names."""
+        """These values under other conditions, given by their names."""
         return replace(self, at=replace(self.at, **conditions))
 
     def divided(self, factor: FloatArray | ComplexArray) -> Observations:

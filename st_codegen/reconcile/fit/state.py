@@ -120,7 +120,7 @@ def _zero(value: Any) -> Any:
 
 @lru_cache(maxsize=1024)
 def _coordinates(kind: type[Effect], places: int, free: frozenset[str]) -> tuple[Coordinate, ...]:
-    """Those of an effect whose lists have so many places; a search asks for the same ones thousands of times."""
+    """The coordinates of an effect whose lists have so many places; a search asks for them thousands of times."""
     found = [_of_scalar(scalar) for scalar in kind.scalars if scalar.key in free]
     for phasor in kind.phasors:
         found += list(_of_phasor(phasor, places, free))

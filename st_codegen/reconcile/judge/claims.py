@@ -115,7 +115,7 @@ class Conclusions:
         return [*several, *(["zero_offset_deg"] if OFFSET in one.instead_of else [])]
 
     def with_misread(self, more: Sequence[Misread]) -> Conclusions:
-        """These, with readings that come before those that are known, among the alternatives of what they stand for."""
+        """The conclusions with more readings, before the known ones, among the alternatives of what they replace."""
         pieces = self.final.state.pieces
         retuned = []
         for entry in self.retuned:

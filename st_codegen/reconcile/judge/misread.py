@@ -351,7 +351,7 @@ def refined(final: Fit, accepted: Collection[str]) -> Misread | None:
 
 
 def _chance_beside(final: Fit, reading: WrongReading, everything: frozenset[int]) -> dict[int, tuple[float, float]]:
-    """Of each change the chance by noise where a reading is free as well, by a linear step, and the loss it saves.
+    """The chance of each change by noise where a reading is free as well, by a linear step, and the loss it saves.
 
     The chance is large where the reading does what it does; where it is too small for a number the loss, negative, says
     how small.

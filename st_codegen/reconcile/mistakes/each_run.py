@@ -201,7 +201,7 @@ class Distorted:
         return _over(values, orders, wanted, true)
 
     def corrected(self, values: ComplexArray, orders: IntArray) -> ComplexArray:
-        """The same orders of curves over the true angle."""
+        """The orders of the curves over the true angle."""
         grid = _grid(int(orders.max()))
         return _over(values, orders, orders, grid + self._off(grid))
 

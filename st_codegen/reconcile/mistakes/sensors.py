@@ -372,7 +372,7 @@ def mean_of_angles(data: Observations, rig: RigModel) -> list[Mistake]:
 
 
 def _mean_in(data: Observations, rig: RigModel, signs: tuple[float, ...]) -> list[Mistake]:
-    """The same of the curves of some directions, where one column of a file was processed alone."""
+    """A mean over a part of the turn in the curves of some directions: one column of a file may be processed alone."""
     model, noise, highest = expected_of(data, rig), noise_power(data), int(data.orders.max())
     own = np.isin(data.at.sign, signs)[:, None]
 

@@ -44,7 +44,7 @@ def without_lasting(target: FitData, residual: ComplexArray) -> ComplexArray:
 
 
 def _in_their_order(target: FitData, residual: ComplexArray) -> list[ComplexArray]:
-    """Of each direction a residual (n, K) of good runs about its mean, in the order of the runs; none if not known."""
+    """A residual (n, K) of good runs about its mean in the order of the runs, by direction; none if that is unknown."""
     run, good, series = target.data.run, target.good, list[ComplexArray]()
     if run is None or good.sum() < SETTINGS.least_in_time:
         return series

@@ -384,7 +384,7 @@ class Scorer:
         return Candidate(candidate.piece.with_vector(vector), candidate.number, candidate.grown, gain)
 
     def powers(self, places: IntArray) -> tuple[FloatArray, FloatArray, IntArray]:
-        """Of chosen orders: power of the residual and of the noise, in the weights of the fit, and how many numbers."""
+        """Power of the residual and of the noise of chosen orders, in the weights of the fit, and how many numbers."""
         target = self.fit.target
         weights, parts = self.weights[:, places], np.where(target.data.orders[places] == 0, 1, 2)
         whole = (weights * np.abs(self.fit.residual[:, places]) ** 2).sum(axis=0)

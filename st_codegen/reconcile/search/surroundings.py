@@ -51,7 +51,7 @@ def stands_out(current: Fit, own: ComplexArray, lacking: BoolArray | None = None
 
 
 def _lines_stand_out(current: Fit, own: ComplexArray) -> bool:
-    """The same for samples over time, by their waves over the output's angle.
+    """Whether a contribution to samples over time stands out, by its waves over the output's angle.
 
     What is none of a few waves, as a mean that follows speed and torque, has no order, and nothing around it.
     """

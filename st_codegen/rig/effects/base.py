@@ -252,7 +252,7 @@ class Effect(ABC):
         return np.where(at.sign > 0, self.complex_value(key, False, index), self.complex_value(key, True, index))
 
     def with_values(self, values: Mapping[str, Any]) -> Effect:
-        """The same effect with other values, unchecked."""
+        """This effect with other values, unchecked."""
         return type(self)(values, self.constants, check=False)
 
     def table(self) -> dict[str, Any]:

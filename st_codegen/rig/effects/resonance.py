@@ -126,7 +126,7 @@ class StructuralResonance(Effect):
         return found
 
     def contribution(self, at: Conditions, orders: IntArray) -> ComplexArray:
-        """The same for all orders at once."""
+        """What is added to the coefficients of some orders, complex128 (n, K), deg."""
         found = np.zeros((len(at), len(orders)), np.complex128)
         wanted = set(orders.tolist())
         acting = {order: sides for order, sides in self._acting.items() if order in wanted}
@@ -140,12 +140,12 @@ class StructuralResonance(Effect):
 
     @cached_property
     def _acting(self) -> dict[int, list[list[complex]]]:
-        """Of the orders that have a height: without load and its load part, forward and backward."""
+        """The heights of the orders that have one: without load and the load part, forward and backward."""
         heights = {order: self._sides(place) for place, order in enumerate(self.orders)}
         return {order: sides for order, sides in heights.items() if np.any(sides)}
 
     def _sides(self, place: int) -> list[list[complex]]:
-        """Of an order: without load and its load part, forward and backward.
+        """The height of an order by its place: without load and the load part, forward and backward.
 
         A class that is made of this one may have the one without the other.
         """

@@ -199,7 +199,7 @@ def _with_literal(
 
 
 def wrapping(expression: t.Expression) -> t.Expression:
-    """The same sum, difference or product for a variable that keeps only the low bits."""
+    """A sum, difference or product as it is for a variable that keeps only the low bits: nothing overflows."""
     if isinstance(expression, t.Unary) and expression.operator == "NEG":
         return replace(expression, operand=wrapping(expression.operand), overflow=t.Overflow.WRAP)
     pending: list[t.Binary] = []

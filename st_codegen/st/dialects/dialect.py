@@ -44,5 +44,5 @@ class Dialect:
     refused_functions: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
 
     def without_implicit_conversions(self) -> Dialect:
-        """The same rules, but every conversion has to be written, and bit strings are not computed with."""
+        """These rules, but every conversion has to be written, and bit strings are not computed with."""
         return replace(self, has_widening=False, has_loose_literals=False, has_numeric_bits=False)

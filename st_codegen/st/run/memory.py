@@ -36,7 +36,7 @@ class CompiledUnit:
 
 
 class Memory:
-    """The same record for each row; `natives` are the Python objects of the native blocks in it, by offset."""
+    """The variables of each row, one record of bytes a row; `natives`: Python objects of native blocks, by offset."""
 
     def __init__(self, rows: int, image: bytes) -> None:
         padded = np.frombuffer(image + bytes(aligned(max(len(image), 1), 16) - len(image)), np.uint8)

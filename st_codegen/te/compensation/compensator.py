@@ -15,6 +15,7 @@ from st_codegen.te.compensation.parts import (
     boolean,
     check,
     lreal,
+    operating_point,
     same,
     set_parts,
 )
@@ -37,7 +38,7 @@ def compensator_block(te: TransmissionError) -> Block:
                 "inputs, are described in FB_Correction; for two tasks see FB_CompensatorFast.",
             )
         ),
-        inputs=(ANGLE, *input_variables(te.features), *given),
+        inputs=(ANGLE, *operating_point(te), *given),
         outputs=(*results(), IN_RANGE),
         variables=(
             BlockVariable("fbPredict", "FB_TEPredict", comment="harmonics at the operating point"),

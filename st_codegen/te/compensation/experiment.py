@@ -34,7 +34,7 @@ def inputs() -> tuple[BlockVariable, ...]:
         lreal("fThetaOut_rad", "angle of the output shaft from its encoder, rad"),
         boolean("bEncodersReady", "both encoders report no error"),
         lreal("fOil_C", "measured oil temperature, degC"),
-        lreal("fShaftTorque_Nm", "measured torque at the slow shaft, N m"),
+        lreal("fShaftTorque_Nm", "measured torque at the slow shaft, N m; its sign is not looked at"),
         lreal("fCycle_s", "cycle time of the calling task, s, up to 1.0", "0.0005"),
         lreal("fWarmUpSpeed_rpm", "input speed of the warm-up, rpm", "1000.0"),
         lreal("fHomingSpeed_rpm", "largest input speed of the homing, rpm", "50.0"),
@@ -126,8 +126,8 @@ def experiment_block(te: TransmissionError) -> Block:
             lreal("FOLLOW_BAND", "output shaft follows the motor, rad", "3.5E-5"),
             lreal("TORQUE_BAND", "torque is where it should be, N m", "10.0"),
             lreal("SETTLE_S", "so long in its band, s", "1.0"),
-            lreal("JUMP_IN", "change in a cycle that no motion explains, rad", "0.5"),
-            lreal("JUMP_OUT", "the same at the output shaft, rad", "0.01"),
+            lreal("JUMP_IN", "change of the input angle in a cycle that no motion explains, rad", "0.5"),
+            lreal("JUMP_OUT", "change of the output angle in a cycle that no motion explains, rad", "0.01"),
             lreal("FASTEST", "twice the largest input speed, rad/s", "377.0"),
         ),
         sections=(
@@ -154,7 +154,7 @@ def _locals() -> tuple[BlockVariable, ...]:
         lreal("fOil", "last usable oil temperature, degC"),
         lreal("fShaft", "last usable torque, N m"),
         lreal("fCycle", "last usable cycle time, s", "0.0005"),
-        *(lreal(item.kept, "kept during the measurement", "1.0") for item in _settings()),
+        *(lreal(item.kept, f"{item.name} at the start of the measurement", "1.0") for item in _settings()),
         lreal("fTime", "time in this step, s"),
         lreal("fAllowed", "longest time in this step, s"),
         lreal("fSettled", "time in the band, s"),
@@ -168,7 +168,7 @@ def _locals() -> tuple[BlockVariable, ...]:
         lreal("fStep", "largest change of the speed in this cycle, rpm"),
         lreal("fStart", "angle at which the measured revolution starts, rad"),
         dint("nTurn", "whole revolutions of the output shaft"),
-        dint("nLastTurn", "the same before"),
+        dint("nLastTurn", "whole revolutions of the output shaft in the call before"),
     )
 
 
@@ -180,7 +180,8 @@ def _header() -> tuple[str, ...]:
         "without warm-up and homing.",
         "bDataValid starts with the first cycle behind the zero angle of the output shaft and ends before the "
         "first cycle a revolution later: the samples cover one revolution, none of it twice.",
-        "Any error, time-out or bAbort takes torque and speed down to zero and says why in eError.",
+        "Any error, time-out or bAbort takes torque and speed down to zero, the speed by fAcceleration_rpm_s, and says "
+        "why in eError: an emergency stop is not its task.",
         "While this block is busy no correction may be added to the motor's reference.",
         f"Limits: {LARGEST_SPEED:.0f} rpm, {LARGEST_LOAD_SPEED:.0f} rpm at the loading motor, "
         f"{LARGEST_TORQUE:.0f} N m at the slow shaft.",

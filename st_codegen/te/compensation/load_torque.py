@@ -37,11 +37,11 @@ def load_torque_block() -> Block:
             boolean("bEnable", "TRUE: the torque is applied; FALSE: it goes down to zero"),
             lreal("fCycle_s", "cycle time of the calling task, s, up to 1.0", "0.0005"),
             lreal("fTorqueLimit_Nm", "largest torque at the slow shaft, N m, 0.0 .. 2000.0", "2000.0"),
-            lreal("fRate_Nm_s", "its fastest change, N m/s, 1.0 .. 100000.0", "200.0"),
+            lreal("fRate_Nm_s", "fastest change of the torque, N m/s at the slow shaft, 1.0 .. 100000.0", "200.0"),
         ),
         outputs=(
             lreal("fMotorTorque_Nm", "to the loading motor, N m"),
-            lreal("fShaftTorque_Nm", "the same at the slow shaft, N m"),
+            lreal("fShaftTorque_Nm", "commanded torque at the slow shaft, N m"),
             boolean("bReached", "the torque is where it should be"),
             boolean("bLimited", "more was wanted than the limit allows"),
             boolean("bValid", "all inputs were usable in this call"),

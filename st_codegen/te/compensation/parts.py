@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 from st_codegen.emit.blocks.listing import Block, BlockVariable, Code, CodeSection
-from st_codegen.emit.blocks.model import header_lines
+from st_codegen.emit.blocks.model import header_lines, input_variables
 from st_codegen.emit.literals import real
 from st_codegen.te.compensation.codes import TE_ERROR
 from st_codegen.te.harmonics import Direction, TransmissionError
@@ -21,6 +21,9 @@ SUFFIX = {Direction.FORWARD: "Fw", Direction.BACKWARD: "Bw"}
 #: Inputs beyond these are no measurement but a fault.
 LARGEST_ANGLE = 1e9
 LARGEST_INPUT = 1e9
+
+#: What the machine gives to the law, which limits it to no range of a model.
+SIGNED_SPEED = "input speed, its sign is the direction, rpm"
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,15 @@ class CallArgument:
     name: str
     value: str
     list: str = ""
+
+
+def operating_point(te: TransmissionError) -> tuple[BlockVariable, ...]:
+    """The features as the machine gives them: of the speed the models take the magnitude."""
+    inputs = list(input_variables(te.features))
+    speed = inputs[te.speed_feature]
+    comment = f"sign: direction; magnitude, for the models: {speed.comment}"
+    inputs[te.speed_feature] = replace(speed, comment=comment)
+    return tuple(inputs)
 
 
 def order_index(te: TransmissionError) -> tuple[BlockVariable, ...]:

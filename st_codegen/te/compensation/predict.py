@@ -38,7 +38,7 @@ def predict_block(te: TransmissionError) -> Block:
         ),
         sections=(
             CodeSection(
-                "the operating point is checked once for all models",
+                "what is no number is refused, also for models that know missing values",
                 "te_inputs",
                 {"inputs": names_of(inputs), "spread": bool(te.cycles)},
             ),

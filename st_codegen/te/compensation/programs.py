@@ -12,7 +12,7 @@ from st_codegen.emit.literals import real
 from st_codegen.te.compensation import experiment
 from st_codegen.te.compensation.compensator import ANGLE, IN_RANGE
 from st_codegen.te.compensation.correction import SIGNED_LOAD, parameters, results, torque_variable
-from st_codegen.te.compensation.parts import CallArgument, lreal, names_of
+from st_codegen.te.compensation.parts import CallArgument, lreal, names_of, operating_point
 from st_codegen.te.compensation.two_tasks import AGE_LIMIT, EXCHANGE, fast_results
 from st_codegen.te.harmonics import TransmissionError
 
@@ -35,7 +35,7 @@ EXPERIMENT_SIGNALS = "GVL_Experiment"
 
 def compensation_inputs(te: TransmissionError) -> tuple[BlockVariable, ...]:
     """What the machine gives to the compensation: angle, operating point, settings."""
-    return (ANGLE, *input_variables(te.features), *_settings(te))
+    return (ANGLE, *operating_point(te), *_settings(te))
 
 
 def compensation_outputs() -> tuple[BlockVariable, ...]:

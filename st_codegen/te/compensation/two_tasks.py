@@ -15,10 +15,12 @@ from st_codegen.te.compensation.codes import TE_ERROR
 from st_codegen.te.compensation.compensator import ANGLE, IN_RANGE, correction_sections, predict_section
 from st_codegen.te.compensation.correction import parameters, results, torque_variable
 from st_codegen.te.compensation.parts import (
+    SIGNED_SPEED,
     boolean,
     check,
     dint,
     lreal,
+    operating_point,
     order_index,
     set_parts,
     set_variables,
@@ -74,7 +76,7 @@ def slow_block(te: TransmissionError) -> Block:
                 "A set is published with every call, also one that says why it must not be used.",
             )
         ),
-        inputs=input_variables(te.features),
+        inputs=operating_point(te),
         outputs=(
             boolean("bValid", "the set may be used"),
             BlockVariable("eError", TE_ERROR.type, comment="NONE, or why the set must not be used"),
@@ -131,7 +133,7 @@ def fast_block(te: TransmissionError) -> Block:
         ),
         inputs=(
             ANGLE,
-            input_variables(te.features)[te.speed_feature],
+            lreal(input_variables(te.features)[te.speed_feature].name, SIGNED_SPEED),
             *torque_variable(te),
             *given,
             AGE_LIMIT,

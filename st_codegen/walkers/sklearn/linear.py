@@ -79,7 +79,8 @@ def walk_consensus(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     single=True,
 )
 def walk_linear_classifier(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
-    """Of two classes the second above 0, of more the first of the largest (`LinearClassifierMixin.predict`).
+    """Classifiers by linear scores: the second of two classes above 0, or the first of several with the largest score
+    (`LinearClassifierMixin.predict`).
 
     Probabilities of logistic models and of discriminant analysis: the sigmoid of the one score, the softmax of several;
     of SGDClassifier those of each class by their sum (`linear_model/_stochastic_gradient.py: predict_proba`).

@@ -415,7 +415,7 @@ def _classified(model: BoosterModel, builder: GraphBuilder, raw: int, way: _Path
 
 
 def _several_labels(model: BoosterModel, builder: GraphBuilder, raw: int, way: _Path) -> int:
-    """Of several labels a row 0 or 1 for each (`XGBClassifier.predict`), or their probabilities (`Booster.predict`)."""
+    """0 or 1 for each of several labels a row (`XGBClassifier.predict`), or probabilities (`Booster.predict`)."""
     if model.objective != "binary:logistic":
         raise UnsupportedModelError(
             f"objective '{model.objective}' with {counted(model.n_outputs, 'output')}: train one for each of them"
