@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
+from st_codegen.reconcile.data.chances import f_tail
+from st_codegen.reconcile.data.noise import MEDIAN_1
 from st_codegen.reconcile.fit.fitting import Fit
 from st_codegen.reconcile.fit.state import Piece
 from st_codegen.reconcile.fit.target import FitData
@@ -77,7 +80,7 @@ def is_of_its_place(current: Fit, number: int) -> bool:
                 return False
     if _would_be_seen_elsewhere(target, piece.effect):
         return False
-    if not _is_told_by_others(current, piece):
+    if not (_is_told_by_others(current, piece) and _is_no_peak_of_many(current, piece)):
         return False
     is_its_order = not piece.effect.orders or told_order(current, piece) > 0.0
     return is_its_order and left_of_place(current, piece) <= SETTINGS.left_of_place
@@ -97,6 +100,32 @@ def _is_told_by_others(current: Fit, piece: Piece) -> bool:
     foreign = ~np.isin(target.data.orders, list(current.state.rig.orders())) & (np.abs(own).max(axis=0) > 0.0)
     others = np.flatnonzero(foreign)[np.argsort(gain[foreign])[:-2]]
     return bool(gain[others].sum() > 0.5 * (weights * np.abs(own) ** 2).sum(axis=0)[others].sum())
+
+
+def _is_no_peak_of_many(current: Fit, piece: Piece) -> bool:
+    """Whether an effect of one angle is more than what its form meets by chance somewhere in the turn.
+
+    A profile that each turn repeats, as the texture of a surface, has a highest peak. The form is moved over the turn
+    on what the fit leaves (a matched filter, in which an order that is louder than those beside it counts as they do):
+    that is how much it meets where it is not, and of as many such numbers as the turn has widths the largest must be
+    no chance.
+    """
+    target, (_, width), rows = current.target, _place(piece.effect), current.target.good
+    columns = (target.data.orders > 0) & ~np.isin(target.data.orders, list(current.state.rig.orders()))
+    own, left = (values[np.ix_(rows, columns)] for values in (current.explained(piece.effect), current.residual))
+    power = np.maximum((np.abs(left) ** 2).mean(axis=0), 1e-300)
+    weights = np.minimum(median_filter(power, 2 * SETTINGS.shared_orders + 1) / power, 1.0)
+    met = (own.conj() * left).sum(axis=0) * weights
+    turned = _ANGLES[np.abs(_turned(_ANGLES)) > SETTINGS.reach_of_place * width]
+    if not len(turned):
+        return True
+    elsewhere = np.abs((met @ np.exp(1j * np.outer(target.data.orders[columns], turned))).real)
+    here = float(met.sum().real + ((np.abs(own) ** 2).sum(axis=0) * weights).sum())
+    times = here * MEDIAN_1 / max(float(np.median(elsewhere)), 1e-300)
+    # of few orders that the form has in common with what is left, the fit has taken a good part of that
+    shares = (np.abs(own.conj() * left) ** 2).sum(axis=0) * weights**2
+    numbers = max(2.0 * float(shares.sum() ** 2 / max((shares**2).sum(), 1e-300)), 2.0)
+    return bool(f_tail(times**2, 1, numbers - 1.0) * 2.0 * np.pi / width < SETTINGS.p_chance)
 
 
 def _would_be_seen_elsewhere(target: FitData, effect: Effect) -> bool:
