@@ -76,7 +76,7 @@ def _contrasts(at: Conditions, good: BoolArray) -> Contrasts:
         weight[rows] = np.linalg.pinv(design, rcond=1e-6)[:, 0]
         norm[rows] = np.sqrt(1 + (weight[rows] ** 2).sum(axis=1))
     # an extrapolated prediction says little
-    norm[norm > 2.5] = np.inf
+    norm[norm > SETTINGS.most_extrapolated] = np.inf
     return Contrasts(index, weight, norm)
 
 

@@ -82,7 +82,7 @@ def estimate(data: Observations, residual: ComplexArray, known_bad: BoolArray | 
         ]
         deviation = e / sigma
         worst = [row for row in worst if not repeats(data.at, deviation, int(row))]
-        if not worst or (~good).sum() + len(worst) > 0.1 * len(data):
+        if not worst or (~good).sum() + len(worst) > SETTINGS.most_suspects * len(data):
             break
         for row in map(int, worst):
             good[row] = False

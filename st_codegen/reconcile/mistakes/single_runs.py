@@ -247,7 +247,7 @@ def _block(
     where = ""
     if data.run is not None:
         first, last = int(np.flatnonzero(near)[0]), int(np.flatnonzero(near)[-1])
-        is_one = last - first + 1 <= 1.5 * near.sum()
+        is_one = last - first + 1 <= SETTINGS.runs_of_block * near.sum()
         if not is_one and not is_no_effect:
             return []
         where = "" if not is_one else f", run {first + 1} to run {last + 1} in their order"

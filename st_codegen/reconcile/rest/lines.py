@@ -231,7 +231,7 @@ def _while_it_changes(
     )
     spread = cc * ss - cs**2
     # where both parts of the wave are told
-    told = spread > 0.1 * (count / 2.0) ** 2
+    told = spread > SETTINGS.both_of_piece * (count / 2.0) ** 2
     told &= count >= SETTINGS.least_of_piece
     if not told.any():
         return 0.0, np.zeros(len(samples)), ""

@@ -306,7 +306,7 @@ def _is_no_chance(values: ComplexArray, parts: int, lasting: float) -> bool:
 
 def _digits(times: float) -> str:
     """A factor with the digits that say something."""
-    return f"{times:.1f}" if times < 100.0 else f"{times:.0f}"
+    return f"{times:.1f}" if times < SETTINGS.whole_times else f"{times:.0f}"
 
 
 def _where_loud(target: FitData, r: ComplexArray) -> str:
@@ -425,7 +425,7 @@ def _direction(target: FitData, r: ComplexArray) -> str:
     """Which direction a residual (n,) is in: that with three times the RMS of the other, else (or of one) both."""
     power = _by_direction(target, r)
     loud = max(power, key=lambda name: power[name])
-    return loud if len(power) == 2 and power[loud] > 9 * min(power.values()) else "both"
+    return loud if len(power) == 2 and power[loud] > SETTINGS.one_sided * min(power.values()) else "both"
 
 
 def _side(target: FitData, r: ComplexArray, noise: float) -> str:
