@@ -42,7 +42,7 @@ def verdict_text(result: Reconciliation) -> str:
     if result.unexplained and all(one.would_be for one in result.unexplained):
         named = "What differs is named; what is left" if result.verdict is Outcome.PARTLY_EXPLAINED else "What differs"
         return f"{named} has a faint pattern, which may be noise that lasts over runs."
-    if result.unexplained and all("scatter" in one.dependence for one in result.unexplained):
+    if result.unexplained and all(one.is_scatter for one in result.unexplained):
         named = "What differs is named; runs" if result.verdict is Outcome.PARTLY_EXPLAINED else "Runs"
         known = "that is known" if result.data.spectral_deg is None else "within their curves"
         return (

@@ -108,6 +108,11 @@ class Signature:
     periods: float = 0.0
     share: float = 0.0
 
+    @property
+    def is_scatter(self) -> bool:
+        """Whether no pattern over the conditions was found in it."""
+        return "scatter" in self.dependence
+
     def of_gap(self, gap_power: float) -> Signature:
         """This one with its share of a whole gap, deg^2."""
         return replace(self, share=min(1.0, self.power / max(gap_power, 1e-300)))
