@@ -127,7 +127,7 @@ def test_what_is_unexplained_counts_by_its_power_over_the_noise(order, parts):
     target = SimpleNamespace(data=data, sigma=sigma, good=good)
     final = SimpleNamespace(target=target, residual=np.full(data.values.shape, 4e-5))
     conclusions = SimpleNamespace(final=final)
-    signature = SimpleNamespace(order=order, dependence={})
+    signature = SimpleNamespace(order=order, dependence={}, is_scatter=False)
     result = SimpleNamespace(conclusions=conclusions, verdict="unexplained", unexplained=[signature])
     (*_, question) = unexplained(result, SimpleNamespace(data=data))  # of few runs the gaps stand in front
     assert question.weight == pytest.approx((4.0**2 - parts) / parts)
