@@ -2,8 +2,8 @@
 
 A *noise* is the standard deviation of one measured number (real or imaginary part of a coefficient) in its own data.
 *Loss* is twice Huber's loss: for small residuals it behaves like a chi-square. Units: a *share* is a part of one, a
-*factor* how many times, a *count* how many. Beside these numbers stand grids that are searched, limits of work, and
-what pictures show.
+*factor* how many times, a *count* how many. Beside these numbers stand grids that are searched, limits of work, steps
+and tolerances of solvers, what statistics give, and what pictures show.
 """
 
 from __future__ import annotations
@@ -70,6 +70,8 @@ class Settings:
     delays_s: tuple[float, float] = (0.004, 4.0)
     #: factor; a step of an angle, or a wait between samples, that is so many times the others is a jump, or a gap
     jump: float = 3.0
+    #: turns by which steps beside each other may differ where an angle begins anew: what it speeds up by
+    near_a_turn: float = chosen(1 / 16, UNRECORDED)
     #: share by which a given speed may differ from the rate of its angle and be in the same unit
     one_rate: float = 0.1
     #: share of the factor of a unit by which one angle over another may differ from it: no transmission error is so
@@ -192,6 +194,8 @@ class Settings:
     one_zero: float = chosen(0.2, OTHERS)
     #: factor; one of columns below this may be the rig's own
     column_factor: float = chosen(1.1, CATALOGUE)
+    #: logarithm of the ratio by which a factor may miss that of a unit which it is asked about
+    near_a_unit: float = chosen(0.9, UNRECORDED)
     #: share of the orders that have one factor, each in both directions, from which on it is one of all TE
     nearly_all: float = 0.75
     #: factor; a size that differs by less is told as readings that are too high or too low
@@ -247,6 +251,10 @@ class Settings:
     least_beside_a_law: int = 8
     #: chance of the law below which it is no noise
     p_law: float = 1e-4
+    #: count; runs at any place of one direction that tell a noise: fewer say nothing
+    least_scattered: int = 24
+    #: count; of more than these their neighbours say as much at less cost
+    most_scattered: int = 200
     #: factor; noise of a speed, or of a curve, that is so many times that of the others counts by itself
     louder_speed: float = 1.6
     #: factor; a run is suspected when its distance from its neighbours is this many times what is usual
@@ -624,6 +632,8 @@ class Settings:
     most_suspects: float = 0.1
 
     # --- order spectra ---
+    #: count; orders of a direction that tell a floor
+    spectrum_orders: int = 8
     #: share of the orders that is taken for noise
     spectrum_quiet: float = 0.25
     #: factor; an order is there when it stands so many times above the median of these

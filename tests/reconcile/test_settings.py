@@ -21,7 +21,7 @@ PICTURES = ("joint/page.py", "report/evidence.py", "report/pages.py")
 UNITS = re.compile(
     "#: (count|share|factor|chance|loss|noise|standard (error|deviation)|order|deg|rad|s|degC|N m|step|half width|"
     "width|sample|turn|period|logarithm|-log|correlation|coherence|damping ratio|power|percent|nat|byte|resolution|"
-    r"mean sine|false discovery rate|number|unit)s?\b"
+    r"mean sine|cost|false discovery rate|number|unit)s?\b"
 )
 
 

@@ -259,8 +259,6 @@ def _distances(e: ComplexArray, sigma: FloatArray, usable: BoolArray) -> FloatAr
 _LENGTHS = ((0.2, 0.5, 1.5, np.inf), (0.2, 0.5, 1.5, np.inf), (0.7, 2.0, np.inf))
 #: variance of the noise over that of the function
 _RATIOS = np.geomspace(1e-8, 1e2, 31)
-#: fewer runs of a direction say nothing; of more than these their neighbours say as much at less cost
-_LEAST_RUNS, _MOST_RUNS = 24, 200
 
 
 def noise_beside(at: Conditions, values: ComplexArray, orders: IntArray) -> FloatArray:
@@ -269,7 +267,7 @@ def noise_beside(at: Conditions, values: ComplexArray, orders: IntArray) -> Floa
     values: complex128 (n, K), deg.
     """
     count = len(values)
-    if not _LEAST_RUNS <= count <= _MOST_RUNS:
+    if not SETTINGS.least_scattered <= count <= SETTINGS.most_scattered:
         return np.full(len(orders), np.inf)
     is_mean = orders == 0
     parts = np.where(is_mean, 1, 2)

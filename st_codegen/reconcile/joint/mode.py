@@ -96,7 +96,7 @@ def find_mode(found: JointResponse) -> JointMode | None:
     """The mode that a response shows; None where a rigid joint does as well, or the mode is not inside what is told."""
     w = 2 * np.pi * found.frequency
     inertia = max(float(np.median(np.abs(found.value[: max(3, len(w) // 6)]))), 1e-12)
-    error = np.maximum(found.error, 0.01 * np.abs(found.value))
+    error = np.maximum(found.error, JOINT.least_error * np.abs(found.value))
     rigid, p0 = _fit(_plain, np.array([inertia, 0.0, 0.0, 0.0]), found.value, error, w)
     if _is_within_errors(rigid, w):
         return None
@@ -110,7 +110,7 @@ def find_mode(found: JointResponse) -> JointMode | None:
         forms.append((_both, [1.15 * place, 0.05, place / 1.15, 0.05]))
         for model, tail in forms:
             done, p = _fit(model, np.concatenate([beside, tail]), found.value, error, w)
-            tried.append((done.cost + 3.0 * len(p), done, p, model))
+            tried.append((done.cost + JOINT.price * len(p), done, p, model))
     # a mode counts that is one; what is none may fit a little better
     modes = [one for one in tried if _is_mode(one[2], w)]
     if not modes or min(one[0] for one in modes) > JOINT.as_good * min(one[0] for one in tried):
@@ -138,7 +138,7 @@ def is_rigid(found: JointResponse) -> bool:
     """Whether an inertia, a damper and a spring, late by a time, are all that a response shows."""
     w = 2 * np.pi * found.frequency
     inertia = max(float(np.median(np.abs(found.value[: max(3, len(w) // 6)]))), 1e-12)
-    error = np.maximum(found.error, 0.01 * np.abs(found.value))
+    error = np.maximum(found.error, JOINT.least_error * np.abs(found.value))
     return _is_within_errors(_fit(_plain, np.array([inertia, 0.0, 0.0, 0.0]), found.value, error, w)[0], w)
 
 
@@ -203,10 +203,10 @@ def _held_out(
     """Relative misfit (RMS) of each half by the other, without and with the mode; how far the halves' modes differ."""
     sums, modes = np.zeros(2), []
     for own, other in (found.halves, found.halves[::-1]):
-        error = np.maximum(found.half_error, 0.01 * np.abs(own))
+        error = np.maximum(found.half_error, JOINT.least_error * np.abs(own))
         for place, (form, start) in enumerate([(_plain, p0), (model, p)]):
             _, fitted = _fit(form, start, own, error, w)
             off = np.abs((form(fitted, w) - other) / np.maximum(np.abs(other), found.half_error))
-            sums[place] += float(np.minimum(off, 3.0) @ np.minimum(off, 3.0)) / (2 * len(w))
+            sums[place] += float(np.minimum(off, JOINT.most_off) @ np.minimum(off, JOINT.most_off)) / (2 * len(w))
         modes.append(fitted[4:6])
     return float(np.sqrt(sums[0])), float(np.sqrt(sums[1])), np.abs(modes[0] - modes[1]) / 2

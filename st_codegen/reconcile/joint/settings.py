@@ -126,6 +126,12 @@ class JointSettings:
     #: share of half the rate of the samples up to which a response is read: there the double central difference is a
     #: quarter of the second derivative
     told_band: float = 0.6
+    #: share of a response that its error is at least
+    least_error: float = chosen(0.01, UNRECORDED)
+    #: cost that one more number of a form must save
+    price: float = chosen(3.0, UNRECORDED)
+    #: share of a response by which held-out ones are off at most: a few wild frequencies are no misfit of all
+    most_off: float = chosen(3.0, UNRECORDED)
     #: factor; a response is a rigid joint's where it leaves no more than so many times what its errors do
     rigid: float = chosen(1.5, UNRECORDED)
     #: factor; cost of a fit that is a mode, over that of the best one, up to which it counts: what is none may fit a

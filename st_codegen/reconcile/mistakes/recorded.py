@@ -21,8 +21,6 @@ from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.model import RigModel
 
 _TURN_DEG = 360.0
-#: part of a turn by which steps beside each other may differ where an angle begins anew: what it speeds up by
-_NEAR_A_TURN = 1 / 16
 
 
 def check_accepted(scale: float | None, accept: Collection[str], measured: Path) -> None:
@@ -68,7 +66,7 @@ def _jumps(r: Recording) -> list[str]:
         steps = np.diff(angle)
         # fast moves between pauses have large steps as well, and none that is a turn off both beside it
         turns = np.diff(np.pad(steps, 1, mode="reflect")) / _TURN_DEG
-        is_turn = np.abs(np.abs(turns) - np.maximum(np.round(np.abs(turns)), 1.0)) < _NEAR_A_TURN
+        is_turn = np.abs(np.abs(turns) - np.maximum(np.round(np.abs(turns)), 1.0)) < SETTINGS.near_a_turn
         jumps = usual & is_turn[:-1] & is_turn[1:]
         if jumps.any() and float(np.median(np.abs(steps))) < _TURN_DEG / 4:
             row = int(np.argmax(jumps))
