@@ -1,9 +1,10 @@
-"""The numbers that decide in reconcile: one place, each with its unit and its reason (joints: `joint/settings.py`).
+"""The numbers that decide in reconcile, each with its unit, and its reason or the cases that it was chosen on.
 
 A *noise* is the standard deviation of one measured number (real or imaginary part of a coefficient) in its own data.
 *Loss* is twice Huber's loss: for small residuals it behaves like a chi-square. Units: a *share* is a part of one, a
 *factor* how many times, a *count* how many. Beside these numbers stand grids that are searched, limits of work, steps
-and tolerances of solvers, what statistics give, and what pictures show.
+and tolerances of solvers, how many parts or levels a computation takes, what statistics give, and what pictures show.
+Those of joints are in `joint/settings.py`.
 """
 
 from __future__ import annotations
@@ -178,6 +179,9 @@ class Settings:
     #: rad; up to which turn one that noise may hide is not worth a sentence: its sidebands have a twentieth of the
     #: order
     hidden_turn: float = chosen(0.1, CATALOGUE)
+    #: factor; of an angle read wrong once and twice a turn the smaller one is said where the larger is no more than so
+    #: many times it
+    said_of_axis: float = 5.0
     #: share of what is measured that noise is at most, where too few runs tell it
     most_noise: float = 0.02
     #: factor; the mean power of n runs of noise scatters by 1/sqrt(n): a gap below so many of these is not told
@@ -229,6 +233,8 @@ class Settings:
     runs_of_block: float = chosen(1.5, UNRECORDED)
     #: factors; one on most orders beyond these is that of a unit or of a sign, whatever share of the runs has it
     like_an_effect: tuple[float, float] = (0.1, 10.0)
+    #: noises; in the median of runs an order that judges labels is larger than that
+    shown_order: float = 3.0
     #: noises; an order judges labels where the rig is right for most runs to so many
     sure_order: float = 3.0
     #: factor; a run is wrong in its label when its loss is so many times the usual
@@ -241,6 +247,10 @@ class Settings:
     # --- noise ---
     #: count; runs that predict each other by a local plane: four unknowns, and enough left over for a median
     neighbours: int = 10
+    #: count; rows that have neighbours from which these tell a noise at all
+    least_planes: int = 8
+    #: count; rows of a direction, or of one of its speeds, that tell their noise alone: a median scatters by a third
+    rows_of_noise: int = 12
     #: noises of one run; what is predicted by its neighbours with a larger error is extrapolated, and says little
     most_extrapolated: float = chosen(2.5, UNRECORDED)
     #: count; contrasts along one axis from which a noise is estimated
@@ -383,6 +393,8 @@ class Settings:
     parts_of_link: int = 5
     #: share of these parts in which it must: four of five
     stable_link: float = chosen(0.7, UNRECORDED)
+    #: standard errors that the backlash of a coupling must be to be a part of it
+    sure_backlash: float = 5.0
     #: noises of one sample that the effect of a link must stand as high as: many samples tell it
     least_size_of_link: float = chosen(0.3, UNRECORDED)
     #: noises of one sample from which on what is left on a link is said
@@ -574,6 +586,9 @@ class Settings:
     together: float = 0.9
     #: count; waves that are told of samples over time
     most_lines: int = 8
+    #: standard errors of its noise that a wave of samples must be: autocorrelation may double them, and what has no
+    #: line is noise to it
+    sure_line: float = 10.0
     #: count; waves of which a mean that wanders is made: noise makes the root of so many standard errors (8) of them,
     #: less than the 10 that are asked of what is told
     most_waves_of_mean: int = 64

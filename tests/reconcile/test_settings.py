@@ -1,4 +1,4 @@
-"""Numbers that decide stand in settings, each with its unit and its reason; the code compares with these alone."""
+"""Numbers that decide stand in settings, each below its unit and what it is for; the code compares with these alone."""
 
 import ast
 import re

@@ -69,7 +69,7 @@ def estimate(data: Observations, residual: ComplexArray, known_bad: BoolArray | 
     suspects: dict[int, float] = {}
     for _ in range(6):
         local = contrasts(data.at, good)
-        if local.usable.sum() < 8:
+        if local.usable.sum() < SETTINGS.least_planes:
             break
         e = local.apply(residual)
         sigma = _sigma_by_direction(data, e, good & local.usable)
@@ -93,7 +93,7 @@ def estimate(data: Observations, residual: ComplexArray, known_bad: BoolArray | 
         del suspects[row]
     local = contrasts(data.at, good)
     rows = good & local.usable
-    if rows.sum() >= 8:
+    if rows.sum() >= SETTINGS.least_planes:
         e = local.apply(residual)
         sigma = _sigma_by_direction(data, e, rows)
         floor, kinds = _rms_of(data, e[rows]), ["plane"] * len(data.orders)
@@ -212,11 +212,11 @@ def _sigma_by_direction(data: Observations, e: ComplexArray, rows: BoolArray) ->
     level = speed_levels(data.at.speed_rpm)
     for of_sign in data.at.by_direction():
         own = rows & of_sign
-        common = sigma_of(e[rows if data.few_points or own.sum() < 12 else own], data.orders)
+        common = sigma_of(e[rows if data.few_points or own.sum() < SETTINGS.rows_of_noise else own], data.orders)
         sigma[of_sign] = common
         for number in np.unique(level):
             here = own & (level == number)
-            if here.sum() >= 12:
+            if here.sum() >= SETTINGS.rows_of_noise:
                 louder = sigma_of(e[here], data.orders)
                 # the median of 12 or more scatters by a third: only what is beyond that counts
                 is_louder = louder > SETTINGS.louder_speed * common

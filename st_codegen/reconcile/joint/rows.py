@@ -166,7 +166,7 @@ def _rows(
 
     def direction(speed: FloatArray, width: int) -> FloatArray:
         noise = noise_of(raw) / one.step_s / np.sqrt(4 * np.sqrt(np.pi) * width**3)
-        slow = np.abs(speed) < max(JOINT.standing * float(np.abs(speed).max()), 5 * noise)
+        slow = np.abs(speed) < max(JOINT.standing * float(np.abs(speed).max()), JOINT.sure_speed * noise)
         return np.where(slow, 0.0, np.sign(speed))
 
     sign = direction(speed, kernel)

@@ -1,4 +1,4 @@
-"""The numbers that decide in recordings of joints, each with its unit and its reason; see `reconcile/settings.py`."""
+"""The numbers that decide in recordings of joints; see `reconcile/settings.py`."""
 
 from __future__ import annotations
 
@@ -48,6 +48,8 @@ class JointSettings:
     kernel: tuple[int, int] = (2, 64)
     #: share of the largest speed below which a joint counts as standing
     standing: float = 0.005
+    #: noises of the speed up to which a joint counts as standing as well
+    sure_speed: float = 5.0
     #: standard deviations of what a rich model leaves from which on a row is far off
     far_off: float = chosen(12.0, UNRECORDED)
     #: share of the rows below which those are left out: more are no single ones

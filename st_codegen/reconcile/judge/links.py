@@ -96,7 +96,7 @@ def coupling_link(recordings: Sequence[Recording], rig: RigModel) -> Link | None
     sigma = _noise([y - design @ both])
     spread = sigma * np.sqrt(np.diag(np.linalg.pinv(design.T @ design)))
     values: dict[str, float] = {}
-    if both[1] > 5 * spread[1]:
+    if both[1] > SETTINGS.sure_backlash * spread[1]:
         values["backlash_arcmin"] = float(both[1])
     else:
         both = np.array([float(design[:, 0] @ y / max(design[:, 0] @ design[:, 0], 1e-300)), 0.0])
