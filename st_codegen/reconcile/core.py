@@ -149,7 +149,7 @@ def _result(
     floor_rms, left = _left_over(final, before, noise, judged)
     gap_power = math.hypot(rms_deg(before[good], data.orders), all_hums) ** 2
     # what noise is left where the noise holds what is unexplained as well nobody knows
-    told = [one.order for one in left if not (one.at_least or "scatter" in one.dependence)]
+    told = [one.order for one in left if not (one.at_least or one.is_scatter)]
     conclusions = conclusions.with_misread(in_place_of_the_rest(final, told))
     unseen = _held_out(final, before, apart)
 

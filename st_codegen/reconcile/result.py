@@ -133,6 +133,6 @@ class Reconciliation:
     def _scatter(self, chosen: Callable[[int], bool]) -> float:
         """RMS over the chosen orders, less what a hum that was taken out of the curves has in them."""
         hums = [hum.by_order for hum in self.data.hums]
-        left = [one for one in self.unexplained if "scatter" in one.dependence and chosen(one.order)]
+        left = [one for one in self.unexplained if one.is_scatter and chosen(one.order)]
         of_hums = (sum(float(made[one.order]) ** 2 for made in hums) for one in left)
         return math.sqrt(sum(max(one.rms_deg**2 - hum, 0.0) for one, hum in zip(left, of_hums, strict=True)))

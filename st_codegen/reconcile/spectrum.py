@@ -28,8 +28,6 @@ from st_codegen.rig.effects import Conditions, Constants
 from st_codegen.rig.model import RigModel
 
 COLUMNS = ("direction", "order", "median_deg")
-#: orders of a direction that tell a floor
-_LEAST = 8
 _DIRECTIONS = {"fw": 1.0, "forward": 1.0, "bw": -1.0, "backward": -1.0}
 _WORDS = {1.0: "forward", -1.0: "backward"}
 
@@ -127,13 +125,14 @@ def read_spectrum(path: Path) -> Spectrum:
             size[sign, int(order)] = median
     problems.raise_if_any()
     spectrum = Spectrum(path, size)
+    least = SETTINGS.spectrum_orders
     for sign in spectrum.signs or [1.0]:
         own = spectrum.above_zero(sign)
-        if len(own) < _LEAST or not any(own.values()):
+        if len(own) < least or not any(own.values()):
             what = (
-                f"{len(own)} orders above 0 are too few" if len(own) < _LEAST else "sizes that are all 0 are too small"
+                f"{len(own)} orders above 0 are too few" if len(own) < least else "sizes that are all 0 are too small"
             )
-            problems.add(f"{_WORDS[sign]}: {what} for a floor; list all that were measured, at least {_LEAST}")
+            problems.add(f"{_WORDS[sign]}: {what} for a floor; list all that were measured, at least {least}")
     problems.raise_if_any()
     return spectrum
 
@@ -219,7 +218,7 @@ def _shape(spectrum: Spectrum) -> float:
         return 1.0
     each = [spectrum.above_zero(sign) for sign in spectrum.signs]
     alike = [[own[order] for own in each] for order in spectrum.orders if all(order in own for own in each)]
-    if len(each) == 1 or len(alike) < _LEAST:
+    if len(each) == 1 or len(alike) < SETTINGS.spectrum_orders:
         alike = [[*pair] for own in each for pair in itertools.pairwise(own.values())]
     both = np.log(alike)
     quiet = both[np.argsort(both.sum(axis=1), kind="stable")[: max(3, len(both) // 2)]]

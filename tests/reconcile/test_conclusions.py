@@ -45,7 +45,7 @@ from st_codegen.reconcile.search.plausible import (
     law_holds,
 )
 from st_codegen.reconcile.search.states import in_their_forms
-from st_codegen.reconcile.settings import CHOSEN_ON, SETTINGS
+from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 from st_codegen.rig.model import RigModel
 from st_codegen.threads import one_thread
@@ -637,11 +637,6 @@ def test_a_stiff_transmission_is_not_at_the_bound_of_soft_ones(stiffness, met):
     """The inverse spans five decades: a thousandth of its range was all that is stiffer than 490 N m per arcmin."""
     piece = piece_of(effect("torsional_compliance", stiffness_Nm_per_arcmin=stiffness), added=True)
     assert bool(bounds_met(piece)) is met
-
-
-def test_each_number_that_cases_chose_is_marked_once():
-    named = [name for names in CHOSEN_ON.values() for name in names]
-    assert len(named) == len(set(named)) and all(hasattr(SETTINGS, name) for name in named)
 
 
 def test_a_burst_of_a_mesh_order_is_asked_for_only_where_the_orders_around_it_were_measured():

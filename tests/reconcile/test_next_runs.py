@@ -127,7 +127,7 @@ def test_what_is_unexplained_counts_by_its_power_over_the_noise(order, parts):
     target = SimpleNamespace(data=data, sigma=sigma, good=good)
     final = SimpleNamespace(target=target, residual=np.full(data.values.shape, 4e-5))
     conclusions = SimpleNamespace(final=final)
-    signature = SimpleNamespace(order=order, dependence={})
+    signature = SimpleNamespace(order=order, dependence={}, is_scatter=False)
     result = SimpleNamespace(conclusions=conclusions, verdict="unexplained", unexplained=[signature])
     (*_, question) = unexplained(result, SimpleNamespace(data=data))  # of few runs the gaps stand in front
     assert question.weight == pytest.approx((4.0**2 - parts) / parts)
@@ -252,7 +252,7 @@ def test_what_a_chosen_point_tells_is_what_a_measured_one_tells():
     assert (asked.gains() <= before + 1e-12).all()
     # the equation of a Gaussian process: one minus what the known places tell, with the share that each leaves open
     distance = ((points[:, None] - measured[None]) ** 2).sum(axis=2)
-    own = np.exp(-0.5 * ((measured[:, None] - measured[None]) ** 2).sum(axis=2)) + questions._NUGGET * np.eye(30)
+    own = np.exp(-0.5 * ((measured[:, None] - measured[None]) ** 2).sum(axis=2)) + SETTINGS.left_open * np.eye(30)
     near = np.exp(-0.5 * distance)
     told = (near * np.linalg.solve(own, near.T).T).sum(axis=1)
     assert np.allclose(before, 2 * np.log1p(weight * (1 - told)), rtol=1e-10, atol=1e-12)

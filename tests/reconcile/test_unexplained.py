@@ -30,6 +30,7 @@ from st_codegen.reconcile.rest.structure import (
 from st_codegen.reconcile.rest.unexplained import _scattered, main_cause, signatures
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
+from st_codegen.rig.effects.empirical import TERMS
 
 SIGMA = 1.3e-5
 ORDERS = np.array([0, 40, 53])
@@ -68,6 +69,27 @@ def test_a_square_of_the_torque_has_its_size_cause_and_formula():
     assert set(one.formula.terms) == {"torque_square"}
     assert one.amplitude_deg == pytest.approx(1.24e-4 * 1.5**2, rel=0.02)
     assert "grows with the square of the torque" in one.text and "at 1800 N m" in one.text
+
+
+@pytest.mark.parametrize("words", ["grows with the square of the torque", "grows as the load squared"])
+def test_what_else_a_sentence_says_does_not_hang_on_its_words(words, monkeypatch):
+    """Whether the time may do it as well was asked of the words: another word for the torque took it away."""
+    monkeypatch.setitem(TERMS, "torque_square", (TERMS["torque_square"][0], words))
+    at = grid()
+    values = white([1] * 3)
+    values[:, 2] += 1.24e-4 * (at.torque_Nm / 1200) ** 2 * TURN
+    noise = estimate(Observations(at, labels(at), ORDERS, values), values)
+    # the grid has one torque after the other
+    for known, end in (
+        ({"run": np.arange(len(at)) // 2}, ", or with the time: the runs go through the torque once"),
+        ({"sorted_by": "torque"}, ", or with the time if the runs were made in the order of their list"),
+        ({"sorted_by": "speed"}, "at 1800 N m"),
+    ):
+        data = Observations(at, labels(at), ORDERS, values, **known)
+        target = FitData(data, noise.sigma, noise.good, groups_of(at))
+        (one,) = signatures(target, values, floors(target, values, noise.floor_rms))
+        said, _, _ = one.text.partition("; ")
+        assert words in said and said.endswith(end)
 
 
 def test_a_term_that_takes_from_the_others_is_said_to():

@@ -98,7 +98,7 @@ def unit_choices(factor: float, ratio: float, *, agreed: bool = False) -> str:
         ratio: f"that of the motor side (a factor of {ratio:g})",
         1 / ratio: f"divided by the reduction ratio (a factor of {ratio:g})",
     }
-    reach = np.log(SETTINGS.column_factor) if agreed else 0.9
+    reach = np.log(SETTINGS.column_factor) if agreed else SETTINGS.near_a_unit
     near = sorted((f for f in known if abs(np.log(f / factor)) < reach), key=lambda f: abs(np.log(f / factor)))
     if not near and agreed:
         return (

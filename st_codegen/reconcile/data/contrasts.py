@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from st_codegen.reconcile.data.kept import KeptAnswers
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 
@@ -42,16 +43,12 @@ class Contrasts:
 
 def contrasts(at: Conditions, good: BoolArray) -> Contrasts:
     """Contrasts of each run against good runs of the same direction. The last few are kept."""
-    key = (id(at.sign), id(at.speed_rpm), id(at.torque_Nm), id(at.temperature_C), good.tobytes())
-    if key not in _KEPT:
-        if len(_KEPT) > 8:
-            _KEPT.clear()
-        _KEPT[key] = (at, _contrasts(at, good))
-    return _KEPT[key][1]
+    asked = (at.sign, at.speed_rpm, at.torque_Nm, at.temperature_C)
+    return _KEPT.of(asked, lambda: _contrasts(at, good), good.tobytes())
 
 
-#: the conditions are kept with the contrasts, so that their identity is theirs
-_KEPT: dict[tuple[int, int, int, int, bytes], tuple[Conditions, Contrasts]] = {}
+#: of the last conditions
+_KEPT = KeptAnswers[Contrasts](9)
 
 
 def _contrasts(at: Conditions, good: BoolArray) -> Contrasts:
@@ -76,7 +73,7 @@ def _contrasts(at: Conditions, good: BoolArray) -> Contrasts:
         weight[rows] = np.linalg.pinv(design, rcond=1e-6)[:, 0]
         norm[rows] = np.sqrt(1 + (weight[rows] ** 2).sum(axis=1))
     # an extrapolated prediction says little
-    norm[norm > 2.5] = np.inf
+    norm[norm > SETTINGS.most_extrapolated] = np.inf
     return Contrasts(index, weight, norm)
 
 

@@ -17,14 +17,8 @@ from st_codegen.campaign.orders import Sums, fit_orders
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.settings import SETTINGS
 
-#: distance from the order that a frequency lets expect, of which whole numbers have a quarter in the median
-_WHOLE = 0.1
-#: share of its size near an order that a wave has over the measured angle as well, beside the orders of the rig
-_STAYS = 0.5
 #: median of the sum of two exponential numbers
 _MEDIAN_OF_TWO = 1.678
-#: steps to each side in which the frequency of a hum that is known to an order is looked for
-_FINEST = 200
 
 
 @dataclass(frozen=True)
@@ -135,7 +129,7 @@ def without_hums(
         sizes, orders = np.array([own.size for own in told]), np.array([own.order for own in told])
         seen = sizes > 0
         # an order of the machine that a resonance lifts near this frequency is a whole number
-        if not seen.any() or np.median(np.abs(orders - frequency / turns_Hz)[seen]) > _WHOLE:
+        if not seen.any() or np.median(np.abs(orders - frequency / turns_Hz)[seen]) > SETTINGS.near_an_order:
             break
         frequency = float(np.average((orders * turns_Hz)[seen], weights=turns_Hz[seen] ** -2))
         most = float(sizes.max())
@@ -171,8 +165,8 @@ def without_waves_between(sums: Sequence[Sums], known: Collection[int]) -> tuple
         seen = sizes > 0.0
         middle = float(np.median(orders[seen])) if seen.any() else 0.0
         spread = float(np.median(np.abs(orders[seen] - middle))) if seen.any() else 0.0
-        is_between = abs(middle - round(middle)) >= _WHOLE and seen.mean() >= SETTINGS.most_orders and spread <= _WHOLE
-        if not is_between or not _over_the_angle(kept[some], known, top):
+        is_between = abs(middle - round(middle)) >= SETTINGS.near_an_order >= spread
+        if not is_between or seen.mean() < SETTINGS.most_orders or not _over_the_angle(kept[some], known, top):
             free[top] = False  # it may be louder than a wave between others
             continue
         # in curves that do not tell its order well by themselves it has that of the others
@@ -202,7 +196,7 @@ def _over_the_angle(sums: Sequence[Sums], known: Collection[int], top: int) -> b
         near = [order for order in range(max(top - 3, 1), min(top + 4, one.band + 1)) if order not in known]
         over_angle = fit_orders(one, [order for order in known if order <= one.band]).waves[near]
         shares.append(float(np.abs(over_angle).max() / max(float(np.abs(one.plain_fft[near]).max()), 1e-300)))
-    return float(np.median(shares)) > _STAYS
+    return float(np.median(shares)) > SETTINGS.stays_over_angle
 
 
 def _between(sums: Sequence[Sums], lines: ComplexArray, noise: FloatArray, free: BoolArray, top: int) -> list[_Seen]:
@@ -213,7 +207,7 @@ def _between(sums: Sequence[Sums], lines: ComplexArray, noise: FloatArray, free:
     places, found = np.arange(len(free)), []
     for one, line, floor in zip(sums, lines, noise, strict=True):
         fits = [
-            _wave(one, line, low + 0.5, free, reach=0.5 - _WHOLE, least=SETTINGS.least_between)
+            _wave(one, line, low + 0.5, free, reach=0.5 - SETTINGS.near_an_order, least=SETTINGS.least_between)
             for low in range(max(top - 3, 1), top + 3)
         ]
         best = max(fits, key=lambda fit: fit.size and float((np.abs(fit.wave[: len(free)][free]) ** 2).sum()))
@@ -301,7 +295,7 @@ def _faint(sums: Sequence[Sums], turns_Hz: FloatArray, known: Collection[int]) -
 
     # the two orders beside a line are the same over a whole order
     reach = 0.5 * float(turns_Hz[shown].max())
-    step = max(0.1 * float(turns_Hz[shown].min()), reach / _FINEST)
+    step = max(0.1 * float(turns_Hz[shown].min()), reach / SETTINGS.steps_of_frequency)
     best = max(np.arange(best - reach, best + reach, step), key=lambda frequency: float(told(frequency).sum()))
     size = float(np.sqrt(max(float((told(best) * noise[shown]).mean()), 0.0)))
     return Hum(float(best), size, (int(shown.sum()), len(sums)), np.zeros(max(one.band for one in sums) + 1), True)
@@ -319,7 +313,7 @@ def _is_alike(both: FloatArray, order: IntArray, turns_Hz: FloatArray) -> bool:
     halves = [both[slow], both[~slow]]
     return (
         len(np.unique(order)) >= SETTINGS.shared_orders
-        and float(np.mean(both > _MEDIAN_OF_TWO)) > 0.5 + 1.5 / np.sqrt(len(both))
+        and float(np.mean(both > _MEDIAN_OF_TWO)) > 0.5 + 0.5 * SETTINGS.told / np.sqrt(len(both))
         and all(_beyond_noise(half) > SETTINGS.half_of_hum for half in halves)
     )
 
@@ -359,7 +353,7 @@ def _frequency(power: FloatArray, free: BoolArray, samples: IntArray, turns_Hz: 
     best = float(sure.max(initial=0.0))
     if best < np.log(len(tried) / SETTINGS.p_chance):
         return None
-    return float(np.median(tried[sure > 0.99 * best]))
+    return float(np.median(tried[sure > SETTINGS.as_likely * best]))
 
 
 def _mirrored(order: FloatArray, samples: IntArray) -> FloatArray:

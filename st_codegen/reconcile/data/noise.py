@@ -69,7 +69,7 @@ def estimate(data: Observations, residual: ComplexArray, known_bad: BoolArray | 
     suspects: dict[int, float] = {}
     for _ in range(6):
         local = contrasts(data.at, good)
-        if local.usable.sum() < 8:
+        if local.usable.sum() < SETTINGS.least_planes:
             break
         e = local.apply(residual)
         sigma = _sigma_by_direction(data, e, good & local.usable)
@@ -82,7 +82,7 @@ def estimate(data: Observations, residual: ComplexArray, known_bad: BoolArray | 
         ]
         deviation = e / sigma
         worst = [row for row in worst if not repeats(data.at, deviation, int(row))]
-        if not worst or (~good).sum() + len(worst) > 0.1 * len(data):
+        if not worst or (~good).sum() + len(worst) > SETTINGS.most_suspects * len(data):
             break
         for row in map(int, worst):
             good[row] = False
@@ -93,7 +93,7 @@ def estimate(data: Observations, residual: ComplexArray, known_bad: BoolArray | 
         del suspects[row]
     local = contrasts(data.at, good)
     rows = good & local.usable
-    if rows.sum() >= 8:
+    if rows.sum() >= SETTINGS.least_planes:
         e = local.apply(residual)
         sigma = _sigma_by_direction(data, e, rows)
         floor, kinds = _rms_of(data, e[rows]), ["plane"] * len(data.orders)
@@ -212,11 +212,11 @@ def _sigma_by_direction(data: Observations, e: ComplexArray, rows: BoolArray) ->
     level = speed_levels(data.at.speed_rpm)
     for of_sign in data.at.by_direction():
         own = rows & of_sign
-        common = sigma_of(e[rows if data.few_points or own.sum() < 12 else own], data.orders)
+        common = sigma_of(e[rows if data.few_points or own.sum() < SETTINGS.rows_of_noise else own], data.orders)
         sigma[of_sign] = common
         for number in np.unique(level):
             here = own & (level == number)
-            if here.sum() >= 12:
+            if here.sum() >= SETTINGS.rows_of_noise:
                 louder = sigma_of(e[here], data.orders)
                 # the median of 12 or more scatters by a third: only what is beyond that counts
                 is_louder = louder > SETTINGS.louder_speed * common
@@ -259,8 +259,6 @@ def _distances(e: ComplexArray, sigma: FloatArray, usable: BoolArray) -> FloatAr
 _LENGTHS = ((0.2, 0.5, 1.5, np.inf), (0.2, 0.5, 1.5, np.inf), (0.7, 2.0, np.inf))
 #: variance of the noise over that of the function
 _RATIOS = np.geomspace(1e-8, 1e2, 31)
-#: fewer runs of a direction say nothing; of more than these their neighbours say as much at less cost
-_LEAST_RUNS, _MOST_RUNS = 24, 200
 
 
 def noise_beside(at: Conditions, values: ComplexArray, orders: IntArray) -> FloatArray:
@@ -269,7 +267,7 @@ def noise_beside(at: Conditions, values: ComplexArray, orders: IntArray) -> Floa
     values: complex128 (n, K), deg.
     """
     count = len(values)
-    if not _LEAST_RUNS <= count <= _MOST_RUNS:
+    if not SETTINGS.least_scattered <= count <= SETTINGS.most_scattered:
         return np.full(len(orders), np.inf)
     is_mean = orders == 0
     parts = np.where(is_mean, 1, 2)

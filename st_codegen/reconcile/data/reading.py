@@ -29,8 +29,6 @@ from st_codegen.rig.model import RigModel
 
 #: angles of a turn at which a bump is looked for
 _ANGLES = 2048
-#: order times width (rad) from which on a bump's waves are below a hundredth of its largest
-_TOLD_OF_BUMP = 3.0
 
 
 def read_measured(
@@ -409,8 +407,8 @@ def _loud(power: FloatArray) -> BoolArray:
     power = np.where(np.isfinite(power), power, 0.0) * (len(power) / runs)
     # the power of noise is exponential with mean 1: the mean of n has the standard deviation 1/sqrt(n)
     mean = np.minimum(power, SETTINGS.loud_line).mean(axis=0) > 1 + SETTINGS.quiet_order / np.sqrt(runs)
-    few = (power > SETTINGS.loud_line).mean(axis=0) > np.maximum(0.01, 2.5 / runs)
-    return np.asarray(mean | few)
+    few = np.maximum(SETTINGS.runs_with_a_line, SETTINGS.more_runs_with_a_line / runs)
+    return np.asarray(mean | ((power > SETTINGS.loud_line).mean(axis=0) > few))
 
 
 def _shared(waves: ComplexArray, sign: FloatArray, known: set[int]) -> list[int]:
@@ -458,7 +456,7 @@ def _of_a_place(
     best: tuple[float, list[int]] = (SETTINGS.place_sure, [])
     for order, width in itertools.product((0, *meshes), SETTINGS.place_widths_deg):
         shape = bump(asked - order, 0.0, width).real
-        reached = asked[np.abs(asked - order) * np.radians(width) <= _TOLD_OF_BUMP]
+        reached = asked[np.abs(asked - order) * np.radians(width) <= SETTINGS.told_of_bump]
         for other in (1.0, -1.0)[: len(means)]:
             filtered = np.zeros(waves.shape[1], np.complex128)
             filtered[asked] = (means[0] + other * sum(means[1:])) * shape / power

@@ -47,7 +47,7 @@ class Recording:
     @property
     def moves(self) -> BoolArray:
         """The samples at which the axis moves, (n,): standstill says nothing of the direction, and little else."""
-        return np.asarray(self.at.speed_rpm > 0.02 * self.at.speed_rpm.max())
+        return np.asarray(self.at.speed_rpm > SETTINGS.standstill * self.at.speed_rpm.max())
 
     def rows(self, index: IntArray) -> Recording:
         """The samples of an index array."""
@@ -121,7 +121,7 @@ def _smoothed(values: FloatArray) -> FloatArray:
 
 def _directions(speed: FloatArray) -> FloatArray:
     """+1 or -1; at standstill the last direction, forward before the first motion."""
-    moving = np.abs(speed) > 1e-3 * np.abs(speed).max()
+    moving = np.abs(speed) > SETTINGS.no_direction * np.abs(speed).max()
     last = np.maximum.accumulate(np.where(moving, np.arange(len(speed)), 0))
     return np.where(moving[last], np.sign(speed[last]), 1.0)
 
@@ -226,8 +226,9 @@ def step_of(angle: FloatArray) -> float:
     for step in sorted(tried, reverse=True):
         off = np.abs(values - step * np.round(values / step))
         # an even motion may go in whole steps; what is rounded is one step too early or too late now and then
-        wobbles = np.abs(bends / step - 1.0) < 0.1
-        if float(off.max()) < 1e-3 * step + dust < 0.01 * step and wobbles.mean() > SETTINGS.least_wobbles:
+        wobbles = np.abs(bends / step - 1.0) < SETTINGS.wobble_of_a_step
+        is_one = float(off.max()) < SETTINGS.off_steps * step + dust < SETTINGS.told_step * step
+        if is_one and wobbles.mean() > SETTINGS.least_wobbles:
             return step
     return 0.0
 

@@ -208,7 +208,7 @@ def fit(target: FitData, state: State, *, steps: int = 12, tolerance: float = 1e
                 break
         else:
             damping = max(damping * 30, 1e-3)
-            if damping > 1e6:
+            if damping > SETTINGS.most_damping:
                 break
     if normal is None:
         columns, _ = _linearised(target, state, residual)

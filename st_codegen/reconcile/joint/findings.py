@@ -10,9 +10,9 @@ import numpy as np
 
 from st_codegen.reconcile.joint.parts import KINDS, OTHERS, OVER_SPEED, RIGID, crossed
 from st_codegen.reconcile.joint.run import JointResult
+from st_codegen.reconcile.joint.settings import JOINT
 from st_codegen.reconcile.joint.waves import ANGLE, TorqueWave
 from st_codegen.reconcile.outcome import Outcome
-from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Constants
 
 Value = tuple[float, float | None, str]
@@ -69,7 +69,7 @@ def signatures(result: JointResult) -> list[str]:
             "not resolved"
         )
     _, after, floor = result.gap
-    if after > SETTINGS.joint_noise * floor:
+    if after > JOINT.noise * floor:
         size = digits(np.sqrt(after**2 - floor**2), 2)
         left = f"{size} N m RMS on left-out stretches beyond the noise that can be told"
         beside = ", of which what other joints do may make a part" if OTHERS in result.chosen.names() else ""
@@ -134,7 +134,7 @@ def number(value: float, error: float | None, unit: str) -> str:
 def digits(value: float, count: int) -> str:
     """So many digits of a number, from a millionth to a million without a power of ten: 30, not 3e+01."""
     short = f"{value or 0.0:.{count}g}"
-    is_usual = 1e-6 <= abs(float(short)) <= 1e6
+    is_usual = JOINT.plain[0] <= abs(float(short)) <= JOINT.plain[1]
     return np.format_float_positional(float(short), trim="-") if is_usual and "e" in short else short
 
 
@@ -144,7 +144,7 @@ def _share(result: JointResult, name: str) -> float:
 
 def _is_told(name: str, value: float, error: float) -> bool:
     """Whether a part is larger than what else is left could make of it."""
-    return abs(value) > (SETTINGS.joint_bend if name == "square_friction" else 1.0) * error
+    return abs(value) > (JOINT.bend if name == "square_friction" else 1.0) * error
 
 
 def _is_below_nothing(result: JointResult, name: str) -> bool:
@@ -176,7 +176,7 @@ def _part(result: JointResult, name: str) -> JointFinding | None:
         return None
     remark = ""
     slow, fast = np.quantile(np.abs(result.rows.speed), (0.1, 0.9))
-    if name in _POWERS and fast < SETTINGS.joint_speeds * slow:
+    if name in _POWERS and fast < JOINT.speeds * slow:
         return _near_one_speed(result, float(fast))
     if name == "dry_friction":
         slowest, fastest = np.quantile(np.abs(result.rows.speed), (0.02, 0.98))
@@ -227,7 +227,7 @@ def _stribeck(result: JointResult) -> JointFinding | None:
     curve = friction_curve(result, speed)
     least = int(curve.argmin())
     value, error = result.chosen.value("curved_friction", law=False)
-    if value <= 0 or least < 8 or curve[0] - curve[least] < SETTINGS.joint_better * error or curve[least] < 0:
+    if value <= 0 or least < 8 or curve[0] - curve[least] < JOINT.better * error or curve[least] < 0:
         return None
     text = (
         f"friction that falls with speed (Stribeck): {digits(curve[0], 3)} N m at {digits(slowest, 2)} rad/s, least at "
@@ -245,7 +245,7 @@ def _stribeck(result: JointResult) -> JointFinding | None:
 def _reversal(result: JointResult, name: str) -> JointFinding | None:
     value, error = result.chosen.value(name)
     shape = next(part.shape for part in result.chosen.parts if part.name == name)
-    if value >= 0 or shape <= 1.001 * float(KINDS[name].shapes(result.rows)[0]):
+    if value >= 0 or shape <= JOINT.shortest * float(KINDS[name].shapes(result.rows)[0]):
         return None
     over, unit, key = ("travel", "rad", "travel_rad") if name == "reversal_travel" else ("time", "s", "time_s")
     text = (
@@ -310,7 +310,7 @@ def _or_over_time(wave: TorqueWave) -> str:
 
 
 def _is_beside(wave: TorqueWave, loud: TorqueWave) -> bool:
-    near = max(SETTINGS.joint_beside * loud.number, 3 * loud.resolution)
+    near = max(JOINT.beside * loud.number, 3 * loud.resolution)
     return wave is not loud and abs(wave.number - loud.number) < near
 
 
@@ -382,12 +382,12 @@ def measurement(result: JointResult) -> list[str]:
     if result.late_s:
         way = "later" if result.late_s > 0 else "earlier"
         _, after, floor = result.gap
-        rest = ", or what stays unexplained" if after > SETTINGS.joint_noise * floor else ""
+        rest = ", or what stays unexplained" if after > JOINT.noise * floor else ""
         found.append(
             f"tau{result.joint} is as if {digits(abs(result.late_s) * 1e3, 3)} ms {way} than the motion, and is "
             f"shifted by as much: a delay, a filter, or an elasticity between encoder and drive{rest}"
         )
-    if (told := explained(result)) < SETTINGS.joint_unrelated:
+    if (told := explained(result)) < JOINT.unrelated:
         found.append(
             f"motion and friction predict {max(told, 0.0):.0%} of the changes of tau{result.joint} over left-out "
             "stretches: is it the torque of this joint?"
@@ -434,7 +434,7 @@ def cannot_show(result: JointResult) -> list[str]:
     elif result.mode is None:
         found.append(f"an elasticity above {digits(result.told_to_Hz, 3)} Hz: the motion explains the torque below")
     if not result.waves:
-        fewest = SETTINGS.joint_least_waves * 2 * np.pi / float(np.ptp(rows.angle))
+        fewest = JOINT.least_waves * 2 * np.pi / float(np.ptp(rows.angle))
         found.append(f"waves of fewer than {digits(fewest, 2)} per revolution")
     found.append(f"what changes faster than about {digits(0.2 / rows.kernel_s, 2)} Hz, other than an elasticity")
     found.append(f"standstill, and speeds below {digits(float(np.abs(rows.speed).min()), 2)} rad/s")

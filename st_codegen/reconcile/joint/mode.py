@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from st_codegen.ir.arrays import ComplexArray, FloatArray
-from st_codegen.reconcile.settings import SETTINGS
+from st_codegen.reconcile.joint.settings import JOINT
 
 #: a fit that is stopped before it has converged ends elsewhere on another processor
 _MOST_STEPS = 400
@@ -64,8 +64,8 @@ def response(pieces: Sequence[tuple[FloatArray, FloatArray]], step_s: float) -> 
     part = np.where(turn > 0, (np.sin(turn) / np.where(turn > 0, turn, 1.0)) ** 2, 1.0)
     aa, ma, mm = (np.array(column) for column in zip(*sums, strict=True))
     coherence = np.abs(ma.sum(axis=0)) ** 2 / np.maximum(aa.sum(axis=0) * mm.sum(axis=0), 1e-300)
-    told = (coherence > SETTINGS.joint_coherence) & (np.arange(len(frequency)) > 1) & (turn < 0.6 * np.pi)
-    if told.sum() < SETTINGS.joint_frequencies:
+    told = (coherence > JOINT.coherence) & (np.arange(len(frequency)) > 1) & (turn < JOINT.told_band * np.pi)
+    if told.sum() < JOINT.frequencies:
         return None
     # half of the pieces overlap, so that two count as little more than one
     count = len(sums) / 1.5
@@ -96,7 +96,7 @@ def find_mode(found: JointResponse) -> JointMode | None:
     """The mode that a response shows; None where a rigid joint does as well, or the mode is not inside what is told."""
     w = 2 * np.pi * found.frequency
     inertia = max(float(np.median(np.abs(found.value[: max(3, len(w) // 6)]))), 1e-12)
-    error = np.maximum(found.error, 0.01 * np.abs(found.value))
+    error = np.maximum(found.error, JOINT.least_error * np.abs(found.value))
     rigid, p0 = _fit(_plain, np.array([inertia, 0.0, 0.0, 0.0]), found.value, error, w)
     if _is_within_errors(rigid, w):
         return None
@@ -110,14 +110,14 @@ def find_mode(found: JointResponse) -> JointMode | None:
         forms.append((_both, [1.15 * place, 0.05, place / 1.15, 0.05]))
         for model, tail in forms:
             done, p = _fit(model, np.concatenate([beside, tail]), found.value, error, w)
-            tried.append((done.cost + 3.0 * len(p), done, p, model))
+            tried.append((done.cost + JOINT.price * len(p), done, p, model))
     # a mode counts that is one; what is none may fit a little better
     modes = [one for one in tried if _is_mode(one[2], w)]
-    if not modes or min(one[0] for one in modes) > 1.5 * min(one[0] for one in tried):
+    if not modes or min(one[0] for one in modes) > JOINT.as_good * min(one[0] for one in tried):
         return None
     _, done, p, model = min(modes, key=lambda one: one[0])
     before, after, apart = _held_out(model, p, p0, found, w)
-    if after > (1 - SETTINGS.joint_mode) * before or _is_braked(p, found.value, w):
+    if after > (1 - JOINT.mode) * before or _is_braked(p, found.value, w):
         return None
     try:
         spread = np.sqrt(np.diag(np.linalg.inv(done.jac.T @ done.jac)) * max(2 * done.cost / (2 * len(w)), 1.0))
@@ -138,29 +138,29 @@ def is_rigid(found: JointResponse) -> bool:
     """Whether an inertia, a damper and a spring, late by a time, are all that a response shows."""
     w = 2 * np.pi * found.frequency
     inertia = max(float(np.median(np.abs(found.value[: max(3, len(w) // 6)]))), 1e-12)
-    error = np.maximum(found.error, 0.01 * np.abs(found.value))
+    error = np.maximum(found.error, JOINT.least_error * np.abs(found.value))
     return _is_within_errors(_fit(_plain, np.array([inertia, 0.0, 0.0, 0.0]), found.value, error, w)[0], w)
 
 
 def _is_within_errors(rigid: Any, w: FloatArray) -> bool:
     # half of a chi-square of two numbers each
-    return bool(rigid.cost < 1.5 * len(w))
+    return bool(rigid.cost < JOINT.rigid * len(w))
 
 
 def _is_mode(p: FloatArray, w: FloatArray) -> bool:
     """Whether parameters are those of a mode that is narrow, damped, and inside of the frequencies."""
     both = len(p) > 6 and not _is_filter(p)
-    wide = p[5] > SETTINGS.joint_broadest or (both and p[7] > SETTINGS.joint_broadest)
+    wide = p[5] > JOINT.broadest or (both and p[7] > JOINT.broadest)
     negative = p[5] <= 0 or p[0] <= 0 or (both and not (0 < p[6] < p[4] and p[7] > 0))
     if wide or negative or not w[1] < p[4] < w[-2]:
         return False
-    near = np.abs(w / p[4] - 1) < 3 * max(p[5], 0.05)
+    near = np.abs(w / p[4] - 1) < 3 * max(p[5], JOINT.narrowest)
     return bool(near.sum() >= 4 and (w[near] < p[4]).any() and (w[near] > p[4]).any())
 
 
 def _is_filter(p: FloatArray) -> bool:
     """Whether what falls off beside a resonance lies above it, and has no sharp peak, as a filter of the torque."""
-    return len(p) > 6 and bool(p[6] > p[4] and p[7] > SETTINGS.joint_broadest)
+    return len(p) > 6 and bool(p[6] > p[4] and p[7] > JOINT.broadest)
 
 
 def _is_braked(p: FloatArray, value: ComplexArray, w: FloatArray) -> bool:
@@ -171,11 +171,11 @@ def _is_braked(p: FloatArray, value: ComplexArray, w: FloatArray) -> bool:
     fit may be the drive's response.
     """
     lowest = min(p[4], p[6]) if len(p) > 6 else p[4]
-    here = (w > lowest / 3) & (w < 0.8 * lowest)
+    here = (w > lowest / 3) & (w < JOINT.lead_below * lowest)
     # a filter and an early time beside it undo each other's phase: neither is taken off alone
     form = _both if len(p) > 6 and not _is_filter(p) else _upper
     below = (value * _plain(p, w) / form(p, w))[here]
-    return bool(below.imag.sum() > SETTINGS.joint_lead * np.abs(below).sum())
+    return bool(below.imag.sum() > JOINT.lead * np.abs(below).sum())
 
 
 def _fit(
@@ -203,10 +203,10 @@ def _held_out(
     """Relative misfit (RMS) of each half by the other, without and with the mode; how far the halves' modes differ."""
     sums, modes = np.zeros(2), []
     for own, other in (found.halves, found.halves[::-1]):
-        error = np.maximum(found.half_error, 0.01 * np.abs(own))
+        error = np.maximum(found.half_error, JOINT.least_error * np.abs(own))
         for place, (form, start) in enumerate([(_plain, p0), (model, p)]):
             _, fitted = _fit(form, start, own, error, w)
             off = np.abs((form(fitted, w) - other) / np.maximum(np.abs(other), found.half_error))
-            sums[place] += float(np.minimum(off, 3.0) @ np.minimum(off, 3.0)) / (2 * len(w))
+            sums[place] += float(np.minimum(off, JOINT.most_off) @ np.minimum(off, JOINT.most_off)) / (2 * len(w))
         modes.append(fitted[4:6])
     return float(np.sqrt(sums[0])), float(np.sqrt(sums[1])), np.abs(modes[0] - modes[1]) / 2

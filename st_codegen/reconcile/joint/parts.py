@@ -14,7 +14,7 @@ import numpy as np
 
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.joint.rows import JointRows
-from st_codegen.reconcile.settings import SETTINGS
+from st_codegen.reconcile.joint.settings import JOINT
 
 #: parts that are no claim of a cause: the rigid joint, and what the motion of others explains
 RIGID, OTHERS = "rigid", "other_joints"
@@ -57,7 +57,7 @@ class PartGain:
     @property
     def passed(self) -> bool:
         """Whether the part predicts what it was not fitted to."""
-        return self.is_sure and self.blocks >= SETTINGS.joint_most and self.share > SETTINGS.joint_share
+        return self.is_sure and self.blocks >= JOINT.most and self.share > JOINT.share
 
 
 def crossed(columns: FloatArray, rows: JointRows) -> Crossed:
@@ -66,7 +66,7 @@ def crossed(columns: FloatArray, rows: JointRows) -> Crossed:
     together = np.argsort(rows.block, kind="stable")
     x = columns[together] / np.where(scale > 0, scale, 1.0)
     y = rows.torque[together]
-    count = SETTINGS.joint_blocks
+    count = JOINT.blocks
     edges = np.searchsorted(rows.block[together], np.arange(count + 1))
     cut = [slice(*pair) for pair in itertools.pairwise(edges.tolist())]
     grams = np.array([x[own].T @ x[own] for own in cut])
@@ -90,7 +90,7 @@ def gain_of(variants: Sequence[TorquePart], chosen: Sequence[TorquePart], rows: 
     base = stacked(chosen)
     fits = [crossed(np.hstack([base, part.columns]), rows) for part in variants]
     trained = np.array([fit.trained for fit in fits])
-    held = np.array([fit.held for fit in fits])[trained.argmin(axis=0), np.arange(SETTINGS.joint_blocks)]
+    held = np.array([fit.held for fit in fits])[trained.argmin(axis=0), np.arange(JOINT.blocks)]
     saved = before.held - held
     best = variants[int(trained.sum(axis=1).argmin())]
     share = float(saved.sum() / before.held.sum())
@@ -100,8 +100,8 @@ def gain_of(variants: Sequence[TorquePart], chosen: Sequence[TorquePart], rows: 
 def surely(saved: FloatArray, before: FloatArray) -> bool:
     """Whether stretches save loss beyond their standard error; or all of them, and most of it, however unlike."""
     error = float(saved.std(ddof=1)) / np.sqrt(len(saved))
-    most = bool((saved > 0).all()) and float(saved.sum()) > SETTINGS.joint_most * float(before.sum())
-    return most or float(saved.mean()) > SETTINGS.joint_better * error
+    most = bool((saved > 0).all()) and float(saved.sum()) > JOINT.most * float(before.sum())
+    return most or float(saved.mean()) > JOINT.better * error
 
 
 def stacked(parts: Sequence[TorquePart]) -> FloatArray:
@@ -129,7 +129,7 @@ def others(rows: JointRows) -> TorquePart | None:
     # as few columns as hold what there is: of two joints that move alike one is enough
     whitened = known - known.mean(axis=0)
     u, size, _ = np.linalg.svd(whitened / np.maximum(whitened.std(axis=0), 1e-12), full_matrices=False)
-    return TorquePart(OTHERS, 0.0, u[:, size > 1e-2 * size[0]] * np.sqrt(len(u)))
+    return TorquePart(OTHERS, 0.0, u[:, size > JOINT.least_acting * size[0]] * np.sqrt(len(u)))
 
 
 @dataclass(frozen=True)
@@ -152,9 +152,9 @@ def acting_of(rows: JointRows) -> Acting:
     basis = np.linalg.qr(stacked(parts))[0]
     free, left = (x - basis @ (basis.T @ x) for x in (free, rows.torque))
     chosen, fits = list[int](), [crossed(stacked(parts), rows)]
-    while len(chosen) < min(SETTINGS.joint_acting, rows.others.shape[1]):
+    while len(chosen) < min(JOINT.acting, rows.others.shape[1]):
         power = (free**2).sum(axis=0)
-        told = power > SETTINGS.joint_told * len(left)
+        told = power > JOINT.told * len(left)
         score = np.where(told, (free.T @ left) ** 2 / np.where(told, power, 1.0), 0.0)
         place = int(score.argmax())
         if not score[place]:
@@ -369,7 +369,7 @@ def _gains(rows: JointRows, parts: Sequence[TorquePart], fit: Crossed, not_told:
     for name, kind in KINDS.items():
         if name in there:
             continue
-        variants = [v for v in kind.variants(name, rows, load) if told(v, basis) > SETTINGS.joint_told]
+        variants = [v for v in kind.variants(name, rows, load) if told(v, basis) > JOINT.told]
         (not_told.discard if variants else not_told.add)(name)
         if variants:
             gains[name] = gain_of(variants, parts, rows, fit)
@@ -404,7 +404,7 @@ def _of_best_form(rows: JointRows, parts: list[TorquePart]) -> list[TorquePart]:
     others_of = {name: [part for part in forms.values() if {part.name, name} != _ALIKE] for name in OVER_SPEED}
     for name in OVER_SPEED if taken else ():
         basis = np.linalg.qr(stacked([*rest, *others_of[name]]))[0]
-        variants = [v for v in KINDS[name].variants(name, rows) if told(v, basis) > SETTINGS.joint_told]
+        variants = [v for v in KINDS[name].variants(name, rows) if told(v, basis) > JOINT.told]
         if name not in forms and variants:
             forms[name] = gain_of(variants, parts, rows, before).part
     if by_load is not None:
@@ -507,7 +507,7 @@ def _of_one_more(
     own = [part is one for one in parts for _ in range(one.columns.shape[1])]
     for other in more:
         moved = np.abs(crossed(stacked([*parts, other]), rows).values[: len(found)] - fit.values)
-        most = SETTINGS.joint_of_another * np.abs(fit.values)
+        most = JOINT.of_another * np.abs(fit.values)
         found = np.maximum(found, np.where(own, np.minimum(moved, most), 0.0))
     return found
 
@@ -517,7 +517,7 @@ def _is_sure(now: Chosen, name: str) -> bool:
     if part.columns.shape[1] > 1:
         return True
     value, error = now.value(name)
-    return abs(value) > SETTINGS.joint_errors * error
+    return abs(value) > JOINT.errors * error
 
 
 def without_outliers(rows: JointRows) -> tuple[JointRows, int]:
@@ -525,5 +525,5 @@ def without_outliers(rows: JointRows) -> tuple[JointRows, int]:
     friction = first_of_kinds(rows, "dry_friction", "viscous_friction", "direction_dependent_friction")
     parts = [*base_of(rows), *friction]
     left = rows.torque - stacked(parts) @ crossed(stacked(parts), rows).values
-    far = np.abs(left - np.median(left)) > 12 * 1.4826 * np.median(np.abs(left - np.median(left)))
-    return (rows.where(~far), int(far.sum())) if 0 < far.mean() < 0.01 else (rows, 0)
+    far = np.abs(left - np.median(left)) > JOINT.far_off * 1.4826 * np.median(np.abs(left - np.median(left)))
+    return (rows.where(~far), int(far.sum())) if 0 < far.mean() < JOINT.most_far_off else (rows, 0)

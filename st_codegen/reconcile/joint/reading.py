@@ -12,6 +12,7 @@ import numpy as np
 from st_codegen.errors import InputError, Problems, counted
 from st_codegen.files.csv_tables import CsvTable, header_of, read_csv
 from st_codegen.ir.arrays import FloatArray
+from st_codegen.reconcile.joint.settings import JOINT
 from st_codegen.reconcile.settings import SETTINGS
 
 #: units that a name may end in, as factors to rad, rad/s and N m; without one the column is in these
@@ -100,11 +101,11 @@ def _read(path: Path) -> JointRecording:
     names = [time, *(name for name, _ in columns.values())]
     values = dict(zip(names, table.numbers(names, problems, is_finite=False).T, strict=True))
     _check_values(table, values, problems)
-    if len(table.rows) < SETTINGS.joint_samples:
-        problems.add(f"{counted(len(table.rows), 'sample')} only, at least {SETTINGS.joint_samples} are needed")
+    if len(table.rows) < JOINT.samples:
+        problems.add(f"{counted(len(table.rows), 'sample')} only, at least {JOINT.samples} are needed")
     problems.raise_if_any()
     step, notes = _step(values[time] * _TIME[time], path)
-    if time == "t" and step > SETTINGS.joint_step:
+    if time == "t" and step > JOINT.step:
         raise InputError(
             f"{path}: a sample is taken every {step:g} s if t is in s: is it in milliseconds? Name the column t_ms, "
             "t_us or t_s"
@@ -132,7 +133,7 @@ def _check_values(table: CsvTable, values: Mapping[str, FloatArray], problems: P
         problems.add(f"{which}: values of {', '.join(bad)} are not finite; cut these rows off, or record them again")
     # a clock may count from any date
     for name in (name for name in values if name not in _TIME):
-        for row in np.flatnonzero(np.isfinite(values[name]) & (np.abs(values[name]) > SETTINGS.joint_largest))[:1]:
+        for row in np.flatnonzero(np.isfinite(values[name]) & (np.abs(values[name]) > JOINT.largest))[:1]:
             line, value = table.rows[row].line, values[name][row]
             problems.add(f"line {line}: {name} of {value:.3g} is no value of a joint; was it read wrong?")
 
@@ -145,7 +146,7 @@ def _step(time: FloatArray, path: Path) -> tuple[float, list[str]]:
         raise InputError(f"{path}: the time does not rise from row {row + 2} to the next ({time[row]:g} s)")
     step = float((time[-1] - time[0]) / len(steps))
     off = np.abs(time - time[0] - step * np.arange(len(time))) / step
-    if off.max() > SETTINGS.joint_jitter or steps.max() > 1.5 * float(np.median(steps)):
+    if off.max() > JOINT.jitter or steps.max() > JOINT.gap * float(np.median(steps)):
         row = int(np.argmax(steps))
         raise InputError(
             f"{path}: the samples are not evenly spaced; the widest step, {steps[row]:g} s, is from row {row + 2} to "
@@ -153,7 +154,7 @@ def _step(time: FloatArray, path: Path) -> tuple[float, list[str]]:
             "jitters, bring the columns to even times first"
         )
     uneven = [f"the time is off even steps by up to {off.max():.2g} of one; even steps are taken"]
-    return step, uneven if off.max() > SETTINGS.joint_jitter / 5 else []
+    return step, uneven if off.max() > JOINT.jitter / 5 else []
 
 
 def _check_jumps(name: str, angle: FloatArray) -> None:
@@ -164,7 +165,7 @@ def _check_jumps(name: str, angle: FloatArray) -> None:
     # a turn that is lost and found are two jumps, and more samples may be off
     others = np.sort(np.abs(steps))[: -max(3, len(steps) // 100)]
     # a step that is several times the fastest motion elsewhere, and that nothing before it announces
-    if len(others) and off[row] > SETTINGS.joint_jump * float(others[-1]) > 0:
+    if len(others) and off[row] > SETTINGS.jump * float(others[-1]) > 0:
         raise InputError(
             f"{name} jumps by {steps[row + 1]:.3g} from row {row + 3} to the next, elsewhere by {others[-1]:.2g} at "
             "most: are samples missing there, or is a turn lost? Put a file on each side"
@@ -173,7 +174,7 @@ def _check_jumps(name: str, angle: FloatArray) -> None:
 
 def is_standing(angle: FloatArray) -> bool:
     """Whether a joint travels no further than what gives in it, or than one step of its encoder: its dq is noise."""
-    return float(np.ptp(angle)) < SETTINGS.joint_travel or len(np.unique(angle)) < 3
+    return float(np.ptp(angle)) < JOINT.travel or len(np.unique(angle)) < 3
 
 
 def _check(joint: str, name: str, angle: FloatArray, speed: FloatArray | None, step: float, time: str) -> list[str]:
@@ -182,7 +183,7 @@ def _check(joint: str, name: str, angle: FloatArray, speed: FloatArray | None, s
     Of a joint that stands it is noise, but for what agrees with the angle by another unit.
     """
     turns = float(np.ptp(angle)) / (2 * np.pi)
-    if name == f"q{joint}" and turns > SETTINGS.joint_turns:
+    if name == f"q{joint}" and turns > JOINT.turns:
         raise InputError(
             f"{name} covers {turns:.0f} turns if it is in rad: is it in degrees? Name the column q{joint}_deg or "
             f"q{joint}_rad"
@@ -208,17 +209,18 @@ def _check(joint: str, name: str, angle: FloatArray, speed: FloatArray | None, s
     known = {180 / np.pi: "dq in deg/s, or q in rad while named deg", np.pi / 180: "q in degrees, dq in rad/s",
              30 / np.pi: "dq in rpm", -1.0: "dq with the opposite sign",
              **{_TIME[time] / unit: f"{time} in {word}" for word, unit in _UNITS_OF_TIME.items()}}  # fmt: skip
-    why = [text for value, text in known.items() if abs(factor / value - 1) < SETTINGS.joint_factor]
-    if standing and (alike < SETTINGS.joint_alike or not why):
+    why = [text for value, text in known.items() if abs(factor / value - 1) < SETTINGS.one_rate]
+    if standing and (alike < JOINT.alike or not why):
         return []
-    if alike < SETTINGS.joint_alike:
+    if alike < JOINT.alike:
         raise InputError(
             f"dq{joint} is not the speed of {name}: they agree to {alike:.2f} only (correlation), 1 is expected"
         )
-    if abs(factor - 1) > SETTINGS.joint_factor:
+    if abs(factor - 1) > SETTINGS.one_rate:
         raise InputError(
             f"dq{joint} is {factor:.4g} times the rate of {name}: {why[0] if why else 'of another side of a gear'}? "
             f"Units may stand in the names: q{joint}_deg, dq{joint}_deg_s, dq{joint}_rpm, t_ms; without dq{joint} the "
             "rate of the angle is taken"
         )
-    return [f"dq{joint} is {factor:.3f} times the rate of {name}; the rate is taken"] if abs(factor - 1) > 0.02 else []
+    said = f"dq{joint} is {factor:.3f} times the rate of {name}; the rate is taken"
+    return [said] if abs(factor - 1) > JOINT.other_rate else []

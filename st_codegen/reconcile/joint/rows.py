@@ -14,7 +14,7 @@ from scipy.ndimage import gaussian_filter1d, maximum_filter1d, minimum_filter1d
 
 from st_codegen.ir.arrays import FloatArray, IntArray
 from st_codegen.reconcile.joint.reading import JointRecording
-from st_codegen.reconcile.settings import SETTINGS
+from st_codegen.reconcile.joint.settings import JOINT
 
 #: joints whose motion may act together with that of another: those of one arm
 _NEAREST = 6
@@ -87,12 +87,12 @@ def rows_of(
     every = max(1, -(-len(time) // _MOST_ROWS))
     chosen = slice(None, None, every)
     count = len(time[chosen])
-    if count < SETTINGS.joint_samples // 10:
+    if count < JOINT.samples // 10:
         return None
-    block = (np.arange(count) * SETTINGS.joint_blocks) // count
+    block = (np.arange(count) * JOINT.blocks) // count
     if (period := _period_s(recordings)) is not None:
         # what is left out must not come back in the next round
-        block = (time[chosen] % period * (SETTINGS.joint_blocks / period)).astype(np.int64)
+        block = (time[chosen] % period * (JOINT.blocks / period)).astype(np.int64)
     step = recordings[0].step_s
     noise, shaken = (
         float(np.sqrt(np.mean([noise_of(values[joint]) ** 2 for values in given])))
@@ -124,10 +124,10 @@ def _period_s(recordings: Sequence[JointRecording]) -> float | None:
     lags = np.arange(most + 1)
     apart = power[count - lags] + power[-1] - power[lags] - 2 * alike
     off = apart / (moved.shape[0] * (count - lags))
-    far = np.flatnonzero(off > SETTINGS.joint_repeats)
+    far = np.flatnonzero(off > JOINT.repeats)
     if not len(far):
         return None
-    back = np.flatnonzero(off[far[0] :] < SETTINGS.joint_repeats)
+    back = np.flatnonzero(off[far[0] :] < JOINT.repeats)
     if not len(back):
         return None
     start = int(far[0] + back[0])
@@ -137,11 +137,11 @@ def _period_s(recordings: Sequence[JointRecording]) -> float | None:
 
 def _kernel(angle: FloatArray) -> int:
     """The width (samples) at which the noise of the angle no longer matters in the acceleration."""
-    noise, (least, most) = noise_of(angle), SETTINGS.joint_kernel
+    noise, (least, most) = noise_of(angle), JOINT.kernel
     for width in range(least, most):
         # the ends know nothing of what comes next to them
         power = float(np.diff(gaussian_filter1d(angle, width)[4 * width : -4 * width], 2).var())
-        if noise**2 * 3 / (8 * np.sqrt(np.pi) * width**5) <= SETTINGS.joint_dilution * power:
+        if noise**2 * 3 / (8 * np.sqrt(np.pi) * width**5) <= JOINT.dilution * power:
             return width
     return most
 
@@ -166,7 +166,7 @@ def _rows(
 
     def direction(speed: FloatArray, width: int) -> FloatArray:
         noise = noise_of(raw) / one.step_s / np.sqrt(4 * np.sqrt(np.pi) * width**3)
-        slow = np.abs(speed) < max(SETTINGS.joint_standing * float(np.abs(speed).max()), 5 * noise)
+        slow = np.abs(speed) < max(JOINT.standing * float(np.abs(speed).max()), JOINT.sure_speed * noise)
         return np.where(slow, 0.0, np.sign(speed))
 
     sign = direction(speed, kernel)

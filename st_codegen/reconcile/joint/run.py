@@ -28,13 +28,8 @@ from st_codegen.reconcile.joint.parts import (
 )
 from st_codegen.reconcile.joint.reading import JointRecording, is_standing
 from st_codegen.reconcile.joint.rows import JointRows, rows_of
+from st_codegen.reconcile.joint.settings import JOINT
 from st_codegen.reconcile.joint.waves import ANGLE, TorqueWave, columns, find_wave, most_waves
-from st_codegen.reconcile.settings import SETTINGS
-
-#: shifts of the torque that are tried, s
-_MOST_SHIFT_S = 0.03
-#: so many times as far is looked where the best shift is the last one
-_FARTHEST = 10
 
 
 @dataclass(frozen=True)
@@ -90,9 +85,7 @@ def reconcile_joints(
             found.append(_joint(_scaled(recordings, joint, factor), joint, accept))
     problems.raise_if_any()
     moving = [one for one in found if one is not None]
-    least = (
-        f"a joint that travels less than {SETTINGS.joint_travel:g} rad, or one step of its encoder, counts as standing"
-    )
+    least = f"a joint that travels less than {JOINT.travel:g} rad, or one step of its encoder, counts as standing"
     if not moving:
         raise InputError(
             f"no joint moves for long enough: nothing can be told of friction, ripple or elasticity; {least}"
@@ -144,7 +137,7 @@ def _joint(recordings: list[JointRecording], joint: str, accept: Collection[str]
     rows = rows_of(recordings, joint, shift, kernel, acting.columns) or rows
     rows, outliers = without_outliers(rows)
     chosen, waves = choose(rows, acting.moves), list[TorqueWave]()
-    while len(waves) < SETTINGS.joint_waves:
+    while len(waves) < JOINT.waves:
         wave = find_wave(rows, chosen)
         if wave is None or any(abs(wave.number - w.number) < wave.resolution and w.over == wave.over for w in waves):
             break
@@ -174,7 +167,7 @@ def _rich(rows: JointRows, seen: Sequence[tuple[str, float]] = ()) -> list[Torqu
 def _seen(rows: JointRows) -> list[tuple[str, float]]:
     """The loudest waves: the drive answers them, so that they would look like a shift of the torque."""
     seen: list[tuple[str, float]] = []
-    while len(seen) < SETTINGS.joint_waves:
+    while len(seen) < JOINT.waves:
         parts = _rich(rows, seen)
         wave = find_wave(rows, Chosen(tuple(parts), crossed(stacked(parts), rows)))
         if wave is None or (wave.over, wave.number) in seen:
@@ -185,7 +178,7 @@ def _seen(rows: JointRows) -> list[tuple[str, float]]:
 
 def is_opposite(rows: JointRows) -> bool:
     """Whether inertia and friction are negative beyond their errors, beside friction that rises with speed or not."""
-    parts, sure = base_of(rows), -SETTINGS.joint_errors
+    parts, sure = base_of(rows), -JOINT.errors
     for names in (("dry_friction",), ("dry_friction", "viscous_friction")):
         fit = crossed(stacked([*parts, *first_of_kinds(rows, *names)]), rows)
         place = -len(names)
@@ -208,7 +201,7 @@ def _below_mode(
     kernel = rows.kernel_s
     if mode is not None:
         lowest = mode.antiresonance_Hz or mode.resonance_Hz
-        kernel = max(kernel, SETTINGS.joint_below_mode / (2 * np.pi * lowest))
+        kernel = max(kernel, JOINT.below_mode / (2 * np.pi * lowest))
     unseen = False
     # a rigid joint has one inertia at all frequencies: what a wider kernel sees otherwise is an unseen mode
     while (narrow := _inertia(recordings, joint, kernel, acting, seen)) is not None:
@@ -216,8 +209,8 @@ def _below_mode(
         if wide is None:
             break
         (inertia, error, diluted), (other, more, _) = narrow, wide
-        apart, sure = abs(inertia - other), SETTINGS.joint_better * float(np.hypot(error, more))
-        if apart <= max(SETTINGS.joint_one_inertia * abs(other), sure):
+        apart, sure = abs(inertia - other), JOINT.better * float(np.hypot(error, more))
+        if apart <= max(JOINT.one_inertia * abs(other), sure):
             break
         kernel, unseen = 2 * kernel, unseen or apart > sure + 2 * diluted
     return kernel, unseen
@@ -253,7 +246,7 @@ def _shift(
     seen: Sequence[tuple[str, float]],
 ) -> int:
     """Samples by which the torque is late: the shift whose model predicts best, if it surely does so better."""
-    most = int(min(_MOST_SHIFT_S / recordings[0].step_s, 30))
+    most = int(min(JOINT.most_shift_s / recordings[0].step_s, JOINT.most_shift))
     fits: dict[int, FloatArray] = {}
     base = rows_of(recordings, joint, 0, kernel_s, acting)
 
@@ -261,14 +254,14 @@ def _shift(
         """The best of all shifts so far, with some more."""
         for shift in set(shifts) - fits.keys():
             rows = rows_of(recordings, joint, shift, kernel_s, acting)
-            if rows is not None and base is not None and len(rows.time) > 0.9 * len(base.time):
+            if rows is not None and base is not None and len(rows.time) > JOINT.kept_rows * len(base.time):
                 fits[shift] = crossed(stacked(_rich(rows, seen)), rows).held / len(rows.time)
         return min(fits, key=lambda s: float(fits[s].sum()), default=0)
 
     step = max(1, most // 8)
     best = tried({*range(-most, most + 1, step), 0})
     # the best at the end of what was tried is not the best
-    while fits and abs(best) == max(map(abs, fits)) and abs(best) < _FARTHEST * most:
+    while fits and abs(best) == max(map(abs, fits)) and abs(best) < JOINT.farthest * most:
         before, way = best, int(np.sign(best))
         best = tried([before + way * step * n for n in range(1, 9)])
         if best == before:
@@ -282,8 +275,8 @@ def _shift(
         fits.clear()
     best = tried([0, *range(best - step + 1, best + step)])
     saved = fits[0] - fits[best]
-    sure = surely(saved, fits[0]) and (saved > 0).mean() >= SETTINGS.joint_most
-    return best if sure and saved.sum() > SETTINGS.joint_share * fits[0].sum() else 0
+    sure = surely(saved, fits[0]) and (saved > 0).mean() >= JOINT.most
+    return best if sure and saved.sum() > JOINT.share * fits[0].sum() else 0
 
 
 def _mode(

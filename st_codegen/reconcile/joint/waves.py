@@ -10,7 +10,7 @@ from scipy.ndimage import maximum_filter1d, median_filter
 from st_codegen.ir.arrays import BoolArray, FloatArray
 from st_codegen.reconcile.joint.parts import Chosen, PartGain, TorquePart, crossed, gain_of, stacked
 from st_codegen.reconcile.joint.rows import JointRows
-from st_codegen.reconcile.settings import SETTINGS
+from st_codegen.reconcile.joint.settings import JOINT
 
 #: what a wave goes over, and how its number is counted
 ANGLE, TIME = "wave_of_angle", "wave_of_time"
@@ -94,7 +94,7 @@ def spectrum(
     sums = np.bincount(place[kept], left[kept] - left[kept].mean(), minlength=cells)
     power = np.abs(np.fft.rfft(sums, 4 * cells)) / max(int(kept.sum()), 1)
     number = np.arange(len(power)) * resolution / 4
-    inside = (number >= SETTINGS.joint_least_waves * resolution) & (number <= most)
+    inside = (number >= JOINT.least_waves * resolution) & (number <= most)
     return number[inside], 2 * power[inside]
 
 
@@ -109,14 +109,14 @@ def _agreed(rows: JointRows, left: FloatArray, over: str, inertia: float) -> flo
         number, size = spectrum(rows, left, over, rows.block % 2 == half)
         if len(number) < 40:
             return None
-        reach = int(4 * SETTINGS.joint_around[over == TIME])
+        reach = int(4 * JOINT.around[over == TIME])
         around = median_filter(size**2, 2 * reach + 1, mode="nearest") / np.log(2.0)
-        stands = size**2 > SETTINGS.joint_stands_out * around
+        stands = size**2 > JOINT.stands_out * around
         if over == TIME:
             moved = spectrum(rows, inertia * rows.acceleration, over, rows.block % 2 == half)[1]
-            stands &= maximum_filter1d(moved, 9) < SETTINGS.joint_own * size
+            stands &= maximum_filter1d(moved, 9) < JOINT.own * size
         tops.append(np.where(stands, size, 0.0))
-    reach = int(4 * SETTINGS.joint_agree)
+    reach = int(4 * JOINT.agree)
     wide = [np.array([top[max(0, i - reach) : i + reach + 1].max() for i in range(len(top))]) for top in tops]
     both = np.minimum(*wide)
     if not both.any():

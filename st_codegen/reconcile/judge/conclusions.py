@@ -365,7 +365,7 @@ def _as_good(smaller: Fit, joint: Fit, number: int, known: Catalogue) -> tuple[O
     best: dict[str, Candidate] = {}
     ranked = finder.ranked()
     # gains are those of a linear step at the weights of the smaller fit: compared with the largest of their kind
-    clear = 0.3 * min(smaller.loss - joint.loss, max((c.gain for c in ranked), default=0.0))
+    clear = SETTINGS.clear_beside * min(smaller.loss - joint.loss, max((c.gain for c in ranked), default=0.0))
     for c in ranked:
         touched = set(c.piece.effect.touched_orders())
         if c.name == piece.effect.name or not touched & own or c.name in best:

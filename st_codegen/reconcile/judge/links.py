@@ -24,8 +24,6 @@ from st_codegen.rig.effects import Effect
 from st_codegen.rig.effects.axis import ControlLag, CouplingCompliance
 from st_codegen.rig.model import RigModel
 
-_FOLDS = 5
-
 
 @dataclass(frozen=True)
 class Link:
@@ -98,7 +96,7 @@ def coupling_link(recordings: Sequence[Recording], rig: RigModel) -> Link | None
     sigma = _noise([y - design @ both])
     spread = sigma * np.sqrt(np.diag(np.linalg.pinv(design.T @ design)))
     values: dict[str, float] = {}
-    if both[1] > 5 * spread[1]:
+    if both[1] > SETTINGS.sure_backlash * spread[1]:
         values["backlash_arcmin"] = float(both[1])
     else:
         both = np.array([float(design[:, 0] @ y / max(design[:, 0] @ design[:, 0], 1e-300)), 0.0])
@@ -154,15 +152,15 @@ def _judged(
     before, after = _rms(first), _rms(best)
     x, y = np.concatenate(first), np.concatenate(best)
     saved = float((np.minimum(x**2, 1e6 * sigma**2).sum() - np.minimum(y**2, 1e6 * sigma**2).sum()) / sigma**2)
-    blocks = np.array_split(np.arange(len(x)), _FOLDS)
+    blocks = np.array_split(np.arange(len(x)), SETTINGS.parts_of_link)
     stable = float(np.mean([(x[b] ** 2).sum() > (y[b] ** 2).sum() for b in blocks]))
     size = float(np.sqrt(max(before**2 - after**2, 0.0)) / sigma)
     p = chi_square_tail(saved, len(stderr))
     evidence = Evidence(saved, len(stderr), p, p, {"time": saved / len(x)}, (1, 1), stable, size)
     left = max(after**2 - sigma**2, 0.0)
-    fits = left < 0.3 * max(before**2 - after**2, 1e-300)
-    found = p < SETTINGS.p_chance and stable > 0.7 and size >= 0.3 * SETTINGS.least_size and fits
-    wrong = after > 1.5 * sigma and before > 1.5 * sigma
+    fits = left < SETTINGS.misfit * max(before**2 - after**2, 1e-300)
+    found = p < SETTINGS.p_chance and stable > SETTINGS.stable_link and size >= SETTINGS.least_size_of_link and fits
+    wrong = min(before, after) > SETTINGS.left_on_link * sigma
     unexplained = ""
     if wrong:
         unexplained = f"{effect.title}: {after:.2g} deg RMS are left at the fast side, noise is {sigma:.2g} deg"

@@ -21,8 +21,6 @@ from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.model import RigModel
 
 _TURN_DEG = 360.0
-#: part of a turn by which steps beside each other may differ where an angle begins anew: what it speeds up by
-_NEAR_A_TURN = 1 / 16
 
 
 def check_accepted(scale: float | None, accept: Collection[str], measured: Path) -> None:
@@ -63,12 +61,12 @@ def _jumps(r: Recording) -> list[str]:
     found = []
     # over a gap an angle may well turn as far
     waits = np.diff(r.time_s)
-    usual = waits < SETTINGS.joint_jump * np.median(waits)
+    usual = waits < SETTINGS.jump * np.median(waits)
     for name, angle in r.angles.items():
         steps = np.diff(angle)
         # fast moves between pauses have large steps as well, and none that is a turn off both beside it
         turns = np.diff(np.pad(steps, 1, mode="reflect")) / _TURN_DEG
-        is_turn = np.abs(np.abs(turns) - np.maximum(np.round(np.abs(turns)), 1.0)) < _NEAR_A_TURN
+        is_turn = np.abs(np.abs(turns) - np.maximum(np.round(np.abs(turns)), 1.0)) < SETTINGS.near_a_turn
         jumps = usual & is_turn[:-1] & is_turn[1:]
         if jumps.any() and float(np.median(np.abs(steps))) < _TURN_DEG / 4:
             row = int(np.argmax(jumps))
@@ -115,7 +113,7 @@ def _not_a_gear(r: Recording, fast: str, off: FloatArray, slope: float, ratio: f
     row, others = int(np.abs(jumps).argmax()), float(np.sort(np.abs(jumps))[-3])
     if not np.ptp(r.angles["theta_out"]):
         return f"theta_out never changes, {fast} does"
-    if abs(jumps[row]) > max(half_turn / 2, SETTINGS.joint_jump * others):
+    if abs(jumps[row]) > max(half_turn / 2, SETTINGS.jump * others):
         at = f"t = {r.time_s[row + 1]:g} s"
         return f"theta_out jumps by {jumps[row]:.3g} deg against {fast}, {ratio:g}, at {at}: were turns lost?"
     driven = r.angles["theta_out"] - off
@@ -146,9 +144,9 @@ def _other_speed(r: Recording) -> list[str]:
     derived = np.abs(speed_of(r.angles, r.time_s)) / 6.0
     if min(float(np.ptp(angle)) for name, angle in r.angles.items() if name in FAST) < _TURN_DEG:
         return []
-    moves = derived > 0.2 * derived.max()
+    moves = derived > SETTINGS.fast_enough * derived.max()
     factor = float(np.median(r.at.speed_rpm[moves]) / np.median(derived[moves]))
-    if abs(factor - 1) < SETTINGS.joint_factor:
+    if abs(factor - 1) < SETTINGS.one_rate:
         return []
     return [f"speed_rpm is {factor:.4g} times the rate of the fast side over t: one of them is in another unit"]
 

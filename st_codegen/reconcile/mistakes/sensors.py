@@ -466,7 +466,9 @@ def wrong_angle(data: Observations, rig: RigModel) -> list[Mistake]:
 
     sizes = np.degrees(np.abs(found.error))
     told = [
-        f"{size:.2g} deg {often}" for size, often in zip(sizes, ("once", "twice"), strict=True) if 5 * size > max(sizes)
+        f"{size:.2g} deg {often}"
+        for size, often in zip(sizes, ("once", "twice"), strict=True)
+        if SETTINGS.said_of_axis * size > max(sizes)
     ]
     text = _AXIS.format(" and ".join(told))
     return [Mistake("axis", text, corrected, remedy="take it out of the angle")]

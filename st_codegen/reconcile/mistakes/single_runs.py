@@ -211,7 +211,9 @@ def _block_of_no_effect(data: Observations, model: ComplexArray, seen: BoolArray
         sigma = np.minimum(sigma, np.sqrt(SETTINGS.most_noise / parts) * np.abs(model))
     z = np.abs(data.values - model) / np.maximum(sigma, 1e-150)
     right = np.quantile(np.where(seen, z, np.inf), SETTINGS.most_labels, axis=0, method="inverted_cdf")
-    sure = (right < SETTINGS.sure_order) & (np.median(np.abs(model), axis=0) > 3 * np.median(sigma, axis=0))
+    sure = (right < SETTINGS.sure_order) & (
+        np.median(np.abs(model), axis=0) > SETTINGS.shown_order * np.median(sigma, axis=0)
+    )
     if sure.sum() < SETTINGS.least_votes:
         return []
     weight = seen[:, sure] / np.maximum(sigma[:, sure], 1e-150) ** 2
@@ -247,7 +249,7 @@ def _block(
     where = ""
     if data.run is not None:
         first, last = int(np.flatnonzero(near)[0]), int(np.flatnonzero(near)[-1])
-        is_one = last - first + 1 <= 1.5 * near.sum()
+        is_one = last - first + 1 <= SETTINGS.runs_of_block * near.sum()
         if not is_one and not is_no_effect:
             return []
         where = "" if not is_one else f", run {first + 1} to run {last + 1} in their order"
@@ -284,7 +286,7 @@ def _asked(data: Observations, rig: RigModel, seen: BoolArray) -> _Asked:
     z = np.abs(data.values - model) / sigma
     usual = np.array([np.median(own[of]) if of.any() else np.inf for own, of in zip(z.T, seen.T, strict=True)])
     power = np.median(np.abs(model), axis=0)
-    sure = (usual < SETTINGS.sure_order) & (power > 3 * np.median(sigma, axis=0))
+    sure = (usual < SETTINGS.sure_order) & (power > SETTINGS.shown_order * np.median(sigma, axis=0))
     return _Asked(data, rig, sure, data.values[:, sure], model[:, sure], seen[:, sure] / sigma[:, sure] ** 2)
 
 

@@ -6,13 +6,13 @@ moves only its own orders.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from st_codegen.reconcile.data.kept import KeptAnswers
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import SIGNS, Observations
 from st_codegen.reconcile.settings import SETTINGS
@@ -52,33 +52,22 @@ def noise_power(data: Observations) -> FloatArray:
 
     It is not to be changed: many questions are asked of the same data, whose noise is kept.
     """
-    return _kept(_NOISE, (data,), lambda: _noise_power(data))
+    return _NOISE.of((data,), lambda: _fixed(_noise_power(data)))
 
 
 def expected_of(data: Observations, rig: RigModel) -> ComplexArray:
     """What the rig lets expect of the data, (n, K), deg. It is kept for the next question, and not to be changed."""
     asked = (rig, data.at, data.orders)
-    return _kept(_EXPECTED, asked, lambda: rig.coefficients(data.at, data.orders.tolist()))
+    return _EXPECTED.of(asked, lambda: _fixed(rig.coefficients(data.at, data.orders.tolist())))
 
 
-#: the last data that were asked for their noise, and the last rig, operating points and orders; with what was found
-_NOISE: list[tuple[tuple[object, ...], FloatArray]] = []
-_EXPECTED: list[tuple[tuple[object, ...], ComplexArray]] = []
+#: of the last data that were asked for their noise, and of the last rig, operating points and orders
+_NOISE, _EXPECTED = KeptAnswers[FloatArray](), KeptAnswers[ComplexArray]()
 
 
-def _kept(
-    last: list[tuple[tuple[object, ...], _Array]], asked: tuple[object, ...], found: Callable[[], _Array]
-) -> _Array:
-    """What was found for the same objects the last time, or is found now.
-
-    The entry is taken once: of several threads each one gets what it asked for.
-    """
-    entry = last[0] if last else None
-    if entry is None or any(one is not other for one, other in zip(entry[0], asked, strict=True)):
-        entry = (asked, found())
-        entry[1].setflags(write=False)
-        last[:] = [entry]
-    return entry[1]
+def _fixed(found: _Array) -> _Array:
+    found.setflags(write=False)
+    return found
 
 
 def _noise_power(data: Observations) -> FloatArray:

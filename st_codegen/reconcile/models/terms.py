@@ -35,8 +35,6 @@ from st_codegen.rig.compensator import roles_of
 from st_codegen.te.harmonics import Direction, Quantity, TransmissionError
 from st_codegen.te.purpose import transmission_error
 
-#: standard errors by which a term must take off power
-_SURE = 3.0
 SIGN = {Direction.FORWARD: 1.0, Direction.BACKWARD: -1.0}
 
 
@@ -138,7 +136,7 @@ def not_worth(before: ComplexArray, after: ComplexArray, noise: FloatArray, orde
     mean, error = float(saved.mean()), float(saved.std() / np.sqrt(max(len(saved) - 1, 1)))
     if mean <= 0.0:
         return "the bundle comes no closer to what was measured; it seems to know the effect already"
-    if mean < _SURE * error:
+    if mean < SETTINGS.sure_term * error:
         return "the bundle comes closer to what was measured by no more than chance does"
     scatter = float((noise**2).mean(axis=0).sum())
     if mean < scatter:

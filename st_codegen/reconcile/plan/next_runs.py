@@ -112,7 +112,7 @@ def next_runs(result: Reconciliation) -> NextRuns:
 
 def _repeats(result: Reconciliation) -> list[NextRun]:
     """Runs that were made already, where what runs differ by without a pattern is largest: repeated they tell noise."""
-    orders = {one.order for one in result.unexplained if "scatter" in one.dependence}
+    orders = {one.order for one in result.unexplained if one.is_scatter}
     if not orders or result.data.repeated:
         return []
     columns, at = np.isin(result.data.orders, sorted(orders)), result.data.at

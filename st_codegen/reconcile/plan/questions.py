@@ -29,16 +29,6 @@ from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect
 from st_codegen.rig.model import RigModel
 
-#: how many steps farther the correlation of a residual reaches along conditions on which it does not depend
-_FAR = 4.0
-#: correlation length of a residual along conditions on which it depends, in steps: between two levels it may do much
-_NEAR = 0.5
-#: the same along the speed inside a peak that is narrower than the steps
-_INSIDE = 0.125
-#: share of a residual that a run leaves open where it was made
-_NUGGET = 0.01
-#: percent by which an error falls that are worth a number
-_LEAST_FALL = 1.0
 #: effect, its orders, key
 Name = tuple[str, tuple[int, ...], str]
 
@@ -88,7 +78,7 @@ class Parameters:
         effect, orders, key = self.names[best]
         where = f" (order {', '.join(map(str, orders))})" if orders else ""
         falls = 100 * (1 - ratio[best])
-        if falls < _LEAST_FALL:
+        if falls < SETTINGS.least_fall:
             return "narrows what was found by little: each error is expected to fall by less than 1 %"
         return f"narrows {key} of {effect}{where}: its error is expected to fall by {falls:.0f} %"
 
@@ -158,7 +148,7 @@ class Unknown:
         self.weight, self.points, self.why = weight, points, why
         # what each known place tells of each point beside the places before it: a row of the Cholesky factor each, so
         # that one more place is one more row
-        factor = np.linalg.cholesky(_kernel(measured, measured) + _NUGGET * np.eye(len(measured)))
+        factor = np.linalg.cholesky(_kernel(measured, measured) + SETTINGS.left_open * np.eye(len(measured)))
         self.told = solve_triangular(factor, _kernel(measured, points), lower=True, overwrite_b=True)
 
     def gains(self) -> FloatArray:
@@ -168,7 +158,7 @@ class Unknown:
     def take(self, number: int) -> str:
         own = self.told[:, number]
         beside = _kernel(self.points[[number]], self.points) - own @ self.told
-        self.told = np.concatenate([self.told, beside / np.sqrt(1.0 + _NUGGET - own @ own)])
+        self.told = np.concatenate([self.told, beside / np.sqrt(1.0 + SETTINGS.left_open - own @ own)])
         return self.why[number]
 
 
@@ -185,7 +175,8 @@ def unexplained(result: Reconciliation, rows: Rows) -> list[Question]:
     if result.verdict is Outcome.NOTHING_MISSING or target.data.few_points:
         # what hides between levels is sharp in speed (a resonance) or in torque (flanks that seat)
         for along in (0, 1):
-            length = np.array(steps) * [_NEAR if axis == along else _FAR for axis in range(3)]
+            reach = [SETTINGS.near_along if axis == along else SETTINGS.far_along for axis in range(3)]
+            length = np.array(steps) * reach
             measured, points = (at.points / length for at in (target.data.at, rows.data.at))
             points = points[: len(points) // 2]
             why = [f"lies far from all runs in {AXES[along]}: what hides between them shows there first"] * len(points)
@@ -267,7 +258,8 @@ def peaks_between(result: Reconciliation, rows: Rows) -> list[Question]:
         f"lies where a straight line from {a:g} to {b:g} rpm misses {d:.2g} deg RMS of what was found"
         for a, b, d in zip(low, high, deg, strict=False)
     ]
-    length = np.array([step_between(axis) for axis in final.target.data.at.axes]) * (_INSIDE, _FAR, _FAR)
+    reach = (SETTINGS.inside_peak, SETTINGS.far_along, SETTINGS.far_along)
+    length = np.array([step_between(axis) for axis in final.target.data.at.axes]) * reach
     measured = np.unique(final.target.data.at.rows(final.target.good).points / length, axis=0)
     weight = summed((np.abs(missed) / rows.sigma) ** 2).sum(axis=1)
     return [Unknown(weight, measured, at.points[:count] / length, why)]
@@ -276,7 +268,8 @@ def peaks_between(result: Reconciliation, rows: Rows) -> list[Question]:
 def _lengths(dependence: Mapping[str, float]) -> list[float]:
     """How far a residual reaches along speed, torque and temperature, in steps, by how it depends on them."""
     shares = [dependence.get(axis, 0.0) for axis in AXES]
-    return [_FAR if share <= SETTINGS.cause else _NEAR if share == max(shares) else 1.0 for share in shares]
+    near, far = SETTINGS.near_along, SETTINGS.far_along
+    return [far if share <= SETTINGS.cause else near if share == max(shares) else 1.0 for share in shares]
 
 
 @dataclass(frozen=True)

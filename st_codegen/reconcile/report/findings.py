@@ -12,7 +12,7 @@ import numpy as np
 from st_codegen.reconcile.data.observations import rms_deg
 from st_codegen.reconcile.judge.claims import SOMETHING_ELSE, Claim, Retuned
 from st_codegen.reconcile.report.output import parameters_of
-from st_codegen.reconcile.report.sentences import CLEARLY, form_text, plain, words
+from st_codegen.reconcile.report.sentences import form_text, plain, words
 from st_codegen.reconcile.result import Reconciliation
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect, Stage
@@ -171,7 +171,7 @@ def _numbers(effect: Effect, stderr: Mapping[str, float], before: Effect | None 
     for key, now in parameters_of(effect, dict(stderr)).items():
         if "phase" in key:
             turn = now["value"] - old.get(key, now)["value"]
-            turned |= abs(math.remainder(turn, 2 * math.pi)) > CLEARLY * (now["stderr"] or 0.0)
+            turned |= abs(math.remainder(turn, 2 * math.pi)) > SETTINGS.clearly * (now["stderr"] or 0.0)
             continue
         value, error, unit = now["value"], now["stderr"], now["unit"]
         text = f"{value:.4g}" + ("" if error is None else f" +- {error:.1g}") + (f" {unit}" if unit else "")
@@ -180,7 +180,7 @@ def _numbers(effect: Effect, stderr: Mapping[str, float], before: Effect | None 
             if f"{value:.4g}" == f"{was:.4g}":
                 continue
             text = f"{was:.4g} -> {text}"
-            if error is not None and abs(value - was) < CLEARLY * error:
+            if error is not None and abs(value - was) < SETTINGS.clearly * error:
                 beside.append(f"{key} {text}")
                 continue
         listed.append(f"{key} {text}")
@@ -201,7 +201,7 @@ def _is_clear(entry: Retuned) -> bool:
     if len(moved) != 1 or moved[0] not in old:
         return True
     error = now[moved[0]]["stderr"]
-    return error is None or abs(now[moved[0]]["value"] - old[moved[0]]["value"]) >= CLEARLY * error
+    return error is None or abs(now[moved[0]]["value"] - old[moved[0]]["value"]) >= SETTINGS.clearly * error
 
 
 def _how_sure(claim: Claim) -> str:

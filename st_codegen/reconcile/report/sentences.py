@@ -27,14 +27,6 @@ from st_codegen.rig.effects import Conditions, Effect
 from st_codegen.rig.effects.base import ARCMIN, BACKWARD
 from st_codegen.rig.effects.resonance import LOAD_PART, StructuralResonance
 
-#: standard errors by which a parameter must differ to be shown as changed, or as not zero
-CLEARLY = 2.0
-#: how many times as high a resonance must be in one direction for that to be said
-_TIMES_OF_ONE_SIDE = 3.0
-#: what few samples lie around so close together stands at one place of the turn
-_ONE_PLACE_DEG = 15.0
-#: more times than that nobody needs to know
-_MOST_TIMES = 100.0
 VERDICT_TEXT = {
     Outcome.EXPLAINED: "What differs is named; no pattern over the conditions was found in what is left.",
     Outcome.PARTLY_EXPLAINED: "Part of what differs is named; for the rest no effect of the catalogue was found.",
@@ -50,7 +42,7 @@ def verdict_text(result: Reconciliation) -> str:
     if result.unexplained and all(one.would_be for one in result.unexplained):
         named = "What differs is named; what is left" if result.verdict is Outcome.PARTLY_EXPLAINED else "What differs"
         return f"{named} has a faint pattern, which may be noise that lasts over runs."
-    if result.unexplained and all("scatter" in one.dependence for one in result.unexplained):
+    if result.unexplained and all(one.is_scatter for one in result.unexplained):
         named = "What differs is named; runs" if result.verdict is Outcome.PARTLY_EXPLAINED else "Runs"
         known = "that is known" if result.data.spectral_deg is None else "within their curves"
         return (
@@ -180,8 +172,6 @@ def between_text(result: Reconciliation) -> str:
     return " ".join(texts)
 
 
-#: share of a gap below which an order is not listed among those that make it
-_LEAST_SHARE = 0.01
 #: orders that are listed so
 _MOST_LISTED = 4
 
@@ -225,7 +215,7 @@ def left_text(result: Reconciliation) -> str:
     alike = in_both_directions(result.target, result.conclusions.final.residual)
     parts = []
     most = int(np.searchsorted(np.cumsum(np.sort(shares)[::-1]), SETTINGS.most_of_gap)) + 1
-    most_of_it = [k for n, k in enumerate(np.argsort(-shares)[:most]) if n == 0 or shares[k] >= _LEAST_SHARE]
+    most_of_it = [k for n, k in enumerate(np.argsort(-shares)[:most]) if n == 0 or shares[k] >= SETTINGS.least_listed]
     for k in most_of_it[:_MOST_LISTED]:
         if k >= len(own):
             hum = hums[k - len(own)]
@@ -257,7 +247,7 @@ def _few_samples(result: Reconciliation) -> str:
     turns = np.exp(1j * data.angle_rad[ranked[:count]])
     place = float(np.rad2deg(np.angle(turns.mean()))) % 360.0
     reach = float(np.rad2deg(np.abs(np.angle(turns * np.exp(-1j * np.deg2rad(place)))).max()))
-    where = f", all within {reach:.2g} deg of {place:.0f} deg of the output" if reach < _ONE_PLACE_DEG else ""
+    where = f", all within {reach:.2g} deg of {place:.0f} deg of the output" if reach < SETTINGS.one_place_deg else ""
     return (
         f" {count} of {len(data)} samples that were looked at hold half of the power of what is left{where}; the "
         f"largest, {math.sqrt(power[ranked[0]]):.2g} deg, is at {data.labels[ranked[0]]}."
@@ -394,7 +384,8 @@ def _resonance(effect: Effect, result: Reconciliation) -> str:
         rows = at.rows(np.flatnonzero(at.speed_rpm == speed))
         with_it = np.abs(final.state.model().coefficients(rows, [order])).mean()
         alone = np.abs(without.coefficients(rows, [order])).mean()
-        lifted = f"lifted {with_it / alone:.0f} times" if alone > 1e-7 and with_it > 1.5 * alone else "changed"
+        is_lifted = alone > 1e-7 and with_it > SETTINGS.lifted * alone
+        lifted = f"lifted {with_it / alone:.0f} times" if is_lifted else "changed"
         parts.append(f"order {order} is {lifted} at {speed:g} rpm")
     one = "one resonance" if len(effect.orders) > 1 else "a resonance"
     where = (
@@ -417,7 +408,7 @@ def _resonance(effect: Effect, result: Reconciliation) -> str:
         + (f" +- {frequency * stderr[key]:.1g}" if key in stderr else "")
         + f" Hz {per}"
         for key, per in slopes
-        if abs(effect.scalar(key)) > CLEARLY * stderr.get(key, 0.0)
+        if abs(effect.scalar(key)) > SETTINGS.clearly * stderr.get(key, 0.0)
     ]
     moving = f", which moves {' and '.join(moves)}" if moves else ""
     if claim is not None and isinstance(effect, StructuralResonance):
@@ -468,9 +459,9 @@ def _heights(claim: Claim, effect: StructuralResonance, at: Conditions) -> str:
         load = float(np.abs(at.torque_Nm).max()) / 1000.0
         units = {f"{front}amplitude_deg": 1.0, f"{front}{LOAD_PART}": load}
         errors = [error * units[own] for key, error in claim.stderr.items() if (own := key.partition("[")[0]) in units]
-        times = high / max(low + CLEARLY * math.hypot(*errors), 1e-300)
-        if errors and times > _TIMES_OF_ONE_SIDE:
-            found += f", at least {math.floor(min(times, _MOST_TIMES))} times as high {loud} as {quiet}"
+        times = high / max(low + SETTINGS.clearly * math.hypot(*errors), 1e-300)
+        if errors and times > SETTINGS.times_of_one_side:
+            found += f", at least {math.floor(min(times, SETTINGS.most_times))} times as high {loud} as {quiet}"
     return found
 
 

@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
-from st_codegen.reconcile.data.contrasts import CONDITIONS, axes_together, levels_by_condition
+from st_codegen.reconcile.data.contrasts import AXES, CONDITIONS, axes_together, levels_by_condition
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
@@ -32,13 +32,14 @@ class Formula:
 
     terms: name -> complex amplitude (deg) forward and backward, of the term at 1; explains: share of the power that
     is no noise, of runs that were left out; text: a sentence without its subject; amplitude_deg: the largest over the
-    measured runs.
+    measured runs; conditions: those that the sentence names (`speed`, `torque`, `temperature`).
     """
 
     terms: dict[str, tuple[complex, complex]]
     explains: float
     text: str
     amplitude_deg: float
+    conditions: frozenset[str]
 
 
 @dataclass(frozen=True)
@@ -288,6 +289,8 @@ def _formula(problem: _Problem, chosen: list[int], as_well: dict[int, list[int]]
     takes = dict(zip(chosen, ((values.conj()[:, None] * by_term).sum(axis=0).real < 0.0).tolist(), strict=True))
     listed = sorted(chosen, key=lambda term: (takes[term], names[term] == "constant"))
     parts = [_words(names[term], [names[other] for other in as_well[term]]) for term in listed]
+    in_words = [*terms, *(names[as_well[term][0]] for term in listed if as_well[term])]
+    named = {AXES[axis] for name in in_words for axis in np.flatnonzero(TERMS[name][0])}
     powers = np.array([TERMS[name][0] for name in terms])
     varying = [int(axis) for axis in np.flatnonzero(powers.any(axis=0))]
     words = (f"{at.speed_rpm[row]:g} rpm", f"{at.torque_Nm[row]:g} N m", f"{at.temperature_C[row]:g} degC")
@@ -315,6 +318,7 @@ def _formula(problem: _Problem, chosen: list[int], as_well: dict[int, list[int]]
     for one, other in axes_together(at):
         if (CONDITIONS.index(one) in varying) != (CONDITIONS.index(other) in varying):
             text += f" ({one} and {other} go together in these runs: it may depend on either)"
+            named |= {AXES[CONDITIONS.index(one)], AXES[CONDITIONS.index(other)]}
     if is_beyond:
         text += (
             f" (that is {min(100 * explains, 99.9):.3g} % of it, and what is left is no noise: its law may be another)"
@@ -322,7 +326,7 @@ def _formula(problem: _Problem, chosen: list[int], as_well: dict[int, list[int]]
     elif not is_whole:
         rest = "its law may be another" if varying else "the rest may differ from one of them to another"
         text += f" (that is {100 * explains:.0f} % of it: {rest})"
-    return Formula(terms, explains, text, float(size[row]))
+    return Formula(terms, explains, text, float(size[row]), frozenset(named))
 
 
 def _turned(values: ComplexArray) -> FloatArray:

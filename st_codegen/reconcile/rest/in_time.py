@@ -23,13 +23,16 @@ _MAY_LAST = ", which noise that lasts over runs may look like"
 class Course:
     """A step, a trend or a lag over the runs: its mean power (deg^2), the size of the change (deg), and a phrase.
 
-    is_lag: whether it follows the oil.
+    is_lag: whether it follows the oil; conditions: those that the phrase names (`speed`, `torque`, `temperature`);
+    may_last: whether noise that lasts over runs may look like it.
     """
 
     power: float
     amplitude_deg: float
     text: str
     is_lag: bool = False
+    conditions: frozenset[str] = frozenset()
+    may_last: bool = False
 
 
 def course_of(target: FitData, z: ComplexArray, whole: ComplexArray, parts: IntArray) -> list[Course | None]:
@@ -93,7 +96,8 @@ def _in_proportion(target: FitData, few_wild: ComplexArray, k: int, course: Cour
                             for one in (z - constant, (z - constant) * target.sigma[:, k]))  # fmt: skip
             found = _described(sums, in_deg, 0, int(numbers))
             said = f"{found.text}, in proportion to the {name}: so much at {most:g} {unit}"
-            best = gain, replace(found, text=f"{said}{_MAY_LAST}" if course.text.endswith(_MAY_LAST) else said)
+            said += _MAY_LAST if course.may_last else ""
+            best = gain, replace(found, text=said, conditions=frozenset([name]), may_last=course.may_last)
     return best[1]
 
 
@@ -158,7 +162,8 @@ def _courses(
         least = lefts[k] / max(varying[k], 1e-300) * varying_whole[k]
         if lag is not None and lag.left < least and lag.is_sure(int(degrees[k])):
             power = (varying_whole[k] - lag.left) / total * sigma[k] ** 2
-            found[k] = Course(float(power) * share, float(sigma[k]) * lag.reach, lag.text(float(sigma[k])), is_lag=True)
+            size, text = float(sigma[k]) * lag.reach, lag.text(float(sigma[k]))
+            found[k] = Course(float(power) * share, size, text, is_lag=True, conditions=frozenset(["temperature"]))
             continue
         if gains[k] < SETTINGS.least_excess_in_time * lefts[k] and not alone[k]:
             continue
@@ -171,7 +176,7 @@ def _courses(
         course = _described(near, in_deg, k, total * int(parts[k]))
         text = f"{course.text}{along.text}"
         text = text if alone[k] else f"{text}{_MAY_LAST}"
-        found[k] = replace(course, text=text, power=share * course.power)
+        found[k] = replace(course, text=text, power=share * course.power, may_last=not alone[k])
     return found
 
 

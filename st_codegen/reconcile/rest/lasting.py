@@ -71,7 +71,7 @@ def wander_over_runs(target: FitData, residual: ComplexArray, named: Collection[
         return ()
     correlation = float(alike(series)[mean][0])
     # less is not worth a sentence, and of so many runs there is some by chance
-    if correlation < 0.25 + SETTINGS.told / np.sqrt(sum(len(one) for one in series)):
+    if correlation < SETTINGS.least_alike + SETTINGS.told / np.sqrt(sum(len(one) for one in series)):
         return ()
     size = float(np.sqrt((residual[target.good][:, mean].real ** 2).mean()))
     return (

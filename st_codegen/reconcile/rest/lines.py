@@ -119,7 +119,8 @@ def _whole_orders(
         size = float(np.sqrt(power[order] / (2 if order else 1)))
         # noise of a line: sigma*sqrt(2/n); autocorrelation may double it, and what has no line is noise to it
         rms = float(np.sqrt((rest**2).mean()))
-        is_noise = not stands[order] or size < 10 * max(sigma, rms) / np.sqrt(len(left)) or size < 0.5 * sigma
+        least = SETTINGS.sure_line * max(sigma, rms) / np.sqrt(len(left))
+        is_noise = not stands[order] or size < least or size < 0.5 * sigma
         # what angles are rounded by may have all its power in one wave
         if is_noise or size < data.rounded_deg or len(found) == SETTINGS.most_lines:
             break
@@ -231,7 +232,7 @@ def _while_it_changes(
     )
     spread = cc * ss - cs**2
     # where both parts of the wave are told
-    told = spread > 0.1 * (count / 2.0) ** 2
+    told = spread > SETTINGS.both_of_piece * (count / 2.0) ** 2
     told &= count >= SETTINGS.least_of_piece
     if not told.any():
         return 0.0, np.zeros(len(samples)), ""

@@ -18,6 +18,7 @@ from st_codegen.campaign.orders import BAND, listed
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.chances import f_tail, false_discoveries
 from st_codegen.reconcile.data.contrasts import levels_by_condition, neighbours
+from st_codegen.reconcile.data.kept import KeptAnswers
 from st_codegen.reconcile.data.noise import MEDIAN_1
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.fit.target import FitData
@@ -59,16 +60,11 @@ def structure(target: FitData, residual: ComplexArray) -> ResidualStructure:
 
     Neither is to be changed afterwards: several questions are asked of the same residual, whose answer is kept.
     """
-    for of, what, known in _KEPT:
-        if of is target and what is residual:
-            return known
-    found = _structure(target, residual)
-    _KEPT[:] = [(target, residual, found), *_KEPT[:1]]
-    return found
+    return _KEPT.of((target, residual), lambda: _structure(target, residual))
 
 
-#: the last residuals that were asked, and what was found
-_KEPT: list[tuple[FitData, ComplexArray, ResidualStructure]] = []
+#: of the last residuals that were asked
+_KEPT = KeptAnswers[ResidualStructure](2)
 
 
 def _structure(target: FitData, residual: ComplexArray, most_known: float = np.inf) -> ResidualStructure:

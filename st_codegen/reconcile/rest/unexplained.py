@@ -108,6 +108,11 @@ class Signature:
     periods: float = 0.0
     share: float = 0.0
 
+    @property
+    def is_scatter(self) -> bool:
+        """Whether no pattern over the conditions was found in it."""
+        return "scatter" in self.dependence
+
     def of_gap(self, gap_power: float) -> Signature:
         """This one with its share of a whole gap, deg^2."""
         return replace(self, share=min(1.0, self.power / max(gap_power, 1e-300)))
@@ -306,7 +311,7 @@ def _is_no_chance(values: ComplexArray, parts: int, lasting: float) -> bool:
 
 def _digits(times: float) -> str:
     """A factor with the digits that say something."""
-    return f"{times:.1f}" if times < 100.0 else f"{times:.0f}"
+    return f"{times:.1f}" if times < SETTINGS.whole_times else f"{times:.0f}"
 
 
 def _where_loud(target: FitData, r: ComplexArray) -> str:
@@ -397,13 +402,14 @@ def _signature(
     loud = target.good & (target.data.at.sign == {"forward": 1.0, "backward": -1.0}.get(direction, target.data.at.sign))
     beyond = float((np.abs(r[target.good] - r[target.good].mean()) ** 2).sum()) / max(noise, 1e-300) - target.good.sum()
     is_told = beyond > SETTINGS.told * np.sqrt(target.good.sum())
-    said, amplitude = _sentence(replace(target, good=loud), r, order, shares, course, formula, is_told=is_told)
-    if target.data.sorted_by and target.data.sorted_by in said and "when it was measured" not in said:
+    statement = _statement(replace(target, good=loud), r, order, shares, course, formula, is_told=is_told)
+    said = statement.text
+    if target.data.sorted_by in statement.conditions and not statement.or_when:
         said += ", or with the time if the runs were made in the order of their list"
     # the law of the temperature speaks of the oil, or of its distance from a temperature; a course is one of the time,
     # unless it follows the oil late
-    through = [name for name in one_after_the_other(target.data) if name.removeprefix("oil ") in said]
-    if through and (course is None or course.is_lag or not said.startswith(course.text)):
+    through = [name for name in one_after_the_other(target.data) if name.removeprefix("oil ") in statement.conditions]
+    if through and (course is None or course.is_lag or statement.says is not course):
         said += f", or with the time: the runs go through the {' and the '.join(through)} once"
     if not is_alike:
         said += ", which noise that is louder in some runs may look like"
@@ -416,16 +422,17 @@ def _signature(
     at_least |= course is not None and bool(floor > SETTINGS.clearly_larger * within)
     what = f"order {order}" if order else "the mean"
     size = f"{'at least ' if at_least else ''}{np.sqrt(power):.2g} deg RMS"
-    is_law = formula is not None and said.startswith(formula.text)
+    is_law = formula is not None and statement.says is formula
     text = f"{what} {said}; {size} over the runs{side}" if is_law else f"{what}: {size}, {said}{side}"
-    return Signature(order, float(np.sqrt(power)), float(power), shares, direction, text, amplitude, formula, at_least)
+    rms, amplitude = float(np.sqrt(power)), statement.amplitude_deg
+    return Signature(order, rms, float(power), shares, direction, text, amplitude, formula, at_least)
 
 
 def _direction(target: FitData, r: ComplexArray) -> str:
     """Which direction a residual (n,) is in: that with three times the RMS of the other, else (or of one) both."""
     power = _by_direction(target, r)
     loud = max(power, key=lambda name: power[name])
-    return loud if len(power) == 2 and power[loud] > 9 * min(power.values()) else "both"
+    return loud if len(power) == 2 and power[loud] > SETTINGS.one_sided * min(power.values()) else "both"
 
 
 def _side(target: FitData, r: ComplexArray, noise: float) -> str:
@@ -473,7 +480,23 @@ def main_cause(shares: dict[str, float]) -> str:
     return most if most not in _UNIT or varying[most] > SETTINGS.clear_cause * next_one else "combination"
 
 
-def _sentence(
+@dataclass(frozen=True)
+class _Statement:
+    """What is said of an unexplained part.
+
+    text: without its subject; amplitude_deg: its largest; says: the course or the formula, None where it is what the
+    part depends on; conditions: those that it names (`speed`, `torque`, `temperature`); or_when: whether it says that
+    it may as well be when that was measured.
+    """
+
+    text: str
+    amplitude_deg: float
+    says: Course | Formula | None = None
+    conditions: frozenset[str] = frozenset()
+    or_when: bool = False
+
+
+def _statement(
     target: FitData,
     r: ComplexArray,
     order: int,
@@ -482,30 +505,31 @@ def _sentence(
     formula: Formula | None,
     *,
     is_told: bool,
-) -> tuple[str, float]:
-    """What is said of an unexplained part, and its largest amplitude (deg).
+) -> _Statement:
+    """What is said of an unexplained part.
 
     is_told: whether runs differ in it by more than their noise.
     """
     at, good = target.data.at, target.good
     main = main_cause(shares)
     if course is not None and main in ("time", "constant", "combination"):
-        return course.text, course.amplitude_deg
+        return _Statement(course.text, course.amplitude_deg, course, course.conditions)
     if formula is not None:
-        return formula.text, formula.amplitude_deg
+        return _Statement(formula.text, formula.amplitude_deg, formula, formula.conditions)
     if main in _UNIT and not _holds_elsewhere(target, r, main):
         main = "combination"
     text = _CAUSE[main if main in _CAUSE else "combination"]
     if main == "constant" and (whole := round(100 * shares["constant"])) < 100:
         text = f"{whole} % of its power {text}; no single condition was found to explain what varies"
-    if main == "temperature" and target.data.run is None:
+    or_when = main == "temperature" and target.data.run is None
+    if or_when:
         text += ", or on when it was measured"
     if main == "combination" and changes_with_time(target, r[:, None])[0]:
         text = _WITH_TIME
     elif main == "combination" and not is_told:
         text = _HIDDEN
     if main not in _UNIT:
-        return text, float(np.sqrt((np.abs(r[good]) ** 2).mean()))
+        return _Statement(text, float(np.sqrt((np.abs(r[good]) ** 2).mean())))
     values, level = at.axes[AXES.index(main)], levels_by_condition(at)[main]
     sizes = {n: float(np.sqrt((np.abs(r[good & (level == n)]) ** 2).mean())) for n in np.unique(level[good])}
     top = max(sizes, key=lambda n: sizes[n])
@@ -514,4 +538,4 @@ def _sentence(
     if main == "speed" and order:
         hertz = order * float(np.median(there)) / 60 / target.reduction_ratio
         text += f" (order {order} is at {hertz:.3g} Hz there)"
-    return text, sizes[top]
+    return _Statement(text, sizes[top], None, frozenset([main]), or_when)

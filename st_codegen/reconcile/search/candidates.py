@@ -23,10 +23,6 @@ from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Constants, Effect, Form, Stage
 from st_codegen.rig.effects.base import BACKWARD
 
-#: gains (of twice the loss) that differ by less are equal
-_TIE = 1e-3
-#: gain below which a candidate is not looked at
-_LEAST_GAIN = 20.0
 #: of an effect at one angle of the turn, that angle
 _CENTRE = "centre_deg"
 STAGES = (Stage.ADDITIVE, Stage.MODULATION, Stage.STRUCTURE, Stage.MEASURING)
@@ -134,7 +130,8 @@ class Search:
             scored = self.scorer.scored(candidate)
             known = best.get(scored.identity)
             # starts that the data do not tell apart: the first one
-            if scored.gain >= _LEAST_GAIN and (known is None or scored.gain > known.gain + _TIE):
+            is_better = known is None or scored.gain > known.gain + SETTINGS.tie
+            if scored.gain >= SETTINGS.least_candidate_gain and is_better:
                 best[scored.identity] = scored
         return sorted(best.values(), key=lambda c: -self.net(c))
 

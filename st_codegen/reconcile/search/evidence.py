@@ -128,7 +128,7 @@ def size_in_noise(fit: Fit, places: list[int], number: int) -> float:
     part = propagation.measured(changes[0] - changes[1], piece.effect.stage)[fit.target.good]
     squares = ((np.abs(part) / fit.target.sigma[fit.target.good]) ** 2).mean(axis=0)
     parts = fit.target.data.parts
-    touched = squares / parts > 0.1 * (squares / parts).max(initial=0.0)
+    touched = squares / parts > SETTINGS.touched * (squares / parts).max(initial=0.0)
     count = 2 if piece.effect.least_foreign else parts[touched].sum()
     return float(np.sqrt(squares[touched].sum() / max(count, 1)))
 

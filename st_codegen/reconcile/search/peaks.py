@@ -317,7 +317,8 @@ class Frequencies:
             power = h.real**2 + h.imag**2
             gain = np.abs((h.conj() * sums).sum(axis=1)) ** 2 / np.maximum((weight * power).sum(axis=1), 1e-300)
             turns = grid[:, None] / loud * 60 * self.constants.reduction_ratio
-            gains[:, self.loud] += gain * ((turns > 0.9 * speeds[0]) & (turns < 1.1 * speeds[-1]))
+            slowest, fastest = (1.0 - SETTINGS.beyond_speeds) * speeds[0], (1.0 + SETTINGS.beyond_speeds) * speeds[-1]
+            gains[:, self.loud] += gain * ((turns > slowest) & (turns < fastest))
         return gains
 
     def _promising(self, gains: FloatArray, fixed: dict[str, float], grid: FloatArray) -> Iterator[Start]:
@@ -394,7 +395,7 @@ class Frequencies:
         """The best starts whose frequencies differ by more than 2 %."""
         found, key = list[Start](), self.frequency.key
         for start in starts:
-            if all(abs(np.log(start.values[key] / other.values[key])) > 0.02 for other in found):
+            if all(abs(np.log(start.values[key] / other.values[key])) > SETTINGS.other_start for other in found):
                 found.append(start)
             if len(found) == SETTINGS.resonance_starts:
                 break

@@ -167,7 +167,7 @@ def _left_of(current: Fit, own: ComplexArray, least: float) -> float:
     noise = SETTINGS.tails * target.data.parts * target.sigma**2 * acts / scale
     saved = (before - left).sum(axis=0)
     beyond = np.maximum((left - noise).sum(axis=0), 0.0)
-    mine = saved > 0.05 * saved.sum()
+    mine = saved > SETTINGS.own_order * saved.sum()
     return float(beyond[mine].sum() / max(saved[mine].sum(), 1e-300))
 
 
@@ -333,7 +333,8 @@ def at_two_frequencies(without: Fit, with_it: Fit, number: int) -> bool:
         or not set(other.orders) & set(effect.orders)
         for other in others
     )
-    is_inside = 1.02 * low < at_highest and at_lowest < 0.98 * high
+    reach = SETTINGS.inside_speeds
+    is_inside = (1.0 + reach) * low < at_highest and at_lowest < (1.0 - reach) * high
     is_one = at_highest < SETTINGS.most_shift * at_lowest
     return len(points) >= 2 and is_inside and is_one and apart and is_a_peak(with_it.state.pieces[number])
 
