@@ -332,7 +332,7 @@ def test_a_gap_where_one_held_out_run_meets_what_was_added_is_said_to_be_the_lea
     for hertz in (32.0, 36.0):
         found = reconciled("", at, orders, {order: 4e-3 * by_force(at, order, hertz, 0.02) for order in (156, 240)})
         assert found.unseen_curves == 16 and not found.held_out_scatters
-        met[hertz] = found.held_out_is_bound, f"(as if at {found.testers:.1f} alike)" in summary(found)
+        met[hertz] = found.held_out_is_bound, f"(worth {found.testers:.1f} equal ones)" in summary(found)
     assert met == {32.0: (True, True), 36.0: (False, False)}
     # a point that was measured three times is still one
     again = at.rows(np.repeat(np.arange(len(at)), 3))

@@ -107,7 +107,7 @@ def test_runs_that_were_repeated_are_not_said_to_be_missing():
     for points, words in ((at, True), (twice, False)):
         wave = late[: len(points)] * 4e-4 + 1e-4 * np.random.default_rng(2).standard_normal(len(points))
         result = reconciled(part(MESH, orders), points, orders, {40: wave * TURN})
-        assert ("No two runs have equal conditions" in floor_text(result)) is words
+        assert ("No operating point was repeated" in floor_text(result)) is words
 
 
 def test_a_wave_beside_the_alias_of_an_encoder_is_not_the_encoders():
@@ -124,7 +124,7 @@ def test_numbers_that_moved_only_together_are_said_to():
     after = effect("friction_windup", coulomb_arcmin=0.251, viscous_arcmin_per_krpm=0.021)
     errors = {"coulomb_arcmin": 0.01, "viscous_arcmin_per_krpm": 0.01}
     assert _numbers(after, errors, before) == (
-        "its numbers together, none of them clearly alone",
+        "its numbers jointly, none clearly alone",
         "with it coulomb_arcmin 0.25 -> 0.251 +- 0.01 arcmin",
         "viscous_arcmin_per_krpm 0.02 -> 0.021 +- 0.01 arcmin/krpm",
     )
@@ -240,7 +240,7 @@ def test_a_body_behind_an_oil_that_was_warmed_up_once_may_be_the_time():
     result = of_curves(part(MESH, orders), at, orders, {0: np.repeat(3e-4 * (body - 30.0), 2) + 0j}, np.repeat(run, 2))
     (one,) = result.unexplained
     assert "follows the oil temperature late" in one.text
-    assert "or with the time: the runs go through the oil temperature once" in one.text
+    assert "or with time: the runs sweep the oil temperature once" in one.text
 
 
 @pytest.mark.thorough

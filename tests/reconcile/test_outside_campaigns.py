@@ -81,7 +81,7 @@ def test_a_delay_of_backward_curves_would_do_in_place_of_a_wave_that_turned():
     result = reconcile_observations(test_misread.RIG, replace(data, values=data.values * late), KNOWN)
     (one,) = (one for one in result.conclusions.misread if "backward turned" in one.text)
     assert one.sizes == pytest.approx([360 * 900e-6 * float(hertz.max())], rel=0.02)
-    assert "as by a delay would do in place of the change of pin_error" in summary(result).replace("\n", " ")
+    assert "as by a delay would explain the change of pin_error as well" in summary(result).replace("\n", " ")
 
 
 @pytest.mark.slow
@@ -211,7 +211,7 @@ def test_a_law_of_a_condition_that_the_runs_go_through_once_may_be_one_of_the_ti
         assert sorted_by(listed) == ""
         (one,) = found(listed, {53: 2e-4 * (listed.temperature_C - 30.0) / 5.0 * TURN}).values()
         assert "temperature" in one.text
-        assert ("or with the time: the runs go through the oil temperature once" in one.text) is is_open
+        assert ("or with time: the runs sweep the oil temperature once" in one.text) is is_open
     # what steps over the runs follows the time anyway
     levels = np.random.default_rng(2).permutation(np.unique(at.torque_Nm))
     listed = at.rows(np.concatenate([mixed[at.torque_Nm[mixed] == level] for level in levels]))
@@ -269,14 +269,14 @@ def test_what_differs_without_a_pattern_may_be_noise_and_is_to_be_repeated(scatt
 
 
 def test_what_runs_differ_by_is_in_the_floor_or_beside_it(scattered):
-    """A zero of each run was in the floor of the mean, and "there is that more of it" was said nevertheless."""
+    """A zero of each run was in the floor of the mean, and "it adds to the floor" was said nevertheless."""
     (one,) = scattered.unexplained
-    assert "there is that more of it" in floor_text(scattered)
+    assert "it adds to the floor" in floor_text(scattered)
     assert "beside what runs differ by" in summary(scattered)
     of_mean = replace(scattered, unexplained=(replace(one, order=0),))
     held = f"It holds what runs differ by in the lowest orders without a pattern ({one.rms_deg:.2g}"
     assert held in floor_text(of_mean)
-    assert "more of it" not in floor_text(of_mean) and "beside what runs differ by" not in summary(of_mean)
+    assert "adds to the floor" not in floor_text(of_mean) and "beside what runs differ by" not in summary(of_mean)
     values = scattered.data.values.copy()
     offsets = 1e-4 * np.random.default_rng(8).standard_normal(len(values) // 2)
     values[:, scattered.data.orders == 0] += np.repeat(offsets, 2)[:, None]

@@ -80,7 +80,7 @@ def test_each_finding_says_what_is_next(result, page):
 def test_a_gap_well_above_the_floor_has_its_reason(result, page):
     text = left_text(result)
     size = result.held_out.after / result.held_out.noise_floor
-    assert text.startswith(f"The gap on held-out runs is {size:.3g} floors: ")
+    assert text.startswith(f"The gap on held-out runs is {size:.3g} noise floors: ")
     assert re.search(r" 9\d % of its power is order 3, 0\.000\d+ deg RMS \(of the .* both directions share", text)
     assert html.escape(text) in page and text in summary(result)
     assert left_text(replace(result, held_out=replace(result.held_out, noise_floor=result.held_out.after))) == ""

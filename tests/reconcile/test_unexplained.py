@@ -81,7 +81,7 @@ def test_what_else_a_sentence_says_does_not_hang_on_its_words(words, monkeypatch
     noise = estimate(Observations(at, labels(at), ORDERS, values), values)
     # the grid has one torque after the other
     for known, end in (
-        ({"run": np.arange(len(at)) // 2}, ", or with the time: the runs go through the torque once"),
+        ({"run": np.arange(len(at)) // 2}, ", or with time: the runs sweep the torque once"),
         ({"sorted_by": "torque"}, ", or with the time if the runs were made in the order of their list"),
         ({"sorted_by": "speed"}, "at 1800 N m"),
     ):
@@ -813,7 +813,7 @@ def test_noise_that_is_louder_at_some_speeds_is_said_to_look_like_structure(loud
         said += [one.text for one in signatures(target, values, floors(target, values, noise.floor_rms))]
     with_a_pattern = [text for text in said if "runs differ" not in text]
     assert len(with_a_pattern) >= 5
-    sure = [text for text in with_a_pattern if "louder in some runs may look like" not in text]
+    sure = [text for text in with_a_pattern if "louder noise in some runs may look the same" not in text]
     assert all("order 24" in text for text in sure)
     assert len(with_a_pattern) == len(sure) if is_even else len(with_a_pattern) > len(sure)
 

@@ -434,8 +434,7 @@ _DIRECTION = (
     "forward and backward seem to be exchanged: each direction of the data agrees with the other one of the rig"
 )
 _HOME = (
-    "the zero of the angle (home) seems to be another: every order k is turned by k times {:.2f} deg, which no effect "
-    "does"
+    "the zero of the angle (home) seems shifted: every order k is turned by k times {:.2f} deg, which no effect does"
 )
 _TURN = "turn all orders back"
 _SIGN = "TE has the opposite sign of the rig's in all orders"

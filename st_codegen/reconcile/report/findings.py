@@ -187,7 +187,7 @@ def _numbers(effect: Effect, stderr: Mapping[str, float], before: Effect | None 
     if before is not None and not listed and not turned and len(beside) == 1:
         return tuple(beside)
     if before is not None and not listed:
-        listed = ["its phases turned" if turned else "its numbers together, none of them clearly alone"]
+        listed = ["its phases turned" if turned else "its numbers jointly, none clearly alone"]
     if beside:
         listed += [f"with it {beside[0]}", *beside[1:]]
     shown = listed[:_MOST_NUMBERS]

@@ -85,10 +85,10 @@ def _lasts(result: Reconciliation) -> bool:
 
 #: what a noise floor is made of, by the kind of contrast
 _FLOOR = {
-    "plane": "how far runs lie from the plane through their neighbours",
-    "speed": "how far runs lie from the line through their neighbours in speed",
-    "torque": "how far runs lie from the line through their neighbours in torque",
-    "temperature": "how far runs lie from those at other temperatures",
+    "plane": "the scatter of runs about the plane through their neighbours",
+    "speed": "the scatter of runs about the line through their neighbours in speed",
+    "torque": "the scatter of runs about the line through their neighbours in torque",
+    "temperature": "the scatter of runs about those at other temperatures",
     "repeats": "how far repeated runs differ",
     "smooth": "what a smooth function of the conditions leaves of the runs",
     "law": "how far runs that are too few for neighbours lie from a line of each direction over the conditions",
@@ -119,7 +119,7 @@ def floor_text(result: Reconciliation) -> str:
         parts.append(_FLOOR[kind] + which)
     text = f"The floor is {'; '.join(parts)}"
     if not result.data.repeated:
-        text += ". No two runs have equal conditions: what is sharper than the steps of these counts as noise there"
+        text += ". No operating point was repeated: structure finer than their spacing counts as noise there"
     if result.floor_is_bound:
         also = "what is unexplained" if result.unexplained else "what differs between so few runs"
         text += f". It may be smaller: {also} may be in it as well"
@@ -127,7 +127,7 @@ def floor_text(result: Reconciliation) -> str:
         text += f". It holds what runs differ by in the lowest orders without a pattern ({held:.2g} deg RMS)"
     if more := result.scatter_beside_floor_deg:
         differ = "else differ" if held else "differ"
-        text += f". If what runs {differ} by without a pattern ({more:.2g} deg RMS) is noise, there is that more of it"
+        text += f". If what runs {differ} by without a pattern ({more:.2g} deg RMS) is noise, it adds to the floor"
     if result.data.spectral_deg is not None:
         text += ". Orders above 5 were also compared with the noise between the orders of their own curves"
     return text + "."
@@ -137,20 +137,20 @@ def between_text(result: Reconciliation) -> str:
     """What the held-out gap holds beside what held-out runs leave, or cannot hold; empty for most."""
     texts = []
     if result.data.few_points:
-        texts.append("The gap on held-out runs is a least value: so few runs say nothing of what lies between them.")
+        texts.append("The gap on held-out runs is a lower bound: so few runs say nothing about points between them.")
     elif result.untested:
         texts.append(
-            f"The gap on held-out runs is a least value: the levels of {' and '.join(result.untested)} are too few to "
+            f"The gap on held-out runs is a lower bound: the levels of {' and '.join(result.untested)} are too few to "
             "leave one out, so that nothing says what lies between them."
         )
     elif any(one.frequency_Hz for one in result.data.hums):
         texts.append(
-            "The gap on held-out runs is a least value: at other speeds the wave of one frequency makes other orders."
+            "The gap on held-out runs is a lower bound: at other speeds the wave of one frequency makes other orders."
         )
     elif result.few_test:
         texts.append(
-            "The gap on held-out runs is a least value: what the new rig takes off lies at so few of their operating "
-            f"points (as if at {result.testers:.1f} alike) that they say little of how well it is predicted in others."
+            "The gap on held-out runs is a lower bound: what the new rig takes off lies at so few of their operating "
+            f"points (worth {result.testers:.1f} equal ones) that they say little about others."
         )
     elif result.held_out_scatters and not result.few_carry:
         texts.append(
@@ -159,7 +159,7 @@ def between_text(result: Reconciliation) -> str:
         )
     elif result.held_out_scatters:
         texts.append(
-            f"The gap on held-out runs is a least value: few runs carry most of it (it scatters as if there were "
+            f"The gap on held-out runs is a lower bound: few runs carry most of it (it scatters as if there were "
             f"{result.carriers:.1f} curves), and between the runs there may be more such places."
         )
     gap = result.held_out.after**2
@@ -177,15 +177,15 @@ _MOST_LISTED = 4
 
 
 def misread_texts(result: Reconciliation) -> list[str]:
-    """What would do in place of changes of the rig, or of what is unexplained, and what to do where it is so.
+    """What would explain changes of the rig as well, or of what is unexplained, and what to do where it is so.
 
     One sentence for each name.
     """
     found = result.conclusions
 
     def of_what(one: Misread) -> str:
-        """What it would do in place of."""
-        texts = [f"would do in place of the change of {', '.join(found.changes_for(one))}"] * bool(one.instead_of)
+        """What it would explain."""
+        texts = [f"would explain the change of {', '.join(found.changes_for(one))} as well"] * bool(one.instead_of)
         if one.unexplained:
             orders = sorted(one.unexplained)
             which = f"order{'s' * (len(orders) > 1)} {listed(orders)}" if orders != [0] else "the mean"
@@ -207,7 +207,7 @@ def left_text(result: Reconciliation) -> str:
     times = gap.after / gap.noise_floor
     if result.data.angle_rad is not None:
         listed = "only waves of the angle that stand out of it are listed"
-        return f"The gap on held-out recordings is {times:.3g} floors; {listed}.{_few_samples(result)}"
+        return f"The gap on held-out recordings is {times:.3g} noise floors; {listed}.{_few_samples(result)}"
     hums = [hum for hum in result.data.hums if hum.power]
     of_hums = result.data.hum_power([one.order for one in own])
     left = np.maximum(np.array([one.held_out for one in own]) ** 2 - of_hums, 0.0)
@@ -230,7 +230,7 @@ def left_text(result: Reconciliation) -> str:
             moves = ": it moves from run to run by what no effect that was found follows" if is_open else ""
             text += f" (of the {own[k].after:.2g} deg of the fitted runs both directions share {alike[k]:.2g}{moves})"
         parts.append(text)
-    return f"The gap on held-out runs is {times:.3g} floors: {'; '.join(parts)}."
+    return f"The gap on held-out runs is {times:.3g} noise floors: {'; '.join(parts)}."
 
 
 def _few_samples(result: Reconciliation) -> str:
@@ -385,7 +385,7 @@ def _resonance(effect: Effect, result: Reconciliation) -> str:
         with_it = np.abs(final.state.model().coefficients(rows, [order])).mean()
         alone = np.abs(without.coefficients(rows, [order])).mean()
         is_lifted = alone > 1e-7 and with_it > SETTINGS.lifted * alone
-        lifted = f"lifted {with_it / alone:.0f} times" if is_lifted else "changed"
+        lifted = f"raised {with_it / alone:.0f}-fold" if is_lifted else "changed"
         parts.append(f"order {order} is {lifted} at {speed:g} rpm")
     one = "one resonance" if len(effect.orders) > 1 else "a resonance"
     where = (
@@ -479,7 +479,7 @@ def _friction(effect: Effect, result: Reconciliation) -> str:
     parts = [f"{dry:.2g} arcmin dry"] if dry else []
     parts += [f"{wet:.2g} arcmin per 1000 rpm by the oil"] if wet else []
     parts += [f"{mixed:.2g} arcmin that fall with speed as the oil film builds up"] if mixed else []
-    return f"drag winds the transmission up: {' and '.join(parts)}"
+    return f"friction wind-up: {' and '.join(parts)}"
 
 
 def _worn(effect: Effect, result: Reconciliation) -> str:
@@ -498,7 +498,7 @@ def _defect(effect: Effect, result: Reconciliation) -> str:
         sizes += [f"{height + sign * turning:.2g} deg {name}"] if (at.sign == sign).any() else []
     return (
         f"a bump at {effect.scalar('centre_deg') % 360:.1f} deg of the output, about {2 * width:.1f} deg wide and in "
-        f"the mean of the runs {', '.join(sizes)} high: no wave of any order"
+        f"the mean of the runs {', '.join(sizes)} high: not a harmonic"
     )
 
 

@@ -59,7 +59,7 @@ def finding_text(finding: Finding, *, first: bool) -> str:
     """One finding in a line: words, numbers of a changed one, other names, share."""
     is_change = finding.before is not None or finding.effect is None
     changed = f": {', '.join(finding.numbers)}" if is_change and finding.numbers else ""
-    others = f" (the data would allow {', '.join(finding.others)} as well)" if finding.others else ""
+    others = f" (also possible: {', '.join(finding.others)})" if finding.others else ""
     share = share_text(finding, first=first)
     return f"{finding.text}{changed}{others}" + (f"; {share}" if share else "")
 

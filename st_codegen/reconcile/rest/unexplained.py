@@ -410,9 +410,9 @@ def _signature(
     # unless it follows the oil late
     through = [name for name in one_after_the_other(target.data) if name.removeprefix("oil ") in statement.conditions]
     if through and (course is None or course.is_lag or statement.says is not course):
-        said += f", or with the time: the runs go through the {' and the '.join(through)} once"
+        said += f", or with time: the runs sweep the {' and the '.join(through)} once"
     if not is_alike:
-        said += ", which noise that is louder in some runs may look like"
+        said += "; louder noise in some runs may look the same"
     side = _side(target, r, noise)
     # where nothing tells the noise but what runs differ by, that holds what is looked for as well: so in the mean of a
     # table, and in orders of curves that are far from quiet ones
