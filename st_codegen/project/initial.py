@@ -69,8 +69,9 @@ def initial_configuration(
     if reasons:
         lines += ["leave_out = [", *(f"    {toml_value(name)},  # {reason}" for name, reason in reasons.items()), "]"]
     lines += ["", "[build]", 'target = ["twincat"]', 'out = "generated"']
+    variables = _variables(models)
     for feature in _features(models):
-        lines += ["", *_input(feature, training_data)]
+        lines += ["", *_input(feature, variables[feature.name], training_data)]
     for file, name in _names(models).items():
         lines += ["", *_model(file, name, models[file])]
         lines += [f"training_sha256 = {toml_value(training_sha256)}"] if training_sha256 else []
@@ -119,8 +120,8 @@ def _features(models: Mapping[str, ModelIR]) -> list[Feature]:
     return list(found.values())
 
 
-def _input(feature: Feature, training_data: Mapping[str, FloatArray] | None) -> list[str]:
-    values = {"feature": feature.name, "name": _variable(feature), "unit": feature.unit}
+def _input(feature: Feature, variable: str, training_data: Mapping[str, FloatArray] | None) -> list[str]:
+    values = {"feature": feature.name, "name": variable, "unit": feature.unit}
     lines = table_lines("[[input]]", values)
     if training_data is None:
         return lines  # a file that knows its range states it anew whenever its model is trained again
@@ -131,6 +132,21 @@ def _input(feature: Feature, training_data: Mapping[str, FloatArray] | None) -> 
     if not column.size:
         return [*lines, "# no range: no value is there"]
     return [*lines, f"trained = {toml_value((float(column.min()), float(column.max())))}"]
+
+
+def _variables(models: Mapping[str, ModelIR]) -> dict[str, str]:
+    """A name for the input of each feature, no two alike in one model, whatever their case."""
+    beside = [{feature.name for feature in model.features} for model in models.values()]
+    found: dict[str, str] = {}
+    for feature in _features(models):
+        near = set().union(*(names for names in beside if feature.name in names))
+        taken = {variable.lower() for name, variable in found.items() if name in near}
+        name = first = _variable(feature)[:MAX_IDENTIFIER].rstrip("_")
+        alike = itertools.count(2)
+        while name.lower() in taken:
+            name = f"{first[: MAX_IDENTIFIER - 4].rstrip('_')}_{next(alike)}"
+        found[feature.name] = name
+    return found
 
 
 def _variable(feature: Feature) -> str:

@@ -319,6 +319,22 @@ def test_init_names_two_files_of_one_stem_apart(lone_folder, tmp_path):
     assert len(load(lone_folder).models) == 3
 
 
+def test_init_names_the_inputs_of_a_model_apart(tmp_path):
+    """Features that differ in case, in letters that Structured Text lacks, or behind the longest name."""
+    skops, linear = pytest.importorskip("skops.io"), pytest.importorskip("sklearn.linear_model")
+    x, long = np.random.default_rng(1).uniform(3.0, 60.0, (20, 10)), "x" * 47
+    names = ["T", "t", "压力", "温度", "", " ", f"{long}a", f"{long}A", f"{long}bc", f"{long}bd"]
+    (folder := tmp_path / "models").mkdir()
+    model = linear.LinearRegression().fit(x, x[:, 0])
+    model.feature_names_in_ = np.array(names, object)
+    skops.dump(model, folder / "linear.skops")
+    skops.dump(linear.LinearRegression().fit(x[:, :1], x[:, 0]), folder / "other.skops")
+    assert run("init", folder) == 0
+    text = (folder / "st-codegen.toml").read_text(encoding="utf-8")
+    assert text.count('name = "fT"') == 1  # the first keeps what it would be called by itself
+    assert run(folder, "--out", tmp_path / "out") == 0
+
+
 def test_init_describes_the_outputs_that_are_there_unasked(tmp_path, capsys):
     """It described the deviation of a Gaussian process too, and `generate` refused the file that `init` had written."""
     skops, processes = pytest.importorskip("skops.io"), pytest.importorskip("sklearn.gaussian_process")
