@@ -27,7 +27,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from st_codegen.emit.literals import identifier
+from st_codegen.emit.literals import MAX_IDENTIFIER, identifier
 from st_codegen.emit.targets import target_named
 from st_codegen.errors import Problems
 from st_codegen.files.toml_tables import TomlTable, read_toml, shown
@@ -38,7 +38,7 @@ from st_codegen.training.learn import only_exportable
 from st_codegen.training.study import LARGEST_SEED, SearchSettings
 
 #: A folder's name on every system: no dots, so that none is a way out of its folder or one of the fleet's own files.
-_NAME = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9_-]{0,62}[A-Za-z0-9])?")
+_NAME = re.compile(rf"[A-Za-z0-9](?:[A-Za-z0-9_-]{{0,{MAX_IDENTIFIER - 2}}}[A-Za-z0-9])?")
 #: What Windows takes for devices.
 _DEVICES = {"con", "prn", "aux", "nul", *(f"{device}{number}" for device in ("com", "lpt") for number in range(10))}
 _OF_ONE_AXIS = ("name", "campaign", "earlier")
@@ -195,7 +195,8 @@ def _is_name(table: TomlTable, name: str) -> bool:
         )
         return False
     if not _NAME.fullmatch(name):
-        table.note(f"name = {shown(name)}: letters, digits, '_' and '-' inside, at most 64 (it names a folder)")
+        what = f"letters, digits, '_' and '-' inside, at most {MAX_IDENTIFIER} (it names a folder and a PLC project)"
+        table.note(f"name = {shown(name)}: {what}")
         return False
     with table.collect():
         identifier(name, "axis name")

@@ -54,6 +54,7 @@ def test_a_name_of_a_device_is_said_to_be_one(folder):
 
 BAD = {
     "campaign": (axis("a", "none"), "there is no campaign .*none"),
+    "a long name": (axis("a" * 49), "at most 48"),
     "two of one name": (axis("a") + axis("a", "b.csv"), "two axes are called 'a'"),
     "case": (axis("a") + axis("A", "b.csv"), "'a' and 'A' differ in case only"),
     "one campaign twice": (axis("a") + axis("b", "../{folder}/a.csv"), "a campaign is named twice, by 'a' and 'b'"),
