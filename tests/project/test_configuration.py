@@ -93,6 +93,14 @@ def test_given_names_are_taken_or_refused_but_never_others(lone_folder, tmp_path
         ('[[model]]\nfile = "te.txt"\ngives = ["class"]\n', "te is no classifier"),
         ('[[model]]\nfile = "te.txt"\nmetrics = 5\n', "write [model.metrics]"),
         ('[[model]]\nfile = "te.txt"\n[[model]]\nfile = "te.txt"\n', "[[model]] file = 'te.txt' is there twice"),
+        (
+            '[[input]]\nfeature = "a"\nmin = 1\nmax = 2\n[[input]]\nfeature = "a"\n',
+            "[[input]] feature = 'a' is there twice",
+        ),
+        (
+            '[[input]]\nfeature = "a"\nfile = "te.txt"\n[[input]]\nfeature = "a"\nfile = "te.txt"\n',
+            "feature = 'a', file = 'te.txt' is there twice",
+        ),
         ('[[model]]\nfile = "te.txt"\noutputs = [{name = "fA"}, {name = "fA"}]\n', "two outputs have the same name"),
         ('[[input]]\nfeature = "speed_rpm"\nfile = "tee.txt"\n', "file = 'tee.txt': no such model; did you mean"),
         ('[[input]]\nfeature = "speed_rpm"\ntrained = [2.0, 1.0]\n', "trained: the lowest and the highest value"),
@@ -317,6 +325,15 @@ def test_init_names_two_files_of_one_stem_apart(lone_folder, tmp_path):
     (lone_folder / "te-lgb.txt").write_text((lone_folder / "te.txt").read_text())
     (lone_folder / "st-codegen.toml").write_text(initial_configuration(lone_folder))
     assert len(load(lone_folder).models) == 3
+
+
+def test_what_is_said_of_one_model_stands_in_the_place_of_what_is_said_of_all(lone_folder):
+    """Whichever comes first in the file."""
+    of_all = '[[input]]\nfeature = "speed_rpm"\nunit = "1/min"\n'
+    of_one = '[[input]]\nfeature = "speed_rpm"\nfile = "te.txt"\nmin = 2.0\nmax = 4.0\n'
+    for text in (of_all + of_one, of_one + of_all):
+        (lone_folder / "st-codegen.toml").write_text(text)
+        assert load(lone_folder).models[0].ir.features[0].checked == (2.0, 4.0)
 
 
 def test_init_names_the_inputs_of_a_model_apart(tmp_path):
