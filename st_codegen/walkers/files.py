@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import dataclasses
 import importlib
 from dataclasses import dataclass
@@ -79,11 +80,23 @@ def load_model(path: Path, name: str, *, trust_pickle: bool = False) -> LoadedMo
         raise InputError(f"{path.name}: {'a folder' if path.is_dir() else 'no ordinary file'}; a model file is wanted")
     with errors_name(path.name):
         check_size(path.stat().st_size)
+        _check_beginning(path)
     loaded = _loaded(path, name, trust_pickle=trust_pickle)
     source = dataclasses.replace(
         loaded.ir.source, file=path.name, digest=digest(loaded.ir), file_sha256=file_sha256(path)
     )
     return LoadedModel(dataclasses.replace(loaded.ir, source=source), loaded.predict)
+
+
+def _check_beginning(path: Path) -> None:
+    """Raise InputError for a file that is empty, or was written by an editor or a shell in place of its library."""
+    with path.open("rb") as stream:
+        begins = stream.read(3)
+    what = "" if begins else "the file is empty: save or copy the model again"
+    if begins.startswith((codecs.BOM_UTF8, codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        what = "the file begins with a byte order mark, which libraries do not read: save the model again"
+    if what:
+        raise InputError(f"{what}; if it is no model, name it in leave_out of st-codegen.toml")
 
 
 def _loaded(path: Path, name: str, *, trust_pickle: bool) -> LoadedModel:
