@@ -245,6 +245,8 @@ class OpcUaController(Controller):
                 self._client.disconnect()
             reason = str(error) or f"no answer within {timeout_s:g} s"
             raise SilentError(f"{self.address}: {reason}: is it an OPC UA server?") from None
+        with contextlib.suppress(Exception):  # what cannot be had is not said
+            self.device = str(self._client.get_endpoints()[0].Server.ApplicationName.Text or "").strip()
 
     def __exit__(self, *_: object) -> None:
         with contextlib.suppress(Exception):
