@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import itertools
 import re
-import unicodedata
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
 
 from st_codegen.emit.blocks.model import input_variables
-from st_codegen.emit.literals import MAX_IDENTIFIER, capitalised, identifier
+from st_codegen.emit.literals import MAX_IDENTIFIER, capitalised, identifier, spelt
 from st_codegen.errors import InputError, Problems
 from st_codegen.files.csv_tables import with_underscores
 from st_codegen.files.toml_text import table_lines, toml_value
@@ -27,9 +26,6 @@ _HEAD = """\
 """
 #: What rounding in a table may take from a range, as a share of it: three digits.
 _ROUNDING = 1e-3
-_LETTERS = str.maketrans(
-    {"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ß": "ss", "°": "deg", "µ": "u", "μ": "u"}
-)
 
 
 def initial_configuration(
@@ -186,6 +182,5 @@ def _model(file: str, name: str, model: ModelIR) -> list[str]:
 
 def _plain(text: str, otherwise: str) -> str:
     """The ASCII letters and digits of a name."""
-    spelt = unicodedata.normalize("NFKD", text.translate(_LETTERS)).encode("ascii", "ignore").decode()
-    words = re.sub(r"\W+", "_", re.sub(r"_+", "_", spelt)).strip("_")[: MAX_IDENTIFIER - 10]
+    words = re.sub(r"\W+", "_", re.sub(r"_+", "_", spelt(text))).strip("_")[: MAX_IDENTIFIER - 10]
     return capitalised(words) if words[:1].isalpha() else otherwise + words
