@@ -102,7 +102,7 @@ def read_fleet(path: Path) -> tuple[FleetAxis, ...]:
             for key in _OF_ONE_AXIS:
                 if key in defaults:
                     defaults.note(f"'{key}' is of one axis: give it in [[axis]]")
-            defaults.declare(*_OF_ONE_AXIS)
+                    defaults.declare(key)  # no unknown key, nor one that others are told of
             common = {key: defaults.text(key, "") for key in ("rig", "type")}
         for table in file.tables("axis", required=True):
             with table:
@@ -134,6 +134,7 @@ def _axes(
     """The axes of a table: one, or one for each path that its pattern matches."""
     options = _options(table, base_options)
     name, campaign = table.text("name", ""), table.text("campaign")
+    table.declare("earlier")
     earlier = table.list_of("earlier", lambda key, entry: _path_of(table, key, entry)) if "earlier" in table else None
     if table.values.get("earlier") == []:
         table.note("earlier is empty: name a campaign of before, or leave the key out")
@@ -251,7 +252,7 @@ def _options(table: TomlTable, base: AxisOptions) -> AxisOptions:
         options = replace(options, families=table.list_of("families", lambda _, entry: _family(table, entry)))
         if not options.families and table.is_sound:
             table.note(f"families is empty; known are {', '.join(FAMILIES)}")
-    table.declare("limit_us", "check", "orders", "families", "earlier")
+    table.declare("limit_us", "check", "orders", "families")
     with table.collect():
         target_named(options.target)
     if options.share and options.orders is None and table.is_sound:

@@ -62,6 +62,7 @@ BAD = {
     "empty": ("axis = []\n", "axis is empty"),
     "not a list": ('[axis]\nname = "a"\n', r"write \[\[axis\]\]"),
     "a key": (axis(more='famlies = ["DT"]'), "unknown key 'famlies'; did you mean 'families'"),
+    "a key of all axes": ("famlies = 1\n" + axis(), r"'famlies'; [^\n]*families, limit_us, check, orders, rig, type$"),
     "a table": ('[default]\nrig = "x"\n' + axis(), r"unknown table \[default\]; did you mean 'defaults'"),
     "a family": (axis(more='families = ["KNN"]'), "unknown family 'KNN'"),
     "no family": (axis(more="families = []"), "families is empty"),
