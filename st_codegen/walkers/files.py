@@ -80,7 +80,6 @@ def load_model(path: Path, name: str, *, trust_pickle: bool = False) -> LoadedMo
         raise InputError(f"{path.name}: {'a folder' if path.is_dir() else 'no ordinary file'}; a model file is wanted")
     with errors_name(path.name):
         check_size(path.stat().st_size)
-        _check_beginning(path)
     loaded = _loaded(path, name, trust_pickle=trust_pickle)
     source = dataclasses.replace(
         loaded.ir.source, file=path.name, digest=digest(loaded.ir), file_sha256=file_sha256(path)
@@ -103,6 +102,9 @@ def _loaded(path: Path, name: str, *, trust_pickle: bool) -> LoadedModel:
     suffix = path.suffix.lower()
     if suffix in PICKLES:
         return load_pickle(path, name, trusted=trust_pickle)
+    if suffix in suffixes():
+        with errors_name(path.name):
+            _check_beginning(path)
     if suffix == _SKOPS:
         return load_skops(path, name)
     for known in FORMATS.values():
