@@ -92,7 +92,8 @@ def _check_beginning(path: Path) -> None:
     with path.open("rb") as stream:
         begins = stream.read(3)
     what = "" if begins else "the file is empty: save or copy the model again"
-    if begins.startswith((codecs.BOM_UTF8, codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+    marks = (codecs.BOM_UTF8, codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+    if begins.startswith(marks) and path.suffix.lower() != ".xml":  # where such a mark is allowed
         what = "the file begins with a byte order mark, which libraries do not read: save the model again"
     if what:
         raise InputError(f"{what}; if it is no model, name it in leave_out of st-codegen.toml")
