@@ -153,7 +153,7 @@ DIAGNOSTICS = (
         "The file is damaged, was cut off, or its content contradicts itself.",
         "Save the model again with the library that trained it. If the library itself can load the file, please "
         "report this.",
-        places=("walkers", "ir", "beckhoff_ml.file", "beckhoff_ml.model"),
+        places=("walkers", "walkers.files:_check_beginning", "ir", "beckhoff_ml.file", "beckhoff_ml.model"),
     ),
     Diagnostic(
         "STC1203",

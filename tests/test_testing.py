@@ -42,6 +42,27 @@ run()
 """
 
 
+def test_git_on_windows_leaves_the_model_of_the_example_as_it_is(tmp_path):
+    """LightGBM's files count the bytes of their trees: with other line ends neither the library nor we read them."""
+    if shutil.which("git") is None:
+        pytest.skip("git is not installed")
+    shutil.copytree(EXAMPLE, repository := tmp_path / "repository")
+
+    def git(*command):
+        settings = ["-c", "core.autocrlf=true", "-c", "user.name=x", "-c", "user.email=x@x"]
+        subprocess.run(["git", *settings, *command], cwd=repository, check=True, capture_output=True)
+
+    model, project = repository / "models" / "power.txt", repository / "plc" / "twincat" / "Pumps.plcproj"
+    model.write_bytes(content := model.read_bytes().replace(b"\r\n", b"\n"))
+    for command in (["init"], ["add", "."], ["commit", "-m", "x"]):
+        git(*command)
+    model.unlink()
+    project.unlink()
+    git("checkout", "--", ".")
+    assert model.read_bytes() == content
+    assert b"\r\n" in project.read_bytes()
+
+
 def test_the_example_passes_and_fails_where_model_and_code_part(tmp_path):
     copy = tmp_path / "repository"  # that the committed code is up to date is tested with the golden files
     shutil.copytree(EXAMPLE, copy)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -101,8 +102,10 @@ class SumsFile:
         if not rows:
             return
         columns = {name: [row[name] for row in rows] for name in rows[0]}
+        content = io.BytesIO()  # polars' own errors of the disk have neither number nor file
+        pl.DataFrame(columns).write_parquet(content)
         with whole_file(path) as partial:
-            pl.DataFrame(columns).write_parquet(partial)
+            partial.write_bytes(content.getbuffer())
 
     def _name(self, path: Path) -> str:
         return path.relative_to(self.folder).as_posix()

@@ -131,7 +131,7 @@ def limits_table(limits: Iterable[InputLimit]) -> Table | str:
 
 def magnitude_text(limit: InputLimit) -> str:
     """From which magnitude on an input is refused."""
-    return "infinite" if math.isinf(limit.magnitude) else f"{limit.magnitude:.17g}"
+    return "infinite" if math.isinf(limit.magnitude) else repr(float(limit.magnitude))
 
 
 def _cells(parts: Sequence[UnitPart], total: float) -> list[str]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+import unicodedata
 from typing import Any
 
 import numpy as np
@@ -40,6 +41,10 @@ _CONVERSION = re.compile(rf"(({_TYPE})_)?(TO|TRUNC)_({_TYPE})")
 MAX_IDENTIFIER = 48
 
 _UNITS = str.maketrans({"°": "deg", "µ": "u", "μ": "u", "·": " ", "²": "^2", "³": "^3", "Ω": "Ohm"})
+
+_LETTERS = str.maketrans(
+    {"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ß": "ss", "°": "deg", "µ": "u", "μ": "u"}
+)
 
 
 def is_keyword(name: str) -> bool:
@@ -131,6 +136,11 @@ def identifier(name: str, what: str, prefix: str = "") -> str:
     if len(text) > MAX_IDENTIFIER:
         raise InputError(f"{what} {name!r} is longer than {MAX_IDENTIFIER} characters: shorten it")
     return text
+
+
+def spelt(text: str) -> str:
+    """A text in ASCII, as it is spelt without other letters; what cannot be is left out."""
+    return unicodedata.normalize("NFKD", text.translate(_LETTERS)).encode("ascii", "ignore").decode()
 
 
 def capitalised(name: str) -> str:

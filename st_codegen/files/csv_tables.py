@@ -46,11 +46,15 @@ class CsvRow:
 
 @dataclass(frozen=True)
 class CsvTable:
-    """The rows below a header. A row with more or fewer cells than the header is refused where it is asked for one."""
+    """The rows below a header. A row with more or fewer cells than the header is refused where it is asked for one.
+
+    empty: the lines between rows that have cells with nothing in them; they are no rows.
+    """
 
     names: tuple[str, ...]
     rows: tuple[CsvRow, ...]
     decimal_comma: bool
+    empty: tuple[int, ...] = ()
 
     def text(self, row: CsvRow, name: str) -> str:
         """A cell, without the blanks around it. Raises RowError."""
@@ -85,11 +89,13 @@ def read_csv(path: Path, wanted: Sequence[str] = ()) -> CsvTable:
     separator = separator_of(text)
     lines = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
     try:
-        rows = [CsvRow(lines.line_num, tuple(row)) for row in lines if any(cell.strip() for cell in row)]
+        read = [CsvRow(lines.line_num, tuple(row)) for row in lines]
     except csv.Error as error:  # above all a field of more than 131,072 characters
         raise InputError(f"{path}, line {lines.line_num}: not readable as a table ({error})") from None
+    rows = [row for row in read if any(cell.strip() for cell in row.cells)]
     if not rows:
         raise InputError(f"{path}: the file is empty; the first line must name the columns")
+    empty = (row for row in read if len(row.cells) > 1 or row.cells == ("",))  # "" in quotes: a line has no cells
     names = tuple(name.strip() for name in rows[0].cells)
     problems = Problems(str(path))
     missing = [f"'{name}'" for name in wanted if name not in names]
@@ -99,7 +105,8 @@ def read_csv(path: Path, wanted: Sequence[str] = ()) -> CsvTable:
     for name in sorted({name for name in names if name and names.count(name) > 1}):
         problems.add(f"the column '{_cut(name)}' is there twice")
     problems.raise_if_any()
-    return CsvTable(names, tuple(rows[1:]), separator == ";")
+    between = {row.line for row in empty if rows[0].line < row.line < rows[-1].line} - {row.line for row in rows}
+    return CsvTable(names, tuple(rows[1:]), separator == ";", tuple(sorted(between)))
 
 
 def with_underscores(columns: Mapping[str, npt.NDArray[np.float64]]) -> dict[str, npt.NDArray[np.float64]]:

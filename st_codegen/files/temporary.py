@@ -47,6 +47,28 @@ def temporary_folder(parent: Path, becomes: Path | None = None) -> Iterator[Path
 
 
 @contextmanager
+def held(path: Path, text: str) -> Iterator[bool]:
+    """Whether a file, made with `text` where it is missing, is held by no other process; then this one holds it.
+
+    It is not handed to processes that this one starts, which may outlive it. Where files cannot be locked nobody holds.
+    """
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+    try:
+        if os.fstat(descriptor).st_size == 0:
+            os.write(descriptor, text.encode())
+        if _locks is not None:
+            try:
+                _locks.lockf(descriptor, _locks.LOCK_EX | _locks.LOCK_NB)
+            except OSError as error:
+                if error.errno in (errno.EACCES, errno.EAGAIN):
+                    yield False
+                    return
+        yield True
+    finally:
+        os.close(descriptor)
+
+
+@contextmanager
 def errors_of_disk(name: Path, inside: Path | None = None) -> Iterator[None]:
     """Errors of the disk without a file's name, or with one of a file `inside` a folder, get another name."""
     try:

@@ -27,7 +27,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from st_codegen.emit.literals import identifier
+from st_codegen.emit.literals import MAX_IDENTIFIER, identifier
 from st_codegen.emit.targets import target_named
 from st_codegen.errors import Problems
 from st_codegen.files.toml_tables import TomlTable, read_toml, shown
@@ -38,7 +38,7 @@ from st_codegen.training.learn import only_exportable
 from st_codegen.training.study import LARGEST_SEED, SearchSettings
 
 #: A folder's name on every system: no dots, so that none is a way out of its folder or one of the fleet's own files.
-_NAME = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9_-]{0,62}[A-Za-z0-9])?")
+_NAME = re.compile(rf"[A-Za-z0-9](?:[A-Za-z0-9_-]{{0,{MAX_IDENTIFIER - 2}}}[A-Za-z0-9])?")
 #: What Windows takes for devices.
 _DEVICES = {"con", "prn", "aux", "nul", *(f"{device}{number}" for device in ("com", "lpt") for number in range(10))}
 _OF_ONE_AXIS = ("name", "campaign", "earlier")
@@ -102,7 +102,7 @@ def read_fleet(path: Path) -> tuple[FleetAxis, ...]:
             for key in _OF_ONE_AXIS:
                 if key in defaults:
                     defaults.note(f"'{key}' is of one axis: give it in [[axis]]")
-            defaults.declare(*_OF_ONE_AXIS)
+                    defaults.declare(key)  # no unknown key, nor one that others are told of
             common = {key: defaults.text(key, "") for key in ("rig", "type")}
         for table in file.tables("axis", required=True):
             with table:
@@ -134,6 +134,7 @@ def _axes(
     """The axes of a table: one, or one for each path that its pattern matches."""
     options = _options(table, base_options)
     name, campaign = table.text("name", ""), table.text("campaign")
+    table.declare("earlier")
     earlier = table.list_of("earlier", lambda key, entry: _path_of(table, key, entry)) if "earlier" in table else None
     if table.values.get("earlier") == []:
         table.note("earlier is empty: name a campaign of before, or leave the key out")
@@ -195,7 +196,8 @@ def _is_name(table: TomlTable, name: str) -> bool:
         )
         return False
     if not _NAME.fullmatch(name):
-        table.note(f"name = {shown(name)}: letters, digits, '_' and '-' inside, at most 64 (it names a folder)")
+        what = f"letters, digits, '_' and '-' inside, at most {MAX_IDENTIFIER} (it names a folder and a PLC project)"
+        table.note(f"name = {shown(name)}: {what}")
         return False
     with table.collect():
         identifier(name, "axis name")
@@ -250,7 +252,7 @@ def _options(table: TomlTable, base: AxisOptions) -> AxisOptions:
         options = replace(options, families=table.list_of("families", lambda _, entry: _family(table, entry)))
         if not options.families and table.is_sound:
             table.note(f"families is empty; known are {', '.join(FAMILIES)}")
-    table.declare("limit_us", "check", "orders", "families", "earlier")
+    table.declare("limit_us", "check", "orders", "families")
     with table.collect():
         target_named(options.target)
     if options.share and options.orders is None and table.is_sound:

@@ -7,7 +7,8 @@ from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 from st_codegen.errors import InputError, Problems
-from st_codegen.files.text import make_folder, write_text
+from st_codegen.files.temporary import held
+from st_codegen.files.text import make_folder
 from st_codegen.fleet.axes import FleetAxis
 from st_codegen.fleet.shared import with_shared
 from st_codegen.fleet.stages import RECORD, TRAIN, AxisResult, do_axis
@@ -28,22 +29,24 @@ def run_fleet(
     """Do every axis in a folder of its own below `out`; what is done already is not done again. By name, in order.
 
     Workers write there, so a cluster's machines see the campaigns and `out` under the same paths as this one. Where a
-    worker ends, another one does its axes again. Raises InputError where `out` cannot be a fleet's folder, or no
-    scheduler answers; what is wrong with an axis is in its result.
+    worker ends, another one does its axes again. Raises InputError where `out` cannot be a fleet's folder, or another
+    run works there, or no scheduler answers; what is wrong with an axis is in its result.
     """
     out = out.resolve()
     _check_place(axes, out)
-    write_text(out / MARK, _MARK_TEXT)
-    axes = _sharing(axes, out, backend)
-    results: dict[str, AxisResult] = {}
-    for name, result in _results(axes, out, backend, results):
-        is_here = not result.facts or (out / name / RECORD).is_file()
-        results[name] = (
-            result if is_here else AxisResult(errors={TRAIN: f"its worker has another {out}: share the disk"})
-        )
-        if progress:
-            progress(len(results), len(axes), name, results[name])
-    return {axis.name: results[axis.name] for axis in axes}
+    with held(out / MARK, _MARK_TEXT) as is_mine:
+        if not is_mine:
+            raise InputError(f"{out}: another run of st-codegen fleet works there; wait for it, or name another --out")
+        axes = _sharing(axes, out, backend)
+        results: dict[str, AxisResult] = {}
+        for name, result in _results(axes, out, backend, results):
+            is_here = not result.facts or (out / name / RECORD).is_file()
+            results[name] = (
+                result if is_here else AxisResult(errors={TRAIN: f"its worker has another {out}: share the disk"})
+            )
+            if progress:
+                progress(len(results), len(axes), name, results[name])
+        return {axis.name: results[axis.name] for axis in axes}
 
 
 def _sharing(axes: Sequence[FleetAxis], out: Path, backend: Backend) -> Sequence[FleetAxis]:

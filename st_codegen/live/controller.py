@@ -245,6 +245,8 @@ class OpcUaController(Controller):
                 self._client.disconnect()
             reason = str(error) or f"no answer within {timeout_s:g} s"
             raise SilentError(f"{self.address}: {reason}: is it an OPC UA server?") from None
+        with contextlib.suppress(Exception):  # what cannot be had is not said
+            self.device = str(self._client.get_endpoints()[0].Server.ApplicationName.Text or "").strip()
 
     def __exit__(self, *_: object) -> None:
         with contextlib.suppress(Exception):
@@ -260,13 +262,25 @@ class OpcUaController(Controller):
     def read_all(self, signals: Sequence[Signal]) -> list[Any]:
         nodes = [self._node(signal.name) for signal in signals]
         with self._explained(", ".join(signal.name for signal in signals)):
-            values = self._client.read_values(nodes)
-        return [_as_declared(self.address, signal, value) for value, signal in zip(values, signals, strict=True)]
+            answers = self._client.read_attributes(nodes, self._ua.AttributeIds.Value)
+        return [self._good(signal, answer) for signal, answer in zip(signals, answers, strict=True)]
+
+    def _good(self, signal: Signal, answer: Any) -> Any:
+        """A value that the server vouches for: one with another status may be an old one."""
+        with self._explained(signal.name):
+            if answer.StatusCode is not None:
+                answer.StatusCode.check()
+        return _as_declared(self.address, signal, None if answer.Value is None else answer.Value.Value)
 
     def write_all(self, values: Sequence[tuple[Signal, Any]]) -> None:
         nodes = [self._node(signal.name) for signal, _ in values]
-        with self._explained(", ".join(signal.name for signal, _ in values)):
-            self._client.write_values(nodes, [self._variant(signal, value) for signal, value in values])
+        names = ", ".join(signal.name for signal, _ in values)
+        refusals = (self._ua.uaerrors.BadUserAccessDenied, self._ua.uaerrors.BadNotWritable)
+        with self._explained(names):
+            try:
+                self._client.write_values(nodes, [self._variant(signal, value) for signal, value in values])
+            except refusals:
+                raise NotWritableError(f"{self.address}: {names} may not be written") from None
 
     def _variant(self, signal: Signal, value: Any) -> Any:
         kinds = {"f8": "Double", "i4": "Int32", "u4": "UInt32", "u8": "UInt64", "b1": "Boolean"}
@@ -275,20 +289,20 @@ class OpcUaController(Controller):
 
     def _node(self, name: str) -> Any:
         if name not in self._nodes:
-            for space in range(1, len(self._client.get_namespace_array())):
-                node = self._client.get_node(f"ns={space};s={name}")
-                try:
-                    node.read_value()
-                except self._ua.uaerrors.BadNodeIdUnknown:
-                    continue
-                self._nodes[name] = node
-                break
-            else:
-                raise UnknownVariableError(
-                    f"{self.address}: no variable {name}: another project runs there, one generated without "
-                    "--with-comparison, or its variables are not published"
-                )
+            with self._explained(name):
+                self._nodes[name] = self._found(name)
         return self._nodes[name]
+
+    def _found(self, name: str) -> Any:
+        for space in range(1, len(self._client.get_namespace_array())):
+            node = self._client.get_node(f"ns={space};s={name}")
+            with contextlib.suppress(self._ua.uaerrors.BadNodeIdUnknown):
+                node.read_value()
+                return node
+        raise UnknownVariableError(
+            f"{self.address}: no variable {name}: another project runs there, one generated without "
+            "--with-comparison, or its variables are not published"
+        )
 
     @contextlib.contextmanager
     def _explained(self, name: str) -> Iterator[None]:
@@ -296,8 +310,6 @@ class OpcUaController(Controller):
             yield
         except ControllerError:
             raise
-        except self._ua.uaerrors.BadUserAccessDenied:
-            raise NotWritableError(f"{self.address}: {name} may not be written") from None
         except self._ua.UaError as error:
             raise ControllerError(f"{self.address}: {name}: {error}") from None
         except (OSError, TimeoutError, RuntimeError) as error:

@@ -243,7 +243,7 @@ class Configuration:
     def applied(self, model: ModelIR) -> ModelIR:
         """The model with the names, units and ranges that are given for it. Raises InputError for other outputs."""
         features = list(model.features)
-        for entry in self.inputs:
+        for entry in sorted(self.inputs, key=lambda entry: entry.file):  # that of all models first
             if entry.file in ("", model.source.file):
                 features = [entry.applied(f) if f.name == entry.feature else f for f in features]
         named, ports = self.names.applied(model, features)
@@ -304,9 +304,13 @@ def _configuration(file: TomlTable) -> Configuration:
         _check_build(build)
     inputs = tuple(filter(None, map(_input, file.tables("input"))))
     models = tuple(filter(None, map(_model, file.tables("model"))))
-    files = [model.file for model in models]
-    for twice in sorted({name for name in files if files.count(name) > 1}):
-        file.note(f"[[model]] file = '{twice}' is there twice")
+    names_of_inputs = [
+        f"[[input]] feature = '{entry.feature}'" + (f", file = '{entry.file}'" if entry.file else "")
+        for entry in inputs
+    ]
+    for described in ([f"[[model]] file = '{model.file}'" for model in models], names_of_inputs):
+        for twice in sorted({text for text in described if described.count(text) > 1}):
+            file.note(f"{twice} is there twice")
     return Configuration(name, prefix, leave_out, attributes, inputs, models, names, build.values)
 
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import itertools
 import re
-import unicodedata
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
 
 from st_codegen.emit.blocks.model import input_variables
-from st_codegen.emit.literals import MAX_IDENTIFIER, capitalised, identifier
+from st_codegen.emit.literals import MAX_IDENTIFIER, capitalised, identifier, spelt
 from st_codegen.errors import InputError, Problems
 from st_codegen.files.csv_tables import with_underscores
 from st_codegen.files.toml_text import table_lines, toml_value
@@ -27,9 +26,6 @@ _HEAD = """\
 """
 #: What rounding in a table may take from a range, as a share of it: three digits.
 _ROUNDING = 1e-3
-_LETTERS = str.maketrans(
-    {"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ß": "ss", "°": "deg", "µ": "u", "μ": "u"}
-)
 
 
 def initial_configuration(
@@ -69,8 +65,9 @@ def initial_configuration(
     if reasons:
         lines += ["leave_out = [", *(f"    {toml_value(name)},  # {reason}" for name, reason in reasons.items()), "]"]
     lines += ["", "[build]", 'target = ["twincat"]', 'out = "generated"']
+    variables = _variables(models)
     for feature in _features(models):
-        lines += ["", *_input(feature, training_data)]
+        lines += ["", *_input(feature, variables[feature.name], training_data)]
     for file, name in _names(models).items():
         lines += ["", *_model(file, name, models[file])]
         lines += [f"training_sha256 = {toml_value(training_sha256)}"] if training_sha256 else []
@@ -119,8 +116,8 @@ def _features(models: Mapping[str, ModelIR]) -> list[Feature]:
     return list(found.values())
 
 
-def _input(feature: Feature, training_data: Mapping[str, FloatArray] | None) -> list[str]:
-    values = {"feature": feature.name, "name": _variable(feature), "unit": feature.unit}
+def _input(feature: Feature, variable: str, training_data: Mapping[str, FloatArray] | None) -> list[str]:
+    values = {"feature": feature.name, "name": variable, "unit": feature.unit}
     lines = table_lines("[[input]]", values)
     if training_data is None:
         return lines  # a file that knows its range states it anew whenever its model is trained again
@@ -131,6 +128,21 @@ def _input(feature: Feature, training_data: Mapping[str, FloatArray] | None) -> 
     if not column.size:
         return [*lines, "# no range: no value is there"]
     return [*lines, f"trained = {toml_value((float(column.min()), float(column.max())))}"]
+
+
+def _variables(models: Mapping[str, ModelIR]) -> dict[str, str]:
+    """A name for the input of each feature, no two alike in one model, whatever their case."""
+    beside = [{feature.name for feature in model.features} for model in models.values()]
+    found: dict[str, str] = {}
+    for feature in _features(models):
+        near = set().union(*(names for names in beside if feature.name in names))
+        taken = {variable.lower() for name, variable in found.items() if name in near}
+        name = first = _variable(feature)[:MAX_IDENTIFIER].rstrip("_")
+        alike = itertools.count(2)
+        while name.lower() in taken:
+            name = f"{first[: MAX_IDENTIFIER - 4].rstrip('_')}_{next(alike)}"
+        found[feature.name] = name
+    return found
 
 
 def _variable(feature: Feature) -> str:
@@ -170,6 +182,5 @@ def _model(file: str, name: str, model: ModelIR) -> list[str]:
 
 def _plain(text: str, otherwise: str) -> str:
     """The ASCII letters and digits of a name."""
-    spelt = unicodedata.normalize("NFKD", text.translate(_LETTERS)).encode("ascii", "ignore").decode()
-    words = re.sub(r"\W+", "_", re.sub(r"_+", "_", spelt)).strip("_")[: MAX_IDENTIFIER - 10]
+    words = re.sub(r"\W+", "_", re.sub(r"_+", "_", spelt(text))).strip("_")[: MAX_IDENTIFIER - 10]
     return capitalised(words) if words[:1].isalpha() else otherwise + words

@@ -92,12 +92,18 @@ def by_text(code: GeneratedCode) -> Answer:
 def read_table(path: Path) -> dict[str, FloatArray]:
     """A CSV table with a header, as columns of numbers; `nan` and `inf` allowed.
 
-    Raises one InputError that lists every bad cell (the first of many) with its line.
+    Raises one InputError that lists every bad cell (the first of many) with its line. A row without a number is one,
+    since predictions are found by their rows.
     """
     problems = Problems(str(path))
     table = read_csv(path)
     if not all(table.names):
-        raise InputError(f"{path}: the first line must name the features, a column has no name")
+        raise InputError(
+            f"{path}: the first line must name the features, a column has no name (pandas' index? to_csv(.., "
+            "index=False) leaves it out)"
+        )
+    for line in table.empty:
+        problems.add(f"line {line}: all cells are empty; a missing number is written nan")
     values = table.numbers(table.names, problems, is_finite=False)
     problems.raise_if_any()
     return dict(zip(table.names, values.T, strict=True))

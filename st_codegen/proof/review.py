@@ -152,7 +152,8 @@ def tried_text(changed: Sequence[ModelChange], target: str) -> str:
     """At which points the outputs of changed models were compared, in whole sentences."""
     text = (
         f"Both texts of the target {target} were run at random points of the operating range, at which no input is "
-        "missing; a larger change may lie elsewhere."
+        "missing; a larger change may lie elsewhere. Every third point has whole numbers where a range holds two, so "
+        "that means and shares are not those of evenly spread points."
     )
     if partly := [model.name for model in changed if model.answered < model.rows]:
         text += f" Of these models the points are those that both texts answer: {', '.join(partly)}."

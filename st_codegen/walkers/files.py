@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import dataclasses
 import importlib
 from dataclasses import dataclass
@@ -86,10 +87,25 @@ def load_model(path: Path, name: str, *, trust_pickle: bool = False) -> LoadedMo
     return LoadedModel(dataclasses.replace(loaded.ir, source=source), loaded.predict)
 
 
+def _check_beginning(path: Path) -> None:
+    """Raise InputError for a file that is empty, or was written by an editor or a shell in place of its library."""
+    with path.open("rb") as stream:
+        begins = stream.read(3)
+    what = "" if begins else "the file is empty: save or copy the model again"
+    marks = (codecs.BOM_UTF8, codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+    if begins.startswith(marks) and path.suffix.lower() != ".xml":  # where such a mark is allowed
+        what = "the file begins with a byte order mark, which libraries do not read: save the model again"
+    if what:
+        raise InputError(f"{what}; if it is no model, name it in leave_out of st-codegen.toml")
+
+
 def _loaded(path: Path, name: str, *, trust_pickle: bool) -> LoadedModel:
     suffix = path.suffix.lower()
     if suffix in PICKLES:
         return load_pickle(path, name, trusted=trust_pickle)
+    if suffix in suffixes():
+        with errors_name(path.name):
+            _check_beginning(path)
     if suffix == _SKOPS:
         return load_skops(path, name)
     for known in FORMATS.values():

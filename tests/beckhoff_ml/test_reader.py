@@ -187,3 +187,8 @@ def test_the_command_predicts_from_a_file(engine, tmp_path, monkeypatch):
     assert (header, second) == ("net", "nan")
     expected = load_model(tmp_path / "net.xml", "net").predict(np.array([[0.5, 1.0, -2.0]]))[0, 0]
     assert float(first) == pytest.approx(expected, rel=1e-5)
+
+
+def test_a_file_may_begin_with_a_byte_order_mark(tmp_path):
+    (tmp_path / "net.xml").write_text(NETWORK, encoding="utf-8-sig")
+    assert load_model(tmp_path / "net.xml", "net").ir.features

@@ -152,6 +152,21 @@ def test_files_of_others_are_not_written_over(folder, tmp_path):
         assert cache.read_bytes() == content
 
 
+def test_a_cache_for_which_the_disk_has_no_room(folder, tmp_path):
+    """What polars says of a full disk was a defect of ours."""
+    resource = pytest.importorskip("resource")
+    cache = tmp_path / "curves.parquet"
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, limits[1]))
+    try:
+        with pytest.raises(OSError, match="File too large") as found:
+            read_campaign(folder, jobs=1, cache=cache)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert found.value.filename == cache
+    assert [path.name for path in tmp_path.iterdir()] == ["campaign"]
+
+
 def test_a_cache_that_cannot_be_read_is_no_file_of_others(folder, tmp_path, monkeypatch):
     """Whoever may not read it was told to delete it."""
     pl = pytest.importorskip("polars")

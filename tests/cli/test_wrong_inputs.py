@@ -9,10 +9,13 @@ X = np.random.default_rng(0).uniform(3.0, 60.0, (80, 3))
 FEATURES = ("speed_rpm", "torque_Nm", "temperature_C")
 #: Files of the folder beside `te.txt`, and what the message says of them; `$MODEL` is the text of that model.
 FILES = {
+    "byte order mark in .txt": ({"m.txt": "\ufefftree\n"}, "m.txt: the file begins with a byte order mark"),
+    "byte order mark in .json": ({"m.json": '\ufeff{"name": "gbtree"}'}, "m.json: the file begins with a byte order"),
+    "empty files": ({"m.txt": "", "m2.ubj": ""}, "m.txt and m2.ubj: the file is empty: save or copy the model again"),
     "garbage in .txt": ({"m.txt": "hello"}, "m.txt: not a LightGBM text model: the first line is not 'tree'"),
     "garbage in .onnx": ({"m.onnx": "hello"}, "m.onnx: not an ONNX model"),
     "garbage in .json": ({"m.json": "{}"}, "m.json: not an XGBoost model: no object 'learner'"),
-    "garbage in .ubj": ({"m.ubj": "{"}, "m.ubj: not an XGBoost model (UBJSON, byte 1: 1 bytes declared, 0 left)"),
+    "garbage in .ubj": ({"m.ubj": "{"}, "m.ubj: not an XGBoost model (UBJSON, byte 1: 1 byte declared, 0 left)"),
     "garbage in .skops": ({"m.skops": "PK"}, "m.skops: not a readable .skops file"),
     "garbage in .xml": ({"m.xml": "<a/>"}, "m.xml: "),
     "a model that is cut": ({"m.txt": "$HALF"}, "m.txt: the file ends inside tree"),

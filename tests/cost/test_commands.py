@@ -5,8 +5,10 @@ import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from st_codegen.cli.costs import magnitude_text
 from st_codegen.cli.main import main
 from st_codegen.cost.profile import load_profile
 from st_codegen.driver import generate
@@ -14,7 +16,7 @@ from st_codegen.emit.targets import TARGETS
 from st_codegen.passes.choose import Options
 from st_codegen.passes.pipeline import compile_models
 from st_codegen.project.bundle import load
-from st_codegen.proof.explain import Pricing
+from st_codegen.proof.explain import InputLimit, Pricing
 from st_codegen.proof.runner import GeneratedCode
 from st_codegen.proof.verify import cycle_cost
 
@@ -99,6 +101,11 @@ def test_wrong_options_exit_with_2(bundle_folder, generated, capsys):
     assert run(*verify, "--cycle-us", 0) == 2
     assert run(*verify, "--entry", "FB_None") == 2
     assert "no block FB_None" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("magnitude", "shown"), [(1e304, "1e+304"), (0.1, "0.1"), (float("inf"), "infinite")])
+def test_limits_have_the_digits_that_headers_have(magnitude, shown):
+    assert magnitude_text(InputLimit("te", "speed", np.float64(magnitude))) == shown
 
 
 def test_explain_shows_the_layouts_and_what_the_text_costs(bundle_folder, tmp_path, capsys):

@@ -7,6 +7,7 @@ import subprocess
 import pytest
 
 from st_codegen.emit.blocks.application import Application
+from st_codegen.emit.blocks.classes import _names
 from st_codegen.emit.blocks.listing import Block, BlockVariable
 from st_codegen.emit.blocks.model import Limits, feature_text, header_lines, input_variables, model_block
 from st_codegen.emit.foreign_names import is_foreign
@@ -88,3 +89,15 @@ def test_no_block_of_any_operation_has_one():
     blocks = tuple(model_block(model, Limits(10_000)) for model in SMALL_MODELS.values())
     for block in blocks:
         Application("a", blocks=(block,))
+
+
+@pytest.mark.parametrize(
+    ("labels", "names"),
+    [
+        (("Öl", "außen", "kühl", "压力"), ["Oel", "Aussen", "Kuehl", "Class_3"]),  # were L, Au_en, K_hl
+        (("A", "A_number_2", "a"), ["A", "A_number_2", "a_number_2_number_2"]),
+        ((-1, 1), ["Minus_1", "Class_1"]),
+    ],
+)
+def test_names_of_labels_are_spelt_in_ascii_and_differ(labels, names):
+    assert [name.lower() for name in _names(labels)] == [name.lower() for name in names]

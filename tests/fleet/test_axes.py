@@ -54,6 +54,7 @@ def test_a_name_of_a_device_is_said_to_be_one(folder):
 
 BAD = {
     "campaign": (axis("a", "none"), "there is no campaign .*none"),
+    "a long name": (axis("a" * 49), "at most 48"),
     "two of one name": (axis("a") + axis("a", "b.csv"), "two axes are called 'a'"),
     "case": (axis("a") + axis("A", "b.csv"), "'a' and 'A' differ in case only"),
     "one campaign twice": (axis("a") + axis("b", "../{folder}/a.csv"), "a campaign is named twice, by 'a' and 'b'"),
@@ -61,6 +62,7 @@ BAD = {
     "empty": ("axis = []\n", "axis is empty"),
     "not a list": ('[axis]\nname = "a"\n', r"write \[\[axis\]\]"),
     "a key": (axis(more='famlies = ["DT"]'), "unknown key 'famlies'; did you mean 'families'"),
+    "a key of all axes": ("famlies = 1\n" + axis(), r"'famlies'; [^\n]*families, limit_us, check, orders, rig, type$"),
     "a table": ('[default]\nrig = "x"\n' + axis(), r"unknown table \[default\]; did you mean 'defaults'"),
     "a family": (axis(more='families = ["KNN"]'), "unknown family 'KNN'"),
     "no family": (axis(more="families = []"), "families is empty"),

@@ -5,6 +5,8 @@ import json
 import os
 import shutil
 import signal
+import subprocess
+import sys
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from pathlib import Path
@@ -333,6 +335,23 @@ def test_axes_of_a_worker_that_ended_are_done_again(inputs, tmp_path, monkeypatc
     assert results["worn"] is GOOD
     assert (results["odd"] is GOOD) == (times == 1)
     assert times == 1 or "ended each time" in results["odd"].errors[TRAIN]
+
+
+def test_two_runs_in_one_folder(inputs, tmp_path, monkeypatch):
+    """The files of one were those of the other, and an axis failed by models that "have changed"."""
+    out, tried = tmp_path / "out", faked(monkeypatch, "odd", 0)
+    run_fleet(read_fleet(inputs), out, Backend(2))
+    code = "import sys; from pathlib import Path; from st_codegen.files.temporary import held\n"
+    code += "with held(Path(sys.argv[1]), '') as mine: print(mine, flush=True); sys.stdin.read()"
+    with subprocess.Popen(
+        [sys.executable, "-c", code, out / MARK], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as other:
+        assert other.stdout.readline() == "True\n"
+        with pytest.raises(InputError, match="another run of st-codegen fleet works there; wait for it"):
+            run_fleet(read_fleet(inputs), out, Backend(2))
+        other.kill()
+    run_fleet(read_fleet(inputs), out, Backend(2))  # a killed run holds nothing
+    assert len(tried) == 2
 
 
 def test_a_worker_on_another_disk(inputs, tmp_path, monkeypatch):

@@ -10,19 +10,22 @@ import pytest
 from st_codegen import load
 from st_codegen.live.compare import compare
 from st_codegen.live.controller import UNKNOWN, OpcUaController, Signal, connected, must_run
-from st_codegen.live.failures import ControllerError, SilentError, UnknownVariableError
+from st_codegen.live.failures import ControllerError, NotWritableError, SilentError, UnknownVariableError
 from tests.live.conftest import Running, soft_plc
 
 asyncua = pytest.importorskip("asyncua")
 sync = pytest.importorskip("asyncua.sync")
 
 
-@pytest.fixture(scope="module")
-def server(bundle):
+def free_port():
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    with Running(soft_plc(bundle[1]), ads_port=None, opcua_port=port) as running:
+        return free.getsockname()[1]
+
+
+@pytest.fixture(scope="module")
+def server(bundle):
+    with Running(soft_plc(bundle[1]), ads_port=None, opcua_port=free_port()) as running:
         yield running
 
 
@@ -94,6 +97,7 @@ def test_the_comparison_goes_over_it_too(bundle, server):
     report = compare(load(bundle[0]), bundle[1], lambda: connected(None, server.addresses["opcua"], 600.0), rows=600)
     assert report.passed
     assert report.sent >= 600
+    assert any("st-codegen serve is a soft PLC: no controller was compared" in line for line in report.remarks())
 
 
 def test_what_is_not_there(server):
@@ -104,6 +108,30 @@ def test_what_is_not_there(server):
             controller.write(Signal("GVL_Experiment.bBusy", "|b1"), True)
     with pytest.raises(ControllerError, match="cannot be reached"):
         connected(None, "opc.tcp://127.0.0.1:1/", 1.0)
+
+
+def test_a_value_that_the_server_does_not_vouch_for_is_none(monkeypatch):
+    """Also where it was good when the variable was looked for; and a variable whose value cannot be read at first."""
+    ua, codes = asyncua.ua, asyncua.ua.StatusCodes
+    with sync.Server() as server:
+        url = f"opc.tcp://127.0.0.1:{free_port()}/"
+        server.set_endpoint(url)
+        space = server.register_namespace("urn:other")
+        node = server.nodes.objects.add_variable(ua.NodeId("GVL.fX", space), "fX", 1.5)
+        server.nodes.objects.add_variable(ua.NodeId("GVL.fFixed", space), "fFixed", 1.5).set_writable(False)
+        server.start()
+        with connected(None, url, 60.0) as controller:
+            for status in (codes.BadNoCommunication, codes.UncertainLastUsableValue):
+                node.write_value(ua.DataValue(ua.Variant(1.5), ua.StatusCode(status)))
+                with pytest.raises(ControllerError, match=rf"GVL\.fX: .*{ua.StatusCode(status).name}"):
+                    controller.read(Signal("GVL.fX"))  # the first time this variable is looked for, then its value
+                node.write_value(ua.DataValue(ua.Variant(2.5)))
+                assert controller.read(Signal("GVL.fX")) == 2.5
+            with pytest.raises(NotWritableError, match=r"GVL\.fFixed may not be written"):
+                controller.write(Signal("GVL.fFixed"), 1.0)
+            monkeypatch.setattr(controller._client, "get_namespace_array", Mock(side_effect=ConnectionError("gone")))
+            with pytest.raises(SilentError, match="gone"):
+                controller.read(Signal("GVL.fOther"))
 
 
 def test_a_server_without_a_state_is_not_said_to_run(monkeypatch):

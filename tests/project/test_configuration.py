@@ -93,6 +93,14 @@ def test_given_names_are_taken_or_refused_but_never_others(lone_folder, tmp_path
         ('[[model]]\nfile = "te.txt"\ngives = ["class"]\n', "te is no classifier"),
         ('[[model]]\nfile = "te.txt"\nmetrics = 5\n', "write [model.metrics]"),
         ('[[model]]\nfile = "te.txt"\n[[model]]\nfile = "te.txt"\n', "[[model]] file = 'te.txt' is there twice"),
+        (
+            '[[input]]\nfeature = "a"\nmin = 1\nmax = 2\n[[input]]\nfeature = "a"\n',
+            "[[input]] feature = 'a' is there twice",
+        ),
+        (
+            '[[input]]\nfeature = "a"\nfile = "te.txt"\n[[input]]\nfeature = "a"\nfile = "te.txt"\n',
+            "feature = 'a', file = 'te.txt' is there twice",
+        ),
         ('[[model]]\nfile = "te.txt"\noutputs = [{name = "fA"}, {name = "fA"}]\n', "two outputs have the same name"),
         ('[[input]]\nfeature = "speed_rpm"\nfile = "tee.txt"\n', "file = 'tee.txt': no such model; did you mean"),
         ('[[input]]\nfeature = "speed_rpm"\ntrained = [2.0, 1.0]\n', "trained: the lowest and the highest value"),
@@ -317,6 +325,31 @@ def test_init_names_two_files_of_one_stem_apart(lone_folder, tmp_path):
     (lone_folder / "te-lgb.txt").write_text((lone_folder / "te.txt").read_text())
     (lone_folder / "st-codegen.toml").write_text(initial_configuration(lone_folder))
     assert len(load(lone_folder).models) == 3
+
+
+def test_what_is_said_of_one_model_stands_in_the_place_of_what_is_said_of_all(lone_folder):
+    """Whichever comes first in the file."""
+    of_all = '[[input]]\nfeature = "speed_rpm"\nunit = "1/min"\n'
+    of_one = '[[input]]\nfeature = "speed_rpm"\nfile = "te.txt"\nmin = 2.0\nmax = 4.0\n'
+    for text in (of_all + of_one, of_one + of_all):
+        (lone_folder / "st-codegen.toml").write_text(text)
+        assert load(lone_folder).models[0].ir.features[0].checked == (2.0, 4.0)
+
+
+def test_init_names_the_inputs_of_a_model_apart(tmp_path):
+    """Features that differ in case, in letters that Structured Text lacks, or behind the longest name."""
+    skops, linear = pytest.importorskip("skops.io"), pytest.importorskip("sklearn.linear_model")
+    x, long = np.random.default_rng(1).uniform(3.0, 60.0, (20, 10)), "x" * 47
+    names = ["T", "t", "压力", "温度", "", " ", f"{long}a", f"{long}A", f"{long}bc", f"{long}bd"]
+    (folder := tmp_path / "models").mkdir()
+    model = linear.LinearRegression().fit(x, x[:, 0])
+    model.feature_names_in_ = np.array(names, object)
+    skops.dump(model, folder / "linear.skops")
+    skops.dump(linear.LinearRegression().fit(x[:, :1], x[:, 0]), folder / "other.skops")
+    assert run("init", folder) == 0
+    text = (folder / "st-codegen.toml").read_text(encoding="utf-8")
+    assert text.count('name = "fT"') == 1  # the first keeps what it would be called by itself
+    assert run(folder, "--out", tmp_path / "out") == 0
 
 
 def test_init_describes_the_outputs_that_are_there_unasked(tmp_path, capsys):

@@ -101,12 +101,20 @@ def test_tables_keep_every_bit(tmp_path):
         ("a,b\n1\n", "line 2: 1 value, the header has 2"),
         ("a,b\n1,x\n2,\n", r"(?s)line 2: b: 'x' is not a number.*line 3: b: ''"),
         ("a,a\n1,2\n", "'a' is there twice"),
+        ("a,b\n1,2\n,\n3,4\n", "line 3: all cells are empty; a missing number is written nan"),
+        ('a\n1\n""\n3\n', "line 3: all cells are empty"),
     ],
 )
 def test_bad_tables_are_described(tmp_path, text, reason):
     (tmp_path / "x.csv").write_text(text)
     with pytest.raises(InputError, match=reason):
         read_table(tmp_path / "x.csv")
+
+
+def test_lines_without_cells_and_behind_the_last_row_are_no_rows(tmp_path):
+    """Rows of empty cells between others were left out too, and predictions stood beside other rows."""
+    (tmp_path / "x.csv").write_text("\na,b\n\n1,2\n  \n3,4\n,\n\n")
+    assert read_table(tmp_path / "x.csv")["b"].tolist() == [2.0, 4.0]
 
 
 def test_a_table_without_rows_gives_a_table_without_rows(lone_folder, tmp_path):

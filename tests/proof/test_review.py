@@ -103,6 +103,7 @@ def test_features_in_another_order_are_the_same_points(lone_folder, lightgbm_tex
     assert "features" in [change.what for change in model.facts]
     assert [(output.largest, output.moved) for output in model.outputs] == [(0.0, 0.0)]
     assert "at which no input is missing; a larger change may lie elsewhere" in tried_text([model], "twincat")
+    assert "Every third point has whole numbers" in tried_text([model], "twincat")  # a share of 1/3 in range 0 .. 1
 
 
 def test_sizes_models_and_files_before_and_after(lone_folder, lightgbm_text, tmp_path):

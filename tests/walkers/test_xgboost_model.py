@@ -382,7 +382,7 @@ def test_mixed_leaves_are_refused(load: Any) -> None:
         (b'[{"nodeid": 0, "leaf": 1.5}]', "json", "save_model('model.json')"),
         (b'{"name": "tree", "tree_info": []}', "json", "save_model('model.txt')"),
         (b'{"name": "a package"}', "json", "not an XGBoost model"),
-        (b"", "ubj", "UBJSON, byte 0: 1 bytes declared, 0 left"),
+        (b"", "ubj", "UBJSON, byte 0: 1 byte declared, 0 left"),
         (b'{"learner": {}}', "ubj", "UBJSON, byte 2: marker b'\"' where a length is expected"),
         (
             b"{L\x7f\xff\xff\xff\xff\xff\xff\xff",

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 from st_codegen.emit.blocks.application import Enumeration, EnumValue
 from st_codegen.emit.foreign_names import is_foreign
-from st_codegen.emit.literals import capitalised, identifier, is_keyword
+from st_codegen.emit.literals import capitalised, identifier, is_keyword, spelt
 from st_codegen.ir import Classes, Label, ModelIR
 
 #: Characters of a label that are shown.
@@ -57,12 +57,12 @@ def _names(labels: Sequence[Label]) -> list[str]:
     names: list[str] = []
     taken: set[str] = set()
     for number, label in enumerate(labels):
-        text = re.sub("^-", "minus_", str(label))
+        text = re.sub("^-", "minus_", spelt(str(label)))
         text = re.sub(r"_+", "_", re.sub(r"[^A-Za-z0-9_]", "_", text)[:_NAME]).strip("_")
         name = capitalised(text)
         if not name[:1].isalpha() or is_keyword(name) or is_foreign(name):
             name = f"Class_{text or number}"
-        if name.lower() in taken:
+        while name.lower() in taken:
             name = f"{name}_number_{number}"
         taken.add(name.lower())
         names.append(name)

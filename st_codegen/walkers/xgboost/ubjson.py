@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.errors import InputError
+from st_codegen.errors import InputError, counted
 from st_codegen.walkers.limits import Things, check_count
 
 _NUMBERS = {b"i": ">i1", b"U": ">u1", b"I": ">i2", b"l": ">i4", b"L": ">i8", b"d": ">f4", b"D": ">f8"}
@@ -58,7 +58,7 @@ class _UbjsonReader:
 
     def take(self, count: int) -> bytes:
         if not 0 <= count <= len(self.data) - self.position:
-            raise self.fail(f"{count} bytes declared, {len(self.data) - self.position} left")
+            raise self.fail(f"{counted(count, 'byte')} declared, {len(self.data) - self.position} left")
         taken = self.data[self.position : self.position + count]
         self.position += count
         return taken
