@@ -86,6 +86,7 @@ class Function(StrEnum):
     GELU = "gelu"  # x * (1 + erf(x / sqrt(2))) / 2
     SIN = "sin"
     COS = "cos"
+    ATAN = "atan"
     SIGNED_SQUARE = "signed_square"  # sign(x) * x * x (LightGBM reg_sqrt)
     POWER = "power"  # x ** parameter; x < 0 for whole parameters only
 

@@ -237,6 +237,7 @@ _FUNCTIONS: dict[ir.Function, Callable[[FloatArray, float], FloatArray]] = {
     ir.Function.GELU: lambda x, _: 0.5 * x * (1.0 + _erf(x * math.sqrt(0.5))),
     ir.Function.SIN: lambda x, _: np.sin(np.where(np.abs(x) <= COS_REACH, x, np.nan)),
     ir.Function.COS: lambda x, _: np.cos(np.where(np.abs(x) <= COS_REACH, x, np.nan)),
+    ir.Function.ATAN: lambda x, _: np.arctan(x),
     ir.Function.SIGNED_SQUARE: lambda x, _: np.sign(x) * x * x,
     ir.Function.POWER: _power,
 }

@@ -244,8 +244,8 @@ def _(op: ir.Activation, operands: list[FloatArray]) -> tuple[float, FloatArray]
         return float(np.max(x)), np.maximum(np.log1p(x), 745.0 if op.function is ir.Function.LOG else 37.0)
     if op.function in (ir.Function.ERF, ir.Function.GELU, ir.Function.SOFTSIGN):
         return float(np.max(x * x)), x if op.function is ir.Function.GELU else np.ones(op.width)
-    if op.function in (ir.Function.SIN, ir.Function.COS):
-        return 0.0, np.ones(op.width)
+    if op.function in (ir.Function.SIN, ir.Function.COS, ir.Function.ATAN):
+        return 0.0, np.full(op.width, 2.0)
     return _peak((1.0 + abs(op.parameter)) * x + 1.0)
 
 

@@ -96,14 +96,12 @@ def differences(model: ir.ModelIR, x: FloatArray, *, of_texts: bool = False) -> 
 
 
 def _is_root_from_zero(op: ir.Operation, ops: Sequence[ir.Operation]) -> bool:
-    """Whether an operation is the square root, in LREAL, of numbers that were limited to 0 and above."""
-    if (
-        not isinstance(op, ir.Activation)
-        or op.function is not ir.Function.SQRT
-        or op.precision is not ir.Precision.FLOAT64
-    ):
+    """Whether an operation is the square root of magnitudes, or of numbers that were limited to 0 and above."""
+    if not isinstance(op, ir.Activation) or op.function is not ir.Function.SQRT or op.precision is ir.Precision.REAL:
         return False
     before = ops[op.inputs[0] - 1] if op.inputs[0] else None
+    if isinstance(before, ir.Activation):
+        return before.function is ir.Function.ABS
     return isinstance(before, ir.Clip) and bool(np.all(before.lower >= 0))
 
 
@@ -118,7 +116,8 @@ def _behind(
         difference = step(op, operands, given, values[number])
         if _is_root_from_zero(op, ops):  # |sqrt(a) - sqrt(b)| <= sqrt(|a - b|), where the slope has no bound
             moved = np.sqrt(given[0])
-            rounded = 2 * FUNCTION_ROUNDINGS * UNIT[ir.Precision.FLOAT64] * (values[number] + moved) + _TINY
+            unit = UNIT[getattr(op, "precision", ir.Precision.FLOAT64)]
+            rounded = 2 * FUNCTION_ROUNDINGS * unit * (values[number] + moved) + _TINY
             difference = np.fmin(difference, moved + rounded)
         if of_texts and _has_one_result(op):
             difference = np.where(np.any(np.hstack(given) > 0, axis=1, keepdims=True), difference, 0.0)
@@ -271,6 +270,8 @@ def _(op: ir.SlidingLinear, operands: list[FloatArray], given: list[FloatArray],
     moved = given[0][:, columns] @ weights
     moved = np.where(np.isnan(moved), np.inf, moved).reshape(result.shape)  # infinity times zero
     size = (np.abs(operands[0])[:, columns] @ weights + np.abs(op.bias)).reshape(result.shape)
+    if op.exact:
+        return moved
     return moved + sum_rounding(columns.shape[1] + 1, size + moved, result, op.precision)
 
 

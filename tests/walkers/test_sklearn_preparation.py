@@ -73,6 +73,7 @@ TRANSFORMERS = {
     "Normalizer, maximum": (Normalizer("max"), None),
     "frozen": (FrozenEstimator(StandardScaler().fit(X)), None),
     "sines": (FunctionTransformer(np.sin), None),
+    "arc tangents": (FunctionTransformer(np.arctan), None),
     "cosines": (FunctionTransformer(np.cos), None),
     "PowerTransformer": (PowerTransformer(), None),
     "PowerTransformer, plain": (PowerTransformer(standardize=False), None),

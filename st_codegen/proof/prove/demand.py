@@ -357,6 +357,7 @@ class Demand:
                 "mul", real("mul", 0.5, x), real("add", 1.0, erf(terms, x, real("mul", size, math.sqrt(0.5))))
             ),
             ir.Function.SOFTSIGN: lambda: real("div", x, real("add", 1.0, size)),
+            ir.Function.ATAN: lambda: real("atan", x),
         }
         refusing: dict[ir.Function, tuple[str, Value, float, Callable[[], Value]]] = {
             ir.Function.LOG1P: ("LE", x, -1.0, lambda: log1p(terms, x)),

@@ -107,7 +107,8 @@ def _converted_tensor(walk: GraphWalk, tensor: Tensor, dtype: np.dtype[Any]) -> 
     if dtype in (FLOAT32, FLOAT64):
         return walk.as_type(tensor, dtype)
     if dtype not in INTEGERS:
-        raise UnsupportedModelError("casts numbers to text; leave the cast out")
+        kind = "text" if dtype.kind == "O" else f"{dtype}, which is not followed"
+        raise UnsupportedModelError(f"casts numbers to {kind}; leave the cast out")
     if tensor.given:  # the numbers of an input, which may have fractions
         tensor = replace(tensor, dtype=FLOAT64, given=False)
     return as_integers(walk, tensor, dtype)
