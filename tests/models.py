@@ -290,6 +290,7 @@ SMALL_MODELS = {
         )
     ),
     "distances": model(Distances((0,), VECTORS, root=True)),
+    "distances by the largest": model(Distances((0,), VECTORS, squared=False, largest=True)),
     "distances by magnitude": model(Distances((0,), VECTORS[:1], squared=False)),
     "nearest": model(NearestMean((0,), [[1.0, 2.0, -1.5]], 2)),
     "nearest of several": model(Distances((0,), VECTORS), NearestMean((1,), [[1.0, 2.0, -1.5], [0.5, 0.0, 3.0]], 3)),

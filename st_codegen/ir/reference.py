@@ -274,6 +274,8 @@ def _(op: ir.KernelSum, operands: list[FloatArray]) -> FloatArray:
 
 @apply.register
 def _(op: ir.Distances, operands: list[FloatArray]) -> FloatArray:
+    if op.largest:
+        return np.column_stack([np.max(np.abs(operands[0] - vector), axis=1) for vector in op.vectors])
     power = 2 if op.squared else 1
     sums = np.column_stack([np.sum(np.abs(operands[0] - vector) ** power, axis=1) for vector in op.vectors])
     return np.sqrt(sums) if op.root else sums

@@ -446,6 +446,8 @@ def _kernel_change(
 @step.register
 def _(op: ir.Distances, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     x, moved = operands[0], given[0]
+    if op.largest:
+        return _rounding(op, result, np.repeat(np.max(moved, axis=1, keepdims=True), op.width, axis=1))
     found = np.empty_like(result)
     both = 2 * gamma(op.operand_width + 4, ir.Precision.FLOAT64)
     for column, vector in enumerate(op.vectors):

@@ -69,6 +69,7 @@ SLIDING = ir.SlidingLinear((0,), [[1.0]], [0.0], [0], [0])
         (ir.Classes((0, 1), (ir.OutputKind.CLASS,)), {"kinds": ()}, "the first output of a classifier"),
         (ir.ArgMax((0,), 2), {"n_columns": 0}, "ArgMax of 0 columns"),
         (ir.Distances((0,), [[1.0]]), {"vectors": np.zeros((0, 1))}, "no vectors"),
+        (ir.Distances((0,), [[1.0]]), {"largest": True}, "the largest of squares"),
         (ir.NearestMean((0,), [[1.0, 2.0]], 1), {"count": 3}, "3 of 2 columns"),
         (ir.WeightedMedian((0,), [1.0]), {"weights": [-1.0]}, "none, or a negative one"),
         (ir.Scale((0,), ir.Operator.DIVIDE, [1.0]), {"constant": [0.0]}, "division by a constant that is zero"),

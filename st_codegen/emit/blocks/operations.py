@@ -544,6 +544,7 @@ def _(op: ir.Distances, step: Step, listing: Listing) -> None:
         parts=parts,
         squared=op.squared,
         root=op.root,
+        largest=op.largest,
     )
 
 
