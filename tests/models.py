@@ -10,6 +10,7 @@ from st_codegen.ir import (
     Clip,
     Combine,
     Comparison,
+    CoupledPairs,
     Distances,
     Exceeds,
     Feature,
@@ -303,6 +304,12 @@ SMALL_MODELS = {
         NearestMean((1, 2), [[1.0, 2.0, -1.5]], 2),
     ),
     "nearest of one": model(Distances((0,), VECTORS), NearestMean((1,), [[1.0, 2.0, -1.5]], 1, inverse=True)),
+    "coupled pairs": model(
+        Activation((0,), Function.LOGISTIC, 3), Clip((1,), [1e-7] * 3, [1 - 1e-7] * 3), CoupledPairs((2,), 3)
+    ),
+    "coupled pairs of two": model(
+        Select((0,), [1]), Activation((1,), Function.LOGISTIC, 1), Clip((2,), [1e-7], [1 - 1e-7]), CoupledPairs((3,), 2)
+    ),
     "median": model(WeightedMedian((0,), [0.5, 0.25, 0.3])),
     "median in float32": model(WeightedMedian((0,), np.float32([0.1, 0.7, 0.6]), Precision.FLOAT32)),
     "median of one": model(Select((0,), [1]), WeightedMedian((1,), [0.5])),

@@ -299,6 +299,52 @@ def _(op: ir.NearestMean, operands: list[FloatArray]) -> FloatArray:
     return np.where(np.isnan(x + factors).any(axis=1, keepdims=True), np.nan, total / divisor if op.divides else total)
 
 
+def pair_matrix(op: ir.CoupledPairs, x: FloatArray) -> FloatArray:
+    """The matrix Q of each row, shape (rows, classes, classes)."""
+    first, second = np.triu_indices(op.count, 1)
+    found = np.zeros((len(x), op.count, op.count))
+    for pair, (one, other) in enumerate(zip(first.tolist(), second.tolist(), strict=True)):
+        own, rest = x[:, pair], 1.0 - x[:, pair]
+        found[:, one, one] += rest * rest
+        found[:, other, other] += own * own
+        found[:, one, other] = found[:, other, one] = -(rest * own)
+    return found
+
+
+def coupled_products(matrix: FloatArray, shares: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Q p and p Q p of each row."""
+    products, total = np.zeros_like(shares), np.zeros(len(shares))
+    for column in range(shares.shape[1]):
+        products += matrix[:, :, column] * shares[:, column, None]
+    for column in range(shares.shape[1]):
+        total += shares[:, column] * products[:, column]
+    return products, total
+
+
+@apply.register
+def _(op: ir.CoupledPairs, operands: list[FloatArray]) -> FloatArray:
+    matrix, shares = pair_matrix(op, operands[0]), np.full((len(operands[0]), op.count), 1.0 / op.count)
+    going = np.flatnonzero(~np.isnan(operands[0]).any(axis=1))
+    shares[np.isnan(operands[0]).any(axis=1)] = np.nan
+    for _ in range(op.rounds):
+        own, p = matrix[going], shares[going]
+        products, total = coupled_products(own, p)
+        on = ~(np.max(np.abs(products - total[:, None]), axis=1) < op.epsilon)
+        going, own, p, products, total = going[on], own[on], p[on], products[on], total[on]
+        if not len(going):
+            break
+        for place in range(op.count):
+            diagonal = own[:, place, place]
+            moved = (total - products[:, place]) / diagonal
+            grown = 1.0 + moved
+            p[:, place] += moved
+            total = (total + moved * (moved * diagonal + 2.0 * products[:, place])) / grown / grown
+            products = (products + moved[:, None] * own[:, place]) / grown[:, None]
+            p = p / grown[:, None]
+        shares[going] = p
+    return shares
+
+
 def weights_reached(op: ir.WeightedMedian, order: IntArray) -> FloatArray:
     """The sums of the weights up to each column in an order, of which every one is rounded."""
     precise = op.precision is ir.Precision.FLOAT64

@@ -285,6 +285,12 @@ def _(op: ir.NearestMean, operands: list[FloatArray]) -> tuple[float, FloatArray
 
 
 @magnitudes.register
+def _(op: ir.CoupledPairs, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+    # a share grows by at most 1 / Q(t, t), which is 1e14 where pairs keep 1e-7 from 0 and 1
+    return 1e16 * op.count, np.full(op.count, 1.0 + 1e-9)
+
+
+@magnitudes.register
 def _(op: ir.WeightedMedian, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     return float(np.sum(op.weights)), np.array([np.max(operands[0])])
 

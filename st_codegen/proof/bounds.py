@@ -20,6 +20,7 @@ from st_codegen.ir import reference
 from st_codegen.ir.arrays import BoolArray, FloatArray
 from st_codegen.ir.trees import added_up, of_each_tree
 from st_codegen.passes.kernels import grid_of
+from st_codegen.proof.coupling import coupled_difference
 
 #: Unit roundoff of each precision.
 UNIT = {ir.Precision.FLOAT64: 2.0**-53, ir.Precision.FLOAT32: 2.0**-24}
@@ -526,6 +527,13 @@ def _range_of_mean(
     mean = values @ weights / np.sum(weights)
     room = 4 * share * (ends[1] - ends[0])
     return np.maximum(mean - room, ends[0]), np.minimum(mean + room, ends[1])
+
+
+@step.register
+def _(op: ir.CoupledPairs, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+    """Where rounding may decide whether a further round follows, only that shares lie between 0 and 1 is known."""
+    inside = np.all((operands[0] > given[0]) & (operands[0] + given[0] < 1.0), axis=1, keepdims=True)
+    return np.where(inside, np.minimum(coupled_difference(op, operands[0], given[0]), 1.0), np.inf)
 
 
 @step.register

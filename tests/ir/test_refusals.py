@@ -67,6 +67,7 @@ SLIDING = ir.SlidingLinear((0,), [[1.0]], [0.0], [0], [0])
         (CELLS.axes[0], {"offset": [-1, 0]}, "empty, or before the table"),
         (ir.RankColumn(0, [1.0]), {"edges": [1.0, 1.0]}, "not strictly rising"),
         (ir.Classes((0, 1), (ir.OutputKind.CLASS,)), {"kinds": ()}, "the first output of a classifier"),
+        (ir.CoupledPairs((0,), 2), {"count": 1}, "1 classes, there are two or more"),
         (ir.ArgMax((0,), 2), {"n_columns": 0}, "ArgMax of 0 columns"),
         (ir.Distances((0,), [[1.0]]), {"vectors": np.zeros((0, 1))}, "no vectors"),
         (ir.Distances((0,), [[1.0]]), {"largest": True}, "the largest of squares"),

@@ -125,8 +125,10 @@ REFUSED = {
             lambda: svm.SVC(break_ties=True, decision_function_shape="ovo").fit(X, THREE),
             "its own predict raises",
         ),
-        "probabilities of SVC and NuSVC where the whole needs them": (
-            lambda: ensemble.VotingClassifier([("a", svm.SVC(probability=True))], voting="soft").fit(X, TWO),
+        "probabilities of Gaussian processes of more than 512 training rows where the whole needs them": (
+            lambda: ensemble.VotingClassifier(
+                [("a", gaussian_process.GaussianProcessClassifier(optimizer=None))], voting="soft"
+            ).fit(np.resize(X, (513, 3)), np.resize(TWO, 513)),
             "its probabilities are not compiled",
         ),
         "calibration by temperature (its answer for a row depends on the other rows)": (

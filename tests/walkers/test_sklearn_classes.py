@@ -61,6 +61,8 @@ CLASSIFIERS = {
     "complement bayes": (naive_bayes.ComplementNB(), COUNTS, WORDS),
     "centroid": (neighbors.NearestCentroid(), X, WORDS),
     "machine": (svm.SVC(), X, TWO),
+    "machine with probabilities": (svm.SVC(probability=True, random_state=0), X, WORDS),
+    "machine with probabilities of two": (svm.SVC(probability=True, random_state=0), X, TWO),
     "machine of words": (svm.SVC(C=3.0), X, WORDS),
     "polynomial machine, pairs": (svm.SVC(kernel="poly", decision_function_shape="ovo"), X / 5, THREE),
     "machine with ties broken": (svm.SVC(break_ties=True), X, THREE),

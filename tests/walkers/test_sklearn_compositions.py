@@ -87,6 +87,10 @@ EXACT = {
 }
 WITHIN = {
     "soft votes": (ensemble.VotingClassifier(NAMED, voting="soft"), WORDS),
+    "soft votes of a machine": (
+        ensemble.VotingClassifier([("a", SVC(probability=True, random_state=0)), ("b", tree(2))], voting="soft"),
+        WORDS,
+    ),
     "votes of machines": (ensemble.VotingClassifier([("a", SVC()), ("b", RidgeClassifier()), ("c", tree(3))]), TWO),
     "bag of perceptrons": (ensemble.BaggingClassifier(Perceptron(), 3, random_state=0), WORDS),
     "rest": (multiclass.OneVsRestClassifier(LogisticRegression()), WORDS),
@@ -234,11 +238,6 @@ def test_the_text_of_compositions(name, tmp_path):
     [
         (CalibratedClassifierCV(GaussianNB(), method="temperature", cv=2), TWO, "supported are 'sigmoid'"),
         (DummyClassifier(strategy="stratified"), TWO, "draws its answers at random"),
-        (
-            ensemble.VotingClassifier([("a", SVC(probability=True)), ("b", tree(2))], voting="soft"),
-            TWO,
-            r"^SVC.probability=True.: its probabilities are not compiled; take CalibratedClassifierCV.SVC",
-        ),
         (
             multioutput.ClassifierChain(GaussianNB(), chain_method="predict_log_proba"),
             LABELS,

@@ -574,6 +574,34 @@ def _(op: ir.NearestMean, step: Step, listing: Listing) -> None:
 
 
 @lay_out.register
+def _(op: ir.CoupledPairs, step: Step, listing: Listing) -> None:
+    first, second = np.triu_indices(op.count, 1)
+    listing.local(f"afPair{step.number}", "LREAL", op.count**2)
+    listing.local(f"afProduct{step.number}", "LREAL", op.count)
+    for name, rounds in (("nPair", len(first)), ("nRow", op.count), ("nColumn", op.count), ("nRound", op.rounds)):
+        listing.loop(name, rounds)
+    listing.local("nBase", "DINT")
+    listing.local("bGoesOn", "BOOL")
+    listing.locals("LREAL", "fX", "fSum", "fTotal", "fDelta")
+    listing.section(
+        f"shares of {op.count} classes from those of each two",
+        "coupled_pairs",
+        step=step,
+        matrix=f"afPair{step.number}",
+        products=f"afProduct{step.number}",
+        count=op.count,
+        last=op.count - 1,
+        last_element=op.count**2 - 1,
+        last_pair=len(first) - 1,
+        last_round=op.rounds - 1,
+        first=listing.table(step.table("PAIR_FIRST"), "DINT", first),
+        second=listing.table(step.table("PAIR_SECOND"), "DINT", second),
+        equal=real(1.0 / op.count),
+        epsilon=real(op.epsilon),
+    )
+
+
+@lay_out.register
 def _(op: ir.WeightedMedian, step: Step, listing: Listing) -> None:
     columns = len(op.weights)
     listing.local(f"abUsed{step.number}", "BOOL", columns)

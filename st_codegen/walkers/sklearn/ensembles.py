@@ -71,9 +71,9 @@ def _scattered(fitted: Fitted, part: Classified, value: int, labels: Sequence[La
 def _probability(part: Classified, estimator: Any) -> int:
     if part.probability is None:
         name = type(estimator).__name__
-        if hasattr(estimator, "predict_proba"):  # libsvm's are found by an iteration that ends early
+        if hasattr(estimator, "predict_proba"):  # a Gaussian process of many rows
             raise UnsupportedModelError(
-                f"{name}(probability=True): its probabilities are not compiled; take CalibratedClassifierCV({name}())"
+                f"{name}: its probabilities are not compiled; take CalibratedClassifierCV({name}())"
             )
         raise UnsupportedModelError(f"{name} gives no probabilities, which the whole needs")
     return part.probability

@@ -53,6 +53,7 @@ NOT_FOLLOWED = {"combine divide": "may overflow"}
 NOT_FOLLOWED |= {
     **dict.fromkeys(("median", "median in float32"), "whose place is a choice between computed numbers"),
     "median of one": "the operation WeightedMedian is not followed",
+    **dict.fromkeys(("coupled pairs", "coupled pairs of two"), "a division by what may be zero"),
     **{name: "whose place is a choice between computed numbers" for name in ARITHMETIC if name.startswith("nearest")},
 }
 #: A power of nothing is 1, and the largest of one the first, for every input: no operation is left.
