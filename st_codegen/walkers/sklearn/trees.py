@@ -10,9 +10,9 @@ HistGradientBoosting compares float64 and adds leaves to its baseline.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -109,15 +109,27 @@ def walk_gradient_boosting(fitted: Fitted, builder: GraphBuilder, value: int) ->
     if type(init).__name__ == "DummyRegressor":
         Fitted(init).floats("constant_", (1, 1))
         return _boosted(fitted, builder, value, 1)
-    start = walk_estimator(init, builder, _in_single(builder, value))
+    start = _start(fitted, init, builder, value, walk_estimator)
     if builder.width(start) != 1:
         raise UnsupportedModelError(f"GradientBoostingRegressor with init={type(init).__name__} of several outputs")
     return _boosted_from(fitted, builder, value, start)
 
 
-def _in_single(builder: GraphBuilder, value: int) -> int:
-    """What trees read, as the model reads it from which they start."""
-    return value if builder.is_single(value) else builder.add(Round((value,), builder.width(value)))
+_Started = TypeVar("_Started")
+
+
+def _start(
+    fitted: Fitted, init: Any, builder: GraphBuilder, value: int, walk: Callable[[Any, GraphBuilder, int], _Started]
+) -> _Started:
+    """What the model gives from which the trees start: it was fitted on float32, as they are, and reads such numbers."""
+    read = value if builder.is_single(value) else builder.add(Round((value,), builder.width(value)))
+    try:
+        return walk(init, builder, read)
+    except UnsupportedModelError as error:
+        name = type(init).__name__
+        raise UnsupportedModelError(
+            f"{fitted.kind} with init={name}, which it fits and calls with float32: {error}"
+        ) from error
 
 
 def _boosted_from(fitted: Fitted, builder: GraphBuilder, value: int, start: int) -> int:
@@ -152,7 +164,7 @@ def _linked(fitted: Fitted, builder: GraphBuilder, value: int, init: Any, labels
     Their logarithms, less the mean of these, for more than two classes; else that of p / (1 - p), or half of it. scipy
     takes another form of the latter near 1/2, where its own digits are those of a number of the size of 1.
     """
-    found = walk_classifier(init, builder, _in_single(builder, value))
+    found = _start(fitted, init, builder, value, walk_classifier)
     if found.probability is None or len(found.labels) != len(labels):
         raise UnsupportedModelError(
             f"GradientBoostingClassifier with init={type(init).__name__}, whose probabilities are not compiled"
