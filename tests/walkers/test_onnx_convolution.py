@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from onnx import helper
+from onnx import TensorProto, helper
 
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import SlidingLinear, reference
@@ -308,6 +308,36 @@ def test_upsample_of_older_files(tmp_path, mode, opset):
     loaded = build.load(graph_model([node], *given, opset=opset), tmp_path)
     assert loaded.ir.exact == (mode == "nearest")
     agree(loaded, rows(18))
+
+
+def test_sizes_that_a_graph_computes_of_the_shape(tmp_path):
+    """As older exporters of PyTorch write an interpolation by a factor."""
+    nodes = [
+        helper.make_node("Shape", ["X"], ["shape"]),
+        helper.make_node("Slice", ["shape", "two", "four"], ["lengths"]),
+        helper.make_node("Slice", ["shape", "zero", "two"], ["before"]),
+        helper.make_node("Cast", ["lengths"], ["number"], to=TensorProto.FLOAT),
+        helper.make_node("Mul", ["number", "factor"], ["product"]),
+        helper.make_node("Floor", ["product"], ["floor"]),
+        helper.make_node("Cast", ["floor"], ["whole"], to=TensorProto.INT64),
+        helper.make_node("Concat", ["before", "whole"], ["sizes"], axis=0),
+        helper.make_node("Resize", ["X", "", "", "sizes"], ["Y"], mode="linear"),
+    ]
+    constants = [constant(name, [at], np.int64) for name, at in (("zero", 0), ("two", 2), ("four", 4))]
+    constants.append(constant("factor", [2.5]))
+    loaded = build.load(graph_model(nodes, [info("X", (1, 1, 3, 3))], [info("Y", None)], constants), tmp_path)
+    assert len(loaded.ir.outputs) == 49
+    agree(loaded, rows(9))
+
+
+@pytest.mark.parametrize("number", [np.nan, 3e9])
+def test_constants_that_are_no_integers_are_not_cast(tmp_path, number):
+    nodes = [
+        helper.make_node("Cast", ["n"], ["i"], to=TensorProto.INT32),
+        helper.make_node("Gather", ["X", "i"], ["Y"], axis=1),
+    ]
+    with pytest.raises(UnsupportedModelError, match="casts constants to int32 that do not fit"):
+        build.load(graph_model(nodes, [info("X", (1, 3))], [info("Y", None)], [constant("n", [number])]), tmp_path)
 
 
 @pytest.mark.parametrize("power", [1, 2, 3])

@@ -309,6 +309,7 @@ def _power_of_constant(walk: GraphWalk, base: ConstantOperand, exponent: Tensor)
     return apply_activation(walk, walk.computed(moved, shape, exponent.dtype), Function.EXP)
 
 
+_OF_CONSTANTS: dict[str, np.ufunc] = {"Round": np.rint, "Floor": np.floor, "Ceil": np.ceil}
 _TOWARDS = {"Round": Towards.NEAREST, "Floor": Towards.BELOW, "Ceil": Towards.ABOVE}
 
 
@@ -316,7 +317,10 @@ _TOWARDS = {"Round": Towards.NEAREST, "Floor": Towards.BELOW, "Ceil": Towards.AB
 @operator("Round", 11, 22)
 def _whole(call: NodeCall) -> Operand:
     """The nearest whole number, of a tie the even one, or the next one below or above. -0 becomes 0."""
-    tensor, walk = call.computed(), call.walk
+    operand, walk = call.required(), call.walk
+    if isinstance(operand, ConstantOperand) and operand.dtype in (FLOAT32, FLOAT64):
+        return operand.moved(_OF_CONSTANTS[call.node.op_type])
+    tensor = call.computed()
     walk.builder.open_zeros = True
     found = WholeNumber((walk.settle_finite(tensor),), tensor.size, _TOWARDS[call.node.op_type])
     return walk.computed(found, tensor.shape, tensor.dtype)

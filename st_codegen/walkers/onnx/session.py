@@ -202,12 +202,10 @@ class _SessionPredictor:
             return self(self._taken(np.zeros((1, x.shape[1]))))[:0]
         with np.errstate(over="ignore"):
             columns = {given.name: x[:, given.columns].astype(_given_type(given)) for given in self.inputs}
-        result = []
+        result, session = [], self.session
         for row in range(len(x)):
             try:
-                found = self.session.run(
-                    self.names, {name: np.asarray(column[row]) for name, column in columns.items()}
-                )
+                found = session.run(self.names, {name: np.asarray(column[row]) for name, column in columns.items()})
             except Exception as error:  # as above
                 reason = printable(str(error), 400)
                 raise InputError(f"{self.file}: onnxruntime fails on row {row}: {reason}") from error

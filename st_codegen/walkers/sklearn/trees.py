@@ -121,7 +121,7 @@ _Started = TypeVar("_Started")
 def _start(
     fitted: Fitted, init: Any, builder: GraphBuilder, value: int, walk: Callable[[Any, GraphBuilder, int], _Started]
 ) -> _Started:
-    """What the model gives from which the trees start: it was fitted on float32, as they are, and reads such numbers."""
+    """What the model gives from which the trees start: it was fitted on float32, as they were, and reads that."""
     read = value if builder.is_single(value) else builder.add(Round((value,), builder.width(value)))
     try:
         return walk(init, builder, read)
