@@ -202,7 +202,9 @@ PIECES = np.array([[0.0, 0.0], [0.0, 1.0], [1.0, 0.0], [5.0, 0.0], [5.0, -2.0], 
 
 #: The columns that models of one function read: one of them where half of all numbers have no answer.
 FUNCTION_COLUMNS = {
-    function: [0] if function in (Function.SQRT, Function.LOG, Function.POWER) else [0, 1, 2] for function in Function
+    function: [0] if function in (Function.SQRT, Function.LOG, Function.POWER) else [0, 1, 2]
+    for function in Function
+    if function is not Function.NORMAL_QUANTILE  # of shares only
 }
 
 #: Functions and quotients without an answer at 0.0, which stands for a missing value in the text.
@@ -222,6 +224,7 @@ MISSING_BEHIND = {
             (Function.EXP, -600.0, 1.0, 500.0),
             (Function.EXPM1, -600.0, 1.0, 500.0),
             (Function.COS, 1e7, 1.0, np.inf),
+            (Function.NORMAL_QUANTILE, 0.0, 1.0, np.inf),
             (Function.POWER, 0.0, -1.0, np.inf),
         )
     },
@@ -304,6 +307,7 @@ SMALL_MODELS = {
         NearestMean((1, 2), [[1.0, 2.0, -1.5]], 2),
     ),
     "nearest of one": model(Distances((0,), VECTORS), NearestMean((1,), [[1.0, 2.0, -1.5]], 1, inverse=True)),
+    "normal quantiles": model(Activation((0,), Function.LOGISTIC, 3), Activation((1,), Function.NORMAL_QUANTILE, 3)),
     "coupled pairs": model(
         Activation((0,), Function.LOGISTIC, 3), Clip((1,), [1e-7] * 3, [1 - 1e-7] * 3), CoupledPairs((2,), 3)
     ),

@@ -330,7 +330,10 @@ class Activation(Elementwise):
         {Function.IDENTITY, Function.RELU, Function.LEAKY_RELU, Function.SIGNED_SQUARE, Function.ABS, Function.SQRT}
     )
     _PARTIAL: ClassVar[frozenset[Function]] = frozenset(
-        {Function.LOG1P, Function.SQRT, Function.LOG, Function.SIN, Function.COS, Function.POWER}
+        {
+            *(Function.LOG1P, Function.SQRT, Function.LOG, Function.SIN, Function.COS, Function.POWER),
+            Function.NORMAL_QUANTILE,
+        }
     )
 
     def __post_init__(self) -> None:

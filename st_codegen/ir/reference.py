@@ -14,7 +14,7 @@ import numpy as np
 
 from st_codegen import ir
 from st_codegen.ir.arrays import AnyArray, BoolArray, FloatArray, IntArray
-from st_codegen.ir.base import COS_REACH
+from st_codegen.ir.base import CENTRAL, CENTRAL_SHARE, COS_REACH, LEAST_SHARE, TAILS
 
 #: What evaluates an operation on its operands, each (rows, width).
 Evaluation = Callable[[ir.Operation, list[FloatArray]], FloatArray]
@@ -214,6 +214,28 @@ def _erf(x: FloatArray) -> FloatArray:
     return np.asarray(np.vectorize(math.erf, otypes=[np.float64])(x))
 
 
+def _ratio(x: FloatArray, coefficients: tuple[float, ...]) -> FloatArray:
+    """The quotient of two polynomials, whose coefficients stand one list behind the other."""
+    half, sides = len(coefficients) // 2, []
+    for part in (coefficients[:half], coefficients[half:]):
+        side = np.zeros_like(x)
+        for coefficient in part:
+            side = side * x + coefficient
+        sides.append(side)
+    return np.asarray(sides[0] / sides[1])
+
+
+def normal_quantile(x: FloatArray) -> FloatArray:
+    """The numbers below which shares of a normal distribution lie."""
+    share = np.minimum(x, 1.0 - x)
+    share = np.where(share >= LEAST_SHARE, share, np.nan)
+    q = x - 0.5
+    central = (q + q * (q * q * _ratio(q * q, CENTRAL))) * math.sqrt(2.0 * math.pi)
+    z = np.sqrt(-2.0 * np.log(share))
+    tail = z - np.log(z) / z - 1.0 / z * _ratio(1.0 / z, TAILS)
+    return np.where(share > CENTRAL_SHARE, central, np.where(q < 0.0, -tail, tail))
+
+
 def _power(x: FloatArray, exponent: float) -> FloatArray:
     return np.power(np.where((x == 0) & (exponent < 0), np.nan, x), exponent)
 
@@ -239,6 +261,7 @@ _FUNCTIONS: dict[ir.Function, Callable[[FloatArray, float], FloatArray]] = {
     ir.Function.COS: lambda x, _: np.cos(np.where(np.abs(x) <= COS_REACH, x, np.nan)),
     ir.Function.ATAN: lambda x, _: np.arctan(x),
     ir.Function.SIGNED_SQUARE: lambda x, _: np.sign(x) * x * x,
+    ir.Function.NORMAL_QUANTILE: lambda x, _: normal_quantile(x),
     ir.Function.POWER: _power,
 }
 

@@ -246,6 +246,8 @@ def _(op: ir.Activation, operands: list[FloatArray]) -> tuple[float, FloatArray]
         return float(np.max(x * x)), x if op.function is ir.Function.GELU else np.ones(op.width)
     if op.function in (ir.Function.SIN, ir.Function.COS, ir.Function.ATAN):
         return 0.0, np.full(op.width, 2.0)
+    if op.function is ir.Function.NORMAL_QUANTILE:
+        return float(np.max(x)), np.full(op.width, 8.0)
     return _peak((1.0 + abs(op.parameter)) * x + 1.0)
 
 

@@ -66,10 +66,6 @@ def deviation(_):
 REFUSED = {
     "scikit-learn": {
         "IterativeImputer": (lambda: before(impute.IterativeImputer()), "IterativeImputer is not supported"),
-        "QuantileTransformer with a normal distribution": (
-            lambda: before(preprocessing.QuantileTransformer(n_quantiles=9, output_distribution="normal")),
-            "output_distribution='normal'",
-        ),
         "SplineTransformer with 'continue' beyond its knots": (
             lambda: before(preprocessing.SplineTransformer(extrapolation="continue")),
             "extrapolation='continue'",

@@ -15,7 +15,7 @@ from st_codegen import ir
 from st_codegen.emit.blocks.listing import ArrayElement, Group, Listing, suffixes
 from st_codegen.emit.literals import real
 from st_codegen.errors import counted
-from st_codegen.ir.base import COS_REACH
+from st_codegen.ir.base import CENTRAL, CENTRAL_SHARE, COS_REACH, LEAST_SHARE, TAILS
 
 _AnyOperation = TypeVar("_AnyOperation", bound=ir.Operation)
 
@@ -432,6 +432,18 @@ def _function_values(op: ir.Activation, step: Step, listing: Listing) -> dict[st
         polynomial = listing.table(step.table("LOG_ERFC"), "LREAL", _LOG_ERFC)
     if op.function is ir.Function.SOFTPLUS:
         listing.locals("LREAL", "fPositive")
+    quantile: dict[str, object] = {}
+    if op.function is ir.Function.NORMAL_QUANTILE:
+        listing.locals("LREAL", "fSquare", "fUpper", "fLower")
+        listing.loop("nTerm", len(TAILS) // 2)
+        quantile = {
+            "least": real(LEAST_SHARE),
+            "central": real(CENTRAL_SHARE),
+            "factor": real(math.sqrt(2.0 * math.pi)),
+            "half": len(TAILS) // 2,
+            "centre": listing.table(step.table("CENTRE"), "LREAL", CENTRAL),
+            "tails": listing.table(step.table("TAILS"), "LREAL", TAILS),
+        }
     parameter = None
     if op.function in (ir.Function.LEAKY_RELU, ir.Function.ELU, ir.Function.POWER):
         parameter = listing.constant(step.table("PARAMETER"), op.parameter)
@@ -446,6 +458,7 @@ def _function_values(op: ir.Activation, step: Step, listing: Listing) -> dict[st
     return {
         "function": op.function.value,
         "power": power,
+        "quantile": quantile,
         "parameter": parameter,
         "polynomial": polynomial,
         "last_term": len(_LOG_ERFC) - 1,
