@@ -197,6 +197,19 @@ def test_distances_by_an_operator_of_onnxruntime(tmp_path, name, tensor_type):
         np.testing.assert_allclose(reference.evaluate(loaded.ir, ROWS)[:, 0], model.predict(ROWS), rtol=1e-5, atol=1e-5)
 
 
+@pytest.mark.parametrize("labels", [np.array(["low", "middle", "high"]), np.arange(3)])
+def test_a_list_of_the_labels_as_an_output_is_left_out(tmp_path, labels):
+    """`output_class_labels=True` of the exporter."""
+    model = LogisticRegression().fit(X, labels[np.digitize(SINGLE, [-0.5, 0.8])])
+    exported = skl2onnx.to_onnx(model, X[:1], options={id(model): {"zipmap": False, "output_class_labels": True}})
+    assert len(exported.graph.output) == 3
+    loaded = build.load(exported, tmp_path)
+    assert loaded.ir.classes.labels == tuple(model.classes_.tolist())
+    assert "the output 'class_labels' is a constant and left out" in loaded.ir.source.notes
+    bound = difference_bound(loaded.ir, ROWS)
+    assert np.all(np.abs(reference.evaluate(loaded.ir, ROWS) - loaded.predict(ROWS)) <= bound)
+
+
 @pytest.mark.parametrize("weights", ["uniform", "distance"])
 def test_classes_of_the_nearest(tmp_path, weights):
     model = KNeighborsClassifier(5, weights=weights).fit(X[:80], np.digitize(SINGLE[:80], [-0.5, 0.8]))
