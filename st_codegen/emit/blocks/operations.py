@@ -441,6 +441,7 @@ def _function_values(op: ir.Activation, step: Step, listing: Listing) -> dict[st
             "central": real(CENTRAL_SHARE),
             "factor": real(math.sqrt(2.0 * math.pi)),
             "half": len(TAILS) // 2,
+            "last": len(TAILS) // 2 - 1,
             "centre": listing.table(step.table("CENTRE"), "LREAL", CENTRAL),
             "tails": listing.table(step.table("TAILS"), "LREAL", TAILS),
         }
