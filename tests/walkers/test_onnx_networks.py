@@ -162,3 +162,21 @@ def test_truth_values_as_inputs(tmp_path):
     ours = build.assert_equal_bits(loaded, x)
     assert len(ours) == 198
     verified(compiled(loaded), tmp_path / "text", rows=300)
+
+
+def test_truth_values_that_are_read_inside_of_a_branch(tmp_path):
+    inner = branches("D", [], [info("X", (1, 3))], shape=(1, 3)).graph.node[0]
+    inner.output[0] = "inner"
+    own = [constant("own", [7.0])]
+    sides = [
+        helper.make_graph([inner], "then", [], [info("inner", (1, 3))]),
+        helper.make_graph([helper.make_node("Sub", ["X", "own"], ["less"])], "else", [], [info("less", (1, 3))], own),
+    ]
+    node = helper.make_node("If", ["C"], ["Y"], then_branch=sides[0], else_branch=sides[1])
+    inputs = [info("X", (1, 3)), info("C", (1,), BOOL), info("D", (1,), BOOL)]
+    loaded = build.load(graph_model([node], inputs, [info("Y", (1, 3))]), tmp_path)
+    x = np.random.default_rng(0).normal(size=(40, 5))
+    x[:, 3:] = np.round(x[:, 3:])
+    np.testing.assert_array_equal(reference.evaluate(loaded.ir, x), loaded.predict(x))
+    threes = np.column_stack([np.full((3, 3), 3.0), [1.0, 1.0, 0.0], [1.0, 0.0, 1.0]])
+    assert loaded.predict(threes)[:, 0].tolist() == [6.0, 4.0, -4.0]

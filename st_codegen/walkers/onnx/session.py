@@ -19,6 +19,7 @@ from st_codegen.processes import failure_in_copy
 from st_codegen.walkers.base import Predictor
 from st_codegen.walkers.classes import numbers_of
 from st_codegen.walkers.onnx.file import printable
+from st_codegen.walkers.onnx.inline import nodes_within
 
 #: Rows with which a batch is tried at most.
 MOST_ROWS = 16
@@ -234,9 +235,10 @@ def _with_double_inputs(model: onnx.ModelProto, inputs: list[GraphInput]) -> byt
 
 def _read_cut(graph: onnx.GraphProto, name: str, elem_type: int) -> None:
     """Put a cast to the declared type behind an input that is given as numbers."""
-    used = {*(one for node in graph.node for one in (*node.input, *node.output)), *(one.name for one in graph.input)}
+    nodes = list(nodes_within(graph.node))
+    used = {*(one for node in nodes for one in (*node.input, *node.output)), *(one.name for one in graph.input)}
     own = next(f"{name}_whole{n or ''}" for n in range(len(used) + 1) if f"{name}_whole{n or ''}" not in used)
-    for node in graph.node:
+    for node in nodes:
         for number, read in enumerate(node.input):
             if read == name:
                 node.input[number] = own
