@@ -10,6 +10,7 @@ from st_codegen.ir import (
     Clip,
     Combine,
     Comparison,
+    CoupledPairs,
     Distances,
     Exceeds,
     Feature,
@@ -201,7 +202,9 @@ PIECES = np.array([[0.0, 0.0], [0.0, 1.0], [1.0, 0.0], [5.0, 0.0], [5.0, -2.0], 
 
 #: The columns that models of one function read: one of them where half of all numbers have no answer.
 FUNCTION_COLUMNS = {
-    function: [0] if function in (Function.SQRT, Function.LOG, Function.POWER) else [0, 1, 2] for function in Function
+    function: [0] if function in (Function.SQRT, Function.LOG, Function.POWER) else [0, 1, 2]
+    for function in Function
+    if function is not Function.NORMAL_QUANTILE  # of shares only
 }
 
 #: Functions and quotients without an answer at 0.0, which stands for a missing value in the text.
@@ -221,6 +224,7 @@ MISSING_BEHIND = {
             (Function.EXP, -600.0, 1.0, 500.0),
             (Function.EXPM1, -600.0, 1.0, 500.0),
             (Function.COS, 1e7, 1.0, np.inf),
+            (Function.NORMAL_QUANTILE, 0.0, 1.0, np.inf),
             (Function.POWER, 0.0, -1.0, np.inf),
         )
     },
@@ -290,6 +294,7 @@ SMALL_MODELS = {
         )
     ),
     "distances": model(Distances((0,), VECTORS, root=True)),
+    "distances by the largest": model(Distances((0,), VECTORS, squared=False, largest=True)),
     "distances by magnitude": model(Distances((0,), VECTORS[:1], squared=False)),
     "nearest": model(NearestMean((0,), [[1.0, 2.0, -1.5]], 2)),
     "nearest of several": model(Distances((0,), VECTORS), NearestMean((1,), [[1.0, 2.0, -1.5], [0.5, 0.0, 3.0]], 3)),
@@ -302,6 +307,13 @@ SMALL_MODELS = {
         NearestMean((1, 2), [[1.0, 2.0, -1.5]], 2),
     ),
     "nearest of one": model(Distances((0,), VECTORS), NearestMean((1,), [[1.0, 2.0, -1.5]], 1, inverse=True)),
+    "normal quantiles": model(Activation((0,), Function.LOGISTIC, 3), Activation((1,), Function.NORMAL_QUANTILE, 3)),
+    "coupled pairs": model(
+        Activation((0,), Function.LOGISTIC, 3), Clip((1,), [1e-7] * 3, [1 - 1e-7] * 3), CoupledPairs((2,), 3)
+    ),
+    "coupled pairs of two": model(
+        Select((0,), [1]), Activation((1,), Function.LOGISTIC, 1), Clip((2,), [1e-7], [1 - 1e-7]), CoupledPairs((3,), 2)
+    ),
     "median": model(WeightedMedian((0,), [0.5, 0.25, 0.3])),
     "median in float32": model(WeightedMedian((0,), np.float32([0.1, 0.7, 0.6]), Precision.FLOAT32)),
     "median of one": model(Select((0,), [1]), WeightedMedian((1,), [0.5])),

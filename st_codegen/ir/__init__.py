@@ -28,6 +28,7 @@ from st_codegen.ir.base import (
     Towards,
 )
 from st_codegen.ir.cells import CellTable, Rank, RankColumn, TableAxis
+from st_codegen.ir.coupling import CoupledPairs
 from st_codegen.ir.decisions import MAX_DEVIATION_ROWS, ArgMax, Classes, Exceeds, Label, OutputKind, Softmax
 from st_codegen.ir.digest import digest
 from st_codegen.ir.model import Feature, ModelIR, Output, Source
@@ -68,6 +69,7 @@ __all__ = [
     "Combine",
     "Comparison",
     "ComplexArray",
+    "CoupledPairs",
     "CutTrees",
     "Distances",
     "Elementwise",

@@ -86,8 +86,29 @@ class Function(StrEnum):
     GELU = "gelu"  # x * (1 + erf(x / sqrt(2))) / 2
     SIN = "sin"
     COS = "cos"
+    ATAN = "atan"
     SIGNED_SQUARE = "signed_square"  # sign(x) * x * x (LightGBM reg_sqrt)
+    NORMAL_QUANTILE = "normal_quantile"  # below which a share x of a normal distribution lies
     POWER = "power"  # x ** parameter; x < 0 for whole parameters only
+
+
+#: Shares of a normal distribution nearer to 0 or 1 than this have no quantile here.
+LEAST_SHARE = 1e-13
+#: From this share on, and up to 1 less it, a quantile is q + q s P(s) / Q(s) times sqrt(2 pi), with q = x - 1/2 and
+#: s = q q; nearer to the ends it is z - log(z) / z - P(1 / z) / (z Q(1 / z)) with z = sqrt(-2 log(share)). Coefficients
+#: of P and of Q, the highest power first (S. L. Moshier, Cephes: ndtri); Q has no root where it divides.
+CENTRAL_SHARE = 0.1353352832366127
+CENTRAL = (
+    *(0.0, 0.0, 0.0, 0.0, -59.96335010141079, 98.00107541859997, -56.67628574690703, 13.931260938727968),
+    *(-1.2391658386738125, 1.0, 1.9544885833814176, 4.676279128988815, 86.36024213908905, -225.46268785411937),
+    *(200.26021238006066, -82.03722561683334, 15.90562251262117, -1.1833162112133),
+)
+TAILS = (
+    *(4.0554489230596245, 31.525109459989387, 57.16281922464213, 44.08050738932008, 14.684956192885803),
+    *(2.1866330685079025, -0.1402560791713545, -0.03504246268278482, -0.0008574567851546854),
+    *(1.0, 15.779988325646675, 45.39076351288792, 41.3172038254672, 15.04253856929075, 2.504649462083094),
+    *(-0.14218292285478779, -0.03808064076915783, -0.0009332594808954574),
+)
 
 
 #: Functions that grow beyond all numbers: `Activation.limit` keeps their arguments, or that of the exponential that a

@@ -17,7 +17,7 @@ class Distances(ReadsWhole):
     """The distance to each of `vectors` (vectors, columns): the sum over the columns of squares, or of magnitudes.
 
     `root`: the square root of the sum. `expands`: the library computes squares as u.u - 2 * u.v + v.v, which loses
-    digits, and takes 0 for less than 0.
+    digits, and takes 0 for less than 0. `largest`: the largest of the magnitudes in place of their sum, which is exact.
     """
 
     inputs: tuple[int, ...]
@@ -25,13 +25,19 @@ class Distances(ReadsWhole):
     squared: bool = True
     expands: bool = False
     root: bool = False
-    exact: ClassVar[bool] = False
+    largest: bool = False
 
     def __post_init__(self) -> None:
         freeze(self, "vectors", np.float64, (None, None))
         require_finite(self, "vectors")
         if not self.vectors.size:
             raise InputError("Distances: no vectors")
+        if self.largest and (self.squared or self.root):
+            raise InputError("Distances: the largest of squares, or a root of it")
+
+    @property
+    def exact(self) -> bool:
+        return self.largest
 
     @property
     def operand_width(self) -> int:

@@ -273,7 +273,7 @@ class SlidingLinear(ReadsColumns):
 
     The place that starts at `starts[p]` reads the columns `starts[p] + offsets` and gives `weights @ columns + bias`,
     added in any order; weights has shape (outputs, offsets). The result has all outputs of the first place, then those
-    of the next.
+    of the next. `whole`: all numbers are whole, and so small that no sum is rounded.
     """
 
     inputs: tuple[int, ...]
@@ -282,7 +282,7 @@ class SlidingLinear(ReadsColumns):
     starts: Int32Array
     offsets: Int32Array
     precision: Precision = Precision.FLOAT64
-    exact: ClassVar[bool] = False
+    whole: bool = False
 
     def __post_init__(self) -> None:
         weights = freeze(self, "weights", np.float64, (None, None))
@@ -300,6 +300,10 @@ class SlidingLinear(ReadsColumns):
     @property
     def width(self) -> int:
         return len(self.starts) * int(self.weights.shape[0])
+
+    @property
+    def exact(self) -> bool:
+        return self.whole
 
     @property
     def columns(self) -> Int32Array:
@@ -326,7 +330,10 @@ class Activation(Elementwise):
         {Function.IDENTITY, Function.RELU, Function.LEAKY_RELU, Function.SIGNED_SQUARE, Function.ABS, Function.SQRT}
     )
     _PARTIAL: ClassVar[frozenset[Function]] = frozenset(
-        {Function.LOG1P, Function.SQRT, Function.LOG, Function.SIN, Function.COS, Function.POWER}
+        {
+            *(Function.LOG1P, Function.SQRT, Function.LOG, Function.SIN, Function.COS, Function.POWER),
+            Function.NORMAL_QUANTILE,
+        }
     )
 
     def __post_init__(self) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from st_codegen import ir
 from st_codegen.ir.arrays import AnyArray, BoolArray, FloatArray, IntArray
-from st_codegen.ir.base import COS_REACH
+from st_codegen.ir.base import CENTRAL, CENTRAL_SHARE, COS_REACH, LEAST_SHARE, TAILS
 
 #: What evaluates an operation on its operands, each (rows, width).
 Evaluation = Callable[[ir.Operation, list[FloatArray]], FloatArray]
@@ -214,6 +214,28 @@ def _erf(x: FloatArray) -> FloatArray:
     return np.asarray(np.vectorize(math.erf, otypes=[np.float64])(x))
 
 
+def _ratio(x: FloatArray, coefficients: tuple[float, ...]) -> FloatArray:
+    """The quotient of two polynomials, whose coefficients stand one list behind the other."""
+    half, sides = len(coefficients) // 2, []
+    for part in (coefficients[:half], coefficients[half:]):
+        side = np.zeros_like(x)
+        for coefficient in part:
+            side = side * x + coefficient
+        sides.append(side)
+    return np.asarray(sides[0] / sides[1])
+
+
+def normal_quantile(x: FloatArray) -> FloatArray:
+    """The numbers below which shares of a normal distribution lie."""
+    share = np.minimum(x, 1.0 - x)
+    share = np.where(share >= LEAST_SHARE, share, np.nan)
+    q = x - 0.5
+    central = (q + q * (q * q * _ratio(q * q, CENTRAL))) * math.sqrt(2.0 * math.pi)
+    z = np.sqrt(-2.0 * np.log(share))
+    tail = z - np.log(z) / z - 1.0 / z * _ratio(1.0 / z, TAILS)
+    return np.where(share > CENTRAL_SHARE, central, np.where(q < 0.0, -tail, tail))
+
+
 def _power(x: FloatArray, exponent: float) -> FloatArray:
     return np.power(np.where((x == 0) & (exponent < 0), np.nan, x), exponent)
 
@@ -237,7 +259,9 @@ _FUNCTIONS: dict[ir.Function, Callable[[FloatArray, float], FloatArray]] = {
     ir.Function.GELU: lambda x, _: 0.5 * x * (1.0 + _erf(x * math.sqrt(0.5))),
     ir.Function.SIN: lambda x, _: np.sin(np.where(np.abs(x) <= COS_REACH, x, np.nan)),
     ir.Function.COS: lambda x, _: np.cos(np.where(np.abs(x) <= COS_REACH, x, np.nan)),
+    ir.Function.ATAN: lambda x, _: np.arctan(x),
     ir.Function.SIGNED_SQUARE: lambda x, _: np.sign(x) * x * x,
+    ir.Function.NORMAL_QUANTILE: lambda x, _: normal_quantile(x),
     ir.Function.POWER: _power,
 }
 
@@ -273,6 +297,8 @@ def _(op: ir.KernelSum, operands: list[FloatArray]) -> FloatArray:
 
 @apply.register
 def _(op: ir.Distances, operands: list[FloatArray]) -> FloatArray:
+    if op.largest:
+        return np.column_stack([np.max(np.abs(operands[0] - vector), axis=1) for vector in op.vectors])
     power = 2 if op.squared else 1
     sums = np.column_stack([np.sum(np.abs(operands[0] - vector) ** power, axis=1) for vector in op.vectors])
     return np.sqrt(sums) if op.root else sums
@@ -294,6 +320,52 @@ def _(op: ir.NearestMean, operands: list[FloatArray]) -> FloatArray:
         total += weight * op.values[:, nearest[:, place]].T * factors[np.arange(len(x)), nearest[:, place], None]
         divisor += weight
     return np.where(np.isnan(x + factors).any(axis=1, keepdims=True), np.nan, total / divisor if op.divides else total)
+
+
+def pair_matrix(op: ir.CoupledPairs, x: FloatArray) -> FloatArray:
+    """The matrix Q of each row, shape (rows, classes, classes)."""
+    first, second = np.triu_indices(op.count, 1)
+    found = np.zeros((len(x), op.count, op.count))
+    for pair, (one, other) in enumerate(zip(first.tolist(), second.tolist(), strict=True)):
+        own, rest = x[:, pair], 1.0 - x[:, pair]
+        found[:, one, one] += rest * rest
+        found[:, other, other] += own * own
+        found[:, one, other] = found[:, other, one] = -(rest * own)
+    return found
+
+
+def coupled_products(matrix: FloatArray, shares: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Q p and p Q p of each row."""
+    products, total = np.zeros_like(shares), np.zeros(len(shares))
+    for column in range(shares.shape[1]):
+        products += matrix[:, :, column] * shares[:, column, None]
+    for column in range(shares.shape[1]):
+        total += shares[:, column] * products[:, column]
+    return products, total
+
+
+@apply.register
+def _(op: ir.CoupledPairs, operands: list[FloatArray]) -> FloatArray:
+    matrix, shares = pair_matrix(op, operands[0]), np.full((len(operands[0]), op.count), 1.0 / op.count)
+    going = np.flatnonzero(~np.isnan(operands[0]).any(axis=1))
+    shares[np.isnan(operands[0]).any(axis=1)] = np.nan
+    for _ in range(op.rounds):
+        own, p = matrix[going], shares[going]
+        products, total = coupled_products(own, p)
+        on = ~(np.max(np.abs(products - total[:, None]), axis=1) < op.epsilon)
+        going, own, p, products, total = going[on], own[on], p[on], products[on], total[on]
+        if not len(going):
+            break
+        for place in range(op.count):
+            diagonal = own[:, place, place]
+            moved = (total - products[:, place]) / diagonal
+            grown = 1.0 + moved
+            p[:, place] += moved
+            total = (total + moved * (moved * diagonal + 2.0 * products[:, place])) / grown / grown
+            products = (products + moved[:, None] * own[:, place]) / grown[:, None]
+            p = p / grown[:, None]
+        shares[going] = p
+    return shares
 
 
 def weights_reached(op: ir.WeightedMedian, order: IntArray) -> FloatArray:

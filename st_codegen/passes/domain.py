@@ -244,8 +244,10 @@ def _(op: ir.Activation, operands: list[FloatArray]) -> tuple[float, FloatArray]
         return float(np.max(x)), np.maximum(np.log1p(x), 745.0 if op.function is ir.Function.LOG else 37.0)
     if op.function in (ir.Function.ERF, ir.Function.GELU, ir.Function.SOFTSIGN):
         return float(np.max(x * x)), x if op.function is ir.Function.GELU else np.ones(op.width)
-    if op.function in (ir.Function.SIN, ir.Function.COS):
-        return 0.0, np.ones(op.width)
+    if op.function in (ir.Function.SIN, ir.Function.COS, ir.Function.ATAN):
+        return 0.0, np.full(op.width, 2.0)
+    if op.function is ir.Function.NORMAL_QUANTILE:
+        return float(np.max(x)), np.full(op.width, 8.0)
     return _peak((1.0 + abs(op.parameter)) * x + 1.0)
 
 
@@ -282,6 +284,12 @@ def _(op: ir.Distances, operands: list[FloatArray]) -> tuple[float, FloatArray]:
 def _(op: ir.NearestMean, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     bound = np.max(np.abs(op.values) * (operands[1] if len(operands) > 1 else 1.0), axis=1)
     return op.count * (float(np.max(bound)) + 1.0), bound if op.divides else op.count * bound
+
+
+@magnitudes.register
+def _(op: ir.CoupledPairs, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+    # a share grows by at most 1 / Q(t, t), which is 1e14 where pairs keep 1e-7 from 0 and 1
+    return 1e16 * op.count, np.full(op.count, 1.0 + 1e-9)
 
 
 @magnitudes.register

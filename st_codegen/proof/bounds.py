@@ -9,6 +9,7 @@ add.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from functools import singledispatch
 from typing import Literal
@@ -18,8 +19,10 @@ import numpy as np
 from st_codegen import ir
 from st_codegen.ir import reference
 from st_codegen.ir.arrays import BoolArray, FloatArray
+from st_codegen.ir.base import LEAST_SHARE
 from st_codegen.ir.trees import added_up, of_each_tree
 from st_codegen.passes.kernels import grid_of
+from st_codegen.proof.coupling import coupled_difference
 
 #: Unit roundoff of each precision.
 UNIT = {ir.Precision.FLOAT64: 2.0**-53, ir.Precision.FLOAT32: 2.0**-24}
@@ -32,6 +35,11 @@ FUNCTION_ROUNDINGS = 12
 
 #: How far the generated formula for erf lies from it, beside its roundings.
 ERF_FORMULA = 2e-10
+
+#: Roundings of a normal quantile beside those of other functions. Its polynomials take sixteen each, of terms of up to
+#: 47 times their sum, and make at most a sixth of it (half of it, with terms of up to 9 times the sum, in the tails):
+#: some 170 units in each of two evaluations, where other functions count 24 in both.
+QUANTILE_TERMS = 20.0
 
 #: onnxruntime's Tanh is x * p(x * x) / q(x * x) with p and q of 0.0049 at 0 (core/mlas/lib/tanh.cpp): where x * p lies
 #: below the normal numbers, half a unit that is lost there grows by 1 / q.
@@ -96,14 +104,12 @@ def differences(model: ir.ModelIR, x: FloatArray, *, of_texts: bool = False) -> 
 
 
 def _is_root_from_zero(op: ir.Operation, ops: Sequence[ir.Operation]) -> bool:
-    """Whether an operation is the square root, in LREAL, of numbers that were limited to 0 and above."""
-    if (
-        not isinstance(op, ir.Activation)
-        or op.function is not ir.Function.SQRT
-        or op.precision is not ir.Precision.FLOAT64
-    ):
+    """Whether an operation is the square root of magnitudes, or of numbers that were limited to 0 and above."""
+    if not isinstance(op, ir.Activation) or op.function is not ir.Function.SQRT or op.precision is ir.Precision.REAL:
         return False
     before = ops[op.inputs[0] - 1] if op.inputs[0] else None
+    if isinstance(before, ir.Activation):
+        return before.function is ir.Function.ABS
     return isinstance(before, ir.Clip) and bool(np.all(before.lower >= 0))
 
 
@@ -118,7 +124,8 @@ def _behind(
         difference = step(op, operands, given, values[number])
         if _is_root_from_zero(op, ops):  # |sqrt(a) - sqrt(b)| <= sqrt(|a - b|), where the slope has no bound
             moved = np.sqrt(given[0])
-            rounded = 2 * FUNCTION_ROUNDINGS * UNIT[ir.Precision.FLOAT64] * (values[number] + moved) + _TINY
+            unit = UNIT[getattr(op, "precision", ir.Precision.FLOAT64)]
+            rounded = 2 * FUNCTION_ROUNDINGS * unit * (values[number] + moved) + _TINY
             difference = np.fmin(difference, moved + rounded)
         if of_texts and _has_one_result(op):
             difference = np.where(np.any(np.hstack(given) > 0, axis=1, keepdims=True), difference, 0.0)
@@ -271,6 +278,8 @@ def _(op: ir.SlidingLinear, operands: list[FloatArray], given: list[FloatArray],
     moved = given[0][:, columns] @ weights
     moved = np.where(np.isnan(moved), np.inf, moved).reshape(result.shape)  # infinity times zero
     size = (np.abs(operands[0])[:, columns] @ weights + np.abs(op.bias)).reshape(result.shape)
+    if op.exact:
+        return moved
     return moved + sum_rounding(columns.shape[1] + 1, size + moved, result, op.precision)
 
 
@@ -311,6 +320,8 @@ def _(op: ir.Activation, operands: list[FloatArray], given: list[FloatArray], re
         size = size + abs(op.parameter)
     elif op.function is ir.Function.GELU:
         size = np.abs(x) + moved
+    elif op.function is ir.Function.NORMAL_QUANTILE:
+        size = QUANTILE_TERMS * size
     formula = ERF_FORMULA if op.function in (ir.Function.ERF, ir.Function.GELU) else 0.0
     if op.function is ir.Function.POWER:  # the roundings of the argument of its exponential
         argument = np.abs(op.parameter * np.log(np.where(x == 0, 1.0, np.abs(x))))
@@ -327,7 +338,15 @@ def _(op: ir.Activation, operands: list[FloatArray], given: list[FloatArray], re
 _STEEPEST = {ir.Function.LOGISTIC: 0.25, ir.Function.ERF: 1.13, ir.Function.GELU: 1.13}
 
 
-def _slope(op: ir.Activation, x: FloatArray, difference: FloatArray) -> FloatArray:
+def _slope_of_quantile(x: FloatArray, difference: FloatArray) -> FloatArray:
+    """That of the quantile of the largest magnitude within `difference` of x."""
+    share = np.minimum(x, 1.0 - x) - difference
+    end = reference.normal_quantile(np.where(share >= LEAST_SHARE, share, np.nan))
+    slope = math.sqrt(2.0 * math.pi) * np.exp(end * end / 2.0) * (1.0 + 1e-9)
+    return np.where(np.isnan(slope), np.inf, slope)
+
+
+def _slope(op: ir.Activation, x: FloatArray, difference: FloatArray) -> FloatArray:  # noqa: PLR0911 - one a function
     """Largest slope of the function within `difference` of x."""
     near = np.abs(x) + difference
     if op.function in (ir.Function.EXP, ir.Function.EXPM1):
@@ -344,6 +363,8 @@ def _slope(op: ir.Activation, x: FloatArray, difference: FloatArray) -> FloatArr
     if op.function in (ir.Function.RELU, ir.Function.LEAKY_RELU):  # one slope on either side of 0
         below = 0.0 if op.function is ir.Function.RELU else abs(op.parameter)
         return np.where(x + difference <= 0, below, max(1.0, below))
+    if op.function is ir.Function.NORMAL_QUANTILE:
+        return _slope_of_quantile(x, difference)
     elu = op.function is ir.Function.ELU
     return np.full_like(x, max(1.0, abs(op.parameter)) if elu else _STEEPEST.get(op.function, 1.0))
 
@@ -445,6 +466,8 @@ def _kernel_change(
 @step.register
 def _(op: ir.Distances, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     x, moved = operands[0], given[0]
+    if op.largest:
+        return _rounding(op, result, np.repeat(np.max(moved, axis=1, keepdims=True), op.width, axis=1))
     found = np.empty_like(result)
     both = 2 * gamma(op.operand_width + 4, ir.Precision.FLOAT64)
     for column, vector in enumerate(op.vectors):
@@ -523,6 +546,13 @@ def _range_of_mean(
     mean = values @ weights / np.sum(weights)
     room = 4 * share * (ends[1] - ends[0])
     return np.maximum(mean - room, ends[0]), np.minimum(mean + room, ends[1])
+
+
+@step.register
+def _(op: ir.CoupledPairs, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+    """Where rounding may decide whether a further round follows, only that shares lie between 0 and 1 is known."""
+    inside = np.all((operands[0] > given[0]) & (operands[0] + given[0] < 1.0), axis=1, keepdims=True)
+    return np.where(inside, np.minimum(coupled_difference(op, operands[0], given[0]), 1.0), np.inf)
 
 
 @step.register

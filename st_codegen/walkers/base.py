@@ -507,7 +507,6 @@ def is_known(package: str, name: str) -> bool:
 
 #: What does the work of a class that is not compiled, for messages.
 _NEAR = {
-    "GaussianProcessClassifier": "SVC with kernel='rbf'",
     "IterativeImputer": "SimpleImputer and KNNImputer",
     "LabelBinarizer": "OneHotEncoder for inputs (labels of scikit-learn's classifiers need none)",
     "LabelEncoder": "OrdinalEncoder for inputs (labels of scikit-learn's classifiers need none)",

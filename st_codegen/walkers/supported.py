@@ -23,6 +23,8 @@ def supported() -> Iterator[tuple[str, str, tuple[str, ...]]]:
     for package, library in LIBRARIES.items():
         found: dict[str, list[str]] = {}
         for name, walker in walks.of(package).items():
+            if name.startswith("_"):  # a part of another class
+                continue
             found.setdefault(_GIVES[walker.__annotations__["return"]], []).append(name)
         for gives in dict.fromkeys(_GIVES.values()):
             if gives in found:

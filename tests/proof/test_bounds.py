@@ -11,6 +11,7 @@ from st_codegen.ir import (
     ArgMax,
     Combine,
     Comparison,
+    CoupledPairs,
     Function,
     Kernel,
     KernelSum,
@@ -130,8 +131,9 @@ def test_operands_that_moved_change_a_result_by_no_more_than_its_bound_which_is_
             assert np.all(worst[known] <= bound[known] + 1e-12)  # the sums that move an operand are rounded, too
             if size < 0.1:
                 assert np.mean(known) > 0.3
-                # another choice is as far as its numbers are; half of these weights is reached by a rounding or not
-                jumps = isinstance(op, ArgMax) or name == "median in float32"
+                # another choice is as far as its numbers are, another round as far as any shares; half of these weights
+                # is reached by a rounding or not
+                jumps = isinstance(op, ArgMax | CoupledPairs) or name == "median in float32"
                 assert jumps or not np.any(worst) or np.mean(bound[known]) <= 10 * np.mean(worst[known])
 
 
@@ -255,3 +257,33 @@ def test_a_share_in_float32_below_the_normal_numbers_may_be_nothing():
     tiny = np.finfo(np.float32).tiny
     assert (values[1:] > 0).all() and (values[1:] < tiny).all()
     assert (values[1:] <= bound[1:]).all() and (bound[1:] < 5 * tiny).all()
+
+
+@pytest.mark.parametrize("count", [2, 3, 5])
+def test_the_bound_on_coupled_pairs_covers_other_pairs(count):
+    """Also of pairs next to 0 and 1, where a step of the iteration grows by 1e14."""
+    rng, op = np.random.default_rng(count), CoupledPairs((0,), count)
+    pairs = 1 / (1 + np.exp(rng.normal(size=(400, op.operand_width)) * rng.choice([0.1, 2.0, 9.0], (400, 1))))
+    pairs[::7] = rng.choice([1e-7, 1 - 1e-7, 0.5], pairs[::7].shape)
+    pairs = np.clip(pairs, 1e-7, 1 - 1e-7)
+    result = reference.apply(op, [pairs])
+    np.testing.assert_allclose(result.sum(axis=1), 1.0, rtol=1e-9)
+    seen = 0.0
+    for size in (0.0, 1e-16, 1e-13, 1e-9):
+        given = np.full(pairs.shape, size) * np.minimum(pairs, 1 - pairs)
+        bound = step(op, [pairs], [given], result)
+        assert np.mean(bound < 1.0) > 0.95
+        for _ in range(5):
+            other = pairs + given * rng.uniform(-1, 1, pairs.shape)
+            difference = np.abs(reference.apply(op, [other]) - result)
+            assert np.all(difference <= bound)
+            seen = max(seen, np.max(difference[bound > 0] / bound[bound > 0]))
+    assert seen > 0.1
+
+
+def test_where_rounding_decides_of_another_round_the_bound_on_coupled_pairs_is_that_of_any_shares():
+    """Of two classes with shares 0.5 + a the first check finds a / 2, of which 0.0025 is the last that goes on."""
+    op = CoupledPairs((0,), 2)
+    pairs = np.array([[0.5 + 2 * op.epsilon], [0.5 + 2 * op.epsilon + 1e-9], [0.5]])
+    bound = step(op, [pairs], [np.full((3, 1), 1e-15)], reference.apply(op, [pairs]))
+    assert np.all(bound[0] == 1.0) and np.all(bound[1:] < 1e-9)

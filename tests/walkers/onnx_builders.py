@@ -17,7 +17,7 @@ from st_codegen.ir import TreeEnsemble, reference
 from st_codegen.walkers.base import LoadedModel
 from st_codegen.walkers.onnx.load import load_file
 
-FLOAT, DOUBLE, INT64 = TensorProto.FLOAT, TensorProto.DOUBLE, TensorProto.INT64
+FLOAT, DOUBLE, INT64, BOOL = TensorProto.FLOAT, TensorProto.DOUBLE, TensorProto.INT64, TensorProto.BOOL
 ELEM_TYPES = {np.dtype(np.float32): FLOAT, np.dtype(np.float64): DOUBLE}
 
 

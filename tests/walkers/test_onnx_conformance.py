@@ -29,7 +29,7 @@ _NAMES += " abs sqrt log erf gelu reciprocal softsign celu selu hardsigmoid hard
 _NAMES += " reduce_min reduce_l1 reduce_l2 reduce_sum_square reduce_log_sum_exp layer_normalization slice split expand"
 _NAMES += " gather_elements softmax logsoftmax conv_ basic_conv maxpool averagepool globalaveragepool globalmaxpool"
 _NAMES += " batchnorm ceil floor round hardmax shrink tan rms_normalization depthtospace spacetodepth compress gathernd"
-_NAMES += " reversesequence"
+_NAMES += " reversesequence acos asin atan cosh sinh group_normalization lppool upsample scatter"
 PREFIXES = tuple(f"test_{name}" for name in _NAMES.split())
 #: What the walker turns down: batches and stacks of matrices, integers, sequences, strings, random numbers,
 #: a norm whose mean is an output.

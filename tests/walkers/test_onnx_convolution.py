@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from onnx import helper
+from onnx import TensorProto, helper
 
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import SlidingLinear, reference
@@ -275,3 +275,93 @@ def test_numbers_that_are_encoded(tmp_path):
     x = np.array([[2.0, 0.5], [0.5, 7.0], [2.000001, 1e30], [2.00000001, -0.5], [np.nan, 2.0]])
     assert not np.any(agree(loaded, x))
     np.testing.assert_array_equal(reference.evaluate(loaded.ir, x)[:4], [[10, 20], [20, -1], [-1, -1], [10, -1]])
+
+
+LINES = {
+    "twice": ((None, 2, 4), [1, 1, 2], {}),
+    "half": ((None, 2, 8), [1, 1, 0.5], {}),
+    "an image": ((None, 2, 4, 3), [1, 1, 2, 3], {}),
+    "other numbers": ((None, 1, 4, 5), [1, 1, 1.5, 0.75], {"coordinate_transformation_mode": "pytorch_half_pixel"}),
+    "corners": ((None, 1, 4, 5), [1, 1, 2, 1.6], {"coordinate_transformation_mode": "align_corners"}),
+    "from the corner": ((None, 1, 4, 5), [1, 1, 2.5, 1], {"coordinate_transformation_mode": "asymmetric"}),
+}
+
+
+@pytest.mark.parametrize("name", LINES)
+def test_numbers_on_the_line_between_two(tmp_path, name):
+    shape, scales, options = LINES[name]
+    node = helper.make_node("Resize", ["X", "", "S"], ["Y"], mode="linear", **options)
+    given = [info("X", shape)], [info("Y", None)], [constant("S", scales)]
+    loaded = build.load(graph_model([node], *given, opset=18), tmp_path)
+    agree(loaded, rows(int(np.prod(shape[1:]))))
+    verified(compiled(loaded), tmp_path / "text", rows=100)
+
+
+@pytest.mark.parametrize("mode", ["nearest", "linear"])
+@pytest.mark.parametrize("opset", [8, 9])
+def test_upsample_of_older_files(tmp_path, mode, opset):
+    scales = [1.0, 1.0, 2.0, 2.0]
+    names, options = (["X"], {"scales": scales}) if opset == 8 else (["X", "S"], {})
+    node = helper.make_node("Upsample", names, ["Y"], mode=mode, **options)
+    constants = [] if opset == 8 else [constant("S", scales)]
+    given = [info("X", (None, 2, 3, 3))], [info("Y", None)], constants
+    loaded = build.load(graph_model([node], *given, opset=opset), tmp_path)
+    assert loaded.ir.exact == (mode == "nearest")
+    agree(loaded, rows(18))
+
+
+def test_sizes_that_a_graph_computes_of_the_shape(tmp_path):
+    """As older exporters of PyTorch write an interpolation by a factor."""
+    nodes = [
+        helper.make_node("Shape", ["X"], ["shape"]),
+        helper.make_node("Slice", ["shape", "two", "four"], ["lengths"]),
+        helper.make_node("Slice", ["shape", "zero", "two"], ["before"]),
+        helper.make_node("Cast", ["lengths"], ["number"], to=TensorProto.FLOAT),
+        helper.make_node("Mul", ["number", "factor"], ["product"]),
+        helper.make_node("Floor", ["product"], ["floor"]),
+        helper.make_node("Cast", ["floor"], ["whole"], to=TensorProto.INT64),
+        helper.make_node("Concat", ["before", "whole"], ["sizes"], axis=0),
+        helper.make_node("Resize", ["X", "", "", "sizes"], ["Y"], mode="linear"),
+    ]
+    constants = [constant(name, [at], np.int64) for name, at in (("zero", 0), ("two", 2), ("four", 4))]
+    constants.append(constant("factor", [2.5]))
+    loaded = build.load(graph_model(nodes, [info("X", (1, 1, 3, 3))], [info("Y", None)], constants), tmp_path)
+    assert len(loaded.ir.outputs) == 49
+    agree(loaded, rows(9))
+
+
+@pytest.mark.parametrize("number", [np.nan, 3e9])
+def test_constants_that_are_no_integers_are_not_cast(tmp_path, number):
+    nodes = [
+        helper.make_node("Cast", ["n"], ["i"], to=TensorProto.INT32),
+        helper.make_node("Gather", ["X", "i"], ["Y"], axis=1),
+    ]
+    with pytest.raises(UnsupportedModelError, match="casts constants to int32 that do not fit"):
+        build.load(graph_model(nodes, [info("X", (1, 3))], [info("Y", None)], [constant("n", [number])]), tmp_path)
+
+
+@pytest.mark.parametrize("power", [1, 2, 3])
+@pytest.mark.parametrize(
+    ("shape", "options"),
+    [
+        ((None, 2, 6), {"kernel_shape": [2]}),
+        ((None, 1, 4, 4), {"kernel_shape": [2, 3], "pads": [1, 0, 0, 1], "strides": [2, 1]}),
+    ],
+)
+def test_norms_of_windows(tmp_path, shape, options, power):
+    loaded = build.load(one("LpPool", shape, p=power, **options), tmp_path)
+    x = rows(int(np.prod(shape[1:])))
+    agree(loaded, x[np.all(np.abs(x) < 1e6, axis=1)])
+
+
+@pytest.mark.parametrize("opset", [18, 21])
+def test_normalization_of_groups(tmp_path, opset):
+    rng = np.random.default_rng(3)
+    count = 2 if opset == 18 else 4  # the older version scales groups, the newer one channels
+    constants = [constant(name, rng.normal(size=count)) for name in ("S", "Mean")]
+    node = helper.make_node("GroupNormalization", ["X", "S", "Mean"], ["Y"], num_groups=2, epsilon=0.01)
+    given = [info("X", (None, 4, 3))], [info("Y", None)], constants
+    loaded = build.load(graph_model([node], *given, opset=opset), tmp_path)
+    x = rng.normal(size=(60, 12)) * 3
+    assert np.all(np.isfinite(agree(loaded, x)))
+    verified(compiled(loaded), tmp_path / "text", rows=100)

@@ -44,6 +44,7 @@ def rows(rng, columns=3):
 
 
 _PLAIN = "Abs Sign Sqrt Log Erf Reciprocal Softsign Celu Selu HardSigmoid HardSwish Gelu Sin Cos Tan Mish"
+_PLAIN += " Atan Asin Acos Sinh Cosh Asinh Acosh Atanh"
 UNARY = {
     **{name: {} for name in _PLAIN.split()},
     "Gelu 2": {"approximate": "tanh"},
@@ -61,7 +62,24 @@ UNARY = {
     "Swish 2": {"alpha": 1.7},
 }
 EXACT = {"Abs", "Sign", "Sqrt", "Reciprocal", "HardSigmoid", "HardSwish", "ThresholdedRelu", "Shrink", "Hardmax"}
-FLOAT_ONLY = {"Erf", "Tan", "Celu", "Gelu", "Mish", "ThresholdedRelu", "Shrink", "Hardmax"}
+FLOAT_ONLY = {
+    "Atan",
+    "Asin",
+    "Acos",
+    "Sinh",
+    "Cosh",
+    "Asinh",
+    "Acosh",
+    "Atanh",
+    "Erf",
+    "Tan",
+    "Celu",
+    "Gelu",
+    "Mish",
+    "ThresholdedRelu",
+    "Shrink",
+    "Hardmax",
+}
 
 
 @DTYPES
@@ -82,6 +100,10 @@ def test_functions_of_each_number(tmp_path, name, elem_type):
     x[::2] = np.abs(x[::2])
     if op_type in ("Sin", "Cos", "Tan"):  # beyond it there is no answer
         x = np.clip(x, -COS_REACH, COS_REACH)
+    if op_type in ("Asin", "Acos", "Atanh"):
+        x = np.vstack([x, np.tanh(x), np.array([[1.0, -1.0, 0.0]]), np.nextafter([[1.0, -1.0, 0.0]], 2.0)])
+    elif op_type == "Acosh":
+        x = np.vstack([x, np.abs(x) + 1.0])
     bound = agree(loaded, x)
     assert loaded.ir.exact == (op_type in EXACT) == (not np.any(bound))
 

@@ -182,6 +182,34 @@ def test_models_that_keep_training_rows(tmp_path, name, tensor_type):
     assert near.mean() > 0.98 or "weighted" in name  # the exporter weights all of the nearest alike
 
 
+@pytest.mark.parametrize("tensor_type", [FloatTensorType, DoubleTensorType])
+@pytest.mark.parametrize("name", ["nearest", "process"])
+def test_distances_by_an_operator_of_onnxruntime(tmp_path, name, tensor_type):
+    """`optim='cdist'` of the exporter: distances by products, whose digits cancel near a training row."""
+    model = NEAREST[name].fit(X[:60], SINGLE[:60])
+    exported = skl2onnx.convert_sklearn(
+        model, initial_types=[("X", tensor_type([None, 3]))], options={id(model): {"optim": "cdist"}}
+    )
+    assert "CDist" in {node.op_type for node in exported.graph.node}
+    loaded = build.load(exported, tmp_path)
+    assert_within_bound(loaded, ROWS)
+    if tensor_type is DoubleTensorType:
+        np.testing.assert_allclose(reference.evaluate(loaded.ir, ROWS)[:, 0], model.predict(ROWS), rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("labels", [np.array(["low", "middle", "high"]), np.arange(3)])
+def test_a_list_of_the_labels_as_an_output_is_left_out(tmp_path, labels):
+    """`output_class_labels=True` of the exporter."""
+    model = LogisticRegression().fit(X, labels[np.digitize(SINGLE, [-0.5, 0.8])])
+    exported = skl2onnx.to_onnx(model, X[:1], options={id(model): {"zipmap": False, "output_class_labels": True}})
+    assert len(exported.graph.output) == 3
+    loaded = build.load(exported, tmp_path)
+    assert loaded.ir.classes.labels == tuple(model.classes_.tolist())
+    assert "the output 'class_labels' is a constant and left out" in loaded.ir.source.notes
+    bound = difference_bound(loaded.ir, ROWS)
+    assert np.all(np.abs(reference.evaluate(loaded.ir, ROWS) - loaded.predict(ROWS)) <= bound)
+
+
 @pytest.mark.parametrize("weights", ["uniform", "distance"])
 def test_classes_of_the_nearest(tmp_path, weights):
     model = KNeighborsClassifier(5, weights=weights).fit(X[:80], np.digitize(SINGLE[:80], [-0.5, 0.8]))

@@ -11,8 +11,11 @@ from onnx import helper
 
 from st_codegen import generate, load, verify
 from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.ir import reference
+from tests.classifiers import loaded as compiled
+from tests.classifiers import verified
 from tests.walkers import onnx_builders as build
-from tests.walkers.onnx_builders import constant, graph_model, info
+from tests.walkers.onnx_builders import BOOL, FLOAT, constant, graph_model, info
 
 pytestmark = pytest.mark.usefixtures("tried_in_place")
 
@@ -97,3 +100,83 @@ def test_rounds_of_loops_inside_of_loops_count_together(tmp_path):
     model = graph_model(nodes, [info("X", (1, 2))], [info("Z", None)], [constant("MOST", 10, np.int64)])
     with pytest.raises(UnsupportedModelError, match="more than 1024 rounds in all"):
         build.load(model, tmp_path)
+
+
+def branches(condition, nodes, inputs, constants=(), shape=None):
+    """Twice the input, or one more than it, by a condition."""
+    sides = []
+    for op_type, number in (("Mul", 2.0), ("Add", 1.0)):
+        own = [constant("own", [number])]
+        side = helper.make_node(op_type, ["X", "own"], [f"by_{op_type}"])
+        sides.append(helper.make_graph([side], op_type, [], [info(f"by_{op_type}", shape)], own))
+    whole = helper.make_node("If", [condition], ["Y"], then_branch=sides[0], else_branch=sides[1])
+    return graph_model([*nodes, whole], inputs, [info("Y", shape)], constants)
+
+
+@pytest.mark.parametrize("truth", [True, False])
+def test_a_branch_that_a_constant_chooses(tmp_path, truth):
+    model = branches("C", [], [info("X", (None, 3))], [constant("C", truth, np.bool_)])
+    loaded = build.load(model, tmp_path)
+    assert len(loaded.ir.ops) == 2
+    build.assert_equal_bits(loaded, build.rows(3))
+
+
+def test_a_branch_that_is_chosen_by_a_number(tmp_path):
+    nodes = [
+        helper.make_node("ReduceSum", ["X"], ["S"], keepdims=0),
+        helper.make_node("Greater", ["S", "zero"], ["C"]),
+    ]
+    model = branches("C", nodes, [info("X", (1, 3))], [constant("zero", 0.0)])
+    loaded = compiled(build.load(model, tmp_path))
+    x = np.random.default_rng(0).normal(size=(200, 3))
+    ours, library = reference.evaluate(loaded.ir, x), loaded.predict(x)
+    np.testing.assert_array_equal(ours, library)
+    verified(loaded, tmp_path / "text", rows=200)
+
+
+def test_branches_of_other_shapes_are_refused(tmp_path):
+    sides = [
+        helper.make_graph([helper.make_node(*node)], "side", [], [info(node[2][0], None)])
+        for node in (("Identity", ["X"], ["A"]), ("ReduceMax", ["X"], ["B"]))
+    ]
+    nodes = [helper.make_node("ReduceSum", ["X"], ["S"], keepdims=0), helper.make_node("Greater", ["S", "zero"], ["C"])]
+    nodes.append(helper.make_node("If", ["C"], ["Y"], then_branch=sides[0], else_branch=sides[1]))
+    model = graph_model(nodes, [info("X", (1, 3))], [info("Y", None)], [constant("zero", 0.0)])
+    with pytest.raises(UnsupportedModelError, match="branches that give other shapes"):
+        build.load(model, tmp_path)
+
+
+def test_truth_values_as_inputs(tmp_path):
+    """A number other than 0 is TRUE, to onnxruntime as well."""
+    nodes = [
+        helper.make_node("Cast", ["B"], ["N"], to=FLOAT),
+        helper.make_node("Where", ["B", "X", "N"], ["W"]),
+        helper.make_node("Concat", ["W", "N"], ["Y"], axis=1),
+    ]
+    model = graph_model(nodes, [info("B", (None, 2), BOOL), info("X", (None, 2))], [info("Y", None)])
+    loaded = build.load(model, tmp_path)
+    assert any("all but 0 are TRUE: B" in note for note in loaded.ir.source.notes)
+    x = np.random.default_rng(0).normal(size=(200, 4))
+    x[:, :2] = np.random.default_rng(1).choice([0.0, -0.0, 1.0, 0.5, -1e-300, 1e30], (200, 2))
+    x[0, 0], x[1, 1] = np.nan, np.inf
+    ours = build.assert_equal_bits(loaded, x)
+    assert len(ours) == 198
+    verified(compiled(loaded), tmp_path / "text", rows=300)
+
+
+def test_truth_values_that_are_read_inside_of_a_branch(tmp_path):
+    inner = branches("D", [], [info("X", (1, 3))], shape=(1, 3)).graph.node[0]
+    inner.output[0] = "inner"
+    own = [constant("own", [7.0])]
+    sides = [
+        helper.make_graph([inner], "then", [], [info("inner", (1, 3))]),
+        helper.make_graph([helper.make_node("Sub", ["X", "own"], ["less"])], "else", [], [info("less", (1, 3))], own),
+    ]
+    node = helper.make_node("If", ["C"], ["Y"], then_branch=sides[0], else_branch=sides[1])
+    inputs = [info("X", (1, 3)), info("C", (1,), BOOL), info("D", (1,), BOOL)]
+    loaded = build.load(graph_model([node], inputs, [info("Y", (1, 3))]), tmp_path)
+    x = np.random.default_rng(0).normal(size=(40, 5))
+    x[:, 3:] = np.round(x[:, 3:])
+    np.testing.assert_array_equal(reference.evaluate(loaded.ir, x), loaded.predict(x))
+    threes = np.column_stack([np.full((3, 3), 3.0), [1.0, 1.0, 0.0], [1.0, 0.0, 1.0]])
+    assert loaded.predict(threes)[:, 0].tolist() == [6.0, 4.0, -4.0]

@@ -186,6 +186,67 @@ def test_networks_quantized_anew_for_each_row(tmp_path, options):
     assert np.mean(np.isfinite(bound)) > 0.8  # a row of which all numbers may be 0 may have any scale
 
 
+@pytest.mark.parametrize("weight_type", [U8, S8])
+def test_convolutions_of_integers_as_onnxruntime_quantizes_them(tmp_path, weight_type):
+    """QLinearConv where the ranges are known, else ConvInteger."""
+    rng = network(tmp_path)
+    found, only = tmp_path / "small.onnx", {"op_types_to_quantize": ["Conv"], "weight_type": weight_type}
+    if weight_type is U8:
+        quantization.quantize_dynamic(tmp_path / "float.onnx", found, **only)
+    else:
+        only |= {"quant_format": quantization.QuantFormat.QOperator, "per_channel": True, "reduce_range": True}
+        quantization.quantize_static(tmp_path / "float.onnx", found, _Rows(rng.normal(size=(50, 16))), **only)
+    kinds = {node.op_type for node in onnx.load(found).graph.node}
+    assert kinds & {"QLinearConv", "ConvInteger"} == ({"ConvInteger"} if weight_type is U8 else {"QLinearConv"})
+    loaded = build.load(onnx.load(found), tmp_path)
+    bound = agree(loaded, rng.normal(size=(400, 16)))
+    assert np.mean(np.isfinite(bound)) > 0.8
+    assert verified(compiled(loaded), tmp_path / "text", rows=100).passed
+
+
+CONVOLUTIONS = {
+    "plain": ((1, 2, 6), (3, 2, 3), {}),
+    "padded, in groups": ((1, 4, 5), (4, 2, 3), {"group": 2, "pads": [1, 2], "strides": [2]}),
+    "an image": ((1, 2, 4, 3), (3, 2, 2, 2), {"pads": [1, 0, 1, 1]}),
+}
+
+
+@pytest.mark.parametrize("name", CONVOLUTIONS)
+@pytest.mark.parametrize("kind", [np.uint8, np.int8])
+def test_convolutions_of_integers(tmp_path, name, kind):
+    shape, weights, attributes = CONVOLUTIONS[name]
+    rng = np.random.default_rng(5)
+    other = np.uint8 if kind is np.uint8 else np.int8
+    numbers = rng.integers(0, 256, weights) if other is np.uint8 else rng.integers(-64, 65, weights)
+    nodes, constants = quantizing(kind, 7, 0.05)
+    constants += [constant("B", numbers, other), constant("bz", 3 if other is np.uint8 else 0, other)]
+    outputs = weights[0]
+    constants += [constant("bs", np.linspace(0.01, 0.04, outputs)), constant("ys", 0.37), constant("yz", 5, kind)]
+    constants.append(constant("c", rng.integers(-5000, 5000, outputs), np.int32))
+    names = ["q", "s", "z", "B", "bs", "bz", "ys", "yz", "c"]
+    nodes.append(helper.make_node("QLinearConv", names, ["i"], **attributes))
+    nodes.append(helper.make_node("DequantizeLinear", ["i", "ys", "yz"], ["Y"]))
+    results = [info("Y", None)]
+    if kind is np.uint8:
+        nodes.append(helper.make_node("ConvInteger", ["q", "B", "z", "bz"], ["j"], **attributes))
+        nodes.append(helper.make_node("Cast", ["j"], ["Z"], to=FLOAT))
+        results.append(info("Z", None))
+    loaded = build.load(graph_model(nodes, [info("X", shape)], results, constants, opset=13), tmp_path)
+    assert loaded.ir.exact
+    size = int(np.prod(shape))
+    near = np.resize(ties(0.05), (150, size))
+    assert not agree(loaded, np.vstack([rows(rng, size), near])).any()
+    assert verified(compiled(loaded), tmp_path / "text", rows=200).exact
+
+
+def test_convolutions_of_which_machines_keep_other_digits_are_refused(tmp_path):
+    nodes, constants = quantizing(np.uint8, 7, 0.05)
+    constants.append(constant("B", [[[100, 100, 0]]], np.int8))
+    nodes += [helper.make_node("ConvInteger", ["q", "B", "z"], ["j"]), helper.make_node("Cast", ["j"], ["Y"], to=FLOAT)]
+    with pytest.raises(UnsupportedModelError, match="signed weights beyond 64"):
+        build.load(graph_model(nodes, [info("X", (1, 1, 6))], [info("Y", None)], constants, opset=13), tmp_path)
+
+
 REFUSED = {
     "a scale of float16": ([constant("s", 0.1, np.float16), constant("z", 0, np.uint8)], "a scale of float16"),
     "a scale of 0": ([constant("s", 0.0), constant("z", 0, np.uint8)], "a scale that is not above 0"),

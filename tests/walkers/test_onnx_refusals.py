@@ -383,12 +383,12 @@ def test_tensors_that_cannot_be_joined(tmp_path):
 
 
 def test_all_operators_that_are_missing_are_listed_at_once(tmp_path):
-    nodes = [helper.make_node("Atan", ["X"], ["A"], name="one"), helper.make_node("Acos", ["X"], ["B"], name="two")]
+    nodes = [helper.make_node("Det", ["X"], ["A"], name="one"), helper.make_node("Unique", ["X"], ["B"], name="two")]
     last = helper.make_node("Add", ["A", "B"], ["Y"])
     message = refused(graph_model([*nodes, last], [info("X", (None, 3))], [info("Y", None)]), tmp_path)
-    assert "operator Atan (opset 18) is not supported: node 'one'" in message
-    assert "operator Acos (opset 18) is not supported: node 'two'" in message
-    assert "supported operators: Abs, Add, And, ArgMax, ArgMin, ArrayFeatureExtractor," in message
+    assert "operator Det (opset 18) is not supported: node 'one'" in message
+    assert "operator Unique (opset 18) is not supported: node 'two'" in message
+    assert "supported operators: Abs, Acos, Acosh, Add, And, ArgMax, ArgMin, ArrayFeatureExtractor," in message
 
 
 def test_names_that_are_not_text(tmp_path):
@@ -404,7 +404,7 @@ def test_products_that_do_not_fit_and_operands_that_have_to_be_constants(tmp_pat
     node = helper.make_node("Reshape", ["X", "S"], ["Y"])
     model = graph_model([node], [*inputs, info("S", (2,), TensorProto.INT64)], outputs)
     assert "shape is computed from the inputs; it has to be a constant" in refused(model, tmp_path)
-    neg = graph_model([helper.make_node("Floor", ["C"], ["Y"])], inputs, outputs, [constant("C", [1.0])])
+    neg = graph_model([helper.make_node("Erf", ["C"], ["Y"])], inputs, outputs, [constant("C", [1.0])])
     assert "reads a constant; fold constants when exporting" in refused(neg, tmp_path)
 
 

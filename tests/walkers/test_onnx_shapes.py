@@ -398,5 +398,7 @@ def test_other_sizes_of_which_rounding_decides_or_that_are_interpolated_are_refu
     given = [constant("none", []), constant("sizes", [1, 1], np.int64)]
     with pytest.raises(UnsupportedModelError, match="lies between two of 28 elements along axis 1"):
         assert_moved(tmp_path, ("Resize", ["none", "none", "sizes"], {"nearest_mode": NEAREST[3]}), (1, 28), given)
-    with pytest.raises(UnsupportedModelError, match="the mode linear by half_pixel; of all axes, the nearest by"):
-        assert_moved(tmp_path, ("Resize", ["none", "none", "sizes"], {"mode": "linear"}), (1, 28), given)
+    with pytest.raises(
+        UnsupportedModelError, match="the mode cubic by half_pixel; of all axes, 'nearest' and 'linear'"
+    ):
+        assert_moved(tmp_path, ("Resize", ["none", "none", "sizes"], {"mode": "cubic"}), (1, 28), given)

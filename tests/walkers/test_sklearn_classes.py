@@ -61,6 +61,8 @@ CLASSIFIERS = {
     "complement bayes": (naive_bayes.ComplementNB(), COUNTS, WORDS),
     "centroid": (neighbors.NearestCentroid(), X, WORDS),
     "machine": (svm.SVC(), X, TWO),
+    "machine with probabilities": (svm.SVC(probability=True, random_state=0), X, WORDS),
+    "machine with probabilities of two": (svm.SVC(probability=True, random_state=0), X, TWO),
     "machine of words": (svm.SVC(C=3.0), X, WORDS),
     "polynomial machine, pairs": (svm.SVC(kernel="poly", decision_function_shape="ovo"), X / 5, THREE),
     "machine with ties broken": (svm.SVC(break_ties=True), X, THREE),
@@ -113,6 +115,31 @@ def test_classifiers_have_the_library_s_labels_within_the_bound(name, tmp_path):
     assert certain.mean() > 0.98 and np.array_equal(library[certain, 0], found[certain, 0])
     assert np.max(bound[:, 1:], initial=0.0) < 1e-7 * (1 + np.max(np.abs(found)))
     assert len(np.unique(library[:, 0])) > 1
+
+
+@pytest.mark.parametrize(
+    ("init", "classes", "loss"),
+    [
+        (linear_model.LogisticRegression(), WORDS, "log_loss"),
+        (tree.DecisionTreeClassifier(max_depth=3), TWO, "exponential"),
+        (ensemble.RandomForestClassifier(7, max_depth=3, random_state=0), TWO, "log_loss"),
+        (ensemble.RandomForestClassifier(7, max_depth=3, random_state=0), THREE, "log_loss"),
+    ],
+)
+def test_boosting_that_starts_from_another_classifier(init, classes, loss, tmp_path):
+    """It is fitted on float32, so that what multiplies does so in float32."""
+    boosted = ensemble.GradientBoostingClassifier(n_estimators=4, init=init, loss=loss, random_state=0)
+    model = loaded(fit(boosted, X, classes))
+    verified(model, tmp_path, rows=300)
+    rows = np.vstack([X, 3.0 * X[::-1], X + 1e-9])
+    library, found, bound = (
+        model.predict(rows),
+        reference.evaluate(model.ir, rows),
+        bounds.difference_bound(model.ir, rows),
+    )
+    assert np.all(np.abs(library - found) <= bound)
+    assert np.mean(bound[:, 0] == 0) > 0.98 and len(np.unique(found[:, 0])) > 1
+    assert np.max(bound[:, 1:]) < (1e-3 if isinstance(init, linear_model.LogisticRegression) else 1e-13)
 
 
 SHARED = {

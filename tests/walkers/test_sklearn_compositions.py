@@ -15,7 +15,7 @@ from sklearn.frozen import FrozenEstimator
 from sklearn.linear_model import LinearRegression, LogisticRegression, Perceptron, RidgeClassifier, SGDOneClassSVM
 from sklearn.model_selection import FixedThresholdClassifier, TunedThresholdClassifierCV
 from sklearn.naive_bayes import GaussianNB
-from sklearn.neighbors import KNeighborsClassifier
+from sklearn.neighbors import KNeighborsClassifier, RadiusNeighborsClassifier
 from sklearn.semi_supervised import SelfTrainingClassifier
 from sklearn.svm import SVC, LinearSVC
 from sklearn.tree import DecisionTreeClassifier, DecisionTreeRegressor
@@ -87,6 +87,10 @@ EXACT = {
 }
 WITHIN = {
     "soft votes": (ensemble.VotingClassifier(NAMED, voting="soft"), WORDS),
+    "soft votes of a machine": (
+        ensemble.VotingClassifier([("a", SVC(probability=True, random_state=0)), ("b", tree(2))], voting="soft"),
+        WORDS,
+    ),
     "votes of machines": (ensemble.VotingClassifier([("a", SVC()), ("b", RidgeClassifier()), ("c", tree(3))]), TWO),
     "bag of perceptrons": (ensemble.BaggingClassifier(Perceptron(), 3, random_state=0), WORDS),
     "rest": (multiclass.OneVsRestClassifier(LogisticRegression()), WORDS),
@@ -234,10 +238,18 @@ def test_the_text_of_compositions(name, tmp_path):
     [
         (CalibratedClassifierCV(GaussianNB(), method="temperature", cv=2), TWO, "supported are 'sigmoid'"),
         (DummyClassifier(strategy="stratified"), TWO, "draws its answers at random"),
+        *(
+            (whole(RadiusNeighborsClassifier(200.0, outlier_label=-1)), THREE, "answers with -1, which is none of its")
+            for whole in (
+                lambda one: ensemble.VotingClassifier([("a", one), ("b", tree(2))]),
+                lambda one: ensemble.BaggingClassifier(one, 2),
+                lambda one: CalibratedClassifierCV(one, cv=2),
+            )
+        ),
         (
-            ensemble.VotingClassifier([("a", SVC(probability=True)), ("b", tree(2))], voting="soft"),
-            TWO,
-            r"^SVC.probability=True.: its probabilities are not compiled; take CalibratedClassifierCV.SVC",
+            ensemble.GradientBoostingClassifier(n_estimators=2, init=GaussianNB()),
+            THREE,
+            "with init=GaussianNB, which it fits and calls with float32: GaussianNB was fitted on float32",
         ),
         (
             multioutput.ClassifierChain(GaussianNB(), chain_method="predict_log_proba"),

@@ -13,7 +13,7 @@ from scipy.sparse import csr_matrix
 from sklearn.compose import ColumnTransformer
 from sklearn.decomposition import PCA, IncrementalPCA
 from sklearn.ensemble import AdaBoostRegressor, VotingRegressor
-from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process import GaussianProcessClassifier, GaussianProcessRegressor
 from sklearn.gaussian_process import kernels as gp
 from sklearn.linear_model import LogisticRegression, Ridge
 from sklearn.mixture import GaussianMixture
@@ -50,6 +50,8 @@ REGRESSORS = {
     "nearest of a grid, weighted": (KNeighborsRegressor(6, weights="distance"), GRID, SCORE),
     "nearest by names of the distances": (KNeighborsRegressor(4, metric="cityblock"), X, SCORE),
     "radius": (RadiusNeighborsRegressor(1.5), X, SCORE),
+    "nearest by the largest difference": (KNeighborsRegressor(4, metric="chebyshev"), X, SCORE),
+    "nearest by it on a grid, brute": (KNeighborsRegressor(3, p=np.inf, algorithm="brute"), GRID, SCORE),
     "median": (AdaBoostRegressor(n_estimators=12, random_state=0), X, SCORE),
     "median of equal weights": (AdaBoostRegressor(Ridge(), n_estimators=4, random_state=0), X, SCORE),
 }
@@ -100,6 +102,25 @@ def test_gaussian_processes(name, tmp_path):
     verified(model, tmp_path, rows=100)
     _, bound = agrees(model, np.vstack([X, X[::-1, ::-1]]))
     assert np.max(bound) < 1e-7
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("kernel", [None, 2.0 * gp.RBF([1.0, 3.0, 0.5]) + gp.WhiteKernel(0.1), gp.Matern(nu=1.5)])
+@pytest.mark.parametrize(("classes", "way"), [(TWO, "one_vs_rest"), (WORDS, "one_vs_rest"), (THREE + 4, "one_vs_one")])
+def test_classes_of_gaussian_processes(classes, way, kernel, tmp_path):
+    process = fit(GaussianProcessClassifier(kernel, optimizer=None, multi_class=way), X[:60], classes[:60])
+    model = loaded(process)
+    assert (OutputKind.PROBABILITY in model.ir.kinds) == (way == "one_vs_rest")
+    verified(model, tmp_path, rows=100)
+    agrees(model, np.vstack([X[::-1, ::-1], 100 * X]))  # kernels vanish far from all training rows, and no sign is left
+    usable, bound = agrees(model, np.vstack([X[:60], X[:60] + 0.1, X[1:60] / 2 + X[:59] / 2]))
+    assert usable.all() and np.mean(bound[:, 0] == 0) > 0.5 and np.max(bound[:, 1:], initial=0.0) < 1e-5
+
+
+def test_classes_of_a_large_gaussian_process_are_labels_only():
+    model = loaded(fit(GaussianProcessClassifier(optimizer=None), np.resize(X, (513, 3)), np.resize(TWO, 513)))
+    assert set(model.ir.kinds) == {OutputKind.CLASS}
+    agrees(model, X)
 
 
 @pytest.mark.parametrize("alpha", [1.0, 1e3, 1e5])
@@ -239,6 +260,27 @@ def test_no_neighbour_within_the_radius_is_no_answer(tmp_path):
     assert usable[: len(X)].all() and not usable[len(X) :].any() and np.isnan(model.predict(rows[-1:])).all()
 
 
+@pytest.mark.thorough
+@pytest.mark.parametrize("algorithm", ["kd_tree", "brute"])
+@pytest.mark.parametrize("metric", ["euclidean", "chebyshev"])
+@pytest.mark.parametrize(
+    ("classes", "label"),
+    [(THREE, 1), (THREE, -1), (THREE, "most_frequent"), (THREE + 1, 1), (THREE + 1, 3), (WORDS, "none"), (TWO, True)],
+)
+def test_labels_of_rows_without_a_neighbour(classes, label, metric, algorithm, tmp_path):
+    """Of a class, of none, and by the number of a class, for which algorithm='brute' takes it."""
+    model = RadiusNeighborsClassifier(1.0, metric=metric, algorithm=algorithm, outlier_label=label)
+    model = loaded(fit(model, X, classes))
+    rows = np.vstack([X, 10 * X, X + 30.0, GRID])
+    usable, _ = agrees(model, rows)
+    assert usable.all()
+    far = usable & (model.predict(rows)[:, 1:] == 0).all(axis=1)
+    by_number = algorithm == "brute" and metric != "euclidean"
+    assert far.any() == (label in (-1, "none") or (by_number and label in (3, "most_frequent")))
+    if metric == "chebyshev":
+        verified(model, tmp_path, rows=100)
+
+
 def test_classes_within_a_radius(tmp_path):
     model = loaded(RadiusNeighborsClassifier(1.5).fit(X, WORDS))
     usable, bound = agrees(model, np.vstack([X, HALVES, X + 100.0]))
@@ -342,7 +384,7 @@ def test_box_and_cox(tmp_path):
 @pytest.mark.parametrize(
     ("estimator", "message"),
     [
-        (KNeighborsRegressor(metric="chebyshev"), "metric='chebyshev'"),
+        (KNeighborsRegressor(metric="canberra"), "metric='canberra'"),
         (KNeighborsRegressor(p=3), "metric='minkowski', p=3"),
         (KNeighborsRegressor(weights=lambda d: d), "weights=a function"),
         (RadiusNeighborsRegressor(weights="distance"), "supported are uniform"),

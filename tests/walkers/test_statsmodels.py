@@ -45,6 +45,14 @@ MODELS = {
     "QuantReg": lambda: sm.QuantReg(Y, sm.add_constant(X)),
     "Logit": lambda: sm.Logit(np.sin(9 * Y) > 0, sm.add_constant(X)),
     "Poisson": lambda: sm.Poisson(np.round(np.abs(Y) * 3), sm.add_constant(X)),
+    "Probit": lambda: sm.Probit(np.sin(9 * Y) > 0, sm.add_constant(X)),
+    "NegativeBinomial": lambda: sm.NegativeBinomial(np.round(np.abs(Y) * 3), sm.add_constant(X)),
+    "NegativeBinomial geometric": lambda: sm.NegativeBinomial(
+        np.round(np.abs(Y) * 3), sm.add_constant(X), loglike_method="geometric", exposure=np.full(60, 2.0)
+    ),
+    "NegativeBinomialP": lambda: sm.NegativeBinomialP(np.round(np.abs(Y) * 3), sm.add_constant(X)),
+    "GeneralizedPoisson": lambda: sm.GeneralizedPoisson(np.round(np.abs(Y) * 3), sm.add_constant(X)),
+    "GLM probit": lambda: sm.GLM(Y > 0.8, sm.add_constant(X), family=sm.families.Binomial(sm.families.links.Probit())),
     "GLM gaussian": lambda: sm.GLM(Y, sm.add_constant(X)),
     "GLM gamma log": lambda: sm.GLM(np.abs(Y), sm.add_constant(X), family=sm.families.Gamma(LINKS.Log())),
     "GLM gamma inverse": lambda: sm.GLM(np.abs(Y) + 1, sm.add_constant(X), family=sm.families.Gamma()),
@@ -66,7 +74,7 @@ def test_results_are_those_of_the_library(tmp_path, name):
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("name", ["OLS", "Logit", "Poisson", "GLM poisson"])
+@pytest.mark.parametrize("name", ["OLS", "Logit", "Poisson", "GLM poisson", "NegativeBinomial", "GeneralizedPoisson"])
 def test_results_of_regularized_fits(tmp_path, name):
     agrees(loaded(MODELS[name]().fit_regularized(alpha=0.1), tmp_path), 0.5)
 
@@ -88,11 +96,11 @@ def test_a_constant_that_is_not_one_is_a_feature(tmp_path):
 
 @pytest.mark.filterwarnings("ignore")
 def test_what_is_refused(tmp_path):
-    family = sm.families.Binomial(LINKS.Probit())
-    with pytest.raises(UnsupportedModelError, match="the link Probit: supported are Identity, Log, Logit"):
+    family = sm.families.Binomial(LINKS.CLogLog())
+    with pytest.raises(UnsupportedModelError, match="the link CLogLog: supported are Identity, Log, Logit, Probit"):
         loaded(sm.GLM(Y > 0.8, sm.add_constant(X), family=family).fit(), tmp_path)
-    with pytest.raises(UnsupportedModelError, match=r"results of Probit with \(3,\) parameters; supported are OLS"):
-        loaded(sm.Probit(np.sin(9 * Y) > 0, X).fit(disp=0), tmp_path)
+    with pytest.raises(UnsupportedModelError, match="statsmodels's ZeroInflatedPoissonResultsWrapper is not supported"):
+        loaded(sm.ZeroInflatedPoisson(np.round(np.abs(Y) * 3), X).fit(disp=0), tmp_path)
     with pytest.raises(UnsupportedModelError, match="statsmodels's MultinomialResultsWrapper is not supported"):
         loaded(sm.MNLogit(np.arange(60) % 3, X).fit(disp=0), tmp_path)
     with pytest.raises(InputError, match="no columns but a constant"):

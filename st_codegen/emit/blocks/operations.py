@@ -15,7 +15,7 @@ from st_codegen import ir
 from st_codegen.emit.blocks.listing import ArrayElement, Group, Listing, suffixes
 from st_codegen.emit.literals import real
 from st_codegen.errors import counted
-from st_codegen.ir.base import COS_REACH
+from st_codegen.ir.base import CENTRAL, CENTRAL_SHARE, COS_REACH, LEAST_SHARE, TAILS
 
 _AnyOperation = TypeVar("_AnyOperation", bound=ir.Operation)
 
@@ -432,6 +432,19 @@ def _function_values(op: ir.Activation, step: Step, listing: Listing) -> dict[st
         polynomial = listing.table(step.table("LOG_ERFC"), "LREAL", _LOG_ERFC)
     if op.function is ir.Function.SOFTPLUS:
         listing.locals("LREAL", "fPositive")
+    quantile: dict[str, object] = {}
+    if op.function is ir.Function.NORMAL_QUANTILE:
+        listing.locals("LREAL", "fSquare", "fUpper", "fLower")
+        listing.loop("nTerm", len(TAILS) // 2)
+        quantile = {
+            "least": real(LEAST_SHARE),
+            "central": real(CENTRAL_SHARE),
+            "factor": real(math.sqrt(2.0 * math.pi)),
+            "half": len(TAILS) // 2,
+            "last": len(TAILS) // 2 - 1,
+            "centre": listing.table(step.table("CENTRE"), "LREAL", CENTRAL),
+            "tails": listing.table(step.table("TAILS"), "LREAL", TAILS),
+        }
     parameter = None
     if op.function in (ir.Function.LEAKY_RELU, ir.Function.ELU, ir.Function.POWER):
         parameter = listing.constant(step.table("PARAMETER"), op.parameter)
@@ -446,6 +459,7 @@ def _function_values(op: ir.Activation, step: Step, listing: Listing) -> dict[st
     return {
         "function": op.function.value,
         "power": power,
+        "quantile": quantile,
         "parameter": parameter,
         "polynomial": polynomial,
         "last_term": len(_LOG_ERFC) - 1,
@@ -544,6 +558,7 @@ def _(op: ir.Distances, step: Step, listing: Listing) -> None:
         parts=parts,
         squared=op.squared,
         root=op.root,
+        largest=op.largest,
     )
 
 
@@ -569,6 +584,34 @@ def _(op: ir.NearestMean, step: Step, listing: Listing) -> None:
         inverse=op.inverse,
         factors=step.operands[1] if len(step.operands) > 1 else None,
         divides=op.divides,
+    )
+
+
+@lay_out.register
+def _(op: ir.CoupledPairs, step: Step, listing: Listing) -> None:
+    first, second = np.triu_indices(op.count, 1)
+    listing.local(f"afPair{step.number}", "LREAL", op.count**2)
+    listing.local(f"afProduct{step.number}", "LREAL", op.count)
+    for name, rounds in (("nPair", len(first)), ("nRow", op.count), ("nColumn", op.count), ("nRound", op.rounds)):
+        listing.loop(name, rounds)
+    listing.local("nBase", "DINT")
+    listing.local("bGoesOn", "BOOL")
+    listing.locals("LREAL", "fX", "fSum", "fTotal", "fDelta")
+    listing.section(
+        f"shares of {op.count} classes from those of each two",
+        "coupled_pairs",
+        step=step,
+        matrix=f"afPair{step.number}",
+        products=f"afProduct{step.number}",
+        count=op.count,
+        last=op.count - 1,
+        last_element=op.count**2 - 1,
+        last_pair=len(first) - 1,
+        last_round=op.rounds - 1,
+        first=listing.table(step.table("PAIR_FIRST"), "DINT", first),
+        second=listing.table(step.table("PAIR_SECOND"), "DINT", second),
+        equal=real(1.0 / op.count),
+        epsilon=real(op.epsilon),
     )
 
 

@@ -357,6 +357,7 @@ class Demand:
                 "mul", real("mul", 0.5, x), real("add", 1.0, erf(terms, x, real("mul", size, math.sqrt(0.5))))
             ),
             ir.Function.SOFTSIGN: lambda: real("div", x, real("add", 1.0, size)),
+            ir.Function.ATAN: lambda: real("atan", x),
         }
         refusing: dict[ir.Function, tuple[str, Value, float, Callable[[], Value]]] = {
             ir.Function.LOG1P: ("LE", x, -1.0, lambda: log1p(terms, x)),
@@ -435,14 +436,19 @@ class Demand:
     def _(self, op: ir.Distances, given: list[list[Value]]) -> list[Value]:
         result = []
         for vector in op.vectors.tolist():
-            total = self._distance(given[0], vector, squared=op.squared)
+            total = self._distance(given[0], vector, squared=op.squared, largest=op.largest)
             result.append(self.terms.real("sqrt", total) if op.root else total)
         return result
 
-    def _distance(self, x: list[Value], vector: list[float], *, squared: bool = True) -> Value:
-        """The sum of the squared differences of two vectors, or of their magnitudes."""
+    def _distance(self, x: list[Value], vector: list[float], *, squared: bool = True, largest: bool = False) -> Value:
+        """The sum of the squared differences of two vectors, or of their magnitudes, or the largest of these."""
         terms = self.terms
         deltas = [terms.real("sub", column, number) for column, number in zip(x, vector, strict=True)]
+        if largest:
+            found: Value = 0.0
+            for delta in deltas:
+                found = terms.real("max", found, terms.real("abs", delta))
+            return found
         return self._sum(terms.real("mul", d, d) if squared else terms.real("abs", d) for d in deltas)
 
     @value.register

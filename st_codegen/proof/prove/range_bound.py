@@ -29,7 +29,7 @@ _MARGIN_REAL = 1e-5
 
 #: Functions whose largest result does not lie at an end of an interval, or whose slope may be without a limit.
 _NOT_MONOTONE = (ir.Function.ABS, ir.Function.SIN, ir.Function.COS, ir.Function.ERF, ir.Function.GELU)
-_STEEP = (ir.Function.SQRT, ir.Function.LOG, ir.Function.POWER)
+_STEEP = (ir.Function.SQRT, ir.Function.LOG, ir.Function.POWER, ir.Function.NORMAL_QUANTILE)
 
 #: The ends of intervals: (boxes, width) each.
 Ends = tuple[FloatArray, FloatArray]

@@ -29,6 +29,9 @@ from st_codegen.walkers.onnx.operators import (
 #: Operations that one node may become: a convolution in groups is one operation a group.
 _MAX_GROUPS = 64
 
+#: The largest exponent of a norm over windows.
+_MAX_NORM = 8
+
 #: Roundings of the library between the numbers of the file and a constant that it computes of them.
 _ROUNDINGS = 8
 
@@ -69,7 +72,7 @@ def _steps(node: GraphNode, rank: int, kernel: Sequence[int]) -> tuple[list[int]
     return given, strides, dilations, pads
 
 
-def _window(call: NodeCall, lengths: Sequence[int], kernel: Sequence[int]) -> _Window:
+def window_of(call: NodeCall, lengths: Sequence[int], kernel: Sequence[int]) -> _Window:
     """The attributes of a node for an input of spatial lengths."""
     node, rank = call.node, len(lengths)
     given, strides, dilations, pads = _steps(node, rank, kernel)
@@ -107,19 +110,18 @@ def _grid(window: _Window) -> tuple[IntArray, IntArray]:
     return rows.reshape(shape), columns.reshape(shape)
 
 
-def _image(call: NodeCall) -> Tensor:
-    """The input as (channels, rows, columns), one row where there is one dimension."""
-    tensor = call.computed()
+def image_of(walk: GraphWalk, tensor: Tensor) -> Tensor:
+    """A tensor as (channels, rows, columns), one row where there is one dimension."""
     if len(tensor.shape) not in (3, 4) or tensor.shape[0] != 1:
         raise UnsupportedModelError(
             f"slides over a tensor of shape {tensor.shape} (for one row); (1, channels, length) and (1, channels, "
             "height, width) are supported"
         )
-    call.walk.refuse_special(tensor)
+    walk.refuse_special(tensor)
     return replace(tensor.moved(lambda array: array.reshape(array.shape[1], -1, array.shape[-1])), special=False)
 
 
-def _padded(walk: GraphWalk, image: Tensor, window: _Window, apart: Sequence[int] = (1, 1)) -> Tensor:
+def padded(walk: GraphWalk, image: Tensor, window: _Window, apart: Sequence[int] = (1, 1)) -> Tensor:
     """The image with zeros around it, and with its rows and columns so far apart, zeros between them."""
     before, behind, apart = (
         (other, *given)[-2:] for other, given in ((0, window.before), (0, window.behind), (1, apart))
@@ -150,16 +152,16 @@ def _kernel(call: NodeCall, image: Tensor) -> tuple[AnyArray, AnyArray | None, i
 
 @operator("Conv", 1, 11, 22)
 def _convolution(call: NodeCall) -> Operand:
-    image = _image(call)
+    image = image_of(call.walk, call.computed())
     kernel, bias, groups = _kernel(call, image)
-    window = _window(call, call.computed().shape[2:], kernel.shape[2:])
-    return _convolved(call.walk, _padded(call.walk, image, window), kernel, bias, groups, window)
+    window = window_of(call, call.computed().shape[2:], kernel.shape[2:])
+    return convolved(call.walk, padded(call.walk, image, window), kernel, bias, groups, window)
 
 
 @operator("ConvTranspose", 1, 11, 22)
 def _transposed_convolution(call: NodeCall) -> Operand:
     """A convolution by the turned kernel of the image with zeros between its numbers, as many as the strides say."""
-    image, node, rank = _image(call), call.node, len(call.computed().shape) - 2
+    image, node, rank = image_of(call.walk, call.computed()), call.node, len(call.computed().shape) - 2
     kernel, bias, groups = _kernel(call, image)
     given, strides, dilations, pads = _steps(node, rank, kernel.shape[2:])
     extra = node.integers("output_padding").tolist() or [0] * rank
@@ -185,11 +187,18 @@ def _transposed_convolution(call: NodeCall) -> Operand:
     window = _Window(tuple(given), (1,) * rank, tuple(dilations), before, behind, places)
     turned = np.flip(kernel, tuple(range(2, 2 + rank))).reshape(groups, -1, *kernel.shape[1:]).swapaxes(1, 2)
     turned = turned.reshape(-1, *turned.shape[2:])
-    return _convolved(call.walk, _padded(call.walk, image, window, strides), turned, bias, groups, window)
+    return convolved(call.walk, padded(call.walk, image, window, strides), turned, bias, groups, window)
 
 
-def _convolved(
-    walk: GraphWalk, image: Tensor, kernel: AnyArray, bias: AnyArray | None, groups: int, window: _Window
+def convolved(
+    walk: GraphWalk,
+    image: Tensor,
+    kernel: AnyArray,
+    bias: AnyArray | None,
+    groups: int,
+    window: _Window,
+    *,
+    integers: bool = False,
 ) -> Tensor:
     """Sums of products of a padded image and a kernel (outputs, channels of a group, spatial)."""
     outputs, depth = kernel.shape[:2]
@@ -216,6 +225,7 @@ def _convolved(
             starts=at[:, 0] + group * depth * size,
             offsets=np.ravel(np.arange(depth)[:, None] * size + at[0]),
             precision=image.precision,
+            whole=integers,
         )
         results.append(walk.computed(op, (len(at), own), image.dtype).moved(np.transpose))
     return together(results, np.concatenate).moved(lambda array: array.reshape(1, outputs, *window.places))
@@ -227,8 +237,8 @@ def _windows(call: NodeCall) -> tuple[Tensor, _Window, IntArray, BoolArray]:
     """
     if call.node.has_more_outputs:
         raise UnsupportedModelError("the second output, where each maximum stands; leave it out")
-    image, lengths = _image(call), call.computed().shape[2:]
-    window = _window(call, lengths, ())
+    image, lengths = image_of(call.walk, call.computed()), call.computed().shape[2:]
+    window = window_of(call, lengths, ())
     before = (0, *window.before)[-2:]
     rows, columns = (found - less for found, less in zip(_grid(window), before, strict=True))
     inside = (rows >= 0) & (rows < image.shape[1]) & (columns >= 0) & (columns < image.shape[2])
@@ -254,13 +264,13 @@ def _average_pool(call: NodeCall) -> Operand:
     image, window, at, inside = _windows(call)
     walk, channels = call.walk, image.shape[0]
     counts = np.full(len(at), at.shape[1]) if call.node.integer("count_include_pad") else np.sum(inside, axis=1)
-    padded = _padded(walk, image, window)
+    wide = padded(walk, image, window)
     rows, columns = _grid(window)
-    at = rows * padded.shape[2] + columns
+    at = rows * wide.shape[2] + columns
     check_size([channels, len(at)])
-    starts = np.ravel(np.arange(channels)[:, None] * padded.shape[1] * padded.shape[2] + at[:, 0])
+    starts = np.ravel(np.arange(channels)[:, None] * wide.shape[1] * wide.shape[2] + at[:, 0])
     ones = np.ones((1, at.shape[1]))
-    op = SlidingLinear((walk.settle(padded),), ones, np.zeros(1), starts, at[0], image.precision)
+    op = SlidingLinear((walk.settle(wide),), ones, np.zeros(1), starts, at[0], image.precision)
     return _divided(walk, walk.builder.add(op), np.tile(counts, channels), image, (1, channels, *window.places))
 
 
@@ -272,9 +282,28 @@ def _divided(walk: GraphWalk, sums: int, counts: AnyArray, image: Tensor, shape:
     return walk.computed(op, shape, image.dtype)
 
 
+@operator("LpPool", 2, 11, 18, 22)
+def _norm_pool(call: NodeCall) -> Operand:
+    """The root of the sum of powers of magnitudes in each window, of zeros where it lies outside."""
+    image, power = image_of(call.walk, call.computed()), call.node.integer("p", 2)
+    window, walk, channels = window_of(call, call.computed().shape[2:], ()), call.walk, image.shape[0]
+    if not 1 <= power <= _MAX_NORM:
+        raise UnsupportedModelError(f"p is {power}; 1 to {_MAX_NORM} are supported")
+    sizes = apply_activation(walk, image, Function.ABS)
+    powers = sizes if power == 1 else apply_activation(walk, sizes, Function.POWER, float(power))
+    wide = padded(walk, powers, window)
+    rows, columns = _grid(window)
+    at = rows * wide.shape[2] + columns
+    check_size([channels, len(at)])
+    starts = np.ravel(np.arange(channels)[:, None] * wide.shape[1] * wide.shape[2] + at[:, 0])
+    op = SlidingLinear((walk.settle(wide),), np.ones((1, at.shape[1])), np.zeros(1), starts, at[0], image.precision)
+    sums = walk.computed(op, (1, channels, *window.places), image.dtype)
+    return sums if power == 1 else apply_activation(walk, sums, Function.POWER, 1.0 / power)
+
+
 @operator("GlobalMaxPool GlobalAveragePool", 1, 22)
 def _global(call: NodeCall) -> Operand:
-    image, walk = _image(call), call.walk
+    image, walk = image_of(call.walk, call.computed()), call.walk
     rows = image.moved(lambda array: array.reshape(array.shape[0], -1))
     shape = (1, image.shape[0], *[1] * (len(call.computed().shape) - 2))
     if call.node.op_type == "GlobalMaxPool":

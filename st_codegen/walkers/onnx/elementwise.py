@@ -14,7 +14,17 @@ from operator import itemgetter
 import numpy as np
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import FLOAT32_OVERFLOW, Exceeds, Function, Operator, Piecewise, Towards, WholeNumber
+from st_codegen.ir import (
+    FLOAT32_OVERFLOW,
+    Exceeds,
+    Function,
+    Operator,
+    Piecewise,
+    Precision,
+    Scale,
+    Towards,
+    WholeNumber,
+)
 from st_codegen.walkers.onnx.between import as_between, function_of
 from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, operator
 from st_codegen.walkers.onnx.operands import (
@@ -45,8 +55,11 @@ def _reciprocal(call: NodeCall) -> Operand:
 
 @operator("Sign", 9, 13)
 def _sign(call: NodeCall) -> Operand:
+    return _sign_of(call.walk, call.computed())
+
+
+def _sign_of(walk: GraphWalk, tensor: Tensor) -> Tensor:
     """1 above 0, -1 below it, 0 between."""
-    tensor, walk = call.computed(), call.walk
     value, cut = walk.settle_finite(tensor), np.zeros(tensor.size)
     passed, reached = (walk.builder.add(Exceeds((value,), cut, inclusive)) for inclusive in (False, True))
     found = walk.builder.scale(walk.builder.combine(passed, "+", reached), "-", 1.0)
@@ -103,6 +116,77 @@ def _tangent(call: NodeCall) -> Operand:
     tensor, walk = call.computed(), call.walk
     sine, cosine = (apply_activation(walk, tensor, function) for function in (Function.SIN, Function.COS))
     return combined(walk, Operator.DIVIDE, sine, cosine)
+
+
+#: Units in the last place by which a function of a library in float and this one may differ (`proof/bounds.py`).
+_FUNCTION_UNITS = 12
+
+
+def _as_function(walk: GraphWalk, tensor: Tensor, number: float = 1.0) -> Tensor:
+    """Numbers in double times a constant, as one function of a library in float has them."""
+    constant = np.full(tensor.size, number)
+    doubt = np.abs(constant) * _FUNCTION_UNITS * float(np.finfo(np.float32).epsneg)
+    op = Scale((walk.settle(tensor),), Operator.MULTIPLY, constant, Precision.FLOAT32, doubt=doubt)
+    return walk.computed(op, tensor.shape, FLOAT32)
+
+
+def _in_double(call: NodeCall) -> Tensor:
+    """The input of a function that onnxruntime has in float only: steps to it in double lose next to nothing."""
+    tensor = call.computed()
+    if tensor.dtype == FLOAT64:
+        raise UnsupportedModelError(f"onnxruntime has {call.node.op_type} in float only; cast the input to float")
+    call.walk.refuse_special(tensor)
+    return call.walk.as_type(tensor, FLOAT64)
+
+
+@operator("Asin Acos", 7, 22)
+def _arc(call: NodeCall) -> Operand:
+    """Twice the arc tangent of x / (1 + sqrt((1 - x) (1 + x))), and what a right angle has beyond it."""
+    tensor, walk = _in_double(call), call.walk
+    rest = with_constant(walk, tensor, Operator.SUBTRACT, 1.0, left=True)
+    both = product_of(walk, rest, with_constant(walk, tensor, Operator.ADD, 1.0))
+    beside = with_constant(walk, apply_activation(walk, both, Function.SQRT), Operator.ADD, 1.0)
+    quotient = require_tensor(combined(walk, Operator.DIVIDE, tensor, beside))
+    half = apply_activation(walk, quotient, Function.ATAN)
+    if call.node.op_type == "Acos":
+        half = with_constant(walk, half, Operator.SUBTRACT, math.pi / 4, left=True)
+    return _as_function(walk, half, 2.0)
+
+
+@operator("Sinh Cosh", 9, 22)
+def _hyperbolic(call: NodeCall) -> Operand:
+    """Half of the difference, or of the sum, of exp(x) and exp(-x)."""
+    tensor, walk = _in_double(call), call.walk
+    turned = with_constant(walk, tensor, Operator.MULTIPLY, -1.0)
+    sides = (apply_activation(walk, side, Function.EXP) for side in (tensor, turned))
+    code = Operator.SUBTRACT if call.node.op_type == "Sinh" else Operator.ADD
+    return _as_function(walk, require_tensor(combined(walk, code, *sides)), 0.5)
+
+
+@operator("Asinh Acosh Atanh", 9, 22)
+def _area(call: NodeCall) -> Operand:
+    """Logarithms of one plus a number that is computed without loss near 0, or, of Acosh, near 1."""
+    tensor, walk, name = _in_double(call), call.walk, call.node.op_type
+
+    def root(number: Tensor) -> Tensor:
+        return apply_activation(walk, number, Function.SQRT)
+
+    if name == "Acosh":  # x - 1 + sqrt(x - 1) * sqrt(x + 1)
+        inner = with_constant(walk, tensor, Operator.SUBTRACT, 1.0)
+        both = product_of(walk, root(inner), root(with_constant(walk, tensor, Operator.ADD, 1.0)))
+        found = combined(walk, Operator.ADD, inner, both)
+    elif name == "Atanh":  # half of that of 2 x / (1 - x)
+        rest = with_constant(walk, tensor, Operator.SUBTRACT, 1.0, left=True)
+        found = combined(walk, Operator.DIVIDE, with_constant(walk, tensor, Operator.MULTIPLY, 2.0), rest)
+    else:  # of |x| + x x / (1 + sqrt(x x + 1)), with the sign of x
+        square = product_of(walk, tensor, tensor)
+        beside = with_constant(walk, root(with_constant(walk, square, Operator.ADD, 1.0)), Operator.ADD, 1.0)
+        size = apply_activation(walk, tensor, Function.ABS)
+        found = combined(walk, Operator.ADD, size, combined(walk, Operator.DIVIDE, square, beside))
+    logarithm = apply_activation(walk, require_tensor(found), Function.LOG1P)
+    if name == "Asinh":
+        logarithm = product_of(walk, logarithm, _sign_of(walk, tensor))
+    return _as_function(walk, logarithm, 0.5 if name == "Atanh" else 1.0)
 
 
 @operator("Selu", 6, 22)
@@ -225,6 +309,7 @@ def _power_of_constant(walk: GraphWalk, base: ConstantOperand, exponent: Tensor)
     return apply_activation(walk, walk.computed(moved, shape, exponent.dtype), Function.EXP)
 
 
+_OF_CONSTANTS: dict[str, np.ufunc] = {"Round": np.rint, "Floor": np.floor, "Ceil": np.ceil}
 _TOWARDS = {"Round": Towards.NEAREST, "Floor": Towards.BELOW, "Ceil": Towards.ABOVE}
 
 
@@ -232,7 +317,10 @@ _TOWARDS = {"Round": Towards.NEAREST, "Floor": Towards.BELOW, "Ceil": Towards.AB
 @operator("Round", 11, 22)
 def _whole(call: NodeCall) -> Operand:
     """The nearest whole number, of a tie the even one, or the next one below or above. -0 becomes 0."""
-    tensor, walk = call.computed(), call.walk
+    operand, walk = call.required(), call.walk
+    if isinstance(operand, ConstantOperand) and operand.dtype in (FLOAT32, FLOAT64):
+        return operand.moved(_OF_CONSTANTS[call.node.op_type])
+    tensor = call.computed()
     walk.builder.open_zeros = True
     found = WholeNumber((walk.settle_finite(tensor),), tensor.size, _TOWARDS[call.node.op_type])
     return walk.computed(found, tensor.shape, tensor.dtype)

@@ -110,21 +110,27 @@ Handler = Callable[[NodeCall], Result]
 
 @dataclass(frozen=True)
 class Rule:
-    """How the outputs of an operator are walked, and the versions of it (opset of their last change) that fit."""
+    """How the outputs of an operator are walked, and the versions of it (opset of their last change) that fit.
+
+    `schema` is that of an operator of onnxruntime's own, which the onnx package does not know.
+    """
 
     handler: Handler
     versions: frozenset[int]
+    schema: onnx.defs.OpSchema | None = None
 
 
 RULES: dict[tuple[str, str], Rule] = {}
 
 
-def operator(names: str, *versions: int, domain: str = "") -> Callable[[Handler], Handler]:
+def operator(
+    names: str, *versions: int, domain: str = "", schema: onnx.defs.OpSchema | None = None
+) -> Callable[[Handler], Handler]:
     """Register the handler of the versions of an operator, or of several ones: their names stand apart by spaces."""
 
     def register(handler: Handler) -> Handler:
         for name in names.split():
-            RULES[domain, name] = Rule(handler, frozenset(versions))
+            RULES[domain, name] = Rule(handler, frozenset(versions), schema)
         return handler
 
     return register
@@ -282,7 +288,7 @@ def _run_node(
     if domain not in opsets:
         raise InputError(f"the file names no opset for the domain '{domain or 'ai.onnx'}'; the model file is damaged")
     try:
-        node = GraphNode(proto, onnx.defs.get_schema(proto.op_type, opsets[domain], domain))
+        node = GraphNode(proto, rule.schema or onnx.defs.get_schema(proto.op_type, opsets[domain], domain))
     except onnx.defs.SchemaError:
         raise UnsupportedModelError("this opset has no such operator; export with another target_opset") from None
     if node.version not in rule.versions:

@@ -81,7 +81,10 @@ def _check_growth(model: onnx.ModelProto, functions: dict[_Key, onnx.FunctionPro
 
     Raises InputError where functions call themselves, or where all calls together make too many nodes or bytes.
     """
-    bodies = {**{key: list(_nodes(one.node)) for key, one in functions.items()}, _GRAPH: list(_nodes(model.graph.node))}
+    bodies = {
+        **{key: list(nodes_within(one.node)) for key, one in functions.items()},
+        _GRAPH: list(nodes_within(model.graph.node)),
+    }
     calls = {key: [called for called in map(_called, body) if called in functions] for key, body in bodies.items()}
     used, more = set[_Key](), {_GRAPH}
     while more:
@@ -117,13 +120,13 @@ def _called(node: onnx.NodeProto) -> _Key:
     return domain_of(node.domain), node.op_type, node.overload
 
 
-def _nodes(nodes: Iterable[onnx.NodeProto]) -> Iterator[onnx.NodeProto]:
+def nodes_within(nodes: Iterable[onnx.NodeProto]) -> Iterator[onnx.NodeProto]:
     """Nodes and those of the graphs inside them."""
     for node in nodes:
         yield node
         for attribute in node.attribute:
             for graph in (attribute.g, *attribute.graphs):
-                yield from _nodes(graph.node)
+                yield from nodes_within(graph.node)
 
 
 def _innermost_first(calls: dict[_Key, list[_Key]]) -> list[_Key]:

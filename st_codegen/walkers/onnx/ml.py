@@ -297,17 +297,22 @@ def _known(value: int, width: int, categories: FloatArray, low: FloatArray, high
 def _label_encoder(call: NodeCall) -> Operand:
     """The label that a list has for a chosen one, or the number that it has for a number."""
     choice, node = call.required(), call.node
-    if not isinstance(choice, LabelOperand):
+    if not isinstance(choice, LabelOperand | ConstantOperand):
         return _encoded_numbers(call)
     keys: list[ir.Label] = [*node.texts("keys_strings"), *node.integers("keys_int64s").tolist()]
     values: list[ir.Label] = [*node.texts("values_strings"), *node.integers("values_int64s").tolist()]
     values = values or [float(value) for value in node.floats("values_floats")]
-    if not keys or len(keys) != len(values) or not set(choice.labels) <= set(keys):
+    labels = choice.labels if isinstance(choice, LabelOperand) else choice.array.ravel().tolist()
+    if not keys or len(keys) != len(values) or not set(labels) <= set(keys):
         raise UnsupportedModelError(
             f"{counted(len(keys), 'key')} and {counted(len(values), 'value')}, or not for all labels"
         )
     known = dict(zip(keys, values, strict=True))
-    return replace(choice, labels=tuple(known[label] for label in choice.labels))
+    found = [known[label] for label in labels]
+    if isinstance(choice, LabelOperand):
+        return replace(choice, labels=tuple(found))
+    dtype = np.dtype({str: object, int: np.int64}.get(type(found[0]), np.float32))
+    return ConstantOperand(np.array(found, dtype).reshape(choice.shape))
 
 
 def _encoded_numbers(call: NodeCall) -> Tensor:

@@ -35,7 +35,7 @@ from st_codegen.walkers.onnx.external import embed
 from st_codegen.walkers.onnx.file import check_names, domain_of, plain, printable, type_name
 from st_codegen.walkers.onnx.graph import GraphWalk, read_initializers, run_nodes
 from st_codegen.walkers.onnx.inline import inlined
-from st_codegen.walkers.onnx.operands import FLOAT32, FLOAT64, MAX_COLUMNS, Tensor
+from st_codegen.walkers.onnx.operands import FLOAT32, FLOAT64, MAX_COLUMNS, TRUTH, Tensor
 from st_codegen.walkers.onnx.outputs import finish
 from st_codegen.walkers.onnx.session import MOST_ROWS, GraphInput, predictor
 from st_codegen.walkers.onnx.shapes import as_integers
@@ -126,12 +126,13 @@ def _inputs(graph: onnx.GraphProto, problems: Problems) -> list[GraphInput]:
             seen.add(info.name)
             start = inputs[-1].start + inputs[-1].size if inputs else 0
             shape, batch = _row_shape(info, name)
-            given = GraphInput(info.name, shape, _element_type(info, name), start, batch)
+            dtype = _element_type(info, name)
+            given = GraphInput(info.name, shape, dtype, start, batch, cut=dtype == TRUTH)
             if start + given.size > MAX_COLUMNS:
                 raise UnsupportedModelError(f"input '{name}': at most {MAX_COLUMNS} features are supported")
             inputs.append(given)
     if _reads_integers(graph):
-        inputs = [replace(given, cut=given.dtype == np.int64) for given in inputs]
+        inputs = [replace(given, cut=given.dtype in (np.int64, TRUTH)) for given in inputs]
     if len(inputs) > 1 and stated_features() not in (None, sum(given.size for given in inputs)):
         problems.add(f"--features {stated_features()}: {len(inputs)} inputs have more; export them with fixed shapes")
     if not inputs and not problems.errors:
@@ -186,10 +187,12 @@ def _row_shape(info: onnx.ValueInfoProto, name: str) -> tuple[tuple[int, ...], i
 
 
 def _element_type(info: onnx.ValueInfoProto, name: str) -> np.dtype[Any]:
-    """float32, float64, or int64 for all whole numbers."""
+    """float32, float64, truth values, or int64 for all whole numbers."""
     elem_type = info.type.tensor_type.elem_type
     if elem_type in (TensorProto.FLOAT, TensorProto.DOUBLE):
         return np.dtype(np.float32 if elem_type == TensorProto.FLOAT else np.float64)
+    if elem_type == TensorProto.BOOL:
+        return TRUTH
     whole = type_name(elem_type)
     if whole.removeprefix("U") in ("INT8", "INT16", "INT32", "INT64"):
         return np.dtype(np.int64)
@@ -203,11 +206,12 @@ def _walk(graph: onnx.GraphProto, inputs: list[GraphInput], opsets: dict[str, in
         walk.narrows |= narrow
         numbers = Tensor(np.zeros(given.shape, np.int64), given.columns, given.dtype, unrounded=narrow, special=True)
         whole = given.dtype == np.int64
-        walk.values[given.name] = (
-            as_integers(walk, replace(numbers, dtype=FLOAT64), given.dtype)
-            if given.cut
-            else replace(numbers, given=whole)
-        )
+        if given.dtype == TRUTH:
+            walk.values[given.name] = elementwise.is_not_zero(walk, replace(numbers, dtype=FLOAT64))
+        elif given.cut:
+            walk.values[given.name] = as_integers(walk, replace(numbers, dtype=FLOAT64), given.dtype)
+        else:
+            walk.values[given.name] = replace(numbers, given=whole)
     read_initializers(walk, graph, problems)
     run_nodes(walk, graph, opsets, problems)
     return walk
@@ -233,12 +237,15 @@ def _source(
     computing = [node.op_type for node in model.graph.node if node.op_type not in _PLUMBING]
     shown = ", ".join(computing[:8]) + (f" and {len(computing) - 8} more" if len(computing) > 8 else "")
     whole = [plain(given.name) for given in inputs if given.dtype == np.int64 and not given.cut]
-    cut = [plain(given.name) for given in inputs if given.cut]
+    cut = [plain(given.name) for given in inputs if given.cut and given.dtype == np.int64]
+    truths = [plain(given.name) for given in inputs if given.dtype == TRUTH]
     notes = ["evaluated as onnxruntime does, one row at a time, with one thread and no graph optimizations"]
     if whole:
         notes.append(f"integer inputs are read as numbers, not cut to integers: {', '.join(whole)}")
     if cut:
         notes.append(f"integer inputs are read without fractions that they may have: {', '.join(cut)}")
+    if truths:
+        notes.append(f"truth values are numbers, of which all but 0 are TRUE: {', '.join(truths)}")
     return Source(
         library="ONNX",
         version=f"file by {plain(producer)}; opsets: {domains}",

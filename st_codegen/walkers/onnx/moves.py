@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import InputError, UnsupportedModelError, counted
-from st_codegen.ir import AnyArray
+from st_codegen.ir import AnyArray, FloatArray, IntArray, Operator, Scale
 from st_codegen.walkers.onnx.file import printable
-from st_codegen.walkers.onnx.graph import NodeCall, operator
+from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, operator
 from st_codegen.walkers.onnx.operands import (
     FLOAT32,
     FLOAT64,
@@ -23,7 +23,9 @@ from st_codegen.walkers.onnx.operands import (
     Tensor,
     axis_of,
     check_size,
+    require_tensor,
 )
+from st_codegen.walkers.onnx.operators import combined
 from st_codegen.walkers.onnx.shapes import mixed
 
 
@@ -146,6 +148,7 @@ def _triangle(call: NodeCall) -> Operand:
     return mixed(call.walk, [operand, zero], np.where(own, np.arange(size).reshape(operand.shape), size))
 
 
+@operator("Scatter", 9, 11)
 @operator("ScatterElements ScatterND", 11, 13, 16, 18)
 def _scatter(call: NodeCall) -> Operand:
     """The first input, of which elements or parts at constant positions are those of the third."""
@@ -154,7 +157,7 @@ def _scatter(call: NodeCall) -> Operand:
     if reduction != "none":
         raise UnsupportedModelError(f"the reduction {printable(reduction)}; add what is to be added with Add")
     axis, taken = 0, positions.ndim == len(shape) and positions.shape == parts.shape
-    if call.node.op_type == "ScatterElements":
+    if call.node.op_type != "ScatterND":
         axis = axis_of(call.node.integer("axis"), len(shape))
         lengths, depth = np.array(shape[axis : axis + 1]), 1
         taken = taken and all(positions.shape[at] <= most for at, most in enumerate(shape) if at != axis)
@@ -168,7 +171,7 @@ def _scatter(call: NodeCall) -> Operand:
     each = np.where(each < 0, each + lengths, each)
     size = math.prod(shape)
     places, new = np.arange(size).reshape(shape), size + np.arange(math.prod(parts.shape)).reshape(parts.shape)
-    if call.node.op_type == "ScatterElements":
+    if call.node.op_type != "ScatterND":
         at: list[AnyArray] = list(np.indices(positions.shape, sparse=True))
         at[axis] = each[..., 0]
         places[tuple(at)] = new
@@ -190,6 +193,8 @@ _COORDINATES: dict[str, Callable[[AnyArray, Any, int, int], AnyArray]] = {
         at * at.dtype.type(old - 1) / at.dtype.type(new - 1) if new > 1 else np.zeros_like(at)
     ),
 }
+#: Roundings of the library on the way to a share of a line, and to the sum of what it multiplies.
+_ROUNDINGS = 8
 #: Which whole number is next.
 _NEXT: dict[str, Callable[[AnyArray], AnyArray]] = {
     "floor": np.floor,
@@ -199,33 +204,52 @@ _NEXT: dict[str, Callable[[AnyArray], AnyArray]] = {
 }
 
 
-@operator("Resize", 10, 11, 13, 18, 19)
-def _resize(call: NodeCall) -> Operand:
-    """The nearest elements along each axis (core/providers/cpu/tensor/upsample.cc)."""
-    node, operand = call.node, call.required()
-    oldest = node.version == 10  # up by the element before, down by the one behind
-    way = "asymmetric" if oldest else node.text("coordinate_transformation_mode", "half_pixel")
-    mode = node.text("mode", "nearest")
-    stretched = node.text("keep_aspect_ratio_policy", "stretch") == "stretch"
-    if mode != "nearest" or way not in _COORDINATES or "axes" in node or node.integer("antialias") or not stretched:
-        raise UnsupportedModelError(
-            f"the mode {printable(mode)} by {printable(way)}; of all axes, the nearest by {', '.join(_COORDINATES)} "
-            "is supported"
-        )
-    nearest, given = node.text("nearest_mode", "round_prefer_floor"), call.constant(1 if oldest else 2, "the scales")
-    sizes, shape = call.integers(3, "the sizes"), operand.shape
+def _sizes(call: NodeCall, shape: tuple[int, ...]) -> tuple[list[int], list[float]]:
+    """The lengths of the result of a Resize or an Upsample, and what a step of it is to one of the input."""
+    version, sizes = call.node.version, call.integers(3, "the sizes")
+    given: AnyArray | None = call.node.floats("scales").astype(np.float32)
+    if version > 7:
+        given = call.constant(1 if version <= 10 else 2, "the scales")
     if sizes is None and given is not None and len(given) == len(shape) and np.all(given > 0):
         scales = given.astype(np.float64).tolist()
-        sizes = [int(np.float32(n) * np.float32(scale)) for n, scale in zip(shape, scales, strict=True)]
-    elif sizes is not None and len(sizes) == len(shape) and min(sizes) > 0:
-        scales = [new / old for new, old in zip(sizes, shape, strict=True)]
-    else:
-        raise InputError(f"scales or sizes are missing for shape {shape}; the model file is damaged")
+        return [int(np.float32(n) * np.float32(scale)) for n, scale in zip(shape, scales, strict=True)], scales
+    if sizes is not None and len(sizes) == len(shape) and min(sizes) > 0:
+        return sizes, [new / old for new, old in zip(sizes, shape, strict=True)]
+    raise InputError(f"scales or sizes are missing for shape {shape}; the model file is damaged")
+
+
+def _mode(call: NodeCall) -> tuple[str, str]:
+    """The mode of a Resize or an Upsample, and by which coordinates. Raises UnsupportedModelError for other ones."""
+    node = call.node
+    way = "asymmetric" if node.version <= 10 else node.text("coordinate_transformation_mode", "half_pixel")
+    mode = node.text("mode", "nearest")
+    stretched = node.text("keep_aspect_ratio_policy", "stretch") == "stretch"
+    known = mode in ("nearest", "linear") and way in _COORDINATES
+    if not known or "axes" in node or node.integer("antialias") or not stretched:
+        raise UnsupportedModelError(
+            f"the mode {printable(mode)} by {printable(way)}; of all axes, 'nearest' and 'linear' by "
+            f"{', '.join(_COORDINATES)} are supported, without antialias and with keep_aspect_ratio_policy='stretch'"
+        )
+    return mode, way
+
+
+@operator("Upsample", 7, 9)
+@operator("Resize", 10, 11, 13, 18, 19)
+def _resize(call: NodeCall) -> Operand:
+    """The nearest elements along each axis, or numbers on the line between two (providers/cpu/tensor/upsample.cc)."""
+    node, operand = call.node, call.required()
+    oldest = node.version <= 10  # up by the element before, down by the one behind
+    mode, way = _mode(call)
+    nearest, shape = node.text("nearest_mode", "round_prefer_floor"), operand.shape
+    sizes, scales = _sizes(call, shape)
     if nearest not in _NEXT:
         raise InputError(f"nearest_mode {printable(nearest)} is not known; the model file is damaged")
     check_size(sizes, MAX_COLUMNS if isinstance(operand, Tensor) else MAX_FOLDED)
     if tuple(sizes) == shape:  # then onnxruntime copies, whatever the scales
         return operand
+    if mode == "linear":
+        operand = call.computed()
+        call.walk.refuse_special(operand)
     for axis, (new, old, scale) in enumerate(zip(sizes, shape, scales, strict=True)):
         if scale == 1.0:
             continue
@@ -234,11 +258,36 @@ def _resize(call: NodeCall) -> Operand:
         exact, rounded = (
             _COORDINATES[way](np.arange(new, dtype=kind), kind(scale), new, old) for kind in (np.float64, np.float32)
         )
-        places, others = (np.clip(_NEXT[nearest](at), 0, old - 1).astype(np.int64) for at in (exact, rounded))
+        if mode == "linear":
+            exact, rounded = (np.clip(at, 0, old - 1) for at in (exact, rounded))
+        move = np.floor if mode == "linear" else _NEXT[nearest]
+        places, others = (np.clip(move(at), 0, old - 1).astype(np.int64) for at in (exact, rounded))
         if not np.array_equal(places, others):
             raise UnsupportedModelError(
                 f"lies between two of {counted(old, 'element')} along axis {axis}, where rounding to float decides; "
                 "export the model with other sizes"
             )
-        operand = operand.moved(partial(np.take, indices=places, axis=axis))
+        if isinstance(operand, Tensor) and mode == "linear":
+            operand = _on_lines(call.walk, operand, axis, places, exact - places)
+        else:
+            operand = operand.moved(partial(np.take, indices=places, axis=axis))
     return operand
+
+
+def _on_lines(walk: GraphWalk, tensor: Tensor, axis: int, places: IntArray, beyond: FloatArray) -> Tensor:
+    """Numbers so far beyond places along an axis, on the line to the next one.
+
+    The library computes shares in float, multiplies those of all axes first, and adds the products in any order.
+    """
+    unit, old = float(np.finfo(tensor.dtype).epsneg), tensor.shape[axis]
+    lengths = [len(places) if at == axis else 1 for at in range(len(tensor.shape))]
+    parts = []
+    for share, at in ((1.0 - beyond, places), (beyond, np.minimum(places + 1, old - 1))):
+        part = tensor.moved(partial(np.take, indices=at, axis=axis))
+        constant, doubt = (
+            np.broadcast_to(array.reshape(lengths), part.shape).ravel()
+            for array in (share, _ROUNDINGS * (float(np.finfo(np.float32).epsneg) * (old + 1.0) + unit * share))
+        )
+        scale = Scale((walk.settle(part),), Operator.MULTIPLY, constant, part.precision, doubt=doubt)
+        parts.append(walk.computed(scale, part.shape, part.dtype))
+    return require_tensor(combined(walk, Operator.ADD, *parts))

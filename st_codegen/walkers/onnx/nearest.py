@@ -10,10 +10,12 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import onnx
 
 from st_codegen.errors import InputError, Problems, UnsupportedModelError, counted
-from st_codegen.ir import Operator, Precision, Scale, WeightedMedian
+from st_codegen.ir import Function, Operator, Precision, Scale, WeightedMedian
 from st_codegen.walkers.onnx import classifiers, elementwise, ml, operators, shapes, sums  # noqa: F401  (rules that medians add to)
+from st_codegen.walkers.onnx.file import printable
 from st_codegen.walkers.onnx.graph import (
     MEDIAN_STEPS,
     RULES,
@@ -71,9 +73,48 @@ def _scan(call: NodeCall) -> Result:
     return None, found.moved(lambda array: array[:, None])
 
 
-@operator("TopK", 10, 11, 24)
+_MICROSOFT = "com.microsoft"
+_CDIST = onnx.defs.OpSchema(
+    "CDist",
+    _MICROSOFT,
+    1,
+    inputs=[onnx.defs.OpSchema.FormalParameter(name, "T") for name in "AB"],
+    outputs=[onnx.defs.OpSchema.FormalParameter("C", "T")],
+    type_constraints=[("T", ["tensor(float)", "tensor(double)"], "")],
+    attributes=[onnx.defs.OpSchema.Attribute("metric", onnx.defs.OpSchema.AttrType.STRING, required=False)],
+)
+
+
+@operator("CDist", 1, domain=_MICROSOFT, schema=_CDIST)
+def _distances(call: NodeCall) -> Operand:
+    """The distances to constant rows: a.a - 2 a.b + b.b added in any order, of which the magnitude is taken
+    (contrib_ops/cpu/cdist.cc).
+    """
+    tensor, rows, metric = (
+        call.computed(),
+        call.constant(1, "the second matrix"),
+        call.node.text("metric", "sqeuclidean"),
+    )
+    if rows is None or rows.dtype != tensor.dtype or rows.ndim != 2 or tensor.shape != (1, rows.shape[1]):
+        raise UnsupportedModelError("distances of other than one row to a constant matrix of its type")
+    if metric not in ("euclidean", "sqeuclidean"):
+        raise InputError(f"the metric {printable(metric)} is not known; the model file is damaged")
+    walk, wide = call.walk, rows.astype(np.float64)
+    squares = walk.settle_finite(operators.product_of(walk, tensor, tensor))
+    own = np.sum(wide**2, axis=1)
+    terms = walk.builder.beside(squares, walk.settle(tensor))
+    weights = np.hstack([np.ones_like(wide), -2.0 * wide])
+    walk.charge(weights.size)
+    total = walk.builder.linear(terms, weights, own, precision=tensor.precision, bias_terms=own)
+    found = walk.computed(total, (1, len(rows)), tensor.dtype)
+    found = operators.apply_activation(walk, found, Function.ABS)
+    return found if metric == "sqeuclidean" else operators.apply_activation(walk, found, Function.SQRT)
+
+
+@operator("TopK", 1, 10, 11, 24)
 def _top(call: NodeCall) -> Result:
-    tensor, count = call.computed(), call.integers(1, "k") or []
+    tensor = call.computed()
+    count = [call.node.integer("k")] if call.node.version < 10 else call.integers(1, "k") or []
     axis = axis_of(call.node.integer("axis", -1), len(tensor.shape))
     if not call.node.integer("sorted", 1) or tensor.shape[axis : axis + 1] != (tensor.size,):
         raise UnsupportedModelError("without order, or of several rows; the first of one row are walked")

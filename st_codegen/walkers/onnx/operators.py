@@ -404,6 +404,7 @@ _activation(ir.Function.LOG, "Log", 6, 13)
 _activation(ir.Function.ERF, "Erf", 9, 13)
 _activation(ir.Function.SIN, "Sin", 7, 22)
 _activation(ir.Function.COS, "Cos", 7, 22)
+_activation(ir.Function.ATAN, "Atan", 7, 22)
 
 
 @operator("Clip", 6, 11, 12, 13)

@@ -78,7 +78,8 @@ def _checked(walk: GraphWalk, info: onnx.ValueInfoProto, problems: Problems) -> 
             if isinstance(operand, LabelOperand):
                 raise UnsupportedModelError(f"the output '{name}' picks from texts that are equal; leave it out")
         if isinstance(operand, ConstantOperand | BetweenOperand):
-            raise UnsupportedModelError(f"the output '{name}' is a constant; remove it from the graph")
+            walk.notes.append(f"the output '{name}' is a constant and left out")
+            return
         if isinstance(operand, Tensor) and info.name not in walk.zipped:
             _check_type(info, name, operand)
         if isinstance(operand, PickedOperand | MedianOperand):

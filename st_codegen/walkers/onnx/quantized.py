@@ -7,6 +7,7 @@ that have no fraction, and their sums stay below 2**31, so that nothing is round
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy as np
 from st_codegen import ir
 from st_codegen.errors import InputError, UnsupportedModelError, counted
 from st_codegen.ir.arrays import AnyArray, FloatArray
+from st_codegen.walkers.onnx.convolution import convolved, image_of, padded, window_of
 from st_codegen.walkers.onnx.elementwise import equals
 from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, Result, operator
 from st_codegen.walkers.onnx.operands import (
@@ -165,18 +167,24 @@ def _sums(call: NodeCall, a: int, a_zero: int, b: int, b_zero: int) -> Tensor:
     own = weights.astype(np.float64) - (0.0 if zero is None else zero.astype(np.float64).ravel())
     if 255.0 * np.max(np.sum(np.abs(own), axis=0)) >= 2.0**31:
         raise UnsupportedModelError("sums of more than 31 bits")
-    value, moved = walk.settle(left), call.optional(a_zero)
-    if isinstance(moved, Tensor):
-        row = moved.moved(lambda array: np.broadcast_to(np.ravel(array), left.size))
-        value = walk.builder.combine(value, "-", walk.settle(row))
-    elif moved is not None:
-        numbers = call.constant(a_zero, "the zero point")
-        if numbers is None or numbers.size != 1:
-            raise UnsupportedModelError("a zero point for each row; one for all is supported")
-        value = walk.builder.scale(value, "-", float(numbers.ravel()[0])) if np.any(numbers) else value
     walk.charge(own.size)
-    total = walk.builder.linear(value, own.T, order=ir.SummationOrder.SEQUENTIAL)
+    total = walk.builder.linear(_moved(call, left, a_zero), own.T, order=ir.SummationOrder.SEQUENTIAL)
     return walk.computed(total, (*left.shape[:-1], weights.shape[1]), _SUMS)
+
+
+def _moved(call: NodeCall, tensor: Tensor, number: int) -> int:
+    """Integers less their zero point, which may be computed."""
+    walk, moved = call.walk, call.optional(number)
+    value = walk.settle(tensor)
+    if isinstance(moved, Tensor):
+        row = moved.moved(lambda array: np.broadcast_to(np.ravel(array), tensor.size))
+        return walk.builder.combine(value, "-", walk.settle(row))
+    if moved is None:
+        return value
+    numbers = call.constant(number, "the zero point")
+    if numbers is None or numbers.size != 1:
+        raise UnsupportedModelError("a zero point for each row; one for all is supported")
+    return walk.builder.scale(value, "-", float(numbers.ravel()[0])) if np.any(numbers) else value
 
 
 def _check_pairs(weights: AnyArray) -> None:
@@ -197,22 +205,63 @@ def _integer_product(call: NodeCall) -> Operand:
     return _sums(call, 0, 2, 1, 3)
 
 
+def _convolution_sums(call: NodeCall, a: int, a_zero: int, b: int, b_zero: int, bias: int | None) -> Tensor:
+    """The sums of products of an image of integers and a constant kernel, each less its zero point, and the bias."""
+    tensor, walk, kernel = require_tensor(call.required(a)), call.walk, call.constant(b, "the kernel")
+    eight, _ = (np.dtype(np.uint8), np.dtype(np.int8)), require_same_type(tensor)
+    if kernel is None or kernel.dtype not in eight or tensor.dtype not in eight or kernel.ndim != len(tensor.shape):
+        raise UnsupportedModelError("slides a kernel over other than integers of 8 bits; both have to be such")
+    array = call.constant(b_zero, "the zero point of the kernel")
+    zero = np.zeros(1) if array is None else array.astype(np.float64).ravel()
+    if zero.size not in (1, len(kernel)):
+        raise InputError(f"zero points of shape {zero.shape} for {counted(len(kernel), 'output')}")
+    _check_pairs(kernel.reshape(len(kernel), -1).T)
+    own = kernel.astype(np.float64) - zero.reshape(-1, *[1] * (kernel.ndim - 1))
+    given = None if bias is None else call.constant(bias, "the bias")
+    added = np.zeros(1) if given is None else np.abs(given.astype(np.float64))
+    if 255.0 * np.max(np.sum(np.abs(own), axis=tuple(range(1, own.ndim)))) + np.max(added) >= 2.0**31:
+        raise UnsupportedModelError("sums of more than 31 bits")
+    image = image_of(walk, walk.computed(_moved(call, tensor, a_zero), tensor.shape, tensor.dtype))
+    window = window_of(call, tensor.shape[2:], kernel.shape[2:])
+    groups = call.node.integer("group", 1)
+    found = convolved(walk, padded(walk, image, window), own, given, groups, window, integers=True)
+    return replace(found, dtype=_SUMS)
+
+
+@operator("ConvInteger", 10)
+def _integer_convolution(call: NodeCall) -> Operand:
+    return _convolution_sums(call, 0, 2, 1, 3, None)
+
+
+@operator("QLinearConv", 10)
+def _quantized_convolution(call: NodeCall) -> Operand:
+    totals = _convolution_sums(call, 0, 2, 3, 5, 8)
+    return _requantized(call, totals, 1)
+
+
 @operator("QLinearMatMul", 10, 21)
 def _quantized_product(call: NodeCall) -> Operand:
-    """Sums times a factor in float, rounded as quotients are (core/mlas/lib/quantize.cpp: MlasRequantizeOutput)."""
     totals = _sums(call, 0, 2, 3, 5)
-    zero = call.required(7)
+    return _requantized(call, totals, len(totals.shape) - 1)
+
+
+def _requantized(call: NodeCall, totals: Tensor, axis: int) -> Operand:
+    """Sums times a factor in float, rounded as quotients are (core/mlas/lib/quantize.cpp: MlasRequantizeOutput).
+
+    Along an axis there may be a scale of the weights for each place.
+    """
+    zero, lengths = call.required(7), [-1 if at == axis else 1 for at in range(len(totals.shape))]
     scales = []
     for number in (1, 4, 6):
         array = call.constant(number, "a scale")
         if (
             array is None
             or array.dtype != FLOAT32
-            or array.size not in (1, *((totals.shape[-1],) if number == 4 else ()))
+            or array.size not in (1, *((totals.shape[axis],) if number == 4 else ()))
         ):
-            raise UnsupportedModelError("scales other than one float for all, or one for each column of weights")
+            raise UnsupportedModelError("scales other than one float for all, or one for each output of the weights")
         scales.append(np.ravel(array))
-    factor = np.broadcast_to(scales[0] * scales[1] / scales[2], totals.shape)
+    factor = np.broadcast_to((scales[0] * scales[1] / scales[2]).reshape(lengths), totals.shape)
     numbers = with_constant(call.walk, call.walk.as_type(totals, FLOAT32), ir.Operator.MULTIPLY, factor)
     moved = _spread(call, 7, "the zero point", totals.shape)
     return _quantized(call.walk, numbers, moved, _small(zero.dtype))

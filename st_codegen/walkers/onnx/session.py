@@ -19,6 +19,7 @@ from st_codegen.processes import failure_in_copy
 from st_codegen.walkers.base import Predictor
 from st_codegen.walkers.classes import numbers_of
 from st_codegen.walkers.onnx.file import printable
+from st_codegen.walkers.onnx.inline import nodes_within
 
 #: Rows with which a batch is tried at most.
 MOST_ROWS = 16
@@ -30,7 +31,7 @@ class GraphInput:
 
     `batch` is the number of rows with which a batch is tried: the declared one, 2 where the file leaves it open, and 1
     where the input holds one row or has no dimension for rows. `cut`: integers that the graph reads without the
-    fractions that a number may have.
+    fractions that a number may have, or truth values.
     """
 
     name: str
@@ -202,12 +203,10 @@ class _SessionPredictor:
             return self(self._taken(np.zeros((1, x.shape[1]))))[:0]
         with np.errstate(over="ignore"):
             columns = {given.name: x[:, given.columns].astype(_given_type(given)) for given in self.inputs}
-        result = []
+        result, session = [], self.session
         for row in range(len(x)):
             try:
-                found = self.session.run(
-                    self.names, {name: np.asarray(column[row]) for name, column in columns.items()}
-                )
+                found = session.run(self.names, {name: np.asarray(column[row]) for name, column in columns.items()})
             except Exception as error:  # as above
                 reason = printable(str(error), 400)
                 raise InputError(f"{self.file}: onnxruntime fails on row {row}: {reason}") from error
@@ -217,13 +216,13 @@ class _SessionPredictor:
 
 
 def _given_type(given: GraphInput) -> type[np.floating[Any]]:
-    """The type of the numbers that an input is given: double in place of integers."""
+    """The type of the numbers that an input is given: double in place of integers and truth values."""
     return np.float32 if given.dtype == np.float32 else np.float64
 
 
 def _with_double_inputs(model: onnx.ModelProto, inputs: list[GraphInput]) -> bytes:
-    """The model with double in place of integer inputs, which only casts to float or double read, or which are cast."""
-    whole = {given.name: given.cut for given in inputs if given.dtype == np.int64}
+    """The model with double inputs in place of other types, which only casts to float or double read, or are cast."""
+    whole = {given.name: given.cut for given in inputs if given.dtype in (np.int64, np.bool_)}
     for info in model.graph.input:
         if info.name not in whole:
             continue
@@ -235,10 +234,11 @@ def _with_double_inputs(model: onnx.ModelProto, inputs: list[GraphInput]) -> byt
 
 
 def _read_cut(graph: onnx.GraphProto, name: str, elem_type: int) -> None:
-    """Put a cast to integers behind an input that is given as numbers."""
-    used = {*(one for node in graph.node for one in (*node.input, *node.output)), *(one.name for one in graph.input)}
+    """Put a cast to the declared type behind an input that is given as numbers."""
+    nodes = list(nodes_within(graph.node))
+    used = {*(one for node in nodes for one in (*node.input, *node.output)), *(one.name for one in graph.input)}
     own = next(f"{name}_whole{n or ''}" for n in range(len(used) + 1) if f"{name}_whole{n or ''}" not in used)
-    for node in graph.node:
+    for node in nodes:
         for number, read in enumerate(node.input):
             if read == name:
                 node.input[number] = own

@@ -23,6 +23,7 @@ from st_codegen.walkers.onnx.operands import (
     INTEGERS,
     MAX_COLUMNS,
     MAX_FOLDED,
+    MAX_WHOLE,
     TRUTH,
     BetweenOperand,
     ConstantOperand,
@@ -90,10 +91,13 @@ def _converted(call: NodeCall, dtype: np.dtype[Any]) -> Operand:
         raise UnsupportedModelError("casts a constant that the graph computes by functions")
     if isinstance(operand, Tensor):
         return _converted_tensor(call.walk, operand, dtype)
-    if np.issubdtype(dtype, np.integer) and not np.issubdtype(operand.dtype, np.integer):
-        raise UnsupportedModelError("casts constants to integers; fold constants when exporting")
     if "O" in (operand.dtype.kind, dtype.kind):
         raise UnsupportedModelError("casts constants from or to text; fold constants when exporting")
+    if np.issubdtype(dtype, np.integer) and operand.dtype.kind == "f":
+        ends = np.iinfo(dtype)
+        whole = np.trunc(operand.array.astype(np.float64))
+        if not np.all((whole >= ends.min) & (whole <= ends.max) & (np.abs(whole) < MAX_WHOLE)):
+            raise UnsupportedModelError(f"casts constants to {dtype} that do not fit; fold constants when exporting")
     with np.errstate(over="ignore"):
         return ConstantOperand(operand.array.astype(dtype))
 
@@ -107,7 +111,8 @@ def _converted_tensor(walk: GraphWalk, tensor: Tensor, dtype: np.dtype[Any]) -> 
     if dtype in (FLOAT32, FLOAT64):
         return walk.as_type(tensor, dtype)
     if dtype not in INTEGERS:
-        raise UnsupportedModelError("casts numbers to text; leave the cast out")
+        kind = "text" if dtype.kind == "O" else f"{dtype}, which is not followed"
+        raise UnsupportedModelError(f"casts numbers to {kind}; leave the cast out")
     if tensor.given:  # the numbers of an input, which may have fractions
         tensor = replace(tensor, dtype=FLOAT64, given=False)
     return as_integers(walk, tensor, dtype)

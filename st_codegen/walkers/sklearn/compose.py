@@ -317,6 +317,7 @@ _FUNCTIONS: dict[Any, _Adding] = {
     np.sin: _function(ir.Function.SIN),
     np.cos: _function(ir.Function.COS),
     np.tan: _tangent,
+    np.arctan: _function(ir.Function.ATAN),
     **{function: _factor(function) for function in (np.negative, np.deg2rad, np.radians, np.rad2deg, np.degrees)},
     np.reciprocal: lambda builder, value, precision: builder.scale(value, "/", 1.0, precision=precision, reverse=True),
     np.fabs: _function(ir.Function.ABS),

@@ -62,18 +62,27 @@ def _scattered(fitted: Fitted, part: Classified, value: int, labels: Sequence[La
     """Columns of a part's classes at the places of these classes in the whole; the others are 0."""
     if tuple(labels) == part.labels:
         return value
-    if not set(part.labels) <= set(labels):
-        raise fitted.fail("classes_", "an estimator has a class that the whole does not have")
+    _check_known(fitted, part, labels)
     weights = np.array([[1.0 if own == label else 0.0 for own in part.labels] for label in labels])
     return whole_sums(builder, value, weights, np.zeros(len(labels)))
+
+
+def _check_known(fitted: Fitted, part: Classified, labels: Sequence[Label]) -> None:
+    """Raise UnsupportedModelError where an estimator answers with a label that the whole does not have."""
+    if not set(part.labels) <= set(labels):
+        other = next(label for label in part.labels if label not in labels)
+        raise UnsupportedModelError(
+            f"{fitted.kind} of an estimator that answers with {other!r}, which is none of its classes, as an "
+            "outlier_label may be: take one of the classes, or train the whole again"
+        )
 
 
 def _probability(part: Classified, estimator: Any) -> int:
     if part.probability is None:
         name = type(estimator).__name__
-        if hasattr(estimator, "predict_proba"):  # libsvm's are found by an iteration that ends early
+        if hasattr(estimator, "predict_proba"):  # a Gaussian process of many rows
             raise UnsupportedModelError(
-                f"{name}(probability=True): its probabilities are not compiled; take CalibratedClassifierCV({name}())"
+                f"{name}: its probabilities are not compiled; take CalibratedClassifierCV({name}())"
             )
         raise UnsupportedModelError(f"{name} gives no probabilities, which the whole needs")
     return part.probability
@@ -314,6 +323,7 @@ def walk_calibrated(fitted: Fitted, builder: GraphBuilder, value: int) -> Classi
     for calibrated in fitted.items("calibrated_classifiers_"):
         inner = calibrated.estimator
         one = walk_classifier(inner, builder, value)
+        _check_known(fitted, one, labels)
         calibrators = Fitted(calibrated).items("calibrators", len(one.labels) if len(labels) > 2 else 1)
         if len(labels) == 2:
             score = _response(one, inner, builder)

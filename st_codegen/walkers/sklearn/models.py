@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError, counted
-from st_codegen.ir import FloatArray, Function, KernelSum, Precision
+from st_codegen.ir import Clip, CoupledPairs, FloatArray, Function, KernelSum, Precision
 from st_codegen.walkers.base import Classified, GraphBuilder, Walked, walks
 from st_codegen.walkers.classes import (
     above,
@@ -122,12 +122,32 @@ def walk_svc(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     pairs = machine.add(builder, value, pair_coefficients(machine.coefficients, machine.of_class))
     turned = builder.scale(pairs, "*", -1.0)
     votes = pair_votes(builder, pairs, count)
+    shares = _coupled(fitted, builder, pairs, count)
     if count == 2:
-        return Classified(labels, largest(builder, votes), decision=turned)
+        return Classified(labels, largest(builder, votes), shares, turned)
     if fitted.estimator.decision_function_shape == "ovo":
-        return Classified(labels, largest(builder, votes), decision=pairs)
+        return Classified(labels, largest(builder, votes), shares, pairs)
     decision = votes_and_confidences(builder, above(builder, turned), turned, count)
-    return Classified(labels, largest(builder, decision if fitted.estimator.break_ties else votes), decision=decision)
+    return Classified(labels, largest(builder, decision if fitted.estimator.break_ties else votes), shares, decision)
+
+
+#: How near to 0 and 1 the share of a class beside another one may come.
+_LEAST_SHARE = 1e-7
+
+
+def _coupled(fitted: Fitted, builder: GraphBuilder, pairs: int, count: int) -> int | None:
+    """Probabilities, where it was trained for them: a logistic function of each pair's score, and the pairs coupled.
+
+    (`svm.cpp: sigmoid_predict`, `multiclass_probability`); the class does not depend on them.
+    """
+    if fitted.get("probability") == "deprecated" or not fitted.flag("probability"):
+        return None
+    width = builder.width(pairs)
+    slope, offset = (fitted.floats(name, (width,)) for name in ("_probA", "_probB"))
+    argument = builder.scale(builder.chain(pairs, ("*", slope), ("+", offset)), "*", -1.0)
+    ends = np.full(width, _LEAST_SHARE), np.full(width, 1.0 - _LEAST_SHARE)
+    shares = builder.add(Clip((builder.function(argument, "logistic"),), *ends))
+    return builder.add(CoupledPairs((shares,), count))
 
 
 def votes_and_confidences(builder: GraphBuilder, seconds: int, scores: int, count: int) -> int:

@@ -25,16 +25,16 @@ from st_codegen.ir import (
     Linear,
     NearestMean,
 )
-from st_codegen.walkers.base import Classified, Estimated, GraphBuilder, transforms, walks
-from st_codegen.walkers.classes import above, labels_of, largest, whole_sums
+from st_codegen.walkers.base import Classified, Estimated, GraphBuilder, transforms, walk_classifier, walks
+from st_codegen.walkers.classes import above, complement, label_of, labels_of, largest, whole_sums
 from st_codegen.walkers.fitted import Fitted
 from st_codegen.walkers.sklearn.linear import block_sums, squares
 from st_codegen.walkers.sklearn.pieces import add_pieces, indicated, indicators, missing_value
 from st_codegen.walkers.sklearn.transforms import euclidean
 from st_codegen.walkers.sklearn.wrappers import constants
 
-#: Names of the Manhattan distance.
-_SUMS = ("manhattan", "cityblock", "l1")
+#: Names of the Manhattan distance, and that of the largest difference.
+_SUMS, _LARGEST = ("manhattan", "cityblock", "l1"), "chebyshev"
 #: Classes of search trees by the method that an estimator names.
 _TREES = {"kd_tree": "KDTree", "ball_tree": "BallTree"}
 
@@ -57,14 +57,14 @@ def _distances(fitted: Fitted, builder: GraphBuilder, value: int) -> tuple[int, 
     rows = fitted.get("_fit_X")
     if type(rows).__module__.startswith("scipy.sparse"):
         raise UnsupportedModelError(f"{fitted.kind} was fitted on a sparse matrix: fit it on a dense array")
-    if metric not in ("euclidean", "l2", *_SUMS) or not isinstance(rows, np.ndarray):
+    if metric not in ("euclidean", "l2", _LARGEST, *_SUMS) or not isinstance(rows, np.ndarray):
         power = f", p={fitted.get('p')}" if metric == "minkowski" else ""
         raise UnsupportedModelError(
-            f"{fitted.kind} with metric={metric!r}{power}: supported are Euclidean and Manhattan distances"
+            f"{fitted.kind} with metric={metric!r}{power}: supported are Euclidean, Manhattan and Chebyshev distances"
         )
     # native code takes the metric from either name, and numbers beside it that it reads without a look
     given = fitted.get("metric")
-    meant = {1: "manhattan", 2: "euclidean"}.get(fitted.get("p")) if given == "minkowski" else given
+    meant = {1: "manhattan", 2: "euclidean", math.inf: _LARGEST}.get(fitted.get("p")) if given == "minkowski" else given
     if fitted.get("metric_params") or fitted.get("effective_metric_params_") or meant != metric:
         raise UnsupportedModelError(f"{fitted.kind} with metric_params, or with a metric that is not {metric}")
     vectors = fitted.floats("_fit_X", (None, builder.width(value)))
@@ -75,8 +75,9 @@ def _distances(fitted: Fitted, builder: GraphBuilder, value: int) -> tuple[int, 
         # as `fit` builds it (`neighbors/_base.py: NeighborsBase._fit`)
         build = getattr(importlib.import_module("sklearn.neighbors"), kind)
         fitted.estimator._tree = build(vectors, fitted.integer("leaf_size", 1, 2**31 - 1), metric=metric)
-    if metric in _SUMS:
-        return builder.add(Distances((value,), vectors, squared=False)), len(vectors)
+    if metric in (_LARGEST, *_SUMS):
+        distances = Distances((value,), vectors, squared=False, largest=metric == _LARGEST)
+        return builder.add(distances), len(vectors)
     return euclidean(builder, value, vectors, expands=method == "brute"), len(vectors)
 
 
@@ -133,23 +134,67 @@ def walk_radius(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
 
 @walks("RadiusNeighborsClassifier")
 def walk_radius_classes(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
-    """The first class of most training rows within the radius; without any no answer."""
-    labels = labels_of(fitted)
-    if fitted.get("outlier_label") is not None:
-        raise UnsupportedModelError("RadiusNeighborsClassifier with an outlier_label: bValid says that no row is near")
+    """The first class of most training rows within the radius; without any the label for outliers, or no answer.
+
+    Where that label is a class, its share is 1, otherwise all are 0 (`neighbors/_classification.py: predict`). With
+    algorithm='brute', and distances of which it counts labels in native code, the library takes the label for the
+    number of the class (`RadiusNeighborsClassMode`).
+    """
+    labels, given = labels_of(fitted), fitted.get("outlier_label")
     distances, count = _distances(fitted, builder, value)
     codes = fitted.integers("_y", (count,), low=0, high=len(labels) - 1)
-    shares = _within(fitted, builder, distances, np.eye(len(labels))[codes])
-    return Classified(labels, largest(builder, shares), shares)
+    if given is None:
+        shares = _within(fitted, builder, distances, np.eye(len(labels))[codes])
+        return Classified(labels, largest(builder, shares), shares)
+    (chosen,) = fitted.items("outlier_label_", 1)
+    outlier = label_of(chosen)
+    if type(outlier) is not type(labels[0]):
+        raise fitted.fail("outlier_label_", "not a label of the type of the others")
+    by_number = fitted.get("_fit_method") == "brute" and fitted.get("_fit_X").dtype == np.float64
+    by_number &= fitted.get("effective_metric_") != "euclidean"
+    listed = tuple(range(len(labels))) if by_number else labels
+    sought = label_of(given) if by_number else outlier
+    shares, none = _within_or_none(fitted, builder, distances, np.eye(len(labels))[codes])
+    if sought in listed:
+        shares = _marked(builder, shares, none, listed.index(sought))
+        return Classified(labels, largest(builder, shares), shares)
+    known = labels if outlier in labels else (*labels, outlier)
+    scores = shares if outlier in labels else builder.beside(shares, none)
+    return Classified(known, largest(builder, _marked(builder, scores, none, known.index(outlier))), shares)
+
+
+def _marked(builder: GraphBuilder, shares: int, none: int, place: int) -> int:
+    """Shares, to one of which 1 is added where there is no row."""
+    count = builder.width(shares)
+    return builder.combine(shares, "+", builder.scale(_each(builder, none, count), "*", np.eye(count)[place]))
+
+
+def _each(builder: GraphBuilder, value: int, count: int) -> int:
+    return builder.select([0] * count, value)
+
+
+def _within_or_none(fitted: Fitted, builder: GraphBuilder, distances: int, targets: FloatArray) -> tuple[int, int]:
+    """The shares of the classes among all rows within the radius, and 1 where there is none, of which all are 0."""
+    _inverse(fitted, ("uniform",))
+    count, outputs = targets.shape
+    counted = whole_sums(builder, _inside(fitted, builder, distances, count), targets.T, np.zeros(outputs))
+    found = whole_sums(builder, counted, np.ones((1, outputs)), np.zeros(1))
+    none = builder.scale(above(builder, found), "-", 1.0, reverse=True)
+    divisor = _each(builder, builder.combine(found, "+", none), outputs)
+    return builder.combine(counted, "/", divisor), none
+
+
+def _inside(fitted: Fitted, builder: GraphBuilder, distances: int, count: int) -> int:
+    """1 for each training row within the radius, else 0."""
+    turned = builder.scale(distances, "*", -1.0)
+    return builder.add(Exceeds((turned,), np.full(count, -fitted.number("radius")), inclusive=True))
 
 
 def _within(fitted: Fitted, builder: GraphBuilder, distances: int, targets: FloatArray) -> int:
     """The means of the targets (rows, outputs) of all rows within the radius."""
     _inverse(fitted, ("uniform",))
-    count = len(targets)
-    turned = builder.scale(distances, "*", -1.0)
-    inside = builder.add(Exceeds((turned,), np.full(count, -fitted.number("radius")), inclusive=True))
-    outputs = targets.shape[1]
+    count, outputs = targets.shape
+    inside = _inside(fitted, builder, distances, count)
     sums = builder.linear(inside, np.vstack([targets.T, np.ones(count)]))
     total = builder.select(range(outputs), sums)
     found = builder.select(np.full(outputs, outputs, np.int32), sums)
@@ -254,11 +299,12 @@ def walk_nearest_imputer(fitted: Fitted, builder: GraphBuilder, value: int) -> i
 _KERNELS = tuple(
     "ConstantKernel DotProduct ExpSineSquared Matern Product RBF RationalQuadratic Sum WhiteKernel".split()
 )
+_TRUSTED_KERNELS = tuple(f"sklearn.gaussian_process.kernels.{name}" for name in _KERNELS)
 
 
 @walks(
     "GaussianProcessRegressor",
-    trusts=tuple(f"sklearn.gaussian_process.kernels.{name}" for name in _KERNELS),
+    trusts=_TRUSTED_KERNELS,
     finite=True,
 )
 def walk_gaussian_process(fitted: Fitted, builder: GraphBuilder, value: int) -> Estimated:
@@ -276,14 +322,63 @@ def walk_gaussian_process(fitted: Fitted, builder: GraphBuilder, value: int) -> 
     def deviation() -> int:
         weights, doubt = _solving(fitted, len(vectors))
         solved = builder.add(Linear((kernels,), weights, np.zeros(len(weights)), doubt=doubt))
-        known = block_sums(builder, squares(builder, solved), 1, 1.0, np.zeros(1))
-        prior = _prior(fitted.get("kernel_"), builder, value)
-        variance = _combined(builder, "+", [builder.scale(known, "*", -1.0), prior])
+        variance = _variance(fitted, builder, value, solved)
         # the library sets what is negative to 0 before it scales: with factors of at least 0 that is the same number
-        each = builder.scale(builder.select([0] * outputs, int(variance)), "*", factor**2)
+        each = builder.scale(builder.select([0] * outputs, variance), "*", factor**2)
         return _root(builder, each)
 
     return Estimated(mean, deviation if len(vectors) <= MAX_DEVIATION_ROWS else None)
+
+
+#: The error functions whose weighted sum stands for a logistic function (`gaussian_process/_gpc.py`).
+_SLOPES = np.array([0.41, 0.4, 0.37, 0.44, 0.39])
+_SHARES = np.array([-1854.8214151, 3516.89893646, 221.29346712, 128.12323805, -2010.49422654])
+
+
+@walks(
+    "_BinaryGaussianProcessClassifierLaplace",
+    trusts=("sklearn.gaussian_process._gpc._BinaryGaussianProcessClassifierLaplace", *_TRUSTED_KERNELS),
+    finite=True,
+)
+def walk_binary_process(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
+    """The second class where the mean is above 0 (`gaussian_process/_gpc.py: predict`, `predict_proba`).
+
+    Its probability is a sum of error functions of the mean by how far it may be off. Their weights are large and
+    cancel, so that what the error function of the block may err by counts some thousand times.
+    """
+    labels, vectors = labels_of(fitted), fitted.floats("X_train_", (None, builder.width(value)))
+    count = len(vectors)
+    kernels = _kernel(fitted.get("kernel_"), builder, value, vectors)
+    if isinstance(kernels, float):
+        raise UnsupportedModelError("GaussianProcessClassifier with a constant kernel: the model is a constant")
+    mean = builder.linear(kernels, (fitted.floats("y_train_", (count,)) - fitted.floats("pi_", (count,)))[None, :])
+    index = above(builder, mean)
+    if count > MAX_DEVIATION_ROWS:
+        return Classified(labels, index)
+    weights, doubt = _solving(fitted, count, 3.0)
+    scaled = builder.scale(kernels, "*", fitted.floats("W_sr_", (count,)))
+    variance = _variance(fitted, builder, value, builder.add(Linear((scaled,), weights, np.zeros(count), doubt=doubt)))
+    precision = builder.scale(builder.scale(variance, "*", 2.0), "/", 1.0, reverse=True)
+    several = [0] * len(_SLOPES)
+    beside = builder.function(builder.scale(builder.select(several, precision), "+", _SLOPES**2), "sqrt")
+    root = builder.select(several, builder.function(precision, "sqrt"))  # of a variance below 0 there is none
+    turned = builder.scale(builder.select(several, mean), "*", _SLOPES)
+    errors = builder.function(builder.combine(turned, "*", builder.combine(root, "/", beside)), "erf")
+    probability = builder.linear(errors, 0.5 * _SHARES[None, :], np.full(1, 0.5 * float(_SHARES.sum())))
+    return Classified(labels, index, complement(builder, probability))
+
+
+@walks("GaussianProcessClassifier", finite=True)
+def walk_process_classes(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
+    """One process for two classes, else several of them, one against the rest or one against another."""
+    return walk_classifier(fitted.get("base_estimator_"), builder, value)
+
+
+def _variance(fitted: Fitted, builder: GraphBuilder, value: int, solved: int) -> int:
+    """What the kernel of a row with itself has beyond the squares of what was solved."""
+    known = block_sums(builder, squares(builder, solved), 1, 1.0, np.zeros(1))
+    prior = _prior(fitted.get("kernel_"), builder, value)
+    return int(_combined(builder, "+", [builder.scale(known, "*", -1.0), prior]))
 
 
 def _root(builder: GraphBuilder, value: int) -> int:
@@ -292,18 +387,19 @@ def _root(builder: GraphBuilder, value: int) -> int:
     return builder.function(builder.add(Clip((value,), *ends)), "sqrt")
 
 
-def _solving(fitted: Fitted, count: int) -> tuple[FloatArray, FloatArray]:
+def _solving(fitted: Fitted, count: int, steps: float = 2.0) -> tuple[FloatArray, FloatArray]:
     """The inverse of the lower triangle `L_`, and how far from it the library's solution may lie, for each kernel.
 
     Substitution in any order of additions solves (L + D).v = k with |D| <= g.|L|, where g is the relative error of a
     sum of so many terms (Higham, Accuracy and Stability of Numerical Algorithms, theorem 8.5); twice that is taken
-    here, since some libraries multiply by reciprocals. So |v - v'| <= h.(1 - h)^-1.|L^-1|.|k| with h = g.|L^-1|.|L|.
+    here, since some libraries multiply by reciprocals, and three times that (`steps`) where the library's general
+    solver divides the triangle by its diagonal first. So |v - v'| <= h.(1 - h)^-1.|L^-1|.|k| with h = g.|L^-1|.|L|.
     The inverse W itself is off by at most |W|.r.(1 - r)^-1, where r bounds |1 - L.W|, with its roundings.
     """
     lower = np.tril(fitted.floats("L_", (count, count)))
     if np.any(np.diagonal(lower) <= 0):
         raise fitted.fail("L_", "a diagonal that is not above 0")
-    rounding = 2 * (count + 4) * 2.0**-53
+    rounding = steps * (count + 4) * 2.0**-53
     one = np.eye(count)
     inverse = np.tril(np.linalg.solve(lower, one))
     size = np.abs(lower)
@@ -311,7 +407,9 @@ def _solving(fitted: Fitted, count: int) -> tuple[FloatArray, FloatArray]:
     def grown(factor: FloatArray, matrix: FloatArray) -> FloatArray:
         """factor.(1 - factor)^-1.matrix of triangles that are nowhere negative, and a little more for the roundings."""
         if np.any(np.diagonal(factor) >= 0.5):
-            raise UnsupportedModelError("GaussianProcessRegressor whose L_ has no inverse in 64 bits: a larger alpha")
+            raise UnsupportedModelError(
+                "a Gaussian process whose L_ has no inverse in 64 bits: add noise to its kernel"
+            )
         return np.asarray(np.tril(np.abs(np.linalg.solve(one - factor, factor @ matrix))) * 1.001)
 
     left = np.abs(one - lower @ inverse) + rounding * (size @ np.abs(inverse))
@@ -345,14 +443,17 @@ def _kernel(kernel: Any, builder: GraphBuilder, value: int, vectors: FloatArray)
     if fitted.kind == "DotProduct":
         return builder.linear(value, vectors, np.full(len(vectors), fitted.number("sigma_0") ** 2))
     if fitted.kind not in _KERNELS:
-        raise UnsupportedModelError(f"GaussianProcessRegressor with {fitted.kind}: supported are {', '.join(_KERNELS)}")
+        raise UnsupportedModelError(f"a Gaussian process with {fitted.kind}: supported are {', '.join(_KERNELS)}")
     return _of_distance(fitted, builder, value, vectors)
 
 
 def _of_distance(fitted: Fitted, builder: GraphBuilder, value: int, vectors: FloatArray) -> int:
     """A kernel of the distances to the training rows."""
     width = builder.width(value)
-    length = np.broadcast_to(fitted.floats("length_scale", (), (1,), (width,)), (width,))
+    given = fitted.get("length_scale")
+    if isinstance(given, list | tuple):  # as the user gave it, where no optimizer changed it
+        given = np.array([float(fitted.floats_of("length_scale", one, ())) for one in given])
+    length = np.broadcast_to(fitted.floats_of("length_scale", given, (), (1,), (width,)), (width,))
     if np.any(length <= 0):
         raise fitted.fail("length_scale", "not above 0")
     if fitted.kind == "RationalQuadratic":

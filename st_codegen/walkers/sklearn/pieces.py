@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from fractions import Fraction
 from typing import Any
 
@@ -17,6 +17,7 @@ import numpy as np
 from st_codegen.errors import UnsupportedModelError
 from st_codegen.ir import (
     AnyArray,
+    Clip,
     Exceeds,
     FillMissing,
     FloatArray,
@@ -284,15 +285,13 @@ def walk_bins(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
 def walk_quantiles(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """The share of the training data below, linear between quantiles (`preprocessing/_data.py: _transform_col`).
 
-    On a quantile that several references have, the library takes the mean of the first and the last of them.
+    On a quantile that several references have, the library takes the mean of the first and the last of them. For a
+    normal distribution it takes the number below which such a share of that lies.
     """
-    if fitted.estimator.output_distribution != "uniform":
-        raise UnsupportedModelError(
-            "QuantileTransformer with output_distribution='normal': supported is 'uniform', or PowerTransformer"
-        )
     builder.refuse_magnitude(math.inf)
     quantiles = fitted.floats("quantiles_", (None, builder.width(value)))
     references = fitted.floats("references_", (len(quantiles),))
+    is_normal = fitted.choice("output_distribution", {"uniform": False, "normal": True})
     columns: list[Column] = []
     for own in quantiles.T:
         if np.any(np.diff(own) < 0):
@@ -302,12 +301,63 @@ def walk_quantiles(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
         at = 0.5 * (low + high)
         at[-1], at[0] = 1.0, 0.0
         # of a single quantile the only reference is 0
-        columns.append((knots, at, _linear(knots, low, high, (0.0, float(references[-1]))), math.nan))
-    return add_pieces(builder, value, columns)
+        ends = (0.0, 1.0 if is_normal else float(references[-1]))
+        if is_normal:
+            knots, at, low, high = _cut_to_normal(knots, low, high)
+        columns.append((knots, at, _linear(knots, low, high, ends), math.nan))
+    found = add_pieces(builder, value, columns)
+    if not is_normal:
+        return found
+    limits = (np.full(builder.width(found), end) for end in (_LEAST_NORMAL, 1.0 - _LEAST_NORMAL))
+    return builder.function(builder.add(Clip((found,), *limits)), "normal_quantile")
 
 
 #: How near to 0 and 1 a share of a normal distribution is taken for the end (`preprocessing/_data.py`).
 _BOUNDS_THRESHOLD = 1e-7
+
+
+#: The share of the smallest number that a normal distribution is given.
+_LEAST_NORMAL = _BOUNDS_THRESHOLD - float(np.spacing(1.0))
+
+
+def _cut_to_normal(
+    knots: FloatArray, low: FloatArray, high: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Knots, and what lies on, before and behind them, cut where the library takes a number for one of the ends.
+
+    That is where it lies less than a threshold above the first quantile, or below the last one, in numbers as they
+    round; where both hold, it is the first.
+    """
+    first, last = float(knots[0]), float(knots[-1])
+    start = _last_number(first, lambda x: x - _BOUNDS_THRESHOLD < first)
+    stop = -_last_number(-last, lambda x: -x + _BOUNDS_THRESHOLD > last)
+    if stop <= start or len(knots) == 1:
+        return np.array([max(start, first)]), np.zeros(1), np.zeros(1), np.zeros(1)
+    inside = (knots > start) & (knots < stop)
+
+    def between(x: float, piece: int) -> float:
+        at = min(max(piece, 0), len(knots) - 2)
+        share = (x - knots[at]) / (knots[at + 1] - knots[at])
+        return float(high[at] + (low[at + 1] - high[at]) * share)
+
+    before = between(stop, int(np.searchsorted(knots, stop, "left")) - 1)
+    behind = between(start, int(np.searchsorted(knots, start, "right")) - 1)
+    ends = np.array([start]), np.array([stop])
+    return (
+        np.concatenate([ends[0], knots[inside], ends[1]]),
+        np.array([0.0, *(0.5 * (low + high))[inside], 1.0]),
+        np.array([0.0, *low[inside], before]),
+        np.array([behind, *high[inside], 1.0]),
+    )
+
+
+def _last_number(start: float, holds: Callable[[float], bool]) -> float:
+    """The last number for which holds what holds for smaller ones; it lies not far from `start`, or just before it."""
+    low, high = math.nextafter(start, -math.inf), start + 4.0 * max(_BOUNDS_THRESHOLD, math.ulp(start))
+    while math.nextafter(low, high) < high:
+        middle = low + (high - low) / 2
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return low
 
 
 def inverse_quantiles(fitted: Fitted, builder: GraphBuilder, value: int) -> int:

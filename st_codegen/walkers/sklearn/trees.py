@@ -10,9 +10,9 @@ HistGradientBoosting compares float64 and adds leaves to its baseline.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -21,15 +21,17 @@ from st_codegen.ir import (
     FLOAT32_OVERFLOW,
     AnyArray,
     BoolArray,
+    Clip,
     FloatArray,
     Int32Array,
     IntArray,
+    Label,
     Precision,
     Round,
     SummationOrder,
     TreeColumn,
 )
-from st_codegen.walkers.base import Classified, GraphBuilder, Walked, walk_estimator, walks
+from st_codegen.walkers.base import Classified, GraphBuilder, Walked, walk_classifier, walk_estimator, walks
 from st_codegen.walkers.classes import above, complement, labels_of, largest, numbered, softmax
 from st_codegen.walkers.fitted import Fitted
 from st_codegen.walkers.forest import laid_out, side_by_side
@@ -107,34 +109,82 @@ def walk_gradient_boosting(fitted: Fitted, builder: GraphBuilder, value: int) ->
     if type(init).__name__ == "DummyRegressor":
         Fitted(init).floats("constant_", (1, 1))
         return _boosted(fitted, builder, value, 1)
-    read = value if builder.is_single(value) else builder.add(Round((value,), builder.width(value)))
-    start = walk_estimator(init, builder, read)
-    trees = list(_iterations(fitted, 1).ravel())
+    start = _start(fitted, init, builder, value, walk_estimator)
     if builder.width(start) != 1:
         raise UnsupportedModelError(f"GradientBoostingRegressor with init={type(init).__name__} of several outputs")
-    # each tree by itself: what they are added to hangs on the row, and they are added to it in turn
+    return _boosted_from(fitted, builder, value, start)
+
+
+_Started = TypeVar("_Started")
+
+
+def _start(
+    fitted: Fitted, init: Any, builder: GraphBuilder, value: int, walk: Callable[[Any, GraphBuilder, int], _Started]
+) -> _Started:
+    """What the model gives from which the trees start: it was fitted on float32, as they were, and reads that."""
+    read = value if builder.is_single(value) else builder.add(Round((value,), builder.width(value)))
+    try:
+        return walk(init, builder, read)
+    except UnsupportedModelError as error:
+        name = type(init).__name__
+        raise UnsupportedModelError(
+            f"{fitted.kind} with init={name}, which it fits and calls with float32: {error}"
+        ) from error
+
+
+def _boosted_from(fitted: Fitted, builder: GraphBuilder, value: int, start: int) -> int:
+    """The trees of each output, which are added in turn to what hangs on the row: each tree by itself."""
+    count = builder.width(start)
+    trees = list(_iterations(fitted, count).ravel())
     rule = TreeSum(np.zeros(len(trees)), fitted.number("learning_rate"))
     each = builder.beside(start, add_float32_trees(builder, value, trees, fitted, rule))
-    return builder.linear(each, np.ones((1, len(trees) + 1)), order=SummationOrder.SEQUENTIAL)
+    own = np.tile(np.eye(count), len(trees) // count + 1)
+    return builder.linear(each, own, order=SummationOrder.SEQUENTIAL)
 
 
 @walks("GradientBoostingClassifier", trusts=_TREE, single=True)
 def walk_class_gradient_boosting(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """Scores are sums of trees; of two classes the second from 0 on (`_gb.py: predict`)."""
-    init = fitted.get("init_")
-    if not isinstance(init, str) and type(init).__name__ != "DummyClassifier":
-        raise UnsupportedModelError(
-            f"GradientBoostingClassifier with init={type(init).__name__}: supported are the default initial value and "
-            "init='zero'"
-        )
-    labels = labels_of(fitted)
+    init, labels = fitted.get("init_"), labels_of(fitted)
     count = len(labels) if len(labels) > 2 else 1
-    raw = _boosted(fitted, builder, value, count)
+    if isinstance(init, str) or type(init).__name__ == "DummyClassifier":
+        raw = _boosted(fitted, builder, value, count)
+    else:
+        raw = _boosted_from(fitted, builder, value, _linked(fitted, builder, value, init, labels))
     if count > 1:
         return Classified(labels, largest(builder, raw), softmax(builder, raw), raw)
-    score = builder.scale(raw, "*", 2.0) if type(fitted.estimator._loss.link).__name__ == "HalfLogitLink" else raw
+    score = builder.scale(raw, "*", 2.0) if _is_half(fitted) else raw
     probability = builder.function(score, "logistic")
     return Classified(labels, above(builder, raw, inclusive=True), complement(builder, probability), raw)
+
+
+def _linked(fitted: Fitted, builder: GraphBuilder, value: int, init: Any, labels: tuple[Label, ...]) -> int:
+    """Scores of the probabilities of another classifier (`_gb.py: _init_raw_predictions`, `_loss/link.py`).
+
+    Their logarithms, less the mean of these, for more than two classes; else that of p / (1 - p), or half of it. scipy
+    takes another form of the latter near 1/2, where its own digits are those of a number of the size of 1.
+    """
+    found = _start(fitted, init, builder, value, walk_classifier)
+    if found.probability is None or len(found.labels) != len(labels):
+        raise UnsupportedModelError(
+            f"GradientBoostingClassifier with init={type(init).__name__}, whose probabilities are not compiled"
+        )
+    eps, count = float(np.finfo(np.float64).eps), len(labels)
+    ends = np.full(count, eps), np.full(count, 1.0 - eps)
+    shares = builder.add(Clip((found.probability,), *ends))
+    if count > 2:
+        logarithms = builder.function(shares, "log")
+        mean = builder.linear(logarithms, np.full((count, count), 1.0 / count))
+        return builder.combine(logarithms, "-", mean)
+    share = builder.select([1], shares)
+    odds = builder.combine(share, "/", builder.scale(share, "-", 1.0, reverse=True))
+    logit = builder.function(builder.scale(odds, "*", 1.0, doubt=np.full(1, 4 * eps)), "log")
+    return builder.scale(logit, "*", 0.5) if _is_half(fitted) else logit
+
+
+def _is_half(fitted: Fitted) -> bool:
+    """Whether a score is half of the logarithm of p / (1 - p)."""
+    return type(fitted.estimator._loss.link).__name__ == "HalfLogitLink"
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,9 @@
-"""Fitted results of statsmodels: linear regressions, GLM, Logit and Poisson, as their `predict` computes.
+"""Fitted results of statsmodels: linear regressions, GLM, models of counts and of two classes, as `predict` computes.
 
 It multiplies the columns with the parameters (regression/linear_model.py, robust/robust_linear_model.py,
 genmod/generalized_linear_model.py, discrete/discrete_model.py) and, for a GLM, takes the inverse of the link
-(genmod/families/links.py). Offsets and exposures of the fit take no part.
+(genmod/families/links.py). Offsets and exposures of the fit take no part, nor do parameters of a distribution, which
+stand behind those of the columns.
 """
 
 from __future__ import annotations
@@ -22,10 +23,11 @@ _CONSTANT = ("const", "Intercept")
 _MODELS: dict[str, Function | None] = {
     **dict.fromkeys(("OLS", "WLS", "GLS", "GLSAR", "QuantReg", "RLM")),
     "Logit": Function.LOGISTIC,
-    "Poisson": Function.EXP,
+    "Probit": Function.ERF,
+    **dict.fromkeys(("Poisson", "NegativeBinomial", "NegativeBinomialP", "GeneralizedPoisson"), Function.EXP),
 }
 #: The functions that are the inverses of links; those of powers stand beside it.
-_INVERSES = {"Identity": None, "Log": Function.EXP, "Logit": Function.LOGISTIC}
+_INVERSES = {"Identity": None, "Log": Function.EXP, "Logit": Function.LOGISTIC, "Probit": Function.ERF}
 _POWERS = ("Power", "InversePower", "Sqrt", "InverseSquared")
 
 
@@ -55,6 +57,7 @@ def _columns(results: Any) -> tuple[list[str], int | None]:
     """The names of the parameters, and which of them is that of a column of ones."""
     model = getattr(results, "model", None)
     names = [str(column) for column in getattr(model, "exog_names", None) or []]
+    names = names[: len(names) - _beside(model)]
     made = [column for column in names if not column.isidentifier()] if hasattr(model, "formula") else []
     if made:
         raise UnsupportedModelError(
@@ -67,16 +70,25 @@ def _columns(results: Any) -> tuple[list[str], int | None]:
     return names, constant if ones is not None and bool(np.all(ones[:, constant] == 1.0)) else None
 
 
-@walks(
-    *(
-        f"statsmodels.{kind}ResultsWrapper"
-        for kind in ("Binary", "GLM", "L1Binary", "L1Poisson", "Poisson", "RLM", "Regression", "Regularized")
-    )
-)
+def _beside(model: Any) -> int:
+    """How many parameters of a distribution stand behind those of the columns."""
+    extra = getattr(model, "k_extra", 0)
+    return extra if type(model).__name__ in _MODELS and isinstance(extra, int) and extra in (0, 1) else 0
+
+
+#: What the classes of results are called before `ResultsWrapper`.
+_KINDS = """
+    Binary Count GLM GeneralizedPoisson L1Binary L1GeneralizedPoisson L1NegativeBinomial L1Poisson NegativeBinomial
+    NegativeBinomialP Poisson RLM Regression Regularized
+"""
+
+
+@walks(*(f"statsmodels.{kind}ResultsWrapper" for kind in _KINDS.split()))
 def _results(results: Any, builder: GraphBuilder, value: int) -> int:
     names, constant = _columns(results)
     kind = type(results.model).__name__
     parameters = np.asarray(results.params, np.float64)
+    parameters = parameters[: len(parameters) - _beside(results.model)] if parameters.ndim == 1 else parameters
     if kind not in (*_MODELS, "GLM") or parameters.shape != (len(names),):
         raise UnsupportedModelError(
             f"results of {kind} with {parameters.shape} parameters; supported are {', '.join(_MODELS)} and GLM of one "
@@ -89,8 +101,14 @@ def _results(results: Any, builder: GraphBuilder, value: int) -> int:
     total = builder.linear(value, weights[None, :], bias)
     if kind == "GLM":
         return _inverse(results.model.family.link, builder, total)
-    function = _MODELS[kind]
-    return total if function is None else builder.function(total, function)
+    return _of_sum(_MODELS[kind], builder, total)
+
+
+def _of_sum(function: Function | None, builder: GraphBuilder, value: int) -> int:
+    """A function of a sum; the share of a normal distribution below it is that of its error function."""
+    if function is Function.ERF:
+        return builder.chain(builder.function(builder.scale(value, "*", 0.5**0.5), function), ("+", 1.0), ("*", 0.5))
+    return value if function is None else builder.function(value, function)
 
 
 def _inverse(link: Any, builder: GraphBuilder, value: int) -> int:
@@ -102,5 +120,4 @@ def _inverse(link: Any, builder: GraphBuilder, value: int) -> int:
     if name not in _INVERSES:
         known = ", ".join((*_INVERSES, *_POWERS))
         raise UnsupportedModelError(f"the link {name}: supported are {known}")
-    function = _INVERSES[name]
-    return value if function is None else builder.function(value, function)
+    return _of_sum(_INVERSES[name], builder, value)
