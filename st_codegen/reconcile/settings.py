@@ -378,6 +378,8 @@ class Settings:
     #: lines a turn that encoders have, and how far sidebands of them reach
     encoder_lines: tuple[int, ...] = (512, 1024, 2048, 2500, 3600, 4096, 5000, 8192, 9000, 16384, 18000, 32768, 65536)
     sidebands_of_lines: int = 2
+    #: the middle run has so much of the power of the mean at least where all runs have a wave: of noise 0.69
+    in_most_runs: float = 0.25
     #: runs in a known order that are needed to look for steps and trends, and how much of what it
     #: leaves it must explain: a wander as large as the noise passes for noise that lasts
     least_in_time: int = 24
