@@ -102,12 +102,25 @@ def test_conditions_of_some_runs_in_another_unit_are_asked_about(key, wrong, wor
     assert getattr(read.at, key) == pytest.approx(getattr(data.at, key))
 
 
-def test_a_zero_that_moved_in_mid_campaign_is_no_other_unit_of_the_runs_behind_it():
+@pytest.mark.parametrize("first", [20, 100])
+def test_most_runs_may_have_conditions_in_another_unit(first):
+    """From 45 % of the runs on nothing was asked, and the drift with the oil was a fifth of what it was."""
+    data = of_curves()
+    read_C = data.at.temperature_C
+    column = np.where(data.number_of_run >= first, 1.8 * read_C + 32.0, read_C)
+    made = replace(data, at=replace(data.at, temperature_C=column))
+    with pytest.raises(InputError, match=r"the temperatures of run \d+ to run \d+ seem to be in degF"):
+        examine(made, RIG, PATH)
+    assert examine(made, RIG, PATH, accept=["conditions"]).data.at.temperature_C == pytest.approx(read_C)
+
+
+@pytest.mark.parametrize("first", [60, 130])
+def test_a_zero_that_moved_in_mid_campaign_is_no_other_unit_of_the_runs_behind_it(first):
     """A mean that moved as far as drift by 29 K is what 25 degC, read in degF, makes; but earlier runs read 25 too."""
     data = of_curves()
     colder = replace(data.at, temperature_C=(data.at.temperature_C - 32.0) / 1.8)
     step = (RIG.coefficients(colder, ORDERS.tolist()) - RIG.coefficients(data.at, ORDERS.tolist()))[:, :1].real
-    late = data.number_of_run >= 130
+    late = data.number_of_run >= first
     made = replace(data, values=data.values + step * late[:, None] * (ORDERS == 0))
     assert step.any() and not examine(made, RIG, PATH).mistakes
 

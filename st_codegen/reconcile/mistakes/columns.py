@@ -58,7 +58,9 @@ def other_conditions(data: Observations, rig: RigModel) -> list[Mistake]:
     for column, text, changed in readings(rig.constants.reduction_ratio):
         meant = changed(data.at)
         seen = rig.coefficients(meant, orders)
-        some = _nearer(data, noise, plain, seen)
+        # of signs half of the runs may be those of one direction
+        is_sign = all(_has_sizes(getattr(meant, key), getattr(data.at, key)) for key in CONDITION_COLUMNS)
+        some = _nearer(data, noise, plain, seen, SETTINGS.most_of_block if is_sign else 1.0)
         for rows in (every, some & _are_apart(data.at, meant, some)):
             read = np.where(rows[:, None], seen, plain)
             gain = _gain(data, _noise_beside(data, noise, plain, read), plain, read)
@@ -88,8 +90,11 @@ def _noise_beside(data: Observations, noise: FloatArray, plain: ComplexArray, re
     return np.maximum(noise, data.parts * estimate(data, data.values - read).sigma ** 2)
 
 
-def _nearer(data: Observations, noise: FloatArray, plain: ComplexArray, seen: ComplexArray) -> BoolArray:
-    """The rows of runs that another model brings nearer by more than chance, where they are some and not most, (n,)."""
+def _nearer(data: Observations, noise: FloatArray, plain: ComplexArray, seen: ComplexArray, most: float) -> BoolArray:
+    """The rows of runs that another model brings nearer by more than chance, (n,).
+
+    Where they are some and not all: at most such a share.
+    """
     found = np.zeros(len(data), bool)
     # curves of the other sign have most of the mean that torques of the other sign give it
     before, after, turned = (
@@ -98,7 +103,7 @@ def _nearer(data: Observations, noise: FloatArray, plain: ComplexArray, seen: Co
     before = np.minimum(before, turned)
     gains = np.array([before[rows].sum() - after[rows].sum() for rows in data.runs])
     chosen = gains > SETTINGS.order_gain
-    if not SETTINGS.least_block <= chosen.sum() <= SETTINGS.most_of_block * len(chosen):
+    if not SETTINGS.least_block <= chosen.sum() <= most * len(chosen) or chosen.all():
         return found
     if data.run is not None:
         # a run that tells nothing of it, as one without a load, is what those around it are
@@ -120,12 +125,16 @@ def _are_apart(read: Conditions, meant: Conditions, rows: BoolArray) -> bool:
     for key in CONDITION_COLUMNS:
         values, others = (np.abs(getattr(read, key)[part]) for part in (rows, ~rows))
         values, others = values[values > 0.0], others[others > 0.0]
-        is_sign = np.array_equal(np.abs(getattr(meant, key)), np.abs(getattr(read, key)))
-        if is_sign or not len(values) or not len(others):
+        if _has_sizes(getattr(meant, key), getattr(read, key)) or not len(values) or not len(others):
             continue
         if ((values > others.max()) | (values < others.min())).mean() <= SETTINGS.most_orders:
             return False
     return True
+
+
+def _has_sizes(meant: FloatArray, read: FloatArray) -> bool:
+    """Whether numbers differ from others by their signs at most."""
+    return np.array_equal(np.abs(meant), np.abs(read))
 
 
 def _of_runs(data: Observations, rows: BoolArray) -> str:
