@@ -92,8 +92,10 @@ def _noise_beside(data: Observations, noise: FloatArray, plain: ComplexArray, re
     return np.where(low, np.maximum(noise, data.parts * estimate(data, data.values - read).sigma ** 2), noise)
 
 
-def _nearer(data: Observations, noise: FloatArray, plain: ComplexArray, seen: ComplexArray, most: float) -> BoolArray:
-    """The rows of runs that another model brings nearer by more than chance, (n,).
+def _nearer(
+    data: Observations, noise: FloatArray, plain: ComplexArray, seen: ComplexArray, most: float
+) -> tuple[BoolArray, BoolArray]:
+    """The rows of runs that another model brings nearer by more than chance, and of those that it takes away, (n,).
 
     Where they are some and not all: at most such a share. Noise is no less than what the nearer model leaves of an
     order in the middle run: that within curves says nothing of the mean.
