@@ -531,6 +531,8 @@ class Settings:
     encoder_lines: tuple[int, ...] = (512, 1024, 2048, 2500, 3600, 4096, 5000, 8192, 9000, 16384, 18000, 32768, 65536)
     #: orders that sidebands of these lines reach
     sidebands_of_lines: int = 2
+    #: share of the power of the mean that the middle run has at least where all runs have a wave: of noise 0.69
+    in_most_runs: float = chosen(0.25, OTHERS)
     #: count; runs in a known order that are needed to look for steps and trends
     least_in_time: int = 24
     #: factor; how much of what it leaves a step or a trend must explain: a wander as large as the noise passes for

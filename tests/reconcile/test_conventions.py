@@ -102,12 +102,47 @@ def test_conditions_of_some_runs_in_another_unit_are_asked_about(key, wrong, wor
     assert getattr(read.at, key) == pytest.approx(getattr(data.at, key))
 
 
-def test_a_zero_that_moved_in_mid_campaign_is_no_other_unit_of_the_runs_behind_it():
+@pytest.mark.parametrize("first", [20, 100])
+def test_most_runs_may_have_conditions_in_another_unit(first):
+    """From 45 % of the runs on nothing was asked, and the drift with the oil was a fifth of what it was."""
+    data = of_curves()
+    read_C = data.at.temperature_C
+    column = np.where(data.number_of_run >= first, 1.8 * read_C + 32.0, read_C)
+    made = replace(data, at=replace(data.at, temperature_C=column))
+    with pytest.raises(InputError, match=r"the temperatures of run \d+ to run \d+ seem to be in degF"):
+        examine(made, RIG, PATH)
+    assert examine(made, RIG, PATH, accept=["conditions"]).data.at.temperature_C == pytest.approx(read_C)
+
+
+def test_speeds_in_another_unit_are_told_beside_a_mean_that_scatters_from_run_to_run():
+    """The noise within curves says nothing of it: slow runs, which tell no speed, seemed to be right or wrong by it."""
+    data = of_curves()
+    late, random = data.number_of_run >= 80, np.random.default_rng(3)
+    moved = 1e-4 * random.standard_normal(len(data))[:, None] * (ORDERS == 0)
+    speed = np.where(late, data.at.speed_rpm / 60.0, data.at.speed_rpm)
+    made = replace(data, at=replace(data.at, speed_rpm=speed), values=data.values + moved)
+    with pytest.raises(InputError, match=r"the speeds of run \d+ to run \d+ seem to be in turns a second"):
+        examine(made, RIG, PATH)
+    assert examine(made, RIG, PATH, accept=["conditions"]).data.at.speed_rpm == pytest.approx(data.at.speed_rpm)
+
+
+def test_most_curves_in_another_unit_are_a_block_and_no_gain_of_all():
+    """Their noise is in that unit as well: all were to be divided by 36, the mean of 1 and 60, which no run has."""
+    data = of_curves()
+    factor = np.where(data.number_of_run >= 0.4 * (data.number_of_run.max() + 1), 60.0, 1.0)[:, None]
+    found = examine(replace(data, values=factor * data.values, spectral_deg=factor * data.spectral_deg), RIG, PATH)
+    (one,) = found.mistakes
+    assert one.name == "block" and "is 60 times as large" in one.text
+    assert set(found.left_out) == set(np.flatnonzero(factor[:, 0] > 1.0))
+
+
+@pytest.mark.parametrize("first", [60, 130])
+def test_a_zero_that_moved_in_mid_campaign_is_no_other_unit_of_the_runs_behind_it(first):
     """A mean that moved as far as drift by 29 K is what 25 degC, read in degF, makes; but earlier runs read 25 too."""
     data = of_curves()
     colder = replace(data.at, temperature_C=(data.at.temperature_C - 32.0) / 1.8)
     step = (RIG.coefficients(colder, ORDERS.tolist()) - RIG.coefficients(data.at, ORDERS.tolist()))[:, :1].real
-    late = data.number_of_run >= 130
+    late = data.number_of_run >= first
     made = replace(data, values=data.values + step * late[:, None] * (ORDERS == 0))
     assert step.any() and not examine(made, RIG, PATH).mistakes
 

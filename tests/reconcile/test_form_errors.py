@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from st_codegen.reconcile.report.findings import findings
 from st_codegen.reconcile.report.output import report
 from st_codegen.reconcile.report.sentences import words
 from st_codegen.reconcile.report.summary import summary
-from st_codegen.rig.effects import Conditions, catalogue
+from st_codegen.rig.effects import Conditions, Constants, catalogue
 from st_codegen.rig.model import parse_rig
 
 pytestmark = pytest.mark.thorough
@@ -216,6 +217,22 @@ def test_a_frequency_that_moves_by_less_than_its_error_is_not_said_to_move(two_s
         result = replace(two_states, conclusions=replace(two_states.conclusions, claims=(other,)))
         assert ("which moves" in words(other, result)) is bool(said)
         assert said in words(other, result)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "said"),
+    [
+        ("crank_misalignment", {"slope_deg_per_kNm": 0.0109, "slope_phase_rad": 1.1},
+         "order 3 of 0 deg without load, with a part of 0.011 deg per 1000 N m"),
+        ("crank_misalignment", {"amplitude_deg": 1e-3}, "order 3 of 0.001 deg"),
+        ("output_shaft_eccentricity", {"amplitude_deg": 1e-3, "growth_per_kNm": 0.3},
+         "order 1 of 0.001 deg without load, and 30 % more per 1000 N m"),
+    ],
+)  # fmt: skip
+def test_a_wave_that_grows_with_the_load_is_said_with_its_growth(name, values, said):
+    """One that a load alone makes was "of 0 deg", and explained most of the gap."""
+    wave = catalogue()[name]({"amplitude_deg": 0.0, "phase_rad": 0.0} | values, Constants())
+    assert words(SimpleNamespace(piece=SimpleNamespace(effect=wave)), None).endswith(f": {said}")
 
 
 def test_a_gap_that_few_runs_carry_is_said_to_be_the_least():

@@ -247,6 +247,20 @@ def test_a_gain_that_drifts_over_the_runs_would_do_in_place_of_a_stiffness():
     assert not reconciled(made, "misread_te").conclusions.retuned
 
 
+def test_a_zero_that_slips_over_the_runs_is_no_misread_temperature():
+    """Where runs come in any order of conditions its steps pass for noise, but for those a constant was left."""
+    axes = np.meshgrid(np.linspace(200, 2000, 8), [0.0, 400, 800, 1200], [25.0, 50])
+    count, random = axes[0].size, np.random.default_rng(0)
+    drawn = random.permutation(count)
+    at = Conditions.of(np.repeat([1.0, -1.0], count), *(np.tile(axis.ravel()[drawn], 2) for axis in axes))
+    data, run = measured(1e-5, at=at, read=at), np.tile(np.arange(count), 2)
+    slips = sum(0.008 * (run > place * (count - 1)) for place in (0.2, 0.55, 0.8))
+    moved = slips + np.tile(1.5e-4 * random.standard_normal(count), 2)
+    data = replace(data, values=data.values + moved[:, None] * (ORDERS == 0), run=run)
+    result = reconcile_observations(RIG, data, KNOWN)
+    assert not result.conclusions.misread and "in their order" in summary(result)
+
+
 def test_what_a_rule_of_the_measurement_does_not_explain_is_left_as_a_change():
     """Speeds 4 % too high, beside which a narrow resonance is told from nearby only, and a stiffness that changed."""
     stiff = with_values("torsional_compliance", stiffness_Nm_per_arcmin=430.0)

@@ -9,7 +9,7 @@ import pytest
 from st_codegen.reconcile.data.observations import Observations, labels
 from st_codegen.reconcile.mistakes.examine import examine
 from st_codegen.reconcile.mistakes.single_runs import _Asked, _block, _other_label
-from st_codegen.rig.effects import Conditions
+from st_codegen.rig.effects import Conditions, Stage
 
 from .test_measurement import ORDERS, PATH, RIG, RUNS, measured, of_curves, of_runs
 
@@ -162,3 +162,24 @@ def test_a_label_is_no_matter_of_one_order():
     values = data.values.copy()
     values[:, 0] += np.where(moved, np.tile(other, 2)[: len(mean)] - mean, 0.0)
     assert all(mistake.name != "labels" for mistake in examine(replace(data, values=values), RIG, PATH).mistakes)
+
+
+def test_a_resonance_that_moves_is_no_wrong_label():
+    """Its frequency fell over the campaign: a run at 1769 rpm carried the label of one at 1815 rpm."""
+    random = np.random.default_rng(0)
+    axes = np.meshgrid(np.linspace(200, 2000, 40), [0.0, 1200.0])
+    points = random.permutation(np.stack([axis.ravel() for axis in axes], axis=1))
+    runs, sigma, orders = len(points), 4e-6, np.array(RIG.orders())
+    at = Conditions.of(np.repeat([1.0, -1.0], runs), *np.tile(points, (2, 1)).T, np.full(2 * runs, 30.0))
+    (resonance,) = RIG.of_stage(Stage.STRUCTURE)
+    values, step = np.zeros((2 * runs, len(orders)), complex), np.tile(np.arange(runs) * 16 // runs, 2)
+    for number in range(16):
+        moved = resonance.with_values({**resonance.values, "frequency_Hz": 54.3 * (1 - 0.04 * number / 15)})
+        rig = RIG.with_effects([moved if one is resonance else one for one in RIG.effects])
+        values[step == number] = rig.coefficients(at, orders.tolist())[step == number]
+    noise = sigma * (random.standard_normal(values.shape) + 1j * random.standard_normal(values.shape))
+    spectral, run = np.full(values.shape, sigma), np.tile(np.arange(runs), 2)
+    data = Observations(
+        at, labels(at), orders, values + np.where(orders == 0, noise.real, noise), run=run, spectral_deg=spectral
+    )
+    assert not examine(data, RIG, PATH).left_out

@@ -403,6 +403,14 @@ def test_the_error_between_lines_of_an_encoder_is_noise_where_it_shows():
     assert list(curves(values, SIGMA, samples=1000)[0]) == [53]
 
 
+def test_what_is_loud_at_one_speed_alone_is_no_error_of_an_encoder():
+    """An encoder makes it at all speeds: stick and slip of slow runs counted as noise of the lines of one."""
+    values = white([1] * 6)
+    slow = np.isin(grid().speed_rpm, [400, 500, 600])
+    values[slow, 4] += 60 * SIGMA * np.exp(2j * np.pi * np.random.default_rng(4).random(slow.sum()))
+    assert list(curves(values, SIGMA, samples=1000)[0]) == [48]
+
+
 def test_an_order_of_a_table_far_louder_than_those_beside_it_is_not_called_noise():
     """A table has no noise of its own curves; a peak between scattered runs looks like noise to its contrasts."""
     at, orders = grid(), np.array([0, 36, 39, 40, 42, 53])
@@ -620,6 +628,22 @@ def test_a_step_in_proportion_to_a_condition_is_said_as_such():
     assert f"{dated}, in proportion to the torque: so much at {load.max():g} N m" in said[12], said[12]
     assert f"{dated}, in proportion to the torque: so much at {load.max():g} N m" in said[18], said[18]
     assert re.search(r"a step of 0\.0004 deg between run 47 and run 48 of 96, in their order$", said[15]), said[15]
+
+
+def test_a_trend_that_is_there_without_a_load_as_well_is_in_no_proportion_to_it():
+    """A mesh order that wore, with and without load, had a trend "in proportion to the torque"."""
+    target, _ = curves_over_runs({})
+    load = target.data.at.torque_Nm[::2]
+    share = load / load.max()
+    grows = np.linspace(0.0, 1.0, 96) * (0.5 + 0.5 * share)
+    in_proportion = np.linspace(0.0, 1.0, 96) * share
+    target, residual = curves_over_runs({12: 6e-4 * grows * TURN, 15: 6e-4 * in_proportion * TURN})
+    said = {s.order: s.text for s in signatures(target, residual, np.full(21, 1e-5))}
+    trend = r"a trend of (\S+) deg over the 96 runs in their order, of another size at another torque$"
+    size = re.search(trend, said[12])
+    # in the mean of the runs
+    assert size and float(size[1]) == pytest.approx(6e-4 * np.mean(0.5 + 0.5 * share), rel=0.05), said[12]
+    assert f"in proportion to the torque: so much at {load.max():g} N m" in said[15], said[15]
 
 
 def test_a_step_below_the_noise_of_a_run_is_dated_as_well_as_it_is_known():

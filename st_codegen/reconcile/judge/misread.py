@@ -21,6 +21,7 @@ from st_codegen.reconcile.fit.state import OFFSET, State
 from st_codegen.reconcile.fit.target import Column, FitData
 from st_codegen.reconcile.mistakes.other_shaft import over_the_output
 from st_codegen.reconcile.rest.lasting import changes_with_time
+from st_codegen.reconcile.rest.structure import structure
 from st_codegen.reconcile.search.peaks import frequencies_in
 from st_codegen.reconcile.settings import SETTINGS
 
@@ -311,7 +312,9 @@ def in_place_of_the_rest(final: Fit, orders: Collection[int]) -> tuple[Misread, 
         gone = after < SETTINGS.left_of_rest * before + told
         if 2 * gone.sum() > len(gone) and (after < before + told).all():
             # what wanders while the runs are made passes for noise where runs are compared with their neighbours
-            drifts = changes_with_time(target, best.residual)[columns][gone]
+            drifts = changes_with_time(target, best.residual)
+            drifts |= np.array([course is not None for course in structure(best.target, best.residual).courses])
+            drifts = drifts[columns][gone]
             rest = frozenset(data.orders[columns][gone][~drifts].tolist())
             is_noise = bool((after < told)[gone].all())
             if rest:

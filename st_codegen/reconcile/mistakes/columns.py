@@ -58,8 +58,10 @@ def other_conditions(data: Observations, rig: RigModel) -> list[Mistake]:
     for column, text, changed in readings(rig.constants.reduction_ratio):
         meant = changed(data.at)
         seen = rig.coefficients(meant, orders)
-        some = _nearer(data, noise, plain, seen)
-        for rows in (every, some & _are_apart(data.at, meant, some)):
+        # of signs half of the runs may be those of one direction
+        is_sign = all(_has_sizes(getattr(meant, key), getattr(data.at, key)) for key in CONDITION_COLUMNS)
+        some, others = _nearer(data, noise, plain, seen, SETTINGS.most_of_block if is_sign else 1.0)
+        for rows in (every, _with_untold(data.at, meant, some, others)):
             read = np.where(rows[:, None], seen, plain)
             gain = _gain(data, _noise_beside(data, noise, plain, read), plain, read)
             if gain > best[0]:
@@ -80,52 +82,69 @@ def _noise_beside(data: Observations, noise: FloatArray, plain: ComplexArray, re
     """Power of the noise, (n, K): what neighbours differ by in what a reading leaves, where that is more.
 
     As a part of what is measured it is too small for orders that noise makes much of: they would refuse any reading.
-    A reading that is wrong leaves more than its neighbours differ by.
+    That within curves says nothing of the mean, and little of the lowest orders. A reading that is wrong leaves more
+    than its neighbours differ by.
     """
     before, after = ((np.abs(data.values - model) ** 2).sum() for model in (plain, read))
-    if data.spectral_deg is not None or data.few_points or after >= before:
+    if data.few_points or after >= before:
         return noise
-    return np.maximum(noise, data.parts * estimate(data, data.values - read).sigma ** 2)
+    low = data.orders <= (np.inf if data.spectral_deg is None else SETTINGS.wander_orders)
+    return np.where(low, np.maximum(noise, data.parts * estimate(data, data.values - read).sigma ** 2), noise)
 
 
-def _nearer(data: Observations, noise: FloatArray, plain: ComplexArray, seen: ComplexArray) -> BoolArray:
-    """The rows of runs that another model brings nearer by more than chance, where they are some and not most, (n,)."""
-    found = np.zeros(len(data), bool)
+def _nearer(
+    data: Observations, noise: FloatArray, plain: ComplexArray, seen: ComplexArray, most: float
+) -> tuple[BoolArray, BoolArray]:
+    """The rows of runs that another model brings nearer by more than chance, and of those that it takes away, (n,).
+
+    Where they are some and not all: at most such a share. Noise is no less than what the nearer model leaves of an
+    order in the middle run: that within curves says nothing of the mean.
+    """
+    found, others = np.zeros(len(data), bool), np.zeros(len(data), bool)
+    nearest = np.minimum(np.abs(data.values - plain), np.abs(data.values - seen))
+    noise = np.maximum(noise, np.median(nearest, axis=0) ** 2)
     # curves of the other sign have most of the mean that torques of the other sign give it
     before, after, turned = (
         (np.abs(data.values - model) ** 2 / np.maximum(noise, 1e-300)).sum(axis=1) for model in (plain, seen, -plain)
     )
     before = np.minimum(before, turned)
     gains = np.array([before[rows].sum() - after[rows].sum() for rows in data.runs])
-    chosen = gains > SETTINGS.order_gain
-    if not SETTINGS.least_block <= chosen.sum() <= SETTINGS.most_of_block * len(chosen):
-        return found
+    chosen, untold = gains > SETTINGS.order_gain, np.abs(gains) <= SETTINGS.order_gain
+    if not SETTINGS.least_block <= chosen.sum() <= most * len(chosen) or chosen.all():
+        return found, others
     if data.run is not None:
         # a run that tells nothing of it, as one without a load, is what those around it are
         first, *_, last = np.flatnonzero(chosen)
         around = slice(first, last + 1)
-        if (chosen | (np.abs(gains) <= SETTINGS.order_gain))[around].all():
+        if (chosen | untold)[around].all():
             chosen[around] = True
-    for number in np.flatnonzero(chosen):
-        found[data.runs[number]] = True
-    return found
+    for number, rows in enumerate(data.runs):
+        found[rows], others[rows] = chosen[number], not (chosen[number] or untold[number])
+    return found, others
 
 
-def _are_apart(read: Conditions, meant: Conditions, rows: BoolArray) -> bool:
-    """Whether most numbers of some rows that are to be read otherwise lie outside of those of all others.
+def _with_untold(read: Conditions, meant: Conditions, rows: BoolArray, beside: BoolArray) -> BoolArray:
+    """The rows that are to be read otherwise, (n,), and those that nothing tells and whose numbers lie with theirs.
 
-    Of the same numbers as in other runs a change of the machine in mid-campaign is the cause. Those of the other sign
-    may be the same.
+    None where most of their numbers do not lie outside of those of others, `beside`: of the same numbers as in other
+    runs a change of the machine in mid-campaign is the cause. Those of the other sign may be the same.
     """
+    alone = rows.copy()
     for key in CONDITION_COLUMNS:
-        values, others = (np.abs(getattr(read, key)[part]) for part in (rows, ~rows))
-        values, others = values[values > 0.0], others[others > 0.0]
-        is_sign = np.array_equal(np.abs(getattr(meant, key)), np.abs(getattr(read, key)))
-        if is_sign or not len(values) or not len(others):
+        values = np.abs(getattr(read, key))
+        theirs, others = (values[part & (values > 0.0)] for part in (rows, beside))
+        if _has_sizes(getattr(meant, key), getattr(read, key)) or not len(theirs) or not len(others):
             continue
-        if ((values > others.max()) | (values < others.min())).mean() <= SETTINGS.most_orders:
-            return False
-    return True
+        outside = (values > 0.0) & ((values > others.max()) | (values < others.min()))
+        if outside[rows & (values > 0.0)].mean() <= SETTINGS.most_orders:
+            return np.zeros(len(rows), bool)
+        alone |= outside & ~beside
+    return alone
+
+
+def _has_sizes(meant: FloatArray, read: FloatArray) -> bool:
+    """Whether numbers differ from others by their signs at most."""
+    return np.array_equal(np.abs(meant), np.abs(read))
 
 
 def _of_runs(data: Observations, rows: BoolArray) -> str:

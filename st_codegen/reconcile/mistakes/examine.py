@@ -361,6 +361,10 @@ def _common(data: Observations, rig: RigModel, scale: float | None) -> list[Mist
     if not is_all:
         return mistakes
     agreed = abs(np.log(both)) > np.log(SETTINGS.other_size) and _most_have_this(found.sums, both)
+    forward, backward = _of_median_runs(_swapped(data) if swapped else data, rig, loud, found)
+    if abs(np.log(both / np.sqrt(max(forward, 1e-12) * max(backward, 1e-12)))) > np.log(SETTINGS.other_size):
+        # the mean of runs in several units is in none of them
+        return mistakes
     if scale is None:
         choices = unit_choices(both, rig.constants.reduction_ratio, agreed=agreed)
     else:  # 1: it is as it is
@@ -395,6 +399,13 @@ def _median_run_has(data: Observations, rig: RigModel, loud: BoolArray, found: _
 
     The mean of runs of which a few have the other sign is smaller, by a factor that no run has.
     """
+    forward, backward = _of_median_runs(data, rig, loud, found)
+    own = float(np.log(max(forward, 1e-12) / max(backward, 1e-12)))
+    return bool(abs(own - np.log(factor)) < abs(own))
+
+
+def _of_median_runs(data: Observations, rig: RigModel, loud: BoolArray, found: _Common) -> tuple[float, float]:
+    """The factors of the median runs of the two directions: 0 and below where they have none."""
     known, turn = expected_of(data, rig)[:, loud], np.exp(1j * found.angle * data.orders[loud])
     power = np.maximum(np.abs(known) ** 2, 1e-300)
     along = found.sign * (data.values[:, loud] * known.conj() * turn).real / power
@@ -402,8 +413,7 @@ def _median_run_has(data: Observations, rig: RigModel, loud: BoolArray, found: _
     worth = 1.0 / (noise_power(data)[:, loud] / (2 * power) + np.log(SETTINGS.column_factor) ** 2)
     each = np.quantile(along, 0.5, axis=1, method="inverted_cdf", weights=worth)
     forward, backward = (float(np.median(each[data.at.sign == sign])) for sign in SIGNS)
-    own = float(np.log(max(forward, 1e-12) / max(backward, 1e-12)))
-    return bool(abs(own - np.log(factor)) < abs(own))
+    return forward, backward
 
 
 def _most_have_this(sums: PowerSums, factor: float) -> bool:

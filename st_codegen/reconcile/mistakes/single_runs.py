@@ -16,6 +16,7 @@ from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations, first_of, rows_that_tell
 from st_codegen.reconcile.mistakes.votes import expected_of, noise_power
 from st_codegen.reconcile.settings import SETTINGS
+from st_codegen.rig.effects import Stage
 from st_codegen.rig.model import RigModel
 
 #: what `--accept` takes so that none but those named is corrected, and nothing is asked
@@ -211,9 +212,9 @@ def _block_of_no_effect(data: Observations, model: ComplexArray, seen: BoolArray
         sigma = np.minimum(sigma, np.sqrt(SETTINGS.most_noise / parts) * np.abs(model))
     z = np.abs(data.values - model) / np.maximum(sigma, 1e-150)
     right = np.quantile(np.where(seen, z, np.inf), SETTINGS.most_labels, axis=0, method="inverted_cdf")
-    sure = (right < SETTINGS.sure_order) & (
-        np.median(np.abs(model), axis=0) > SETTINGS.shown_order * np.median(sigma, axis=0)
-    )
+    # the noise of those in another unit is in that unit as well
+    usual = np.quantile(sigma, SETTINGS.most_labels, axis=0, method="inverted_cdf")
+    sure = (right < SETTINGS.sure_order) & (np.median(np.abs(model), axis=0) > SETTINGS.shown_order * usual)
     if sure.sum() < SETTINGS.least_votes:
         return []
     weight = seen[:, sure] / np.maximum(sigma[:, sure], 1e-150) ** 2
@@ -229,7 +230,8 @@ def _block(
     for rows in runs:
         products = (values[rows] * known[rows].conj()).real / np.maximum(np.abs(known[rows]) ** 2, 1e-300)
         worth = weight[rows] * np.abs(known[rows]) ** 2
-        loud = worth > SETTINGS.loud_order
+        # a factor is told by how far it lies from none, too
+        loud = worth * np.maximum(1.0, products**2) > SETTINGS.loud_order
         factor.append(float(np.median(products[loud])) if loud.sum() >= SETTINGS.least_votes else np.nan)
     size = np.array(factor)
     off = np.isfinite(size) & _far_from(size, 1.0)
@@ -335,7 +337,7 @@ def _seem(texts: list[str], what: str) -> str:
 def _most_agree(asked: _Asked, rows: IntArray, other: int) -> bool:
     """Whether the label of another row explains a run better by more than the one order that gains most.
 
-    A missing effect moves one order, the mean above all, in any way.
+    A missing effect moves one order, the mean above all, in any way; a resonance that moves changes all of its own.
     """
     at, values, known = asked.data.at, asked.values, asked.known
     gain = np.zeros(values.shape[1])
@@ -345,6 +347,11 @@ def _most_agree(asked: _Asked, rows: IntArray, other: int) -> bool:
         if same.any():
             there = known[np.flatnonzero(same)[0]]
             gain += asked.weight[row] * (np.abs(values[row] - known[row]) ** 2 - np.abs(values[row] - there) ** 2)
+    orders = asked.data.orders[asked.sure]
+    for effect in asked.rig.of_stage(Stage.STRUCTURE):
+        own = np.isin(orders, effect.touched_orders())
+        gain = np.append(gain * ~own, gain[own].sum())
+        orders = np.append(orders, -1)
     return float(np.sort(gain)[:-1].sum()) > SETTINGS.order_gain
 
 

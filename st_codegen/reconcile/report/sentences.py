@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -24,7 +24,7 @@ from st_codegen.reconcile.search.peaks import where_there
 from st_codegen.reconcile.search.surroundings import angle_of_rest
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions, Effect
-from st_codegen.rig.effects.base import ARCMIN, BACKWARD
+from st_codegen.rig.effects.base import ARCMIN, BACKWARD, Phasor
 from st_codegen.rig.effects.resonance import LOAD_PART, StructuralResonance
 
 VERDICT_TEXT = {
@@ -309,7 +309,8 @@ def words(claim: Claim, result: Reconciliation) -> str:
     if effect.name in _TEXTS:
         numbers = {scalar.key: effect.scalar(scalar.key) for scalar in effect.scalars}
         orders = ", ".join(map(str, effect.orders or effect.touched_orders()))
-        return _TEXTS[effect.name].format(**numbers, title=effect.title, orders=orders, size=_size(effect))
+        sizes = {"size": _size(effect.phasors[:1], effect), "by_load": _by_load(effect)}
+        return _TEXTS[effect.name].format(**numbers, **sizes, title=effect.title, orders=orders)
     return _WORDS.get(effect.name, plain)(effect, result)
 
 
@@ -522,11 +523,18 @@ def _burst(effect: Effect, result: Reconciliation) -> str:
     )
 
 
-def _size(effect: Effect) -> float:
-    """How large its wave is in the direction that has more of it; 0 without a wave."""
-    return max(
-        (abs(effect.complex_value(one.key, back)) for one in effect.phasors[:1] for back in (False, True)), default=0.0
-    )
+def _size(waves: Sequence[Phasor], effect: Effect) -> float:
+    """How large one of some waves of an effect is in the direction that has more of it; 0 without a wave."""
+    return max((abs(effect.complex_value(one.key, back)) for one in waves for back in (False, True)), default=0.0)
+
+
+def _by_load(effect: Effect) -> str:
+    """What a load adds to the wave of an effect, in words; empty for nothing."""
+    own = [one for one in effect.phasors[1:] if one.key == LOAD_PART]
+    grows = effect.values.get("growth_per_kNm")
+    if more := _size(own, effect):
+        return f" without load, with a part of {more:.2g} deg per 1000 N m"
+    return f" without load, and {100.0 * grows:.2g} % more per 1000 N m" if isinstance(grows, float) and grows else ""
 
 
 _WAVES = (
@@ -535,7 +543,7 @@ _WAVES = (
 )  # fmt: skip
 #: effects that their numbers alone say
 _TEXTS = {
-    **dict.fromkeys(_WAVES, "{title}: order {orders} of {size:.2g} deg"),
+    **dict.fromkeys(_WAVES, "{title}: order {orders} of {size:.2g} deg{by_load}"),
     "load_dependent_mesh": "order {orders} of the mesh grows with the torque: {size:.2g} deg per 1000 N m",
     "backlash": "{gap_arcmin:.2g} arcmin of backlash between the flanks",
     "thermal_drift": "the mean drifts by {drift_arcmin_per_K:.2g} arcmin a kelvin of oil temperature",

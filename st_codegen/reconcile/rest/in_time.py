@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
+from scipy.linalg import orth
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.chances import chi_square_tail, f_tail
@@ -75,55 +76,91 @@ def _in_proportion(target: FitData, few_wild: ComplexArray, k: int, course: Cour
     """The course of an order in proportion to the torque or the speed where that leaves clearly less; else as it is.
 
     Each beside a constant and the condition itself, of which the rig's own numbers have taken off what they could.
+    Where both together leave clearly less than either, its size depends on the condition, in no proportion to it. What
+    is there without a load as well does not come with it.
     few_wild: in noises, (n, K); along: the way of the course.
     """
-    at, good, best = target.data.at, target.good, (SETTINGS.order_gain, course)
+    at, good = target.data.at, target.good
     z, numbers = few_wild[:, k], good.sum() * (2 if target.data.orders[k] else 1)
+    alone, load = np.ones(len(z)), at.torque_Nm / max(float(np.abs(at.torque_Nm[good]).max(initial=0.0)), 1e-300)
+    if along.text:
+        with_load = np.stack([along.weights, load], axis=1)
+        some, all_ways = (
+            _beside(target, z, with_load, own)[0] for own in (with_load, np.column_stack([with_load, alone]))
+        )
+        if numbers * np.log(some / all_ways) > SETTINGS.order_gain:
+            plain_course = _course_of(target, k, z, alone)
+            text = plain_course.text + _MAY_LAST * course.may_last
+            along, course = _Along(alone), replace(plain_course, text=text, may_last=course.may_last)
+    best = SETTINGS.order_gain, course
     for values, name, unit in ((at.torque_Nm, "torque", "N m"), (at.speed_rpm, "speed", "rpm")):
         most = float(np.abs(values[good]).max(initial=0.0))
         if len(np.unique(np.abs(values[good]))) < 2:
             continue
         weights = values / most
-        (plain, _), (left, constant) = (_beside(target, z, weights, one) for one in (along.weights, weights))
+        share = float(weights[good] @ along.weights[good] / max((along.weights[good] ** 2).sum(), 1e-300))
+        ways = np.stack([along.weights, weights - share * along.weights], axis=1)
+        (plain, _), (left, of_load), (both, of_two) = (
+            _beside(target, z, base, own)
+            for base, own in ((ways[:, :1], ways[:, :1]), (weights[:, None], weights[:, None]), (ways, ways))
+        )
         # of a scatter that nobody knows, likelihoods differ by the logarithm of what is left
-        gain = float(numbers * np.log(plain / left))
-        if gain > best[0]:
-            run = target.data.run
-            assert run is not None
-            places = np.unique(run[good])
-            place = np.searchsorted(places, run)
-            sums, in_deg = (_by_run(target, one[:, None], place, len(places), weights)
-                            for one in (z - constant, (z - constant) * target.sigma[:, k]))  # fmt: skip
-            found = _described(sums, in_deg, 0, int(numbers))
+        gain, of_both = (float(numbers * np.log(plain / one)) for one in (left, both))
+        if of_both > max(best[0], gain + SETTINGS.order_gain):
+            # beside the mean size, which is told with the constant
+            gain, found = of_both, _course_of(target, k, z - of_two[:, [2, -1]].sum(axis=1), along.weights)
+            found = replace(found, power=course.power)
+            said = f"{found.text}{along.text}, of another size at another {name}"
+        elif gain > best[0]:
+            found = _course_of(target, k, z - of_load[:, 0], weights)
             said = f"{found.text}, in proportion to the {name}: so much at {most:g} {unit}"
-            said += _MAY_LAST if course.may_last else ""
-            best = gain, replace(found, text=said, conditions=frozenset([name]), may_last=course.may_last)
+        else:
+            continue
+        said += _MAY_LAST * course.may_last
+        best = gain, replace(found, text=said, conditions=frozenset([name]), may_last=course.may_last)
     return best[1]
 
 
-def _beside(target: FitData, z: ComplexArray, base: FloatArray, weights: FloatArray) -> tuple[float, ComplexArray]:
-    """What the best step or ramp, times weights (n,), leaves of an order (n,) beside a constant and a condition (n,).
+def _course_of(target: FitData, k: int, z: ComplexArray, weights: FloatArray) -> Course:
+    """The step or ramp, times weights (n,), of what one order has: z (n,), in noises."""
+    run, numbers = target.data.run, int(target.good.sum()) * (2 if target.data.orders[k] else 1)
+    assert run is not None
+    places = np.unique(run[target.good])
+    place = np.searchsorted(places, run)
+    sums, in_deg = (_by_run(target, one[:, None], place, len(places), weights) for one in (z, z * target.sigma[:, k]))
+    return _described(sums, in_deg, 0, numbers)
 
-    In noises, squared; and the constants of each direction, (n,).
+
+def _beside(target: FitData, z: ComplexArray, base: FloatArray, ways: FloatArray) -> tuple[float, ComplexArray]:
+    """What the best step or ramp, times each of some ways (n, q), leaves of an order (n,) beside a constant and a base.
+
+    base: (n, p). In noises, squared; and the parts of the constant, the base and the ways, (n, 1 + p + q), with a size
+    of each in each direction.
     """
-    run, good, constant = target.data.run, target.good, np.zeros(len(z), np.complex128)
+    run, good = target.data.run, target.good
     assert run is not None
     places = np.unique(run[good])
     place, count = np.searchsorted(places, run), len(places)
     profiles = steps_and_ramps(count)
-    gains, left = np.zeros(profiles.shape[1]), 0.0
+    beside = np.column_stack([np.ones(len(z)), base])
+    gains, left, parts = np.zeros(profiles.shape[1]), 0.0, np.zeros((len(z), beside.shape[1] + ways.shape[1]), complex)
     directions = target.data.at.by_direction(good)
     for rows in directions:
-        q = np.linalg.qr(np.stack([np.ones(int(rows.sum())), base[rows]], axis=1))[0]
-        x, y = weights[rows, None] * profiles[place[rows]], z[rows]
-        x, y = x - q @ (q.T @ x), y - q @ (q.T @ y)
-        gains += np.abs(x.T @ y) ** 2 / np.maximum((x * x).sum(axis=0), 1e-9)
+        q = orth(beside[rows], rcond=1e-8)
+        y, before = z[rows] - q @ (q.T @ z[rows]), list[FloatArray]()
+        for way in ways[rows].T:
+            x = way[:, None] * profiles[place[rows]]
+            x = x - q @ (q.T @ x)
+            for one in before:
+                x = x - one * ((one * x).sum(axis=0) / np.maximum((one * one).sum(axis=0), 1e-9))
+            gains += np.abs(x.T @ y) ** 2 / np.maximum((x * x).sum(axis=0), 1e-9)
+            before.append(x)
         left += float((np.abs(y) ** 2).sum())
     best = int(gains.argmax())
     for rows in directions:
-        own = np.stack([np.ones(int(rows.sum())), base[rows], weights[rows] * profiles[place[rows], best]], axis=1)
-        constant[rows] = np.linalg.lstsq(own, z[rows], rcond=None)[0][0]
-    return max(left - float(gains[best]), 1e-9), constant
+        own = np.column_stack([beside[rows], ways[rows] * profiles[place[rows], best][:, None]])
+        parts[rows] = own * np.linalg.lstsq(own, z[rows], rcond=None)[0]
+    return max(left - float(gains[best]), 1e-9), parts
 
 
 def _courses(
@@ -361,7 +398,7 @@ def _ramps(sums: _ByRun, count: int, numbers: FloatArray) -> tuple[FloatArray, I
         slopes, square = _slopes(series, weight, shapes)
         gains += np.abs(slopes) ** 2 * square[:, None]
     best, most = gains.argmax(axis=0), gains.max(axis=0)
-    clear = most - gains[0] > SETTINGS.as_good * np.minimum(1.0, np.maximum(_varying(sums) - most, 0.0) / numbers)
+    clear = most - gains[0] > SETTINGS.as_good * np.maximum(_varying(sums) - most, 0.0) / numbers
     best = np.where(clear, best, 0)
     return gains[best, np.arange(gains.shape[1])], best
 

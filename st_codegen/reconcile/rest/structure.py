@@ -452,14 +452,17 @@ def of_an_encoder(target: FitData, residual: ComplexArray) -> IntArray:
 
     With n samples a turn, order L of the lines shows as the distance of L from the next multiple of n, and so do its
     multiples, of which steps have many; the waves of the lowest orders make sidebands of it. What is louder right
-    beside all these, without a law of its own, is not the encoder's. The loudest lines come first: what they make is
-    not that of others.
+    beside all these, without a law of its own, is not the encoder's, nor is what some of the runs alone have, as those
+    of one speed. The loudest lines come first: what they make is not that of others.
     """
     data = target.data
     found = np.zeros(len(data.orders), np.int64)
     if not data.samples or not target.good.any():
         return found
-    power = (np.abs(residual[target.good]) ** 2).mean(axis=0) * ~structure(target, residual).significant
+    noises = np.abs(residual / target.sigma)[target.good] ** 2
+    in_most = np.median(noises, axis=0) > SETTINGS.in_most_runs * noises.mean(axis=0)
+    power = (np.abs(residual[target.good]) ** 2).mean(axis=0) * in_most
+    power *= ~structure(target, residual).significant
     high, places = data.orders > SETTINGS.wander_orders, list[tuple[float, int, BoolArray]]()
     for lines in SETTINGS.encoder_lines:
         alias, *multiples = (min(m * lines % data.samples, -m * lines % data.samples)
@@ -472,7 +475,7 @@ def of_an_encoder(target: FitData, residual: ComplexArray) -> IntArray:
             own = near | steps if steps.sum() >= SETTINGS.least_multiples else near
             places.append((loudest, lines, own))
     for _, lines, own in sorted(places, key=lambda place: -place[0]):
-        found[own & high & (found == 0)] = lines
+        found[own & high & in_most & (found == 0)] = lines
     return found
 
 
