@@ -51,11 +51,13 @@ def held(path: Path, text: str) -> Iterator[bool]:
     """Whether a file, made with `text` where it is missing, is held by no other process; then this one holds it.
 
     It is not handed to processes that this one starts, which may outlive it. Where files cannot be locked nobody holds.
+    A lock of POSIX ends when this process closes the file that it is of, also where another function had opened it.
     """
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
     try:
         if os.fstat(descriptor).st_size == 0:
-            os.write(descriptor, text.encode())
+            with errors_of_disk(path):
+                os.write(descriptor, text.encode())
         if _locks is not None:
             try:
                 _locks.lockf(descriptor, _locks.LOCK_EX | _locks.LOCK_NB)

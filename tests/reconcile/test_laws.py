@@ -107,7 +107,7 @@ def test_runs_that_were_repeated_are_not_said_to_be_missing():
     for points, words in ((at, True), (twice, False)):
         wave = late[: len(points)] * 4e-4 + 1e-4 * np.random.default_rng(2).standard_normal(len(points))
         result = reconciled(part(MESH, orders), points, orders, {40: wave * TURN})
-        assert ("No operating point was repeated" in floor_text(result)) is words
+        assert ("No two runs have equal conditions" in floor_text(result)) is words
 
 
 def test_a_wave_beside_the_alias_of_an_encoder_is_not_the_encoders():
@@ -240,7 +240,7 @@ def test_a_body_behind_an_oil_that_was_warmed_up_once_may_be_the_time():
     result = of_curves(part(MESH, orders), at, orders, {0: np.repeat(3e-4 * (body - 30.0), 2) + 0j}, np.repeat(run, 2))
     (one,) = result.unexplained
     assert "follows the oil temperature late" in one.text
-    assert "or with time: the runs sweep the oil temperature once" in one.text
+    assert "or with time: the runs go through the oil temperature once" in one.text
 
 
 @pytest.mark.thorough

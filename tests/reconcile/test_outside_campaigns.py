@@ -211,7 +211,7 @@ def test_a_law_of_a_condition_that_the_runs_go_through_once_may_be_one_of_the_ti
         assert sorted_by(listed) == ""
         (one,) = found(listed, {53: 2e-4 * (listed.temperature_C - 30.0) / 5.0 * TURN}).values()
         assert "temperature" in one.text
-        assert ("or with time: the runs sweep the oil temperature once" in one.text) is is_open
+        assert ("or with time: the runs go through the oil temperature once" in one.text) is is_open
     # what steps over the runs follows the time anyway
     levels = np.random.default_rng(2).permutation(np.unique(at.torque_Nm))
     listed = at.rows(np.concatenate([mixed[at.torque_Nm[mixed] == level] for level in levels]))

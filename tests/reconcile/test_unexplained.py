@@ -81,7 +81,7 @@ def test_what_else_a_sentence_says_does_not_hang_on_its_words(words, monkeypatch
     noise = estimate(Observations(at, labels(at), ORDERS, values), values)
     # the grid has one torque after the other
     for known, end in (
-        ({"run": np.arange(len(at)) // 2}, ", or with time: the runs sweep the torque once"),
+        ({"run": np.arange(len(at)) // 2}, ", or with time: the runs go through the torque once"),
         ({"sorted_by": "torque"}, ", or with the time if the runs were made in the order of their list"),
         ({"sorted_by": "speed"}, "at 1800 N m"),
     ):

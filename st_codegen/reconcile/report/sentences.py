@@ -119,7 +119,7 @@ def floor_text(result: Reconciliation) -> str:
         parts.append(_FLOOR[kind] + which)
     text = f"The floor is {'; '.join(parts)}"
     if not result.data.repeated:
-        text += ". No operating point was repeated: structure finer than their spacing counts as noise there"
+        text += ". No two runs have equal conditions: structure finer than their spacing counts as noise there"
     if result.floor_is_bound:
         also = "what is unexplained" if result.unexplained else "what differs between so few runs"
         text += f". It may be smaller: {also} may be in it as well"
@@ -534,7 +534,9 @@ def _by_load(effect: Effect) -> str:
     grows = effect.values.get("growth_per_kNm")
     if more := _size(own, effect):
         return f" without load, with a part of {more:.2g} deg per 1000 N m"
-    return f" without load, and {100.0 * grows:.2g} % more per 1000 N m" if isinstance(grows, float) and grows else ""
+    # as many digits as 12 % and 120 % have
+    percent = f"{100.0 * grows:.{0 if abs(grows) >= 0.1 else 1}f}" if isinstance(grows, float) and grows else ""
+    return f" without load, and {percent} % more per 1000 N m" if percent else ""
 
 
 _WAVES = (

@@ -410,10 +410,8 @@ def _signature(
     # unless it follows the oil late
     through = [name for name in one_after_the_other(target.data) if name.removeprefix("oil ") in statement.conditions]
     if through and (course is None or course.is_lag or statement.says is not course):
-        said += f", or with time: the runs sweep the {' and the '.join(through)} once"
-    if not is_alike:
-        said += "; louder noise in some runs may look the same"
-    side = _side(target, r, noise)
+        said += f", or with time: the runs go through the {' and the '.join(through)} once"
+    side = _side(target, r, noise) + ("" if is_alike else "; louder noise in some runs may look the same")
     # where nothing tells the noise but what runs differ by, that holds what is looked for as well: so in the mean of a
     # table, and in orders of curves that are far from quiet ones
     within = float(noise_within(target)[k])

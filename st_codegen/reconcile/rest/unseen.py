@@ -27,7 +27,7 @@ def cannot_show(data: Observations) -> tuple[str, ...]:
         if len(levels) == 1:
             found.append(f"the {name} never varied ({levels[0]:g} {unit}): {effects} cannot be seen")
         elif len(levels) == 2:
-            found.append(f"the {name} had only two values: no law over it can be identified")
+            found.append(f"the {name} had only two values: no law of it can be told from another")
     found += [
         f"{one} and {other} go together: what depends on the one cannot be told from what depends on the other"
         for one, other in axes_together(at)
@@ -46,7 +46,7 @@ def cannot_show(data: Observations) -> tuple[str, ...]:
         warms = len(np.unique(at.temperature_C)) > 1
         found.append(f"{text}, nor be told from what follows the oil" if warms else text)
     if data.angle_rad is None and not data.repeated:
-        found.append("no operating point was repeated: what changes by the run cannot be told from sharp structure")
+        found.append("no two runs have equal conditions: what changes by the run cannot be told from sharp structure")
     return tuple(found)
 
 

@@ -121,7 +121,7 @@ def _is_no_peak_of_many(current: Fit, piece: Piece) -> bool:
         return True
     elsewhere = np.abs((met @ np.exp(1j * np.outer(target.data.orders[columns], turned))).real)
     here = float(met.sum().real + ((np.abs(own) ** 2).sum(axis=0) * weights).sum())
-    times = here * MEDIAN_1 / max(float(np.median(elsewhere)), 1e-300)
+    times = min(here * MEDIAN_1 / max(float(np.median(elsewhere)), 1e-300), 1e100)  # its square is a number
     # of few orders that the form has in common with what is left, the fit has taken a good part of that
     shares = (np.abs(own.conj() * left) ** 2).sum(axis=0) * weights**2
     numbers = max(2.0 * float(shares.sum() ** 2 / max((shares**2).sum(), 1e-300)), 2.0)
