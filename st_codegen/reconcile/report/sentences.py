@@ -534,9 +534,7 @@ def _by_load(effect: Effect) -> str:
     grows = effect.values.get("growth_per_kNm")
     if more := _size(own, effect):
         return f" without load, with a part of {more:.2g} deg per 1000 N m"
-    # as many digits as 12 % and 120 % have
-    percent = f"{100.0 * grows:.{0 if abs(grows) >= 0.1 else 1}f}" if isinstance(grows, float) and grows else ""
-    return f" without load, and {percent} % more per 1000 N m" if percent else ""
+    return f" without load, and {100.0 * grows:.3g} % more per 1000 N m" if isinstance(grows, float) and grows else ""
 
 
 _WAVES = (

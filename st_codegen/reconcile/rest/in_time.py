@@ -14,6 +14,7 @@ from st_codegen.reconcile.data.chances import chi_square_tail, f_tail
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.rest.lasting import alike, length
 from st_codegen.reconcile.rest.shapes import ramps, steps_and_ramps
+from st_codegen.reconcile.rest.unseen import one_after_the_other
 from st_codegen.reconcile.settings import SETTINGS
 
 #: what is said of a course that noise may be
@@ -93,6 +94,8 @@ def _in_proportion(target: FitData, few_wild: ComplexArray, k: int, course: Cour
             text = plain_course.text + _MAY_LAST * course.may_last
             along, course = _Along(alone), replace(plain_course, text=text, may_last=course.may_last)
     best = SETTINGS.order_gain, course
+    # a condition that the runs go through once, times the time, is about its square: a law of it does that as well
+    gone_through = one_after_the_other(target.data)
     for values, name, unit in ((at.torque_Nm, "torque", "N m"), (at.speed_rpm, "speed", "rpm")):
         most = float(np.abs(values[good]).max(initial=0.0))
         if len(np.unique(np.abs(values[good]))) < 2:
@@ -106,7 +109,7 @@ def _in_proportion(target: FitData, few_wild: ComplexArray, k: int, course: Cour
         )
         # of a scatter that nobody knows, likelihoods differ by the logarithm of what is left
         gain, of_both = (float(numbers * np.log(plain / one)) for one in (left, both))
-        if of_both > max(best[0], gain + SETTINGS.order_gain):
+        if of_both > max(best[0], gain + SETTINGS.order_gain) and name not in gone_through:
             # beside the mean size, which is told with the constant
             gain, found = of_both, _course_of(target, k, z - of_two[:, [2, -1]].sum(axis=1), along.weights)
             found = replace(found, power=course.power)
