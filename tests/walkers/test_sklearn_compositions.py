@@ -239,8 +239,13 @@ def test_the_text_of_compositions(name, tmp_path):
         (CalibratedClassifierCV(GaussianNB(), method="temperature", cv=2), TWO, "supported are 'sigmoid'"),
         (DummyClassifier(strategy="stratified"), TWO, "draws its answers at random"),
         *(
-            (whole(RadiusNeighborsClassifier(200.0, outlier_label=-1)), THREE, "answers with -1, which is none of its")
+            (
+                whole(RadiusNeighborsClassifier(200.0, outlier_label=-1)),
+                THREE,
+                "answers with -1, as an outlier_label may be",
+            )
             for whole in (
+                multiclass.OneVsOneClassifier,
                 lambda one: ensemble.VotingClassifier([("a", one), ("b", tree(2))]),
                 lambda one: ensemble.BaggingClassifier(one, 2),
                 lambda one: CalibratedClassifierCV(one, cv=2),
