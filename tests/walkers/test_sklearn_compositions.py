@@ -268,6 +268,14 @@ def test_what_is_not_supported_says_so(estimator, y, message):
         loaded(fit(estimator, y))
 
 
+def test_a_threshold_never_answers_with_the_label_of_rows_without_a_neighbour(tmp_path):
+    model = loaded(FixedThresholdClassifier(RadiusNeighborsClassifier(1.0, outlier_label=9)).fit(X, TWO.astype(int)))
+    rows = np.vstack([X, 10 * X])
+    assert not model.predict(rows)[:, 1:].any(axis=1).all()
+    assert np.array_equal(model.predict(rows), reference.evaluate(model.ir, rows))
+    verified(model, tmp_path, rows=100)
+
+
 def test_a_positive_label_that_does_not_exist_is_named():
     """The library raises for every row."""
     whole = FixedThresholdClassifier(tree(3), threshold=0.3).fit(X, TWO)
