@@ -48,7 +48,7 @@ class CsvRow:
 class CsvTable:
     """The rows below a header. A row with more or fewer cells than the header is refused where it is asked for one.
 
-    empty: the lines between rows that have cells with nothing in them; they are no rows.
+    empty: the lines below the header that have cells with nothing in them; they are none of the rows.
     """
 
     names: tuple[str, ...]
@@ -105,8 +105,8 @@ def read_csv(path: Path, wanted: Sequence[str] = ()) -> CsvTable:
     for name in sorted({name for name in names if name and names.count(name) > 1}):
         problems.add(f"the column '{_cut(name)}' is there twice")
     problems.raise_if_any()
-    between = {row.line for row in empty if rows[0].line < row.line < rows[-1].line} - {row.line for row in rows}
-    return CsvTable(names, tuple(rows[1:]), separator == ";", tuple(sorted(between)))
+    below = {row.line for row in empty if row.line > rows[0].line} - {row.line for row in rows}
+    return CsvTable(names, tuple(rows[1:]), separator == ";", tuple(sorted(below)))
 
 
 def with_underscores(columns: Mapping[str, npt.NDArray[np.float64]]) -> dict[str, npt.NDArray[np.float64]]:

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from st_codegen.ir import BranchedTree, Comparison, ModelIR, NanRule, Rank, TreeColumn, TreeEnsemble, depth_of
+from st_codegen.passes.prune import rebuilt
 from st_codegen.passes.unread import without_unread
 
 #: Leaves of a tree, and splits on a path: more is neither fast nor read by anybody.
@@ -42,7 +43,7 @@ def as_branches(model: ModelIR, may_grow: float = 1.0) -> ModelIR | None:
     return without_unread(replace(model, ops=tuple(ops)), answers=True)
 
 
-def _branched(rank: Rank, op: TreeEnsemble) -> BranchedTree | None:
+def _branched(rank: Rank, op: TreeEnsemble) -> TreeEnsemble | None:
     """The tree with the edges of the ranks as thresholds."""
     inner = np.flatnonzero(op.split >= 0)
     columns = [rank.columns[number] for number in op.split[inner]]
@@ -69,12 +70,37 @@ def _branched(rank: Rank, op: TreeEnsemble) -> BranchedTree | None:
     changed["right"][inner] = np.where(swapped, op.left[inner], op.right[inner])
     changed["missing_left"][inner] = missing_left != swapped
     features = max((column.column for column in rank.columns), default=0) + 1
-    return BranchedTree(
-        **vars(op)
-        | changed
-        | {
-            "inputs": rank.inputs,
-            "columns": tuple(TreeColumn(number, NanRule.MISSING) for number in range(features)),
-            "comparison": Comparison.LESS_OR_EQUAL,
-        }
+    return _without_sure(
+        BranchedTree(
+            **vars(op)
+            | changed
+            | {
+                "inputs": rank.inputs,
+                "columns": tuple(TreeColumn(number, NanRule.MISSING) for number in range(features)),
+                "comparison": Comparison.LESS_OR_EQUAL,
+            }
+        )
     )
+
+
+def _without_sure(op: TreeEnsemble) -> TreeEnsemble:
+    """The tree without splits of missing values from numbers where no missing value comes: all rows go left there.
+
+    The ranks of an input count missing values below or above its numbers, each in a column of its own, so that no split
+    of one column tells of those of the other before (`prune`).
+    """
+    may_miss = np.ones((op.n_nodes, len(op.columns)), np.bool_)
+    inner = np.flatnonzero(op.split >= 0)
+    for node in inner:  # parents come first
+        column = op.split[node]
+        for child, takes_missing in (
+            (op.left[node], op.missing_left[node]),
+            (op.right[node], not op.missing_left[node]),
+        ):
+            may_miss[child] = may_miss[node]
+            may_miss[child, column] &= takes_missing
+    forward = np.arange(op.n_nodes)
+    for node in inner[::-1]:
+        if np.isposinf(op.threshold[node]) and not may_miss[node, op.split[node]]:
+            forward[node] = forward[op.left[node]]
+    return rebuilt(op, forward)

@@ -33,11 +33,11 @@ def pruned(model: ModelIR) -> ModelIR:
 
 def _pruned_pair(rank: Rank, op: TreeEnsemble, *, accepts_nan: bool) -> tuple[Rank, TreeEnsemble]:
     reached = Boxes.of(op, *rank.ends(accepts_nan=accepts_nan)).cut()
-    trees = _rebuilt(reached, subtrees(reached, collapse=True).forward)
+    trees = rebuilt(reached, subtrees(reached, collapse=True).forward)
     return _compacted(rank, _without_constant_trees(trees))
 
 
-def _rebuilt(op: TreeEnsemble, forward: IntArray) -> TreeEnsemble:
+def rebuilt(op: TreeEnsemble, forward: IntArray) -> TreeEnsemble:
     """The ensemble with only those nodes that stay, in preorder; equal leaf values are kept once."""
     inner = op.split >= 0
     layout = preorder(forward[op.roots], np.where(inner, forward[op.left], -1), np.where(inner, forward[op.right], -1))

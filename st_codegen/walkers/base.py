@@ -94,6 +94,10 @@ class NoColumnError(UnsupportedModelError):
         self.sparse = sparse
 
 
+class SingleError(UnsupportedModelError):
+    """A model that scikit-learn computes in float32, at least in parts, where its walker does not."""
+
+
 #: What is said where something else than trees reads a NaN that an encoder makes.
 _ABSENT = (
     "an encoder makes NaN of unknown categories, and what reads it is no model of trees that takes missing values: "
@@ -377,12 +381,12 @@ class _Registry(Generic[_Result]):
                 found = getattr(estimator, double, None) if double else None
                 arrays = found if isinstance(found, list) else [found]
                 if any(getattr(one, "dtype", None) == np.float32 for one in arrays):
-                    raise UnsupportedModelError(
+                    raise SingleError(
                         f"{type(estimator).__name__} was fitted on float32, and scikit-learn computes parts of its "
                         "answers in that: fit it on X.astype('float64') and a y of that kind"
                     )
                 if not single and builder.is_single(value):
-                    raise UnsupportedModelError(
+                    raise SingleError(
                         f"{type(estimator).__name__} reads numbers of float32 here, as encoders with dtype=float32 and "
                         "models of XGBoost give them, and scikit-learn computes in float32 with them: use "
                         "dtype='float64', or passthrough=True in a stack"

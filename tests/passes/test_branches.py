@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from st_codegen.ir import BranchedTree, Comparison, Operator, Scale, depth_of, reference
+from st_codegen.ir import BranchedTree, Comparison, Operator, Scale, TreeEnsemble, depth_of, reference
 from st_codegen.passes import branches
 from st_codegen.passes.branches import as_branches
 from st_codegen.passes.choose import Choices, Layout, Options
@@ -16,6 +16,7 @@ from st_codegen.passes.prune import pruned
 from st_codegen.passes.ranks import ranked
 from st_codegen.proof.probes import probe_rows
 from st_codegen.proof.prove.prove import prove
+from tests.classifiers import SCORE, X, loaded
 from tests.emit.test_emitted import run
 from tests.models import model, random_trees
 from tests.passes.certified import certified
@@ -80,6 +81,19 @@ def test_a_split_of_missing_values_from_numbers_tests_the_flag_alone(tmp_path):
         assert np.array_equal(run(made, "iec", tmp_path / str(left), x), expected, equal_nan=True)
         text = (tmp_path / str(left) / "iec" / "FB_M.st").read_text()
         assert bool(re.search(rf"IF (NOT )?abMissing\[{op.split[split]}\] THEN", text[text.index("nLeaf") :])) != left
+
+
+def test_a_split_that_a_range_leaves_nothing_to_tell_is_dropped(tmp_path):
+    from sklearn.tree import DecisionTreeRegressor
+
+    whole = loaded(DecisionTreeRegressor(max_depth=4, random_state=0).fit(X, SCORE)).ir
+    limited = replace(whole, features=tuple(replace(one, lower=-1.0, upper=1.0) for one in whole.features))
+    made = branched(limited)
+    x = probe_rows(limited, 500)
+    expected = reference.evaluate(limited, x)
+    assert np.array_equal(run(made, "iec", tmp_path, x), expected, equal_nan=True)
+    (op,), (before,) = made.ops, (op for op in pruned(ranked(limited)).ops if isinstance(op, TreeEnsemble))
+    assert op.n_nodes < before.n_nodes
 
 
 def test_what_is_no_small_single_tree_stays_as_it_is(monkeypatch):

@@ -103,6 +103,9 @@ def test_tables_keep_every_bit(tmp_path):
         ("a,a\n1,2\n", "'a' is there twice"),
         ("a,b\n1,2\n,\n3,4\n", "line 3: all cells are empty; a missing number is written nan"),
         ('a\n1\n""\n3\n', "line 3: all cells are empty"),
+        ('a\n1.0\n""\n', "line 3: all cells are empty"),
+        ("a,b\n1,2\n,\n", "line 3: all cells are empty"),
+        ("a,b\n,\n,\n", "(?s)line 2: all cells are empty.*line 3: all cells are empty"),
     ],
 )
 def test_bad_tables_are_described(tmp_path, text, reason):
@@ -111,9 +114,9 @@ def test_bad_tables_are_described(tmp_path, text, reason):
         read_table(tmp_path / "x.csv")
 
 
-def test_lines_without_cells_and_behind_the_last_row_are_no_rows(tmp_path):
-    """Rows of empty cells between others were left out too, and predictions stood beside other rows."""
-    (tmp_path / "x.csv").write_text("\na,b\n\n1,2\n  \n3,4\n,\n\n")
+def test_lines_without_cells_are_no_rows(tmp_path):
+    """Rows of empty cells were left out too, and predictions stood beside other rows."""
+    (tmp_path / "x.csv").write_text("\na,b\n\n1,2\n  \n3,4\n\n  \n\n")
     assert read_table(tmp_path / "x.csv")["b"].tolist() == [2.0, 4.0]
 
 

@@ -7,7 +7,7 @@ import pytest
 from onnx import TensorProto, helper
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import SlidingLinear, reference
+from st_codegen.ir import Activation, Function, SlidingLinear, reference
 from st_codegen.proof.bounds import difference_bound
 from st_codegen.walkers.limits import set_features
 from tests.classifiers import loaded as compiled
@@ -352,6 +352,9 @@ def test_norms_of_windows(tmp_path, shape, options, power):
     loaded = build.load(one("LpPool", shape, p=power, **options), tmp_path)
     x = rows(int(np.prod(shape[1:])))
     agree(loaded, x[np.all(np.abs(x) < 1e6, axis=1)])
+    # the root is a power of a reciprocal in float32
+    powers = [op.parameter for op in loaded.ir.ops if isinstance(op, Activation) and op.function is Function.POWER]
+    assert powers[-1:] == [float(np.float32(1.0) / np.float32(power))][: power - 1]
 
 
 @pytest.mark.parametrize("opset", [18, 21])

@@ -380,6 +380,15 @@ def test_a_class_of_rows_without_weight_is_named_where_it_is_never_predicted(kin
         loaded(estimator)
 
 
+@pytest.mark.parametrize("probability", [True, False])
+def test_a_machine_without_a_class_of_rows_without_weight_is_refused(probability):
+    """The library takes the numbers of the classes that are left for those of all."""
+    estimator = svm.SVC(probability=probability).fit(X, THREE, sample_weight=(THREE != 1).astype(float))
+    assert set(estimator.predict(X)) == {0, 1}
+    with pytest.raises(UnsupportedModelError, match=r"^SVC of 3 classes, of which libsvm kept 2, as it does where all"):
+        loaded(estimator)
+
+
 def test_a_discriminant_of_one_class_has_no_probability(tmp_path):
     """Its predict_proba raises."""
     model = loaded(fit(discriminant_analysis.LinearDiscriminantAnalysis(), X, np.ones(len(X))))

@@ -239,8 +239,13 @@ def test_the_text_of_compositions(name, tmp_path):
         (CalibratedClassifierCV(GaussianNB(), method="temperature", cv=2), TWO, "supported are 'sigmoid'"),
         (DummyClassifier(strategy="stratified"), TWO, "draws its answers at random"),
         *(
-            (whole(RadiusNeighborsClassifier(200.0, outlier_label=-1)), THREE, "answers with -1, which is none of its")
+            (
+                whole(RadiusNeighborsClassifier(200.0, outlier_label=-1)),
+                THREE,
+                "answers with -1, as an outlier_label may be",
+            )
             for whole in (
+                multiclass.OneVsOneClassifier,
                 lambda one: ensemble.VotingClassifier([("a", one), ("b", tree(2))]),
                 lambda one: ensemble.BaggingClassifier(one, 2),
                 lambda one: CalibratedClassifierCV(one, cv=2),
@@ -249,7 +254,7 @@ def test_the_text_of_compositions(name, tmp_path):
         (
             ensemble.GradientBoostingClassifier(n_estimators=2, init=GaussianNB()),
             THREE,
-            "with init=GaussianNB, which it fits and calls with float32: GaussianNB was fitted on float32",
+            "with init=GaussianNB: that is fitted on float32 whatever the data are, .* parts: take another init$",
         ),
         (
             multioutput.ClassifierChain(GaussianNB(), chain_method="predict_log_proba"),
@@ -261,6 +266,14 @@ def test_the_text_of_compositions(name, tmp_path):
 def test_what_is_not_supported_says_so(estimator, y, message):
     with pytest.raises(UnsupportedModelError, match=message):
         loaded(fit(estimator, y))
+
+
+def test_a_threshold_never_answers_with_the_label_of_rows_without_a_neighbour(tmp_path):
+    model = loaded(FixedThresholdClassifier(RadiusNeighborsClassifier(1.0, outlier_label=9)).fit(X, TWO.astype(int)))
+    rows = np.vstack([X, 10 * X])
+    assert not model.predict(rows)[:, 1:].any(axis=1).all()
+    assert np.array_equal(model.predict(rows), reference.evaluate(model.ir, rows))
+    verified(model, tmp_path, rows=100)
 
 
 def test_a_positive_label_that_does_not_exist_is_named():

@@ -265,7 +265,17 @@ def test_no_neighbour_within_the_radius_is_no_answer(tmp_path):
 @pytest.mark.parametrize("metric", ["euclidean", "chebyshev"])
 @pytest.mark.parametrize(
     ("classes", "label"),
-    [(THREE, 1), (THREE, -1), (THREE, "most_frequent"), (THREE + 1, 1), (THREE + 1, 3), (WORDS, "none"), (TWO, True)],
+    [
+        (THREE, 1),
+        (THREE, -1),
+        (THREE, "most_frequent"),
+        (THREE + 1, 1),
+        (THREE + 1, 3),
+        (THREE + 1.0, 1),
+        (THREE * 2.0, -1),
+        (WORDS, "none"),
+        (TWO, True),
+    ],
 )
 def test_labels_of_rows_without_a_neighbour(classes, label, metric, algorithm, tmp_path):
     """Of a class, of none, and by the number of a class, for which algorithm='brute' takes it."""

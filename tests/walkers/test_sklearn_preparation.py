@@ -230,6 +230,25 @@ def test_functions_in_pieces(name, tmp_path):
             assert not np.isfinite(model.predict(row[None])).all()
 
 
+@pytest.mark.parametrize("count", [1, 5])
+@pytest.mark.parametrize("large", [2.0**20, 2.0**30, -(2.0**30), 3e9, -3e9, 1e308])
+def test_a_large_constant_is_neither_end_of_a_normal_distribution(large, count):
+    """The library adds 1e-7, which leaves large numbers as they are."""
+    estimator = QuantileTransformer(n_quantiles=count, output_distribution="normal")
+    model = loaded(estimator.fit(np.full((9, 1), large)))
+    beside = np.array([np.nextafter(large, -np.inf), large, np.nextafter(large, np.inf)])
+    usable, _ = agrees(model, beside[:, None])
+    assert usable.all()
+
+
+@pytest.mark.parametrize("distribution", ["uniform", "normal"])
+def test_quantiles_further_apart_than_the_largest_number_are_refused(distribution):
+    """The library has NaN between them, or a step."""
+    estimator = QuantileTransformer(n_quantiles=2, output_distribution=distribution)
+    with pytest.raises(UnsupportedModelError, match="further apart than the largest number: scale the data down"):
+        loaded(fit(estimator, np.array([[-1.7e308], [0.0], [1.7e308]]), None))
+
+
 def test_periods_of_many_digits_are_led_back_within_a_bound(tmp_path):
     periodic = SplineTransformer(5, extrapolation="periodic").fit(X)
     model = loaded(periodic)

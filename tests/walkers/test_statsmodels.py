@@ -79,6 +79,18 @@ def test_results_of_regularized_fits(tmp_path, name):
     agrees(loaded(MODELS[name]().fit_regularized(alpha=0.1), tmp_path), 0.5)
 
 
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("given", ["offset", "exposure"])
+@pytest.mark.parametrize("kind", ["Poisson", "NegativeBinomial", "NegativeBinomialP", "GeneralizedPoisson"])
+def test_what_each_row_of_the_fit_had_beside_its_columns_is_left_out_or_refused(tmp_path, kind, given):
+    results = getattr(sm, kind)(np.round(np.abs(Y) * 3), sm.add_constant(X), **{given: np.linspace(1, 2, 60)}).fit()
+    if kind in ("Poisson", "NegativeBinomial"):
+        agrees(loaded(results, tmp_path), 0.5)
+        return
+    with pytest.raises(UnsupportedModelError, match=f"{kind} with {given}: its predict adds those of the rows"):
+        loaded(results, tmp_path)
+
+
 def test_columns_have_the_names_of_a_frame_and_plain_formulas_are_read(tmp_path):
     frame = pd.DataFrame(X, columns=["speed", "load", "oil"]).assign(y=Y)
     model = agrees(loaded(sm.OLS(frame["y"], frame[["speed", "load"]]).fit(), tmp_path))

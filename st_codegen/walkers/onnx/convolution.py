@@ -298,7 +298,8 @@ def _norm_pool(call: NodeCall) -> Operand:
     starts = np.ravel(np.arange(channels)[:, None] * wide.shape[1] * wide.shape[2] + at[:, 0])
     op = SlidingLinear((walk.settle(wide),), np.ones((1, at.shape[1])), np.zeros(1), starts, at[0], image.precision)
     sums = walk.computed(op, (1, channels, *window.places), image.dtype)
-    return sums if power == 1 else apply_activation(walk, sums, Function.POWER, 1.0 / power)
+    root = float(np.float32(1.0) / np.float32(power))  # as the library has it (core/providers/cpu/nn/pool_functors.h)
+    return sums if power == 1 else apply_activation(walk, sums, Function.POWER, root)
 
 
 @operator("GlobalMaxPool GlobalAveragePool", 1, 22)

@@ -68,12 +68,13 @@ def _scattered(fitted: Fitted, part: Classified, value: int, labels: Sequence[La
 
 
 def _check_known(fitted: Fitted, part: Classified, labels: Sequence[Label]) -> None:
-    """Raise UnsupportedModelError where an estimator answers with a label that the whole does not have."""
+    """Raise UnsupportedModelError where an estimator answers with a label that is none of those it is fitted on."""
     if not set(part.labels) <= set(labels):
         other = next(label for label in part.labels if label not in labels)
         raise UnsupportedModelError(
-            f"{fitted.kind} of an estimator that answers with {other!r}, which is none of its classes, as an "
-            "outlier_label may be: take one of the classes, or train the whole again"
+            f"{fitted.kind} of an estimator that answers with {other!r}, as an outlier_label may be; it is fitted on "
+            f"the labels {', '.join(map(repr, labels[:3]))}{', ..' * (len(labels) > 3)}: take one of these, or train "
+            "the whole again"
         )
 
 
@@ -286,6 +287,8 @@ def walk_one_vs_one(fitted: Fitted, builder: GraphBuilder, value: int) -> Classi
     if fitted.get("pairwise_indices_") is not None or len(parts) != len(list(combinations(labels, 2))):
         raise UnsupportedModelError("OneVsOneClassifier of a precomputed kernel")
     found = [walk_classifier(part, builder, value) for part in parts]
+    for one in found:  # another answer is a vote for neither
+        _check_known(fitted, one, (0, 1))
     scores = [_response(one, part, builder) for one, part in zip(found, parts, strict=True)]
     seconds = builder.beside(*[one.index for one in found])
     decision = votes_and_confidences(builder, seconds, builder.beside(*scores), len(labels))

@@ -38,6 +38,13 @@ class _Machine:
         self.kernel = fitted.choice("kernel", KERNELS)
         self.vectors = fitted.floats("support_vectors_", (None, width))
         count, pairs = len(self.vectors), n_classes * (n_classes - 1) // 2
+        kept = np.size(fitted.get("_n_support"))
+        if kept < n_classes and np.shape(fitted.get("_intercept_")) == (kept * (kept - 1) // 2,):
+            raise UnsupportedModelError(
+                f"{fitted.kind} of {n_classes} classes, of which libsvm kept {kept}, as it does where all rows of a "
+                "class have no weight: scikit-learn then answers with the labels of other classes; leave such rows out "
+                "before fit"
+            )
         self.intercept = fitted.floats("_intercept_", (pairs,))
         self.coefficients = fitted.floats("_dual_coef_", (n_classes - 1, count))
         # libsvm reads as many entries of these as it has support vectors, and of the numbers one a class

@@ -148,6 +148,8 @@ def walk_radius_classes(fitted: Fitted, builder: GraphBuilder, value: int) -> Cl
         return Classified(labels, largest(builder, shares), shares)
     (chosen,) = fitted.items("outlier_label_", 1)
     outlier = label_of(chosen)
+    if isinstance(outlier, int) and abs(outlier) < 2**1023 and type(labels[0]) in (int, float):  # NumPy makes it alike
+        outlier = type(labels[0])(outlier)
     if type(outlier) is not type(labels[0]):
         raise fitted.fail("outlier_label_", "not a label of the type of the others")
     by_number = fitted.get("_fit_method") == "brute" and fitted.get("_fit_X").dtype == np.float64

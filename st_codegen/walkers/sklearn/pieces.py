@@ -7,6 +7,7 @@ dropped categories are the library's own.
 from __future__ import annotations
 
 import math
+import sys
 import warnings
 from collections.abc import Callable, Sequence
 from fractions import Fraction
@@ -326,16 +327,19 @@ def _cut_to_normal(
     """Knots, and what lies on, before and behind them, cut where the library takes a number for one of the ends.
 
     That is where it lies less than a threshold above the first quantile, or below the last one, in numbers as they
-    round; where both hold, it is the first.
+    round; where both hold, it is the first. Among large numbers the quantiles themselves may be taken for neither.
     """
+    _widths(knots)
     first, last = float(knots[0]), float(knots[-1])
     start = _last_number(first, lambda x: x - _BOUNDS_THRESHOLD < first)
     stop = -_last_number(-last, lambda x: -x + _BOUNDS_THRESHOLD > last)
-    if stop <= start or len(knots) == 1:
+    if stop <= start:
         return np.array([max(start, first)]), np.zeros(1), np.zeros(1), np.zeros(1)
     inside = (knots > start) & (knots < stop)
 
     def between(x: float, piece: int) -> float:
+        if len(knots) == 1:  # a large one, beside which no number is between the ends
+            return 0.0
         at = min(max(piece, 0), len(knots) - 2)
         share = (x - knots[at]) / (knots[at + 1] - knots[at])
         return float(high[at] + (low[at + 1] - high[at]) * share)
@@ -354,6 +358,7 @@ def _cut_to_normal(
 def _last_number(start: float, holds: Callable[[float], bool]) -> float:
     """The last number for which holds what holds for smaller ones; it lies not far from `start`, or just before it."""
     low, high = math.nextafter(start, -math.inf), start + 4.0 * max(_BOUNDS_THRESHOLD, math.ulp(start))
+    high = min(high, sys.float_info.max)
     while math.nextafter(low, high) < high:
         middle = low + (high - low) / 2
         low, high = (middle, high) if holds(middle) else (low, middle)
@@ -382,13 +387,24 @@ def inverse_quantiles(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     return add_pieces(builder, value, columns)
 
 
+def _widths(knots: FloatArray) -> FloatArray:
+    """How far each knot lies before the next one; beyond the largest number libraries have no slope for it."""
+    with np.errstate(over="ignore"):
+        widths: FloatArray = np.diff(knots)
+    if not np.all(np.isfinite(widths)):
+        raise UnsupportedModelError(
+            "knots that lie further apart than the largest number: scale the data down before training"
+        )
+    return widths
+
+
 def _linear(knots: FloatArray, left: FloatArray, right: FloatArray, ends: tuple[float, float]) -> FloatArray:
     """Pieces from the right end at each knot to the left end at the next one; constant `ends` beyond."""
     pieces = np.zeros((len(knots) + 1, 2))
     pieces[0, 0], pieces[-1, 0] = ends
     pieces[1:-1, 0] = right[:-1]
     with np.errstate(over="ignore"):
-        pieces[1:-1, 1] = (left[1:] - right[:-1]) / np.diff(knots)
+        pieces[1:-1, 1] = (left[1:] - right[:-1]) / _widths(knots)
     if not np.all(np.isfinite(pieces[:, 1])):
         raise UnsupportedModelError(
             "knots that lie too near to each other for a slope: scale the data up before training"

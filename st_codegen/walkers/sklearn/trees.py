@@ -31,7 +31,15 @@ from st_codegen.ir import (
     SummationOrder,
     TreeColumn,
 )
-from st_codegen.walkers.base import Classified, GraphBuilder, Walked, walk_classifier, walk_estimator, walks
+from st_codegen.walkers.base import (
+    Classified,
+    GraphBuilder,
+    SingleError,
+    Walked,
+    walk_classifier,
+    walk_estimator,
+    walks,
+)
 from st_codegen.walkers.classes import above, complement, labels_of, largest, numbered, softmax
 from st_codegen.walkers.fitted import Fitted
 from st_codegen.walkers.forest import laid_out, side_by_side
@@ -126,10 +134,10 @@ def _start(
     try:
         return walk(init, builder, read)
     except UnsupportedModelError as error:
-        name = type(init).__name__
-        raise UnsupportedModelError(
-            f"{fitted.kind} with init={name}, which it fits and calls with float32: {error}"
-        ) from error
+        why = str(error)
+        if isinstance(error, SingleError):
+            why = "that is fitted on float32 whatever the data are, and computed in float32 in parts: take another init"
+        raise UnsupportedModelError(f"{fitted.kind} with init={type(init).__name__}: {why}") from error
 
 
 def _boosted_from(fitted: Fitted, builder: GraphBuilder, value: int, start: int) -> int:

@@ -54,7 +54,7 @@ def walk_threshold(fitted: Fitted, builder: GraphBuilder, value: int) -> Classif
     labels = labels_of(fitted)
     inner = getattr(fitted.estimator, "estimator_", fitted.get("estimator"))
     one = walk_classifier(inner, builder, value)
-    if len(labels) != 2 or one.labels != labels:
+    if len(labels) != 2 or one.labels[:2] != labels:  # a label for outliers is never the answer
         raise fitted.fail("classes_", "not the two labels of its estimator")
     tuned = fitted.kind == "TunedThresholdClassifierCV"
     positive = label_of(fitted.get("_curve_scorer")._get_pos_label() if tuned else fitted.get("pos_label"))

@@ -2,8 +2,8 @@
 
 It multiplies the columns with the parameters (regression/linear_model.py, robust/robust_linear_model.py,
 genmod/generalized_linear_model.py, discrete/discrete_model.py) and, for a GLM, takes the inverse of the link
-(genmod/families/links.py). Offsets and exposures of the fit take no part, nor do parameters of a distribution, which
-stand behind those of the columns.
+(genmod/families/links.py). Offsets and exposures of the fit take no part, but for models that are refused with one, nor
+do parameters of a distribution, which stand behind those of the columns.
 """
 
 from __future__ import annotations
@@ -26,6 +26,8 @@ _MODELS: dict[str, Function | None] = {
     "Probit": Function.ERF,
     **dict.fromkeys(("Poisson", "NegativeBinomial", "NegativeBinomialP", "GeneralizedPoisson"), Function.EXP),
 }
+#: Models that add the offset and the exposure of each row of the fit to whatever rows they predict.
+_KEEP_OFFSETS = ("GeneralizedPoisson", "NegativeBinomialP")
 #: The functions that are the inverses of links; those of powers stand beside it.
 _INVERSES = {"Identity": None, "Log": Function.EXP, "Logit": Function.LOGISTIC, "Probit": Function.ERF}
 _POWERS = ("Power", "InversePower", "Sqrt", "InverseSquared")
@@ -93,6 +95,12 @@ def _results(results: Any, builder: GraphBuilder, value: int) -> int:
         raise UnsupportedModelError(
             f"results of {kind} with {parameters.shape} parameters; supported are {', '.join(_MODELS)} and GLM of one "
             "number"
+        )
+    kept = [name for name in ("offset", "exposure") if kind in _KEEP_OFFSETS and hasattr(results.model, name)]
+    if kept:
+        raise UnsupportedModelError(
+            f"{kind} with {' and '.join(kept)}: its predict adds those of the rows that it was fitted on to any other "
+            "rows; fit it without, or take Poisson or NegativeBinomial, which leave them out"
         )
     weights = parameters if constant is None else np.delete(parameters, constant)
     bias = np.zeros(1) if constant is None else parameters[[constant]]

@@ -26,6 +26,7 @@ from sklearn.multiclass import OneVsRestClassifier
 from sklearn.naive_bayes import BernoulliNB, GaussianNB
 from sklearn.neighbors import NearestCentroid
 from sklearn.neural_network import MLPClassifier
+from sklearn.preprocessing import QuantileTransformer
 from sklearn.svm import SVC, OneClassSVM
 from sklearn.tree import DecisionTreeClassifier, DecisionTreeRegressor
 
@@ -78,6 +79,19 @@ def test_the_label_is_the_decision_of_the_model_s_expression(name, tmp_path):
     result = proved(fitted(*EXPRESSIONS[name]), tmp_path)
     assert (result.verdict, result.method, result.reason) == (Verdict.PROVED, EXPRESSION, "")
     assert result.operations > 0 and result.bound == ()
+
+
+@pytest.mark.filterwarnings("ignore::FutureWarning")
+@pytest.mark.parametrize(
+    "estimator",
+    [
+        SVC(C=0.1, probability=True),
+        QuantileTransformer(n_quantiles=5, output_distribution="normal"),
+    ],
+)
+def test_what_the_pages_say_is_not_followed(estimator, tmp_path):
+    result = proved(fitted(estimator, THREE), tmp_path)
+    assert result.verdict is Verdict.NOT_PROVED and "a division by what may be zero" in result.reason
 
 
 CHANGES = {
