@@ -93,7 +93,7 @@ def test_one_number_of_the_measurement_in_place_of_several_changes_is_asked_abou
     as_they_are = reconciled(data, "as_is")
     assert as_they_are.conclusions.offset_changed and as_they_are.conclusions.retuned
     assert report(as_they_are)["zero_offset_deg"]["alternatives"] == ["misread_temperature", "something_else"]
-    assert "in place of the change of friction_windup, zero_offset_deg" in summary(as_they_are)
+    assert "would explain the change of friction_windup, zero_offset_deg as well" in summary(as_they_are)
 
 
 def faster_backward(share):
@@ -121,7 +121,9 @@ def test_a_reading_stands_for_changes_and_for_what_is_unexplained_beside_them():
     assert "all speeds backward 9." in one.text and one.unexplained == {162} and one.instead_of and not one.is_asked
     (changed,) = result.conclusions.retuned
     assert changed.alternatives == ("misread_speed", "something_else")
-    assert "in place of the change of structural_resonance and would leave nothing but noise" in summary(result)
+    assert "would explain the change of structural_resonance as well and would leave nothing but noise" in summary(
+        result
+    )
 
 
 def test_degrees_fahrenheit_are_told_beside_another_drift():

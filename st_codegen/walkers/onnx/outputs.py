@@ -38,7 +38,9 @@ def finish(walk: GraphWalk, graph: onnx.GraphProto, problems: Problems) -> Finis
     """
     found = {info.name: operand for info in graph.output for operand in _checked(walk, info, problems)}
     if not found and not problems.errors:
-        problems.add("the graph has no outputs that are compiled; " + ("; ".join(walk.notes) or "the file is damaged"))
+        kind = UnsupportedModelError if walk.notes else InputError
+        why = "; ".join(walk.notes) or "the file is damaged"
+        problems.errors.append(kind(f"the graph has no outputs that are compiled; {why}"))
     if problems.errors:
         return None, [], ()
     tensors = {name: operand for name, operand in found.items() if isinstance(operand, Tensor)}
