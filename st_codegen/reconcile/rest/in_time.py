@@ -77,22 +77,13 @@ def _in_proportion(target: FitData, few_wild: ComplexArray, k: int, course: Cour
     """The course of an order in proportion to the torque or the speed where that leaves clearly less; else as it is.
 
     Each beside a constant and the condition itself, of which the rig's own numbers have taken off what they could.
-    Where both together leave clearly less than either, its size depends on the condition, in no proportion to it. What
-    is there without a load as well does not come with it.
+    Where both together leave clearly less than either, its size depends on the condition, in no proportion to it.
     few_wild: in noises, (n, K); along: the way of the course.
     """
     at, good = target.data.at, target.good
-    z, numbers = few_wild[:, k], good.sum() * (2 if target.data.orders[k] else 1)
-    alone, load = np.ones(len(z)), at.torque_Nm / max(float(np.abs(at.torque_Nm[good]).max(initial=0.0)), 1e-300)
+    z, numbers = few_wild[:, k], _numbers(target, k)
     if along.text:
-        with_load = np.stack([along.weights, load], axis=1)
-        some, all_ways = (
-            _beside(target, z, with_load, own)[0] for own in (with_load, np.column_stack([with_load, alone]))
-        )
-        if numbers * np.log(some / all_ways) > SETTINGS.order_gain:
-            plain_course = _course_of(target, k, z, alone)
-            text = plain_course.text + _MAY_LAST * course.may_last
-            along, course = _Along(alone), replace(plain_course, text=text, may_last=course.may_last)
+        along, course = _without_load(target, z, k, course, along)
     best = SETTINGS.order_gain, course
     # a condition that the runs go through once, times the time, is about its square: a law of it does that as well
     gone_through = one_after_the_other(target.data)
@@ -124,14 +115,34 @@ def _in_proportion(target: FitData, few_wild: ComplexArray, k: int, course: Cour
     return best[1]
 
 
+def _without_load(target: FitData, z: ComplexArray, k: int, course: Course, along: _Along) -> tuple[_Along, Course]:
+    """The way and the course of what is there without a load as well, where that leaves clearly less; else as they are.
+
+    z: (n,), in noises; along: the way of what comes with the load.
+    """
+    torque = target.data.at.torque_Nm
+    load, alone = torque / max(float(np.abs(torque[target.good]).max(initial=0.0)), 1e-300), np.ones(len(z))
+    with_load = np.stack([along.weights, load], axis=1)
+    some, all_ways = (_beside(target, z, with_load, own)[0] for own in (with_load, np.column_stack([with_load, alone])))
+    if _numbers(target, k) * np.log(some / all_ways) <= SETTINGS.order_gain:
+        return along, course
+    plain = _course_of(target, k, z, alone)
+    return _Along(alone), replace(plain, text=plain.text + _MAY_LAST * course.may_last, may_last=course.may_last)
+
+
+def _numbers(target: FitData, k: int) -> int:
+    """How many measured numbers of an order count."""
+    return int(target.good.sum()) * (2 if target.data.orders[k] else 1)
+
+
 def _course_of(target: FitData, k: int, z: ComplexArray, weights: FloatArray) -> Course:
     """The step or ramp, times weights (n,), of what one order has: z (n,), in noises."""
-    run, numbers = target.data.run, int(target.good.sum()) * (2 if target.data.orders[k] else 1)
+    run = target.data.run
     assert run is not None
     places = np.unique(run[target.good])
     place = np.searchsorted(places, run)
     sums, in_deg = (_by_run(target, one[:, None], place, len(places), weights) for one in (z, z * target.sigma[:, k]))
-    return _described(sums, in_deg, 0, numbers)
+    return _described(sums, in_deg, 0, _numbers(target, k))
 
 
 def _beside(target: FitData, z: ComplexArray, base: FloatArray, ways: FloatArray) -> tuple[float, ComplexArray]:
