@@ -6,11 +6,12 @@ so that one run reports all of them: see `Problems`. Each has a code, from the p
 
 from __future__ import annotations
 
+import difflib
 import importlib
 import re
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import PurePath
 from types import FrameType
@@ -36,6 +37,29 @@ def counted(number: int, one: str, many: str = "") -> str:
     ('1 model', '0 axes', '10,000 rows')
     """
     return f"{number:,} {one if number == 1 else many or f'{one}s'}"
+
+
+def closest(name: str, known: Iterable[str], alike: float = 0.6) -> str | None:
+    """The known name that is spelt most like a name, or None; case counts for nothing, nor does `-` in place of `_`.
+
+    alike: how much of both must be the same, 0 to 1 (`difflib.SequenceMatcher.ratio`).
+
+    >>> closest("Speed_RPM", ["speed_rpm", "torque_Nm"])
+    'speed_rpm'
+    """
+    by_spelling = {_spelt(one): one for one in known}
+    near = difflib.get_close_matches(_spelt(name), by_spelling, 1, alike)
+    return by_spelling[near[0]] if near else None
+
+
+def meant(name: str, known: Iterable[str], alike: float = 0.6) -> str:
+    """The end of a message on a name that nothing has: the known name that may be meant, or nothing."""
+    near = closest(name, known, alike)
+    return f"; did you mean '{near}'?" if near else ""
+
+
+def _spelt(name: str) -> str:
+    return name.lower().replace("-", "_")
 
 
 class StCodegenError(Exception):

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import contextlib
 import csv
-import difflib
 import os
 import sys
 import traceback
@@ -19,7 +18,7 @@ import click
 from st_codegen import __version__
 from st_codegen.cli.codes import codes_of, show_codes
 from st_codegen.cli.lazy import Lazy, LazyGroup
-from st_codegen.errors import InputError, StCodegenError
+from st_codegen.errors import InputError, StCodegenError, meant
 from st_codegen.files.made_by import set_command
 
 _COMMANDS = {
@@ -90,9 +89,7 @@ class _Commands(LazyGroup):
     def _refuse_misspelt(ctx: click.Context, word: str) -> None:
         """Raises UsageError for a word that is no command, and no path."""
         if word not in _COMMANDS and word.isidentifier() and not os.path.lexists(word):
-            near = difflib.get_close_matches(word.lower(), _COMMANDS, 1, 0.7)
-            meant = f" Did you mean '{near[0]}'?" if near else ""
-            ctx.fail(f"No such command, file or folder: '{word}'.{meant}")
+            ctx.fail(f"no such command, file or folder: '{word}'{meant(word, _COMMANDS, 0.7) or '.'}")
 
 
 @click.group(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import itertools
 import json
 from collections.abc import Mapping
@@ -22,7 +21,7 @@ from st_codegen.cli.console import (
     refuse_unused,
     trust_option,
 )
-from st_codegen.errors import InputError
+from st_codegen.errors import InputError, meant
 from st_codegen.files.folders import write_texts
 from st_codegen.files.temporary import temporary_folder
 from st_codegen.files.text import make_folder
@@ -44,9 +43,8 @@ def _accepted(_context: click.Context, _option: click.Parameter, given: tuple[st
     known = [*itertools.chain(*MISTAKES.values()), ALL, AS_IS]
     for name in given:
         if name not in known:
-            near = difflib.get_close_matches(name.lower().replace("-", "_"), known, 1)
-            meant = f" Did you mean '{near[0]}'?" if near else ""
-            raise click.BadParameter("\n  ".join([f"'{name}' is none.{meant} By what is wrong, there are", *_NAMES]))
+            first = f"'{name}' is none{meant(name, known) or '.'} By what is wrong, there are"
+            raise click.BadParameter("\n  ".join([first, *_NAMES]))
     return given
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from st_codegen.errors import InputError, Problems, counted
+from st_codegen.errors import InputError, Problems, counted, meant
 from st_codegen.files.number_text import parse_number
 from st_codegen.files.text import read_text
 
@@ -98,10 +98,11 @@ def read_csv(path: Path, wanted: Sequence[str] = ()) -> CsvTable:
     empty = (row for row in read if len(row.cells) > 1 or row.cells == ("",))  # "" in quotes: a line has no cells
     names = tuple(name.strip() for name in rows[0].cells)
     problems = Problems(str(path))
-    missing = [f"'{name}'" for name in wanted if name not in names]
+    missing = [name for name in wanted if name not in names]
     if missing:
-        which = f"the column {missing[0]} is" if len(missing) == 1 else f"the columns {', '.join(missing)} are"
-        problems.add(f"{which} missing; the table needs {','.join(wanted)}")
+        which = f"the columns {', '.join(map(repr, missing))} are" if missing[1:] else f"the column '{missing[0]}' is"
+        near = meant(missing[0], [_cut(name) for name in names]) if len(missing) == 1 else ""
+        problems.add(f"{which} missing; the table needs {','.join(wanted)}{near}")
     for name in sorted({name for name in names if name and names.count(name) > 1}):
         problems.add(f"the column '{_cut(name)}' is there twice")
     problems.raise_if_any()

@@ -17,7 +17,6 @@ st_codegen.errors.InputError: axis.toml: 2 problems
 
 from __future__ import annotations
 
-import difflib
 import math
 import numbers
 import re
@@ -28,7 +27,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any, TypeVar
 
-from st_codegen.errors import InputError, Problems
+from st_codegen.errors import InputError, Problems, closest
 from st_codegen.files.text import read_text
 
 #: The longest value that a message shows in full, in characters.
@@ -55,12 +54,11 @@ def parse_toml(text: str, subject: str) -> dict[str, Any]:
 def nearest(name: str, known: Iterable[str]) -> str:
     """The tail of a message on an unknown name: the known name that is spelt most like it, and all of them."""
     names = list(known)
-    close = difflib.get_close_matches(name.lower(), [entry.lower() for entry in names], n=1, cutoff=0.6)
+    near = closest(name, names)
     listed = f"nown are {', '.join(names)}" if names else "nothing is known here"
-    if not close:
+    if near is None:
         return f"k{listed}" if names else listed
-    found = next(entry for entry in names if entry.lower() == close[0])
-    return f"did you mean '{found}'? K{listed}"
+    return f"did you mean '{near}'? K{listed}"
 
 
 class TomlTable:

@@ -163,23 +163,36 @@ def _loaded(
     if not folder.exists():
         raise InputError(f"{folder}: no such file or folder")
     configuration = read_configuration(folder)
-    for name, read in READERS.items():
-        if folder.is_dir() and os.path.lexists(folder / name):
-            if configuration.describes_models:
-                raise InputError(
-                    f"{folder / CONFIGURATION_FILE}: {name} describes these models; only [build] has a use beside it"
-                )
-            if prefix or block_name:
-                raise InputError(f"{folder / name} names its blocks itself: leave out --prefix and --block-name")
-            return dataclasses.replace(read(folder / name, reading), configuration=configuration)
+    described = (name for name in READERS if folder.is_dir() and os.path.lexists(folder / name))
+    if (name := next(described, None)) is None:
+        files = _model_files(folder, configuration)
+        configuration = configuration.renamed([path.name for path in files], prefix, block_name)
+        return _from_files(folder, files, configuration, reading, outputs)
+    if configuration.describes_models:
+        raise InputError(
+            f"{folder / CONFIGURATION_FILE}: {name} describes these models; only [build] has a use beside it"
+        )
+    if prefix or block_name:
+        raise InputError(f"{folder / name} names its blocks itself: leave out --prefix and --block-name")
+    return dataclasses.replace(READERS[name](folder / name, reading), configuration=configuration)
+
+
+def _model_files(folder: Path, configuration: Configuration) -> list[Path]:
+    """The model files of a folder that its configuration does not leave out, or the one file that was given."""
     known = suffixes()
-    files = [folder] if folder.is_file() else sorted(p for p in folder.iterdir() if p.suffix.lower() in known)
-    given, files = files, [path for path in files if not configuration.leaves_out(path)]
-    if given and not files:
-        raise InputError(f"{folder}: left out by leave_out in {CONFIGURATION_FILE}")
-    if not files:
+    given = [folder] if folder.is_file() else sorted(p for p in folder.iterdir() if p.suffix.lower() in known)
+    if not given:
         raise InputError(f"{folder}: no model files; supported are {known_formats()}")
-    configuration = configuration.renamed([path.name for path in files], prefix, block_name)
+    files = [path for path in given if not configuration.leaves_out(path)]
+    if not files:
+        raise InputError(f"{folder}: left out by leave_out in {CONFIGURATION_FILE}")
+    return files
+
+
+def _from_files(
+    folder: Path, files: list[Path], configuration: Configuration, reading: Reading, outputs: Outputs
+) -> Bundle:
+    """The models of files, each for itself, with the names and the outputs that the configuration gives them."""
     problems = Problems(str(folder))
     named = {path.name: configuration.model_name(path.name) for path in files}
     check_names(named, problems)

@@ -11,7 +11,7 @@ import numpy as np
 
 from st_codegen.emit.blocks.model import input_variables
 from st_codegen.emit.literals import MAX_IDENTIFIER, capitalised, identifier, spelt
-from st_codegen.errors import InputError, Problems
+from st_codegen.errors import InputError, Problems, meant
 from st_codegen.files.csv_tables import with_underscores
 from st_codegen.files.toml_text import table_lines, toml_value
 from st_codegen.ir import Feature, FloatArray, ModelIR
@@ -91,7 +91,7 @@ def _check_trained_with(table: Mapping[str, FloatArray], models: Mapping[str, Mo
     columns = with_underscores(table)
     for feature in _features(models):
         if feature.name not in columns:
-            problems.add(f"no column '{feature.name}'; there are {', '.join(table)}")
+            problems.add(f"no column '{feature.name}'; there are {', '.join(table)}{meant(feature.name, table)}")
     for file, feature in ((file, feature) for file, model in models.items() for feature in model.features):
         values = columns.get(feature.name, np.empty(0))
         # with use_missing=false LightGBM reads a missing number as 0, and its file has the range of what it read

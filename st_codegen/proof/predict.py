@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from st_codegen.emit.output import block_of
-from st_codegen.errors import InputError, Problems
+from st_codegen.errors import InputError, Problems, meant
 from st_codegen.files.csv_tables import csv_text, read_csv, with_underscores
 from st_codegen.ir import AnyArray, Classes, FloatArray, ModelIR, reference
 from st_codegen.project.bundle import Bundle
@@ -59,7 +59,8 @@ def _rows(model: ModelIR, columns: dict[str, FloatArray]) -> FloatArray:
         if all(name in known for name in names):
             return np.column_stack([known[name] for name in names])
     missing = [feature.name for feature in model.features if feature.name not in known]
-    raise InputError(f"model '{model.name}': no column {', '.join(missing)}; the header has {', '.join(columns)}")
+    near = meant(missing[0], columns) if len(missing) == 1 else ""
+    raise InputError(f"model '{model.name}': no column {', '.join(missing)}; the header has {', '.join(columns)}{near}")
 
 
 def by_reference(model: LoadedModel, x: FloatArray) -> FloatArray:

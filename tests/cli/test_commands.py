@@ -269,9 +269,9 @@ def test_models_is_a_command_and_a_folder_of_that_name_is_compiled(tmp_path, mon
 def test_a_misspelt_command_is_named_unless_it_is_a_path(lone_folder, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert run("veryfy", lone_folder) == 2
-    assert "No such command, file or folder: 'veryfy'. Did you mean 'verify'?" in capsys.readouterr().err
+    assert "no such command, file or folder: 'veryfy'; did you mean 'verify'?" in capsys.readouterr().err
     assert run("cost", str(tmp_path)) == 2
-    assert "No such command, file or folder: 'cost'.\n" in capsys.readouterr().err
+    assert "no such command, file or folder: 'cost'.\n" in capsys.readouterr().err
     lone_folder.rename(tmp_path / "veryfy")
     assert run("veryfy", "-q") == 0
 

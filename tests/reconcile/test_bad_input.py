@@ -82,7 +82,7 @@ def test_options_without_effect_on_a_kind_of_data_are_all_named(header, options,
 def test_a_misspelt_name_of_a_mistake(word, meant, capsys):
     assert run("reconcile", "--measured", "x", "--out", "y", "--accept", "sign", "--accept", word) == 2
     shown = capsys.readouterr().err
-    assert (f"'{word}' is none. Did you mean '{meant}'? By" if meant else f"'{word}' is none. By") in shown
+    assert (f"'{word}' is none; did you mean '{meant}'? By" if meant else f"'{word}' is none. By") in shown
     assert "\n  single runs: block, labels\n  all: all that is asked about; as_is:" in shown
 
 

@@ -373,21 +373,12 @@ def check_inputs(
         limit = listing.table(
             "INPUT_LIMIT", "LREAL", [0.0 if v is None else _largest_below(v, model.is_real) for v in limits]
         )
-    accepted = [(column, ends) for column, ends in enumerate(model.accepted_numbers) if ends is not None]
-    tables = {}
-    if accepted:
-        listing.loop("nColumn", len(accepted))
-        tables = {
-            "column": listing.table("ACCEPTED_INPUT", "DINT", [column for column, _ in accepted]),
-            "lower": listing.table("ACCEPTED_LOWER", "LREAL", [ends[0] for _, ends in accepted]),
-            "upper": listing.table("ACCEPTED_UPPER", "LREAL", [ends[1] for _, ends in accepted]),
-            "last": len(accepted) - 1,
-        }
     listing.section(
         "inputs, checked",
         "inputs",
         known_row=known_row,
         accepts_nan=model.accepts_nan,
+        accepted=_accepted(model, listing),
         present=(
             listing.table("MUST_BE_PRESENT", "DINT", [int(not model.takes_nan(n)) for n in range(len(inputs))])
             if model.accepts_nan and model.must_be_present
@@ -400,8 +391,21 @@ def check_inputs(
         flag_lower=flag_lower,
         flag_upper=flag_upper,
         some_unlimited=any(value is None for value in limits),
-        accepted=tables,
     )
+
+
+def _accepted(model: ModelIR, listing: Listing) -> dict[str, str | int]:
+    """The tables of the inputs of which a number must lie in an interval; empty where there is none."""
+    accepted = [(column, ends) for column, ends in enumerate(model.accepted_numbers) if ends is not None]
+    if not accepted:
+        return {}
+    listing.loop("nColumn", len(accepted))
+    return {
+        "column": listing.table("ACCEPTED_INPUT", "DINT", [column for column, _ in accepted]),
+        "lower": listing.table("ACCEPTED_LOWER", "LREAL", [ends[0] for _, ends in accepted]),
+        "upper": listing.table("ACCEPTED_UPPER", "LREAL", [ends[1] for _, ends in accepted]),
+        "last": len(accepted) - 1,
+    }
 
 
 def _largest_below(limit: float, is_real: bool) -> float:

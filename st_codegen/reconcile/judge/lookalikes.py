@@ -336,13 +336,7 @@ def doubted(
     is_broad = len(foreign) >= SETTINGS.shared_orders
     broad = set(range(2 * foreign[-1] + 1)) if is_broad else set()
     near = {order + off for order in beside for off in (-1, 1)}
-    # what reaches all orders around one, as an effect of one angle does, reaches it as well
-    reached = {k for k in range(max(left, default=0)) if {k - 1 if k else 2, k + 1} <= set(left)}
-    # and so does what three in a row have in common, as an error of pitch that adds up, to the two beside them
-    rows = [k for k in left if {k + 1, k + 2} <= set(left)]
-    reached |= {beyond for k in rows for beyond in (k - 2, k - 1, k + 3, k + 4) if beyond >= 0}
-    moved = near | reached | broad | set(left)
-
+    moved = near | broad | set(left) | _reached(set(left))
     slow = {0} & set(left) if in_samples else set()
     # what changed in one direction alone is half of what turns with it, and half of what does not
     halves = ONE_SIDED if found.names >= ONE_SIDED else frozenset()
@@ -361,10 +355,7 @@ def doubted(
         for claim in found.claims
     ]
     retuned = [
-        replace(
-            one,
-            is_open=one.is_open or is_open(one.after, moved | _mirrored(one.after, left)),
-        )
+        replace(one, is_open=one.is_open or is_open(one.after, moved | _mirrored(one.after, left)))
         for one in found.retuned
     ]
     unsure = {one.after.name for one in retuned if SOMETHING_ELSE in one.alternatives}
@@ -375,6 +366,17 @@ def doubted(
         retuned = [replace(one, is_open=one.is_open or one.after.name == "friction_windup") for one in retuned]
     offset_is_open = found.offset_changed and 0 in moved
     return replace(found, claims=tuple(claims), retuned=tuple(retuned), offset_is_open=offset_is_open)
+
+
+def _reached(left: set[int]) -> set[int]:
+    """Orders that what stays unexplained on those around them reaches as well.
+
+    What is on both sides of one, as an effect of one angle is, reaches it; and what three in a row have in common, as
+    an error of pitch that adds up, the two beside them on each side.
+    """
+    between = {k for k in range(max(left, default=0)) if {k - 1 if k else 2, k + 1} <= left}
+    rows = [k for k in left if {k + 1, k + 2} <= left]
+    return between | {beyond for k in rows for beyond in (k - 2, k - 1, k + 3, k + 4) if beyond >= 0}
 
 
 def _mirrored(effect: Effect, left: Collection[int]) -> set[int]:

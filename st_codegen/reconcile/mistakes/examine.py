@@ -336,40 +336,58 @@ def _common(data: Observations, rig: RigModel, scale: float | None) -> list[Mist
     same, other = (_best(power_sums(data, rig, loud, swapped)) for swapped in (False, True))
     swapped = same.sums.gap_falls(same.gap, other.gap)
     found = other if swapped else same
-    ones = np.ones((2, 1))
-    is_all = same.sums.gap_falls(same.left(ones, 0.0), found.gap)
+    is_all = same.sums.gap_falls(same.left(np.ones((2, 1)), 0.0), found.gap)
     mistakes = [Mistake("direction", _DIRECTION, _swapped, remedy="swap them back")] if swapped and is_all else []
-    offset = float(np.rad2deg(np.angle(np.exp(1j * found.angle))))
-    turned = is_all and abs(offset) > SETTINGS.least_home_deg
-    if turned and found.sums.gap_falls(found.left(found.sign * found.factors, 0.0), found.gap):
-        mistakes.append(Mistake("home_offset", _HOME.format(offset), _turned(found.angle), remedy=_TURN))
-    if is_all and found.sign < 0 and found.sums.gap_falls(found.left(found.factors, found.angle), found.gap):
-        mistakes.append(Mistake("sign", _SIGN, _times(-1.0, -1.0), remedy="turn it"))
-    forward, backward = (float(x) for x in found.factors[:, 0])
-    both = float(np.sqrt(forward * backward))
-    alike = found.left(np.full((2, 1), found.sign * both), found.angle)
-    # two orders have the same factor by a mistake, hardly by two effects
-    differ = _directions_differ(found.sums) or found.sums.gap_falls(alike, found.gap, effects=1)
-    differ = differ and _most_have(found.sums, forward / backward)
-    differ = differ and _median_run_has(_swapped(data) if swapped else data, rig, loud, found, forward / backward)
-    if abs(np.log(forward / backward)) > np.log(SETTINGS.column_factor) and differ:
-        louder = abs(np.log(forward)) > abs(np.log(backward))
-        which, factor, both = ("forward", forward / backward, backward) if louder else (
-            "backward", backward / forward, forward)  # fmt: skip
-        wrong = (factor, 1.0) if which == "forward" else (1.0, factor)
-        mistakes.append(Mistake("column_scale", _COLUMN.format(which, factor), _times(*wrong), remedy="divide by it"))
-    if not is_all:
+    mistakes += _turns(found) if is_all else []
+    of_medians = _of_median_runs(_swapped(data) if swapped else data, rig, loud, found)
+    column, both = _column(found, of_medians)
+    mistakes += column
+    # the mean of runs in several units is in none of them
+    middle = float(np.sqrt(np.prod(np.maximum(of_medians, 1e-12))))
+    if not is_all or abs(np.log(both / middle)) > np.log(SETTINGS.other_size):
         return mistakes
     agreed = abs(np.log(both)) > np.log(SETTINGS.other_size) and _most_have_this(found.sums, both)
-    forward, backward = _of_median_runs(_swapped(data) if swapped else data, rig, loud, found)
-    if abs(np.log(both / np.sqrt(max(forward, 1e-12) * max(backward, 1e-12)))) > np.log(SETTINGS.other_size):
-        # the mean of runs in several units is in none of them
-        return mistakes
     if scale is None:
         choices = unit_choices(both, rig.constants.reduction_ratio, agreed=agreed)
     else:  # 1: it is as it is
         choices = _STILL.format(scale, both, scale / both) if scale != 1.0 and agreed else ""
     return [*mistakes, Mistake("unit", choices)] if choices else mistakes
+
+
+def _turns(found: _Common) -> list[Mistake]:
+    """Another zero of the angle and another sign, each where all orders together leave less with it."""
+    mistakes = []
+    offset = float(np.rad2deg(np.angle(np.exp(1j * found.angle))))
+    unturned, unsigned = found.left(found.sign * found.factors, 0.0), found.left(found.factors, found.angle)
+    if abs(offset) > SETTINGS.least_home_deg and found.sums.gap_falls(unturned, found.gap):
+        mistakes.append(Mistake("home_offset", _HOME.format(offset), _turned(found.angle), remedy=_TURN))
+    if found.sign < 0 and found.sums.gap_falls(unsigned, found.gap):
+        mistakes.append(Mistake("sign", _SIGN, _times(-1.0, -1.0), remedy="turn it"))
+    return mistakes
+
+
+def _column(found: _Common, of_medians: tuple[float, float]) -> tuple[list[Mistake], float]:
+    """A factor that one direction alone has, and the factor that both have beside it.
+
+    of_medians: the factors of the median runs of the two directions.
+    """
+    forward, backward = (float(x) for x in found.factors[:, 0])
+    both = float(np.sqrt(forward * backward))
+    alike = found.left(np.full((2, 1), found.sign * both), found.angle)
+    is_told = (
+        abs(np.log(forward / backward)) > np.log(SETTINGS.column_factor)
+        # two orders have the same factor by a mistake, hardly by two effects
+        and (_directions_differ(found.sums) or found.sums.gap_falls(alike, found.gap, effects=1))
+        and _most_have(found.sums, forward / backward)
+        and _median_run_has(of_medians, forward / backward)
+    )
+    if not is_told:
+        return [], both
+    if abs(np.log(forward)) > abs(np.log(backward)):
+        which, factor, both, wrong = "forward", forward / backward, backward, (forward / backward, 1.0)
+    else:
+        which, factor, both, wrong = "backward", backward / forward, forward, (1.0, backward / forward)
+    return [Mistake("column_scale", _COLUMN.format(which, factor), _times(*wrong), remedy="divide by it")], both
 
 
 def _directions_differ(sums: PowerSums) -> bool:
@@ -394,13 +412,13 @@ def _most_have(sums: PowerSums, factor: float) -> bool:
     return near and (not tells.any() or bool((apart < np.abs(own))[tells].mean() > 0.5))
 
 
-def _median_run_has(data: Observations, rig: RigModel, loud: BoolArray, found: _Common, factor: float) -> bool:
+def _median_run_has(of_medians: tuple[float, float], factor: float) -> bool:
     """Whether the median runs of the two directions have this factor of forward over backward, rather than none.
 
     The mean of runs of which a few have the other sign is smaller, by a factor that no run has.
     """
-    forward, backward = _of_median_runs(data, rig, loud, found)
-    own = float(np.log(max(forward, 1e-12) / max(backward, 1e-12)))
+    forward, backward = np.log(np.maximum(of_medians, 1e-12))
+    own = float(forward - backward)
     return bool(abs(own - np.log(factor)) < abs(own))
 
 

@@ -368,42 +368,27 @@ def _compliance(effect: Effect, result: Reconciliation) -> str:
 
 
 def _resonance(effect: Effect, result: Reconciliation) -> str:
-    """Which order is lifted how far at which speed."""
+    """Which order is lifted how far at which speed, and where the mode lies that lifts it."""
     claim = next((claim for claim in result.conclusions.claims if claim.piece.effect is effect), None)
-    peaks, stderr = (None, {}) if claim is None else (claim.peaks, claim.stderr)
-    frequency = effect.scalar("frequency_Hz") if peaks is None else sum(peaks) / 2
-    final = result.conclusions.final
+    peaks = None if claim is None else claim.peaks
     at = result.data.at.rows(np.flatnonzero(where_there(effect, result.data.at)))
-    without = final.state.model().with_effects(e for e in final.state.model().effects if e is not effect)
-    parts = []
-    turn = at.speed_rpm / (60 * effect.constants.reduction_ratio)
-    hertz = np.full(len(at), frequency)
-    if peaks is None and isinstance(effect, StructuralResonance):
-        hertz = frequency * effect.shift(at.torque_Nm, at.temperature_C)
-    for order in effect.orders:
-        speed = float(at.speed_rpm[np.abs(order * turn - hertz).argmin()])
-        rows = at.rows(np.flatnonzero(at.speed_rpm == speed))
-        with_it = np.abs(final.state.model().coefficients(rows, [order])).mean()
-        alone = np.abs(without.coefficients(rows, [order])).mean()
-        is_lifted = alone > 1e-7 and with_it > SETTINGS.lifted * alone
-        lifted = f"raised {with_it / alone:.0f}-fold" if is_lifted else "changed"
-        parts.append(f"order {order} is {lifted} at {speed:g} rpm")
+    frequency = effect.scalar("frequency_Hz") if peaks is None else sum(peaks) / 2
+    parts = _lifted(effect, result, at, frequency, is_one_peak=peaks is None)
     one = "one resonance" if len(effect.orders) > 1 else "a resonance"
     where = (
         f"at {frequency:.1f} Hz" if peaks is None else f"near {frequency:.0f} Hz ({peaks[0]:.1f} to {peaks[1]:.1f} Hz)"
     )
     slopes = [("frequency_per_kNm", "per 1000 N m"), ("frequency_per_10K", "per 10 K of oil temperature")]
-    if "levels_off_per_kNm" in effect.values and isinstance(effect, StructuralResonance):
-        # on no line: where it lies says more than how it starts, at loads at which some order comes near it
-        orders = np.array(effect.orders)
-        reached = (orders.min() * turn.min() < hertz) & (hertz < orders.max() * turn.max())
-        loads = np.quantile(np.abs(at.torque_Nm[reached if reached.any() else ...]), (0.1, 0.9), method="nearest")
-        oil = float(np.clip(effect.constants.reference_temperature_C, at.temperature_C.min(), at.temperature_C.max()))
-        ends = frequency * effect.shift(loads, oil)
-        where = f"at {ends[0]:.1f} Hz at {loads[0]:g} N m and at {ends[1]:.1f} Hz at {loads[1]:g} N m"
-        del slopes[0]
-    elif peaks is None and isinstance(effect, StructuralResonance):
-        where = _where_measured(effect, at)
+    moving = state = ""
+    if isinstance(effect, StructuralResonance):
+        if "levels_off_per_kNm" in effect.values:
+            where = _between_loads(effect, at, frequency)
+            del slopes[0]
+        elif peaks is None:
+            where = _where_measured(effect, at)
+        moving = "" if claim is None else _heights(claim, effect, at)
+        state = f"{effect.state_text} of oil" if effect.state_text else ""
+    stderr = {} if claim is None else claim.stderr
     moves = [
         f"by {frequency * effect.scalar(key):+.1f}"
         + (f" +- {frequency * stderr[key]:.1g}" if key in stderr else "")
@@ -411,11 +396,48 @@ def _resonance(effect: Effect, result: Reconciliation) -> str:
         for key, per in slopes
         if abs(effect.scalar(key)) > SETTINGS.clearly * stderr.get(key, 0.0)
     ]
-    moving = f", which moves {' and '.join(moves)}" if moves else ""
-    if claim is not None and isinstance(effect, StructuralResonance):
-        moving += _heights(claim, effect, at)
-    state = f"{effect.state_text} of oil" if effect.state_text else ""
+    moving = (f", which moves {' and '.join(moves)}" if moves else "") + moving
     return f"{', '.join(parts)}: {one} of the structure {where}{moving}{state}"
+
+
+def _lifted(
+    effect: Effect, result: Reconciliation, at: Conditions, frequency: float, *, is_one_peak: bool
+) -> list[str]:
+    """By order of a resonance the measured speed that comes next to it, and how far the order is raised there.
+
+    frequency: Hz, at no load and the reference temperature where the resonance is one peak.
+    """
+    final = result.conclusions.final
+    model = final.state.model()
+    without = model.with_effects(other for other in model.effects if other is not effect)
+    turn = at.speed_rpm / (60 * effect.constants.reduction_ratio)
+    hertz = np.full(len(at), frequency)
+    if is_one_peak and isinstance(effect, StructuralResonance):
+        hertz = frequency * effect.shift(at.torque_Nm, at.temperature_C)
+    parts = []
+    for order in effect.orders:
+        speed = float(at.speed_rpm[np.abs(order * turn - hertz).argmin()])
+        rows = at.rows(np.flatnonzero(at.speed_rpm == speed))
+        with_it = np.abs(model.coefficients(rows, [order])).mean()
+        alone = np.abs(without.coefficients(rows, [order])).mean()
+        is_lifted = alone > 1e-7 and with_it > SETTINGS.lifted * alone
+        lifted = f"raised {with_it / alone:.0f}-fold" if is_lifted else "changed"
+        parts.append(f"order {order} is {lifted} at {speed:g} rpm")
+    return parts
+
+
+def _between_loads(effect: StructuralResonance, at: Conditions, frequency: float) -> str:
+    """Where a mode on no line lies at a low and a high load, of those at which some order comes near it.
+
+    That says more than how it starts.
+    """
+    orders, turn = np.array(effect.orders), at.speed_rpm / (60 * effect.constants.reduction_ratio)
+    hertz = frequency * effect.shift(at.torque_Nm, at.temperature_C)
+    reached = (orders.min() * turn.min() < hertz) & (hertz < orders.max() * turn.max())
+    loads = np.quantile(np.abs(at.torque_Nm[reached if reached.any() else ...]), (0.1, 0.9), method="nearest")
+    oil = float(np.clip(effect.constants.reference_temperature_C, at.temperature_C.min(), at.temperature_C.max()))
+    ends = frequency * effect.shift(loads, oil)
+    return f"at {ends[0]:.1f} Hz at {loads[0]:g} N m and at {ends[1]:.1f} Hz at {loads[1]:g} N m"
 
 
 def _where_measured(effect: StructuralResonance, at: Conditions) -> str:

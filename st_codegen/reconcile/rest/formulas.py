@@ -67,9 +67,8 @@ class _Rows:
         found = np.zeros((len(self.gram), len(terms)), np.complex128)
         pairs = zip(self.gram, self.right, strict=True)
         for side, (gram, right) in enumerate(pairs if terms else ()):
-            found[side] = np.linalg.lstsq(gram[np.ix_(terms, terms)].astype(np.complex128), right[terms], rcond=1e-10)[
-                0
-            ]
+            of_terms = gram[np.ix_(terms, terms)].astype(np.complex128)
+            found[side] = np.linalg.lstsq(of_terms, right[terms], rcond=1e-10)[0]
         return found
 
     def tells(self, terms: Sequence[int]) -> bool:
@@ -279,54 +278,58 @@ def _formula(problem: _Problem, chosen: list[int], as_well: dict[int, list[int]]
     """The sentence of a formula, and its amplitudes."""
     at, names = problem.at, problem.names
     solved = problem.all.solved(chosen)
-    place = np.searchsorted(np.unique(at.sign), at.sign)
-    by_term = problem.columns[:, chosen] * solved[place]
+    by_term = problem.columns[:, chosen] * solved[np.searchsorted(np.unique(at.sign), at.sign)]
     values = by_term.sum(axis=1)
-    size = np.abs(values)
-    row = int(np.argmax(size))
     terms = {names[term]: (complex(solved[-1, i]), complex(solved[0, i])) for i, term in enumerate(chosen)}
+    varying = [int(axis) for axis in np.flatnonzero(np.array([TERMS[name][0] for name in terms]).any(axis=0))]
+    # 3 % of a power are a sixth of a size: what is called constant must be all of it, as far as it is shown
+    is_whole = explains >= SETTINGS.formula_whole if varying else round(explains, 2) == 1.0
     # what takes from the others in most runs is said to
     takes = dict(zip(chosen, ((values.conj()[:, None] * by_term).sum(axis=0).real < 0.0).tolist(), strict=True))
     listed = sorted(chosen, key=lambda term: (takes[term], names[term] == "constant"))
     parts = [_words(names[term], [names[other] for other in as_well[term]]) for term in listed]
-    in_words = [*terms, *(names[as_well[term][0]] for term in listed if as_well[term])]
-    named = {AXES[axis] for name in in_words for axis in np.flatnonzero(TERMS[name][0])}
-    powers = np.array([TERMS[name][0] for name in terms])
-    varying = [int(axis) for axis in np.flatnonzero(powers.any(axis=0))]
-    words = (f"{at.speed_rpm[row]:g} rpm", f"{at.torque_Nm[row]:g} N m", f"{at.temperature_C[row]:g} degC")
-    # 3 % of a power are a sixth of a size: what is called constant must be all of it, as far as it is shown
-    is_whole = explains >= SETTINGS.formula_whole if varying else round(explains, 2) == 1.0
-    left, chance = problem.all.least(chosen) - problem.all.noise, np.sqrt(2.0 * problem.parts * problem.all.count)
-    is_beyond = bool(varying and is_whole and left > SETTINGS.told * chance)
-    where = "at " + ", ".join(words[i] for i in varying) if varying else "in the mean of the operating points"
     if not varying and not is_whole:
         parts = [part.replace("is constant", "is mostly constant", 1) for part in parts]
     law = " and ".join(f"less what {part}" if takes[term] else part for term, part in zip(listed, parts, strict=True))
-    law = law.replace(" and less what", ", less what")
-    text = f"{law}: {size[row]:.3g} deg {where}"
-    keeps = varying and size.min() > (1.0 - SETTINGS.keeps_its_size) * size[row]
-    turns = max(float(np.ptp(_turned(values[at.sign == sign]))) for sign in np.unique(at.sign)) if keeps else 0.0
-    if turns > SETTINGS.least_turn_rad:
-        # several terms may make up a wave that hardly grows
-        text = (
-            f"keeps its size, {size.min():.3g} to {size[row]:.3g} deg, and turns its phase by {turns:.2g} rad over the "
-            f"{' and the '.join(_CONDITIONS[i] for i in varying)} (in the terms of a formula it {law})"
-        )
+    text = _where_largest(at, values, varying, law.replace(" and less what", ", less what"))
     levels = [len(np.unique(axis)) for axis in at.axes]
     if few := [_CONDITIONS[i] for i in varying if levels[i] == 2]:
         text += f" (two {' and two '.join(few)} tell no law between them)"
+    in_words = [*terms, *(names[as_well[term][0]] for term in listed if as_well[term])]
+    named = {AXES[axis] for name in in_words for axis in np.flatnonzero(TERMS[name][0])}
     for one, other in axes_together(at):
         if (CONDITIONS.index(one) in varying) != (CONDITIONS.index(other) in varying):
             text += f" ({one} and {other} go together in these runs: it may depend on either)"
             named |= {AXES[CONDITIONS.index(one)], AXES[CONDITIONS.index(other)]}
-    if is_beyond:
+    left, chance = problem.all.least(chosen) - problem.all.noise, np.sqrt(2.0 * problem.parts * problem.all.count)
+    if varying and is_whole and left > SETTINGS.told * chance:
         text += (
             f" (that is {min(100 * explains, 99.9):.3g} % of it, and what is left is no noise: its law may be another)"
         )
     elif not is_whole:
         rest = "its law may be another" if varying else "the rest may differ from one of them to another"
         text += f" (that is {100 * explains:.0f} % of it: {rest})"
-    return Formula(terms, explains, text, float(size[row]), frozenset(named))
+    return Formula(terms, explains, text, float(np.abs(values).max()), frozenset(named))
+
+
+def _where_largest(at: Conditions, values: ComplexArray, varying: list[int], law: str) -> str:
+    """A law in words with its largest size and where that is, or with what a wave does that keeps its size.
+
+    values: of the law in each run, deg; varying: the conditions (of speed, torque, oil temperature) in the law.
+    """
+    size = np.abs(values)
+    row = int(np.argmax(size))
+    keeps = varying and size.min() > (1.0 - SETTINGS.keeps_its_size) * size[row]
+    turns = max(float(np.ptp(_turned(values[at.sign == sign]))) for sign in np.unique(at.sign)) if keeps else 0.0
+    if turns > SETTINGS.least_turn_rad:
+        # several terms may make up a wave that hardly grows
+        return (
+            f"keeps its size, {size.min():.3g} to {size[row]:.3g} deg, and turns its phase by {turns:.2g} rad over the "
+            f"{' and the '.join(_CONDITIONS[i] for i in varying)} (in the terms of a formula it {law})"
+        )
+    words = (f"{at.speed_rpm[row]:g} rpm", f"{at.torque_Nm[row]:g} N m", f"{at.temperature_C[row]:g} degC")
+    where = "at " + ", ".join(words[i] for i in varying) if varying else "in the mean of the operating points"
+    return f"{law}: {size[row]:.3g} deg {where}"
 
 
 def _turned(values: ComplexArray) -> FloatArray:

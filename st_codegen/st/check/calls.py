@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import cast
 
+from st_codegen.errors import meant
 from st_codegen.st import tree as t
 from st_codegen.st.check.coercion import coerce
-from st_codegen.st.check.names import Scope, suggestion
+from st_codegen.st.check.names import Scope
 from st_codegen.st.check.standard import Check, check_standard_call
 from st_codegen.st.check.symbols import DeclaredUnit, failure
 from st_codegen.st.tree import PouKind
@@ -54,7 +55,7 @@ def _call_by_name(scope: Scope, name: t.Identifier, node: t.Call, check: Check) 
     if unit is not None:
         raise failure(name, f"'{name.name}' is a function block: declare an instance of it and call that")
     known = (other.name for other in symbols.units.values() if other.kind is PouKind.FUNCTION)
-    raise failure(name, f"unknown function '{name.name}'{suggestion(name.name, known)}")
+    raise failure(name, f"unknown function '{name.name}'{meant(name.name, known)}")
 
 
 def _base_unit(scope: Scope, node: t.Node) -> DeclaredUnit:
@@ -143,7 +144,7 @@ def _check_arguments(scope: Scope, unit: DeclaredUnit, node: t.Call, check: Chec
         elif argument.name.upper() in parameters:
             parameter = parameters[argument.name.upper()]
         else:
-            hint = suggestion(argument.name, (p.name for p in parameters.values()))
+            hint = meant(argument.name, (p.name for p in parameters.values()))
             raise failure(argument, f"'{unit.name}' has no parameter '{argument.name}'{hint}")
         if parameter.key in made:
             raise failure(argument, f"'{parameter.name}' is given twice")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import cast
 
+from st_codegen.errors import meant
 from st_codegen.st import tree as t
 from st_codegen.st import types
 from st_codegen.st.check import operators
@@ -12,7 +13,7 @@ from st_codegen.st.check.arithmetic import Fault
 from st_codegen.st.check.calls import check_call
 from st_codegen.st.check.coercion import coerce, settle
 from st_codegen.st.check.constants import NotConstantError, evaluate
-from st_codegen.st.check.names import Scope, suggestion, through
+from st_codegen.st.check.names import Scope, through
 from st_codegen.st.check.symbols import failure
 
 
@@ -163,7 +164,7 @@ class Expressions:
             field = base.type.by_key.get(node.name.upper())
             if field is None:
                 known = [entry.name for entry in base.type.fields]
-                raise failure(node, f"'{base.type}' has no field '{node.name}'{suggestion(node.name, known)}")
+                raise failure(node, f"'{base.type}' has no field '{node.name}'{meant(node.name, known)}")
             return through(t.FieldRef(base, node.name.upper(), type=field.type, position=node.position))
         if isinstance(base.type, types.BlockType):
             return self.scope.block_member(base, base.type, node)

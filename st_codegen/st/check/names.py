@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from difflib import get_close_matches
 from typing import Protocol
 
+from st_codegen.errors import meant
 from st_codegen.st import tree as t
 from st_codegen.st.check.symbols import DeclaredUnit, Entry, Symbols, failure
 from st_codegen.st.tree import PouKind
@@ -69,7 +68,7 @@ class Scope:
         value = self.declared.find_enum_value(node.name.upper())
         if value is None:
             known = self.symbols.known_names(self.unit)
-            raise failure(node, f"unknown name '{node.name}'{suggestion(node.name, known)}")
+            raise failure(node, f"unknown name '{node.name}'{meant(node.name, known)}")
         return t.Constant(value[1], type=value[0], position=node.position)
 
     def this(self, node: t.Node) -> t.ThisRef:
@@ -88,7 +87,7 @@ class Scope:
     def enum_value(self, type_: EnumType, name: str, node: t.Node) -> t.Constant:
         """A value of an enumeration by its name."""
         if name.upper() not in type_.by_key:
-            hint = suggestion(name, (known for known, _ in type_.values))
+            hint = meant(name, (known for known, _ in type_.values))
             raise failure(node, f"'{type_.name}' has no value '{name}'{hint}")
         return t.Constant(type_.by_key[name.upper()], type=type_, position=node.position)
 
@@ -98,7 +97,7 @@ class Scope:
         if unit is not None:
             entry = unit.entries.get(node.name.upper())
             if entry is None:
-                raise failure(node, f"'{unit.name}' has no variable '{node.name}'{suggestion(node.name, unit.names)}")
+                raise failure(node, f"'{unit.name}' has no variable '{node.name}'{meant(node.name, unit.names)}")
             return reference(self.declared.variable(unit, entry), node)
         type_ = self.declared.find_type(base.name) if base.name.upper() in self.symbols.types else None
         return self.enum_value(type_, node.name, node) if isinstance(type_, EnumType) else None
@@ -109,7 +108,7 @@ class Scope:
         if found is None:
             owners = self.symbols.lineage(self.symbols.units[block.name.upper()])
             known = [name for owner in owners for name in owner.names]
-            raise failure(node, f"'{block}' has no variable '{node.name}'{suggestion(node.name, known)}")
+            raise failure(node, f"'{block}' has no variable '{node.name}'{meant(node.name, known)}")
         variable = self.declared.variable(*found)
         is_open = variable.section in (t.Section.INPUT, t.Section.OUTPUT) or isinstance(base, t.ThisRef)
         is_open |= isinstance(base, t.ProgramRef) and self.rules.has_open_programs
@@ -133,9 +132,3 @@ def through(expression: t.Expression) -> t.Expression:
     if isinstance(type_, PointerType) and type_.is_reference and type_.target is not None:
         return t.PointerTarget(expression, type=type_.target, position=expression.position)
     return expression
-
-
-def suggestion(name: str, known: Iterable[str]) -> str:
-    """The known name that is nearest to an unknown one, as the end of a message."""
-    close = get_close_matches(name, list(known), 1)
-    return f": is '{close[0]}' meant?" if close else ""
