@@ -30,7 +30,7 @@ from st_codegen.reconcile.rest.structure import (
     scatter_of_encoder,
     scatter_within_turns,
 )
-from st_codegen.reconcile.rest.suspects import bad_runs, excused, without_structure
+from st_codegen.reconcile.rest.suspects import bad_runs, excused, runs_beside, with_beside, without_structure
 from st_codegen.reconcile.rest.unexplained import Signature, beside_the_rigs, loudest, of_a_hum, signatures
 from st_codegen.reconcile.rest.unseen import below_noise, cannot_show
 from st_codegen.reconcile.result import OrderGap, Reconciliation, TakenBack
@@ -139,7 +139,8 @@ def _result(
 ) -> Reconciliation:
     """Gaps, and what is left, of a fit."""
     target, noise = with_noise_of(conclusions.final)
-    noise = _with_suspects(target, conclusions.final, noise)
+    # what runs that lie beside each other have is no part of the fit, and one of what is left
+    noise = _with_suspects(target, conclusions.final, noise).with_those_beside
     target = replace(target, good=noise.good)
     final = replace(conclusions.final, target=target)
     before, after, good = target.residual(rig), final.residual, noise.good
@@ -179,6 +180,7 @@ def _result(
         cannot_show=(
             *cannot_show(data),
             *unlike_friction(conclusions.final, conclusions.effects),
+            *runs_beside(data, noise),
             *below_noise(target),
             *examined.untold,
             *scatter_of_encoder(target, after),
@@ -284,7 +286,10 @@ def _carriers(powers: FloatArray) -> float:
 
 
 def _with_suspects(target: FitData, final: Fit, noise: Noise) -> Noise:
-    """The noise with the bad runs that only the fitted model shows: they are named, and stay out of gap and rest."""
+    """The noise with the bad runs that only the fitted model shows: they are named, and stay out of gap and rest.
+
+    Those that lie beside each other along a condition stay out of the fit as well, and are not called bad.
+    """
     data = target.data
     # what the model lacks is no fault of a run
     lacking = is_lacking(target, final.residual)
@@ -292,12 +297,12 @@ def _with_suspects(target: FitData, final: Fit, noise: Noise) -> Noise:
     noise = without_structure(data, final.residual, noise, lacking)
     found = bad_runs(data, final.residual, noise.sigma, lacking, lack_of_forms(final))
     if not found:
-        return noise
+        return with_beside(data, noise)
     bad = ~noise.good
     bad[list(found)] = True
     again = without_structure(data, final.residual, estimate(data, final.residual, bad), lacking)
     ranked = sorted((dict(noise.suspects) | found | dict(again.suspects)).items(), key=lambda entry: -entry[1])
-    return replace(again, suspects=tuple(ranked))
+    return with_beside(data, replace(again, suspects=tuple(ranked)))
 
 
 def _new_rig(rig: RigModel, final: Fit, conclusions: Conclusions) -> RigModel:

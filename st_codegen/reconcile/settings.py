@@ -648,6 +648,9 @@ class Settings:
     #: share of the runs: more suspects than that are no bad runs, but something else
     most_suspects: float = 0.1
 
+    #: chance of as many wrong runs so close together along a condition: rarer ones are what the machine does there
+    p_beside: float = 0.01
+
     # --- order spectra ---
     #: count; orders of a direction that tell a floor
     spectrum_orders: int = 8

@@ -29,7 +29,7 @@ from st_codegen.reconcile.report.sentences import _heights
 from st_codegen.reconcile.rest.unexplained import beside_the_rigs
 from st_codegen.reconcile.rest.unseen import cannot_show
 from st_codegen.reconcile.run import with_empirical
-from st_codegen.reconcile.search.plausible import with_its_orders
+from st_codegen.reconcile.search.plausible import law_holds, with_its_orders
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.campaign import Measuring, read_conditions, simulate_campaign
 from st_codegen.rig.effects import Conditions, catalogue
@@ -155,6 +155,37 @@ def test_a_resonance_whose_height_follows_the_load(high, lifted, largest_Nm):
     assert result.held_out.after < 1.2 * SIGMA * np.sqrt(len(orders))
     (text,) = (finding.text for finding in findings(result) if finding.effect is effect)
     assert re.search(lifted, text), text
+
+
+@pytest.mark.parametrize("moves", [False, True], ids=["two that stay", "one that moves"])
+def test_two_modes_beside_each_other_are_no_resonance_that_moves(moves):
+    """In loud noise one of 34.0 +- 6.7 Hz without load, with heights that follow it, stood for two of 35.4 and 37.6."""
+    random, count, orders = np.random.default_rng(2), 64, np.array([156, 162])
+    points = random.uniform([100, 0, 25], [1800, 1600, 35], (count, 3)).T
+    at = Conditions.of(np.repeat([1.0, -1.0], count), *np.tile(points, 2))
+    values = 2e-3 * (random.standard_normal((2 * count, 2)) + 1j * random.standard_normal((2 * count, 2)))
+    load = at.torque_Nm / 1000.0
+    for hertz, shares in (
+        ((36.0 * (1 + 0.08 * load), (1.0, 1.0)),) if moves else ((35.4, (1.0, 0.6)), (37.6, (0.6j, -1.0)))
+    ):
+        ratio = at.speed_rpm[:, None] * orders / 60 / 81 / np.broadcast_to(hertz, len(at))[:, None]
+        values += 0.05 * ratio**2 / (1 - ratio**2 + 0.05j * ratio * at.sign[:, None]) * 8e-3 * np.array(shares)
+    data = Observations(at, labels(at), orders, values)
+    target = FitData(data, np.full(values.shape, 2e-3), np.ones(len(at), bool), groups_of(at))
+    sides = {"amplitude_deg": 4e-3, "phase_rad": 0.0, "backward_amplitude_deg": 4e-3, "backward_phase_rad": 0.0}
+    of_load = {f"{side}slope_{key}": 1e-3 for side in ("", "backward_") for key in ("deg_per_kNm", "phase_rad")}
+    one = effect(
+        "structural_resonance", orders=(156, 162), frequency_Hz=36.0, damping_ratio=0.03, frequency_per_kNm=0.02,
+        **{key: (x, x) for key, x in (sides | of_load).items()},
+    )  # fmt: skip
+    nothing = State(part((), ()), 0.0, ())
+    without = fit(target, nothing)
+    moving = fit(target, nothing.with_piece(piece_of(one, added=True)), steps=50)
+    assert law_holds(without, moving, 0) == moves
+    staying = moving.state.pieces[0].without({"frequency_per_kNm"})
+    assert law_holds(without, fit(target, nothing.with_piece(staying), steps=50), 0), (
+        "a frequency that stays is asked no more"
+    )
 
 
 def test_a_height_of_another_law_does_not_move_the_frequency():

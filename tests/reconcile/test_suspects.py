@@ -5,11 +5,15 @@ import itertools
 import numpy as np
 import pytest
 
-from st_codegen.reconcile.data.contrasts import repeats
+from st_codegen.reconcile.core import reconcile_observations
+from st_codegen.reconcile.data.contrasts import beside_each_other, repeats
 from st_codegen.reconcile.data.noise import Noise, estimate
 from st_codegen.reconcile.data.observations import Observations, labels
 from st_codegen.reconcile.rest.suspects import bad_runs, without_structure
 from st_codegen.rig.effects import Conditions
+
+from .test_core import KNOWN, RIG, observed
+from .test_core import SIGMA as NOISE
 
 ORDERS = np.array([0, 1, 3, 39, 40, 78])
 SIGMA = np.array([1e-3, *[1e-5] * 5])
@@ -146,3 +150,55 @@ def test_more_than_a_few_are_something_else():
     for side in (0, len(GRID)):
         data.values[rows + side, 1] += 3e-4 * np.exp(1j * rows)
     assert not found(data)
+
+
+def anywhere(count, random):
+    """Operating points of both directions anywhere in the conditions."""
+    points = (random.uniform(*ends, count).round() for ends in ((100, 1800), (0, 1800), (25, 35)))
+    return Conditions.of(np.repeat([1.0, -1.0], count), *(np.tile(values, 2) for values in points))
+
+
+def test_runs_that_lie_beside_each_other_do_so_by_no_chance():
+    """Three that follow each other in one of three conditions do so in 1 of 224 campaigns of 64 runs, 1 of 21 of 20."""
+    at = anywhere(64, np.random.default_rng(0))
+    smallest = np.argsort(at.torque_Nm[:64])
+    (found,) = beside_each_other(at, np.isin(np.arange(128), 64 + smallest[2:5]))
+    assert found.condition == "torque" and set(found.rows) == set(64 + smallest[2:5])
+    assert not beside_each_other(at, np.isin(np.arange(128), 64 + smallest[[2, 4]])), "two are beside each other often"
+    few = at.rows(smallest[:20])
+    assert not beside_each_other(few, np.arange(20) < 3)
+    # one elsewhere stays a suspect
+    (found,) = beside_each_other(at, np.isin(np.arange(128), 64 + smallest[[1, 2, 3, 4, 50]]))
+    assert found.condition == "torque" and set(found.rows) == set(64 + smallest[1:5])
+
+
+@pytest.mark.parametrize("count", [3, 6, 12])
+def test_wrong_runs_anywhere_seldom_lie_beside_each_other(count):
+    """In fewer than one campaign of a hundred; of 400 that is 10 with a chance of one in 125."""
+    random, times = np.random.default_rng(count), 0
+    for _ in range(400):
+        at = anywhere(64, random).rows(np.arange(64))
+        times += bool(beside_each_other(at, np.isin(np.arange(64), random.choice(64, count, replace=False))))
+    assert times < 10
+
+
+@pytest.mark.parametrize("places", [(2, 3, 4), (5, 30, 55)], ids=["at small loads", "anywhere"])
+def test_runs_far_off_beside_each_other_are_called_unexplained_and_not_bad(places):
+    """Where flanks come apart at small loads; the orders were a sixteenth as large, of all other runs."""
+    at = anywhere(64, np.random.default_rng(3))
+    data = observed(RIG, at, sigma=NOISE)
+    rows = 64 + np.argsort(at.torque_Nm[:64])[list(places)]
+    apart = 3e-3 * np.exp(1j * np.arange(9)).reshape(3, 3)
+    data.values[np.ix_(rows, [3, 5, 6])] += apart
+    result = reconcile_observations(RIG, data, KNOWN)
+    suspects, said = {row for row, _ in result.noise.suspects}, " ".join(result.cannot_show)
+    if places[0] == 2:
+        assert not suspects and not (set(rows) - set(np.flatnonzero(result.noise.good)))
+        assert all(data.labels[row] in said for row in rows) and "measured wrong" in said
+        sizes = {one.order: one.rms_deg for one in result.unexplained}
+        assert set(sizes) == {3, 40, 78}
+        assert list(sizes.values()) == pytest.approx([3e-3 * np.sqrt(3 / 128 / 2)] * 3, rel=0.1)
+        assert result.fitted.after == pytest.approx(np.sqrt(3) * 3e-3 * np.sqrt(3 / 128 / 2), rel=0.1)
+    else:
+        assert suspects == set(rows) and "measured wrong" not in said
+        assert not result.unexplained

@@ -7,6 +7,7 @@ straight line or plane follows. So each kind of contrast bounds the noise from a
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
@@ -172,11 +173,47 @@ def of_whole_levels(at: Conditions, bad: BoolArray) -> BoolArray:
     return found & bad
 
 
+@dataclass(frozen=True)
+class Beside:
+    """Rows of one direction that lie beside each other along a condition (one of AXES), closer than by chance."""
+
+    rows: tuple[int, ...]
+    condition: str
+
+
+def beside_each_other(at: Conditions, bad: BoolArray) -> list[Beside]:
+    """The bad rows (n,) of each direction that lie closer together along a condition than wrong runs would by chance.
+
+    So lies what the machine does there (at small loads, near a speed). The chance is that of as many runs, drawn from
+    all of the direction, within as many neighbouring places of their ranking by the condition, times how many choices
+    of runs, of their count, and of a condition there are.
+    """
+    found = []
+    for side in map(np.flatnonzero, at.by_direction()):
+        best, least = None, SETTINGS.p_beside
+        for name, values in zip(AXES, at.axes, strict=True):
+            ranked = np.sort(values[side])
+            rows = side[bad[side]][np.argsort(values[side[bad[side]]], kind="stable")]
+            first, last = (np.searchsorted(ranked, values[rows], side=end) for end in ("left", "right"))
+            for i, j in itertools.combinations(range(len(rows)), 2):
+                count, places = j - i + 1, int(last[j] - first[i])
+                if count < SETTINGS.least_block:
+                    continue
+                tried = len(AXES) * (len(rows) - SETTINGS.least_block + 1) * math.comb(len(rows), count)
+                within = (len(side) - places) * math.comb(places - 1, count - 1) + math.comb(places, count)
+                chance = tried * within / math.comb(len(side), count)
+                if chance < least:
+                    best, least = Beside(tuple(rows[i : j + 1].tolist()), name), chance
+        found += [best] if best is not None else []
+    return found
+
+
 # --- which conditions go together
 
-#: names of the conditions, in the order of `Conditions`: as keys, and in words
+#: names of the conditions, in the order of `Conditions`: as keys, and in words; units by key
 AXES = ("speed", "torque", "temperature")
 CONDITIONS = ("speed", "torque", "oil temperature")
+UNITS = {"speed": "rpm", "torque": "N m", "temperature": "degC"}
 
 
 def axes_together(at: Conditions) -> list[tuple[str, str]]:

@@ -11,13 +11,20 @@ Algorithms, 2003, chapters 28 and 45).
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import chdtri, fdtrc
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from st_codegen.reconcile.data.contrasts import along_axes, contrasts, of_whole_levels, repeats, speed_levels
+from st_codegen.reconcile.data.contrasts import (
+    Beside,
+    along_axes,
+    contrasts,
+    of_whole_levels,
+    repeats,
+    speed_levels,
+)
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
@@ -46,7 +53,7 @@ class Noise:
     sigma: float64 (n, K), standard deviation of one component, by row (direction) and order; floor_rms: float64 (K,),
     RMS of one component, tails included; good: bool (n,); suspects: rows and their distance (1 is usual); kinds: by
     order what the floor is made of (`plane`, `smooth`, `speed`, `torque`, `temperature`, `repeats`,
-    `law`, `rig`).
+    `law`, `rig`); beside: rows that are not good either, and not called bad, since they lie beside each other.
     """
 
     sigma: FloatArray
@@ -54,6 +61,14 @@ class Noise:
     good: BoolArray
     suspects: tuple[tuple[int, float], ...]
     kinds: tuple[str, ...] = ()
+    beside: tuple[Beside, ...] = ()
+
+    @property
+    def with_those_beside(self) -> Noise:
+        """The noise with the rows that lie beside each other among the good ones: what they have is no noise."""
+        good = self.good.copy()
+        good[[row for group in self.beside for row in group.rows]] = True
+        return replace(self, good=good)
 
 
 def estimate(data: Observations, residual: ComplexArray, known_bad: BoolArray | None = None) -> Noise:

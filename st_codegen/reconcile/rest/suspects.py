@@ -12,7 +12,15 @@ from dataclasses import replace
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
-from st_codegen.reconcile.data.contrasts import in_steps, of_whole_levels, repeats
+from st_codegen.reconcile.data.contrasts import (
+    AXES,
+    CONDITIONS,
+    UNITS,
+    beside_each_other,
+    in_steps,
+    of_whole_levels,
+    repeats,
+)
 from st_codegen.reconcile.data.noise import Noise
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.settings import SETTINGS
@@ -65,6 +73,36 @@ def excused(data: Observations, residual: ComplexArray, noise: Noise, structured
             alone = off[rows][off[rows].sum(axis=1) >= SETTINGS.orders_alone].any(axis=0)
             found |= alone | (off[rows].all(axis=0) if len({data.at.sign[row] for row in rows}) == 2 else False)
     return found & ~structured
+
+
+def with_beside(data: Observations, noise: Noise) -> Noise:
+    """The noise without those of its suspects that lie beside each other along a condition: nobody knows their cause.
+
+    A wrong run lies anywhere, what the machine does at some loads or speeds lies there. They do not become good.
+    """
+    groups = beside_each_other(data.at, np.isin(np.arange(len(data)), [row for row, _ in noise.suspects]))
+    rows = {row for group in groups for row in group.rows}
+    return replace(
+        noise, suspects=tuple(entry for entry in noise.suspects if entry[0] not in rows), beside=tuple(groups)
+    )
+
+
+def runs_beside(data: Observations, noise: Noise) -> tuple[str, ...]:
+    """Sentences on runs that lie beside each other along a condition, far from what others let expect."""
+    found, at = [], data.at
+    for group in noise.beside:
+        axis = AXES.index(group.condition)
+        values = at.axes[axis][list(group.rows)]
+        low, high = f"{values.min():g}", f"{values.max():g} {UNITS[group.condition]}"
+        where = f"at {high}" if values.min() == values.max() else f"from {low} to {high}"
+        labels = ", ".join(data.labels[row] for row in group.rows)
+        found.append(
+            f"whether {len(group.rows)} curves were measured wrong or the machine does something of its own there: "
+            f"{labels} lie far from what all others let expect, and closer together in {CONDITIONS[axis]} ({where}) "
+            "than wrong runs do by chance; no number is fitted to them, and they count in the gap and in what stays "
+            "unexplained"
+        )
+    return tuple(found)
 
 
 def _told(size: FloatArray, structured: BoolArray) -> float:

@@ -14,7 +14,7 @@ from scipy.linalg import orth
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.chances import f_tail
-from st_codegen.reconcile.data.contrasts import AXES, levels_by_condition
+from st_codegen.reconcile.data.contrasts import AXES, UNITS, levels_by_condition
 from st_codegen.reconcile.data.hum import Hum
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.rest.formulas import Formula, formula_of
@@ -370,7 +370,7 @@ def _rows_of_runs(target: FitData) -> list[IntArray]:
 
 def _at_level(name: str, values: FloatArray) -> str:
     """Where the runs of one level of a condition are; a group of many levels has a middle."""
-    return f"{'at' if np.ptp(values) == 0.0 else 'near'} {np.median(values):g} {_UNIT[name]}"
+    return f"{'at' if np.ptp(values) == 0.0 else 'near'} {np.median(values):g} {UNITS[name]}"
 
 
 def _signature(
@@ -462,7 +462,6 @@ _CAUSE = {
 }
 _HIDDEN = "the noise of the runs hides what it depends on"
 _WITH_TIME = "runs that were made one after the other are alike: it changes with time"
-_UNIT = {"speed": "rpm", "torque": "N m", "temperature": "degC"}
 
 
 def main_cause(shares: dict[str, float]) -> str:
@@ -474,8 +473,8 @@ def main_cause(shares: dict[str, float]) -> str:
     most = max(varying, key=lambda name: varying[name])
     if varying[most] <= SETTINGS.cause:
         return "constant"
-    next_one = max((varying.get(name, 0.0) for name in _UNIT if name != most), default=0.0)
-    return most if most not in _UNIT or varying[most] > SETTINGS.clear_cause * next_one else "combination"
+    next_one = max((varying.get(name, 0.0) for name in UNITS if name != most), default=0.0)
+    return most if most not in UNITS or varying[most] > SETTINGS.clear_cause * next_one else "combination"
 
 
 @dataclass(frozen=True)
@@ -514,7 +513,7 @@ def _statement(
         return _Statement(course.text, course.amplitude_deg, course, course.conditions)
     if formula is not None:
         return _Statement(formula.text, formula.amplitude_deg, formula, formula.conditions)
-    if main in _UNIT and not _holds_elsewhere(target, r, main):
+    if main in UNITS and not _holds_elsewhere(target, r, main):
         main = "combination"
     text = _CAUSE[main if main in _CAUSE else "combination"]
     if main == "constant" and (whole := round(100 * shares["constant"])) < 100:
@@ -526,7 +525,7 @@ def _statement(
         text = _WITH_TIME
     elif main == "combination" and not is_told:
         text = _HIDDEN
-    if main not in _UNIT:
+    if main not in UNITS:
         return _Statement(text, float(np.sqrt((np.abs(r[good]) ** 2).mean())))
     values, level = at.axes[AXES.index(main)], levels_by_condition(at)[main]
     sizes = {n: float(np.sqrt((np.abs(r[good & (level == n)]) ** 2).mean())) for n in np.unique(level[good])}

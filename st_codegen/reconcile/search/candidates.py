@@ -17,7 +17,7 @@ from st_codegen.campaign.conditions import CONDITION_COLUMNS
 from st_codegen.ir.arrays import ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.fit.fitting import Fit
 from st_codegen.reconcile.fit.state import Coordinate, Piece, State
-from st_codegen.reconcile.fit.target import Column, by_place
+from st_codegen.reconcile.fit.target import Column, FitData, by_place
 from st_codegen.reconcile.search.peaks import Frequencies, follows_load, worth
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Constants, Effect, Form, Stage
@@ -71,6 +71,11 @@ class Candidate:
     def place(self, state: State) -> int:
         """Where the piece stands in the state with it."""
         return len(state.pieces) - 1 if self.number is None else self.number
+
+
+def price_of_number(target: FitData) -> float:
+    """Loss that a number must save: Schwarz's criterion on the number of runs."""
+    return float(np.log(max(target.good.sum(), 10))) + 2.0
 
 
 def variants(effect: type[Effect], both_directions: bool) -> list[frozenset[str]]:
@@ -167,8 +172,8 @@ class Search:
 
     @cached_property
     def penalty(self) -> float:
-        """Loss that a parameter must save: Schwarz's criterion on the number of runs."""
-        return float(np.log(max(self.target.good.sum(), 10))) + 2.0
+        """Loss that a parameter must save."""
+        return price_of_number(self.target)
 
     def all(self) -> Iterator[Candidate]:
         """Every candidate at every start."""

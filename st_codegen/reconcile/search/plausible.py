@@ -15,9 +15,20 @@ from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.state import Coordinate, Piece
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.rest.structure import is_lacking
-from st_codegen.reconcile.search.peaks import frequencies_in, has_a_frequency, is_of_one_speed, lost_over_the_speed
+from st_codegen.reconcile.search.candidates import price_of_number
+from st_codegen.reconcile.search.peaks import (
+    frequencies_in,
+    has_a_frequency,
+    is_of_one_speed,
+    load_keys,
+    lost_over_the_speed,
+)
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect, Form, Scalar, Stage
+from st_codegen.rig.effects.resonance import StructuralResonance
+
+#: by which the frequency of a resonance moves
+_MOVING = {"frequency_per_kNm", "levels_off_per_kNm", "frequency_per_10K"}
 
 
 def bounds_met(piece: Piece) -> list[Coordinate]:
@@ -188,7 +199,8 @@ def law_holds(without: Fit, fitted: Fit, number: int) -> bool:
         own = np.isin(target.data.orders, piece.effect.orders)
         is_one = beats_waves(without, fitted, own, np.ones((len(target.data), 1)))
         is_one = is_one and is_where_it_moves(fitted, piece) and not _is_of_one_speed(fitted, piece)
-        return is_one and lost_over_the_speed(fitted, piece.effect) > -1.0
+        is_one = is_one and lost_over_the_speed(fitted, piece.effect) > -1.0
+        return is_one and leaves_less_than_two(fitted, number)
     if piece.effect.stage is not Stage.MODULATION:
         return True
     size = np.sqrt((np.abs(fitted.explained(piece.effect)[target.good] / target.sigma[target.good]) ** 2).mean(axis=0))
@@ -220,6 +232,34 @@ def is_where_it_moves(fitted: Fit, piece: Piece) -> bool:
     followed = (("frequency_per_kNm", np.abs(at.torque_Nm)), ("frequency_per_10K", at.temperature_C))
     levels = [levels_of(values) for key, values in followed if piece.effect.values.get(key)]
     return all(gain[level == number].sum() > -SETTINGS.order_gain for level in levels for number in np.unique(level))
+
+
+def leaves_less_than_two(fitted: Fit, number: int) -> bool:
+    """Whether a resonance whose frequency moves leaves less than two that stay would; true where it does not move.
+
+    Each order has its own share of two modes beside each other: one that moves, with heights that follow the load,
+    takes off some of what one that stays leaves. A number must save as much as in the search.
+    """
+    piece, target = fitted.state.pieces[number], fitted.target
+    effect, moving = piece.effect, _MOVING & piece.effect.values.keys()
+    if not moving or not isinstance(effect, StructuralResonance):
+        return True
+    load = load_keys(type(effect))
+    sizes = {key for phasor in effect.phasors for key in (phasor.keys(False)[0], phasor.keys(True)[0])}
+    half = {key: tuple((np.array(effect.values[key]) / 2.0).tolist()) for key in (sizes - load) & effect.values.keys()}
+    staying = piece.without(moving | (load if half else set()))
+    at, damping = target.data.at.rows(target.good), effect.scalar("damping_ratio")
+    hertz = effect.scalar("frequency_Hz") * effect.shift(at.torque_Nm, at.temperature_C)
+    two = list[Fit]()
+    for ends in (np.quantile(hertz, (0.25, 0.75)), np.median(hertz) * np.array([1.0 - damping, 1.0 + damping])):
+        low, high = (staying.with_values({**staying.effect.values, **half, "frequency_Hz": float(x)}) for x in ends)
+        state = fitted.state.replaced(number, low).with_piece(replace(high, added=True, origin=None))
+        two.append(fit(target, state, steps=SETTINGS.long_steps))
+    both = fitted, min(two, key=lambda one: one.loss)
+    # weighed by how far runs scatter about the worse of them, the better one would save little
+    sharp = replace(target, wide=np.minimum(*(target.about(one.residual).spread for one in both)))
+    left = [float(sharp.losses(one.residual).sum()) + price_of_number(target) * len(one.prior) for one in both]
+    return left[0] < left[1]
 
 
 def beats_waves(without: Fit, fitted: Fit, own: BoolArray, laws: FloatArray) -> bool:

@@ -19,7 +19,7 @@ from st_codegen.reconcile.rest.structure import is_lacking
 from st_codegen.reconcile.search.candidates import Candidate, Scorer
 from st_codegen.reconcile.search.evidence import judge, p_of_more
 from st_codegen.reconcile.search.peaks import has_a_frequency, load_keys
-from st_codegen.reconcile.search.plausible import at_nobodys_expense, bounds_met, is_a_peak
+from st_codegen.reconcile.search.plausible import at_nobodys_expense, bounds_met, is_a_peak, leaves_less_than_two
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect, Form
 from st_codegen.rig.effects.base import Value
@@ -132,7 +132,8 @@ def _split(current: Fit, number: int) -> Fit | None:
     if p_of_more(moved, found) > SETTINGS.p_changed:
         one = moved.state.pieces[number]
         better = moved.loss < current.loss - SETTINGS.order_gain and at_nobodys_expense(current, moved, number)
-        return moved if better and is_a_peak(one) and not bounds_met(one) else None
+        better = better and is_a_peak(one) and not bounds_met(one)
+        return moved if better and leaves_less_than_two(moved, number) else None
     place = found.state.slices()[new]
     evidence = judge(current, found, list(range(place.start, place.stop)), new)
     both = [found.state.pieces[i] for i in (number, new)]
