@@ -142,5 +142,5 @@ def test_as_many_faults_as_are_shown_are_all_shown(faults, more):
 
 def test_a_column_of_another_case_is_proposed(tmp_path):
     (tmp_path / "table.csv").write_text("Speed_RPM,torque_Nm\n1,2\n")
-    with pytest.raises(InputError, match="'speed_rpm' is missing; .*; did you mean 'Speed_RPM'"):
+    with pytest.raises(InputError, match=r"'speed_rpm' is missing; .*; did you mean 'Speed_RPM'"):
         read_csv(tmp_path / "table.csv", ["speed_rpm", "torque_Nm"])
