@@ -207,8 +207,8 @@ DIAGNOSTICS = (
         "STC1208",
         "A model does not give what is asked for",
         "--outputs asks for probabilities or scores that this class does not have, or names a model that is not there.",
-        "Ask for what the message lists. In a folder of several models, only outputs that all of them have can "
-        "be asked for.",
+        "Ask for what the message lists. --outputs asks every model of a folder, for probability and decision every "
+        "classifier; the key gives of a [[model]] table in st-codegen.toml asks one model.",
         places=("passes.outputs", "project.bundle:_outputs_in"),
     ),
     Diagnostic(

@@ -100,7 +100,7 @@ class _Commands(LazyGroup):
 Examples:
   st-codegen models/ --target twincat              compile a folder of models
   st-codegen verify models/ --generated generated  compare its numbers with those of the models' libraries
-  st-codegen prove models/ --generated generated   prove that it computes the same for every input
+  st-codegen prove models/ --generated generated   say what is proved of it for every input
   st-codegen predict models/ --input X.csv --output Y.csv
   st-codegen diff old/ new/                        what changed, for the reviewer
 
@@ -113,7 +113,7 @@ Exit codes: 0 yes, 1 the answer is no, 2 wrong use or input, 70 a defect of st-c
 @click.option(_DATED, is_flag=True, expose_value=False, help="Pages name the day on which they were made.")
 @click.version_option(__version__, prog_name="st-codegen")
 def cli() -> None:
-    """Compile trained models to IEC 61131-3 Structured Text and prove that the code computes the same numbers.
+    """Compile trained models to Structured Text, check it against their libraries, prove most tree models equal.
 
     A folder without a command is compiled: `st-codegen models/ --target twincat`.
     """

@@ -70,7 +70,12 @@ Names that --accept takes, by what is wrong:
     required=True,
     help="Campaign folder, harmonic table, order spectrum, recording over time, or recordings of a joint (t,q,dq,tau).",
 )
-@click.option("--out", type=PLACE, required=True, help="Folder for rig.toml, report.json, report.html, next_runs.csv.")
+@click.option(
+    "--out",
+    type=PLACE,
+    required=True,
+    help="Folder for report.html, report.json, rig.toml, rig.diff, next_runs.csv; of joints for the report alone.",
+)
 @effects_option
 @click.option(
     "--scale", type=Number(), help="Factor on the measured TE, or on a joint's torque; 1 to accept it as it is."

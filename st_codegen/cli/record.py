@@ -77,8 +77,8 @@ def command(
     """Measure a campaign: drive FB_Experiment on a controller through a plan and write the files that `train` reads.
 
     A measurement that is finished is a file; the same command goes on where it was stopped. Whatever goes wrong stops
-    the axis first and ends with exit code 2 and the reason; a controller that no longer hears of this command stops
-    the axis by itself.
+    the axis first, unless another client has taken it over, and ends with exit code 2 and the reason; a controller that
+    no longer hears of this command stops the axis by itself.
     """
     from st_codegen.live.compare import generated_folder
     from st_codegen.live.record import RecordSettings, planned, record, recorded_project

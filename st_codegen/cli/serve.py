@@ -41,7 +41,7 @@ A client then finds the PLC at the AMS net id 127.0.0.1.1.1, port 851, and at op
     "--speed",
     type=Number(min=0, max=1e6),
     default=1.0,
-    help="So many times as fast as the clock; 0: as fast as this machine can.",
+    help="How many times as fast as the clock; 0: as fast as this machine can.",
 )
 @click.option("--rig", type=PLACE, help="Put this simulated rig behind the signals.")
 @click.option("--seed", type=Whole(min=0), default=0, help="Seed of the rig's noise.")

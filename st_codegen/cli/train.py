@@ -54,14 +54,14 @@ Examples:
     metavar="LIST",
     help="Orders to model, with commas between; auto: all of a table, the ones that stand out of a campaign.",
 )
-@click.option("--most-orders", type=Whole(min=1), default=15, help="How many auto takes.")
+@click.option("--most-orders", type=Whole(min=1), default=15, help="How many orders auto takes at most.")
 @click.option("--reduction-ratio", type=Number(min=1e-6, max=1e6), default=81.0, help="Input speed over output speed.")
 @click.option("--name", default="reducer", help="Name of the bundle.")
 @click.option("--format", "form", type=click.Choice(MODEL_FORMS), default=MODEL_FORMS[0], help="Model files.")
 @click.option(
     "--limit-us", type=Number(min=0), help="Worst case of all models of one direction in microseconds (estimate)."
 )
-@click.option("--test-share", type=Number(0.01, 0.9), default=0.2, help="Kept for testing.")
+@click.option("--test-share", type=Number(0.01, 0.9), default=0.2, help="Share of operating points kept for testing.")
 @click.option("--repeats", type=Whole(min=0), default=0, help="Further random splits.")
 @click.option("--keep-faulty", is_flag=True, help="Learn from runs that robust statistics call faulty, too.")
 @click.option("--skip-bad", is_flag=True, help="Leave out curve files that cannot be read, after reporting them.")

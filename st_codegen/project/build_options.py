@@ -54,7 +54,7 @@ BUILD_OPTIONS = {
     "with_age": BuildOption(bool, "Blocks have the output nAge: the calls since their outputs were valid."),
     "outputs_per_cycle": BuildOption(
         int,
-        "Spread the models of a bundle over several calls of about equal cost, so many outputs in each in the mean. "
+        "Spread the models of a bundle over several calls of about equal cost, on average with so many outputs each. "
         "Default: all in each.",
     ),
     "real": BuildOption(
