@@ -35,6 +35,11 @@ def labels_of(fitted: Fitted) -> tuple[Label, ...]:
     return found
 
 
+def trained_on_one(labels: tuple[Label, ...]) -> str:
+    """Why a classifier of one class is refused where the library needs no score to answer."""
+    return f"trained on the class {labels[0]!r} alone, which is its answer to all rows"
+
+
 def label_of(value: Any) -> Any:
     """A label as Python has it."""
     return value.item() if isinstance(value, np.generic) else value

@@ -21,6 +21,8 @@ from sklearn import (
     tree,
 )
 from sklearn.feature_extraction.text import CountVectorizer
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import WhiteKernel
 from sklearn.kernel_ridge import KernelRidge
 from sklearn.model_selection import FixedThresholdClassifier
 from sklearn.neural_network import MLPClassifier
@@ -398,8 +400,11 @@ def test_a_discriminant_of_one_class_has_no_probability(tmp_path):
 
 def test_what_does_not_say_how_many_features_it_takes_is_not_called_unfitted():
     said = "does not say how many features it takes: fit it on an array of numbers"
-    with pytest.raises(InputError, match=rf"^SVC {said}, with a kernel of sklearn$"):
+    kernel = "with a kernel of sklearn that reads the inputs"
+    with pytest.raises(InputError, match=rf"^SVC {said}, {kernel}$"):
         loaded(svm.SVC(kernel=lambda a, b: a @ b.T).fit(X, TWO))
+    with pytest.raises(InputError, match=rf"^GaussianProcessRegressor {said}, {kernel}$"):
+        loaded(GaussianProcessRegressor(WhiteKernel()).fit(X, SCORE))
     with pytest.raises(InputError, match=rf"^DummyClassifier {said}$"):
         loaded(dummy.DummyClassifier().fit(None, TWO))
     with pytest.raises(InputError, match=r"^SVC is not fitted: call fit"):

@@ -8,7 +8,7 @@ pytest.importorskip("skops")
 
 import skops.io
 from sklearn.cluster import BisectingKMeans
-from sklearn.ensemble import AdaBoostRegressor
+from sklearn.ensemble import AdaBoostClassifier, AdaBoostRegressor, IsolationForest
 from sklearn.linear_model import Ridge
 from sklearn.neural_network import MLPClassifier
 from sklearn.pipeline import make_pipeline
@@ -44,8 +44,29 @@ def test_it_is_compiled(estimator, tmp_path):
     assert verify(bundle, tmp_path / "out", rows=200).passed
 
 
-def test_a_network_of_one_class_is_refused(tmp_path):
-    """Its probability may exceed 0.5, and there is no second class."""
-    network = MLPClassifier((5,), max_iter=5, random_state=0).fit(X, np.zeros(60, int))
-    with pytest.raises(InputError, match="MLPClassifier with one class"):
-        load(saved(network, tmp_path))
+@pytest.mark.parametrize(
+    "estimator",
+    [MLPClassifier((5,), max_iter=5, random_state=0), AdaBoostClassifier(n_estimators=2, random_state=0)],
+)
+def test_what_answers_with_its_only_class_is_refused_and_said_so(estimator, tmp_path):
+    """The probability of a network's only class may exceed 0.5 or not; the refusals did not say what predict does."""
+    estimator.fit(X, np.full(60, 7))
+    assert np.unique(estimator.predict(50 * X)).tolist() == [7]
+    name = type(estimator).__name__
+    with pytest.raises(InputError, match=f"{name} trained on the class 7 alone, which is its answer to all rows"):
+        load(saved(estimator, tmp_path))
+
+
+def test_a_forest_of_single_samples_is_refused_and_said_so(tmp_path):
+    """The refusal named paths that are too long as well, which such a forest has not."""
+    forest = IsolationForest(n_estimators=3, max_samples=1, random_state=0).fit(X)
+    assert len(np.unique(forest.score_samples(X))) == 1
+    with pytest.raises(InputError, match=r"trees of one sample each, whose score is the same for all rows$"):
+        load(saved(forest, tmp_path))
+
+
+def test_paths_longer_than_the_forest_can_have_are_refused(tmp_path):
+    forest = IsolationForest(n_estimators=3, max_samples=9, random_state=0).fit(X)
+    forest._decision_path_lengths = [1e3 * path for path in forest._decision_path_lengths]
+    with pytest.raises(InputError, match="with paths longer than any in trees of 9 samples each"):
+        load(saved(forest, tmp_path))

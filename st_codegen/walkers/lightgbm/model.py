@@ -41,6 +41,7 @@ from st_codegen.walkers.classes import (
     most_probable,
     numbers_of,
     softmax,
+    trained_on_one,
 )
 from st_codegen.walkers.fitted import Fitted
 from st_codegen.walkers.forest import category_note, flatten
@@ -306,7 +307,7 @@ def _classified(model: TextModel, builder: GraphBuilder, raw: int, labels: tuple
     objective = model.objective[0]
     count = max(model.n_outputs, 2)
     if len(labels) == 1:
-        raise UnsupportedModelError(f"trained on the class {labels[0]!r} alone, which is its answer to all rows")
+        raise UnsupportedModelError(trained_on_one(labels))
     labels = labels or tuple(range(count))
     of_one = objective in (_BINARY, "cross_entropy", "xentropy")
     if len(labels) != count or of_one != (model.n_outputs == 1) or not (of_one or objective in _SEVERAL):

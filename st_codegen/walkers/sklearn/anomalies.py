@@ -42,10 +42,13 @@ def walk_isolation_forest(fitted: Fitted, builder: GraphBuilder, value: int) -> 
             raise fitted.fail("_decision_path_lengths", "not one number a node")
     leaves = [(path + mean - 1.0)[:, None] for path, mean in zip(paths, usual, strict=True)]
     depth = add_float32_trees(builder, value, trees, fitted, TreeSum(leaves=leaves, columns=columns))
-    unit, offset = count * _usual_length(fitted.integer("_max_samples", 1, 2**53)), fitted.number("offset_")
+    samples, offset = fitted.integer("_max_samples", 1, 2**53), fitted.number("offset_")
+    unit = count * _usual_length(samples)
     longest = sum(float(np.max(lengths)) for lengths in leaves)
-    if not unit > 0.0 or longest * math.log(2.0) > 8.0 * unit:
-        raise UnsupportedModelError("IsolationForest of single samples, or of paths longer than any that it can have")
+    if not unit > 0.0:
+        raise UnsupportedModelError("IsolationForest of trees of one sample each, whose score is the same for all rows")
+    if longest * math.log(2.0) > 8.0 * unit:
+        raise UnsupportedModelError(f"IsolationForest with paths longer than any in trees of {samples} samples each")
     cut = last_below(
         lambda depth: (-(2 ** (-np.divide(np.full(1, depth), unit))) - offset >= 0)[0],
         np.float64,

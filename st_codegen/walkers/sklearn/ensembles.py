@@ -33,6 +33,7 @@ from st_codegen.walkers.classes import (
     numbered,
     shares_of,
     softmax,
+    trained_on_one,
     whole_sums,
 )
 from st_codegen.walkers.fitted import Fitted
@@ -188,7 +189,7 @@ def walk_ada_boost(fitted: Fitted, builder: GraphBuilder, value: int) -> Classif
     labels, parts = labels_of(fitted), fitted.items("estimators_")
     count = len(labels)
     if count < 2:
-        raise UnsupportedModelError("AdaBoostClassifier with one class")
+        raise UnsupportedModelError(f"{fitted.kind} {trained_on_one(labels)}")
     given = fitted.floats("estimator_weights_", (None,))
     weights = given[: len(parts)]
     columns, table = [], []

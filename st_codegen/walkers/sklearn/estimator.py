@@ -100,7 +100,7 @@ def _features(estimator: Any) -> tuple[Feature, ...]:
                 raise unsupported(package, kind)
         if not _is_fitted(estimator):
             raise InputError(f"{name} is not fitted: call fit() before saving it")
-        kernel = ", with a kernel of sklearn" if hasattr(estimator, "kernel") else ""
+        kernel = ", with a kernel of sklearn that reads the inputs" if hasattr(estimator, "kernel") else ""
         raise InputError(f"{name} does not say how many features it takes: fit it on an array of numbers{kernel}")
     if not isinstance(count, int | np.integer) or not 1 <= count <= MAX_COLUMNS:
         raise InputError(f"{type(estimator).__name__}.n_features_in_: {str(count)[:40]}, expected 1 .. {MAX_COLUMNS}")

@@ -19,6 +19,7 @@ from st_codegen.walkers.classes import (
     pair_members,
     pair_votes,
     softmax,
+    trained_on_one,
     whole_sums,
 )
 from st_codegen.walkers.fitted import SPARSE, Fitted
@@ -204,7 +205,7 @@ def walk_mlp(fitted: Fitted, builder: GraphBuilder, value: int) -> Walked:
         return value
     labels, count = labels_of(fitted), builder.width(value)
     if len(labels) < 2:
-        raise UnsupportedModelError("MLPClassifier with one class")
+        raise UnsupportedModelError(f"{fitted.kind} {trained_on_one(labels)}")
     if getattr(fitted.get("_label_binarizer"), "y_type_", "") == "multilabel-indicator":
         return above(builder, value, 0.5)
     if count != (len(labels) if len(labels) > 2 else 1) or (count > 1) != (fitted.get("out_activation_") == "softmax"):
