@@ -113,7 +113,7 @@ Exit codes: 0 yes, 1 the answer is no, 2 wrong use or input, 70 a defect of st-c
 @click.option(_DATED, is_flag=True, expose_value=False, help="Pages name the day on which they were made.")
 @click.version_option(__version__, prog_name="st-codegen")
 def cli() -> None:
-    """Compile trained models to Structured Text, check it against their libraries, prove most tree models equal.
+    """Compile trained models to IEC 61131-3 Structured Text, and check it against the models' own libraries.
 
     A folder without a command is compiled: `st-codegen models/ --target twincat`.
     """
