@@ -27,6 +27,7 @@ from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions, Effect
 from st_codegen.rig.effects.base import ARCMIN, BACKWARD, Phasor
 from st_codegen.rig.effects.resonance import LOAD_PART, StructuralResonance
+from st_codegen.rig.model import RigModel
 
 VERDICT_TEXT = {
     Outcome.EXPLAINED: "What differs is named; no pattern over the conditions was found in what is left.",
@@ -134,9 +135,16 @@ def floor_text(result: Reconciliation) -> str:
     return text + "."
 
 
+def _empirical(rig: RigModel) -> list[Effect]:
+    """What a rig has without a name."""
+    return [effect for effect in rig.effects if effect.name == "empirical"]
+
+
 def between_text(result: Reconciliation) -> str:
     """What the held-out gap holds beside what held-out runs leave, or cannot hold; empty for most."""
     texts = []
+    if len(_empirical(result.new_rig)) > len(_empirical(result.rig)):
+        texts.append("The gaps are those of the new rig without the formulas that --empirical adds to it.")
     if result.data.few_points:
         texts.append("The gap on held-out runs is a lower bound: so few runs say nothing about points between them.")
     elif result.untested:
