@@ -15,10 +15,18 @@ from st_codegen.processes import Progress
 from st_codegen.reconcile.core import reconcile_observations
 from st_codegen.reconcile.data.checks import check, check_channels
 from st_codegen.reconcile.data.reading import read_measured
-from st_codegen.reconcile.data.recordings import ANGLES, Recording, is_recording, observations, read_recordings
+from st_codegen.reconcile.data.recordings import (
+    ANGLES,
+    Recording,
+    is_recording,
+    observations,
+    read_recordings,
+    turned,
+)
 from st_codegen.reconcile.judge.claims import Conclusions
 from st_codegen.reconcile.judge.links import coupling_link, servo_link, with_unmeasured_links
 from st_codegen.reconcile.judge.misread import Misread, refined
+from st_codegen.reconcile.judge.recorded import with_doubts
 from st_codegen.reconcile.mistakes.examine import Examined, examine
 from st_codegen.reconcile.mistakes.recorded import check_accepted, check_recordings
 from st_codegen.reconcile.mistakes.single_runs import AS_IS, Mistake, mistaken_runs
@@ -151,7 +159,10 @@ def reconcile_recordings(
     links = [link for link in (servo_link(recordings, rig), coupling_link(recordings, rig)) if link is not None]
     claims = tuple(link.claim for link in links if link.claim is not None)
     retuned = tuple(link.retuned for link in links if link.retuned is not None)
-    found = with_unmeasured_links(result.conclusions, recordings)
+    turns = turned([r for r in recordings if "theta_out" in r.angles], rig)
+    is_more = result.fitted.after > SETTINGS.clearly_larger * result.fitted.noise_floor
+    found = with_doubts(result.conclusions, turns=turns, is_more_left=is_more)
+    found = with_unmeasured_links(found, recordings)
     conclusions = replace(found, claims=(*found.claims, *claims), retuned=(*found.retuned, *retuned))
     changed = {entry.before: entry.after for entry in retuned}
     effects = [changed.get(effect, effect) for effect in result.new_rig.effects]

@@ -395,6 +395,15 @@ class Settings:
     stable_link: float = chosen(0.7, UNRECORDED)
     #: standard errors that the backlash of a coupling must be to be a part of it
     sure_backlash: float = 5.0
+    #: standard errors by which a number of a link must be off the rig's to have changed
+    sure_of_link: float = 5.0
+    #: share of a column (RMS) that others must not make of it: with less it is told by nothing but small errors of them
+    told_of_column: float = 1e-3
+    #: share of what is left on a link (RMS) from which on a zero, a delay or a wave is said to be in it: a tenth of the
+    #: power
+    much_of_link: float = 0.3
+    #: share of it (RMS) that they may leave together, where that is no noise: a hundredth of the power
+    rest_of_link: float = 0.1
     #: noises of one sample that the effect of a link must stand as high as: many samples tell it
     least_size_of_link: float = chosen(0.3, UNRECORDED)
     #: noises of one sample from which on what is left on a link is said

@@ -25,7 +25,7 @@ from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.errors import covariance_with_discrepancy, left_power
 from st_codegen.reconcile.report.findings import findings
 from st_codegen.reconcile.report.output import report
-from st_codegen.reconcile.report.sentences import _heights
+from st_codegen.reconcile.report.sentences import _heights, between_text
 from st_codegen.reconcile.rest.unexplained import beside_the_rigs
 from st_codegen.reconcile.rest.unseen import cannot_show
 from st_codegen.reconcile.run import with_empirical
@@ -321,6 +321,9 @@ def test_what_has_a_formula_and_no_name_enters_the_rig_as_such():
     point = Conditions.of([1.0, -1.0], 700.0, 1200.0, 30.0)
     assert np.abs(new.coefficients(point, [53])) == pytest.approx(1.24e-4, rel=0.03)
     assert 'name = "empirical"' in new.text()
+    # the gaps are those before: "0.002 -> 0.002 deg" of a rig that leaves nothing but noise
+    said = "without the formulas that --empirical adds"
+    assert said in between_text(with_empirical(result, KNOWN)) and said not in between_text(result)
 
 
 def test_shares_are_parts_of_the_whole_gap():

@@ -13,12 +13,15 @@ from st_codegen.errors import InputError
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.data.recordings import ANGLES, Recording, is_recording, observations, read_recordings, step_of
+from st_codegen.reconcile.fit.state import Piece
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.claims import Conclusions, Retuned
-from st_codegen.reconcile.judge.links import _judged, _noise, with_unmeasured_links
+from st_codegen.reconcile.judge.links import _Change, _judged, _noise, coupling_link, servo_link, with_unmeasured_links
+from st_codegen.reconcile.judge.lookalikes import is_a_knee
+from st_codegen.reconcile.judge.recorded import with_doubts
 from st_codegen.reconcile.mistakes.recorded import _jumps, _least_at, _other_angle, check_recordings
 from st_codegen.reconcile.outcome import Outcome
-from st_codegen.reconcile.report.sentences import _few_samples, floor_text, left_text, verdict_text
+from st_codegen.reconcile.report.sentences import _few_samples, _sidebands, floor_text, left_text, verdict_text
 from st_codegen.reconcile.rest.lines import _slow, _while_it_changes, lines_in_samples, stand_out, waves_of_angle
 from st_codegen.reconcile.run import reconcile_files, reconcile_recordings
 from st_codegen.reconcile.settings import SETTINGS
@@ -172,11 +175,73 @@ def test_what_a_link_saves_counts_in_noises(left, claimed):
     """Half a degree of noise, two degrees before: (2 / 0.5)^2 a sample."""
     rig = parse_rig(RIG)
     lag = catalogue()["control_lag"]({"lag_ms": 5.0}, rig.constants)
-    link = _judged([np.full(50, 2.0)], [np.full(50, left)], 0.5, rig, lag, None, {"lag_ms": 0.1})
+    told = SimpleNamespace(noise=0.5, beside=np.zeros((50, 1)), named=np.zeros((50, 1)), rest=np.zeros(50))
+    told.all = np.zeros((50, 2))
+    link = _judged(np.full(50, 2.0), np.full(50, left), told, rig, _Change(lag, None, {"lag_ms": 0.1}), ())
     assert (link.claim is not None) is claimed
     if claimed:
         assert link.claim.evidence.loss_saved == pytest.approx(50 * 16.0)
     assert astuple(link.gap) == pytest.approx((2.0 / 81, (left if claimed else 2.0) / 81, 0.5 / 81))
+
+
+def _coupled(add, *, way=1.0, step_s=1e-2, torque=400.0, soft=1 / 5000.0, noise=1e-3):
+    """Two recordings with theta_mot and theta_in, in one direction or both: `add` of motor angle and speed on top."""
+    found = []
+    for number, (speed, load, sign) in enumerate([(600.0, torque, 1.0), (950.0, 2.0 * torque, way)]):
+        random, time = np.random.default_rng(number), np.arange(2000) * step_s
+        reference = sign * 6.0 * speed * time
+        at = Conditions.of(np.full(2000, sign), speed, load * (1.0 + 0.3 * np.sin(time)), 30.0)
+        motor = parse_rig(RIG).effects[1].motor_angle(time, reference)
+        twist = -sign * np.rad2deg(at.torque_Nm / 81.0) * soft
+        measured = motor + noise * random.standard_normal((2, 2000))
+        angles = {"theta_ref": reference, "theta_mot": measured[0], "theta_in": measured[1] + twist}
+        angles["theta_in"] = angles["theta_in"] + add(motor, sign * 6.0 * speed)
+        found.append(Recording(f"{number}.csv", time, angles, at))
+    return found
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_zeros_of_two_encoders_are_no_play_and_no_lag(way):
+    """In one direction play of 240 arcmin was "what the data refuse", beyond the bounds of the rig file."""
+    rig, read = parse_rig(RIG), _coupled(lambda motor, speed: 2.0, way=way)
+    link = coupling_link(read, rig)
+    assert link.retuned is None and "zeros of" in link.unexplained
+    moved = [replace(r, angles={**r.angles, "theta_mot": r.angles["theta_mot"] + 2.0}) for r in read]
+    link = servo_link(moved, rig)
+    assert link.retuned is None and "zeros of theta_ref and theta_mot that are 2 deg apart" in link.unexplained
+
+
+@pytest.mark.parametrize("step_s", [1e-2, 2.5e-2])
+def test_a_coupling_off_centre_is_a_wave_and_no_noise(step_s):
+    """With few samples a turn the noise was twice all that was left, and nothing was found missing."""
+    link = coupling_link(
+        _coupled(lambda motor, _: 0.2 * np.cos(np.deg2rad(motor) + 1.0), step_s=step_s), parse_rig(RIG)
+    )
+    assert link.retuned is None and "a wave of 0.2 deg, once a turn of the fast shaft" in link.unexplained
+    assert link.gap.noise_floor == pytest.approx(1e-3 * np.sqrt(2) / 81, rel=0.05)
+
+
+def test_an_angle_that_is_late_is_no_coupling_of_another_stiffness():
+    """A stiffness of 1689 +- 0.01 N m/rad and play of 13 arcmin were "what the data refuse"."""
+    link = coupling_link(_coupled(lambda _, speed: -5e-5 * speed, way=-1.0), parse_rig(RIG))
+    assert link.retuned is None and "as if theta_in were 0.05 ms late" in link.unexplained
+
+
+def test_a_softer_coupling_is_told_within_its_error():
+    link = coupling_link(_coupled(lambda *_: 0.0, way=-1.0, soft=1 / 3000.0), parse_rig(RIG))
+    value, stderr = link.retuned.after.scalar("stiffness_Nm_per_rad"), link.retuned.stderr["stiffness_Nm_per_rad"]
+    assert abs(value - 3000.0) < 4.0 * stderr < 100.0 and not link.unexplained
+
+
+def test_a_coupling_that_is_softer_at_low_loads_has_no_sure_play():
+    """Beside a play that load takes up at once, one that it takes up gradually leaves as little."""
+    read = _coupled(lambda *_: 0.0, way=-1.0, soft=0.0, noise=2e-2) + _coupled(lambda *_: 0.0, soft=0.0, noise=2e-2)
+    read = [
+        replace(r, angles={**r.angles, "theta_in": r.angles["theta_in"] - r.at.sign * 0.02 * np.sqrt(r.at.torque_Nm)})
+        for r in read
+    ]
+    link = coupling_link(read, parse_rig(RIG))
+    assert link.retuned is None or "something_else" in link.retuned.alternatives
 
 
 def test_the_noise_of_a_link_is_what_its_digits_are_rounded_by():
@@ -694,3 +759,68 @@ def test_many_waves_of_constant_size_are_none_that_changes():
     data = Observations(at, labels, np.zeros(1, np.int64), te[:, None] + 0j, angle, (0, 1), neighbours_deg=1e-4)
     lines = lines_in_samples(SimpleNamespace(data=data, sigma=np.full((count, 1), 1e-4)), data.values)
     assert len(lines) == SETTINGS.most_lines and not any("changes" in one.text for one in lines)
+
+
+def _fit_of(pieces, at, change):
+    """A fit of samples whose noise is 1e-4 deg: `change` of pieces is what they explain."""
+    noise = 1e-4 * np.random.default_rng(0).standard_normal((len(at), 1))
+    data = SimpleNamespace(at=at, angle_rad=np.zeros(len(at)), orders=np.zeros(1, np.int64))
+    target = SimpleNamespace(data=data, good=np.ones(len(at), bool), sigma=np.full((len(at), 1), 1e-4))
+    return SimpleNamespace(target=target, state=SimpleNamespace(pieces=pieces), residual=noise + 0j, explained=change)
+
+
+def _to_and_fro(count=3000):
+    torque = 500.0 + 450.0 * np.sin(np.arange(count) * 0.01)
+    return Conditions.of(np.where(np.arange(count) % 700 < 350, 1.0, -1.0), 600.0, torque, 30.0)
+
+
+def _friction(dry, **more):
+    values = {"coulomb_arcmin": dry, **more}
+    return catalogue()["friction_windup"](values, parse_rig(RIG).constants)
+
+
+@pytest.mark.parametrize(("more", "alike"), [({}, True), ({"viscous_arcmin_per_krpm": 0.4}, False)])
+def test_dry_friction_may_be_a_zero_of_the_torque(more, alike):
+    """A torque that was 60 N m off was less dry friction, with no other name beside it."""
+    soft = catalogue()["torsional_compliance"]({"stiffness_Nm_per_arcmin": 450.0}, parse_rig(RIG).constants)
+    at = _to_and_fro()
+    at = replace(at, speed_rpm=600.0 + 500.0 * np.sin(np.arange(len(at)) * 0.017))
+    before, after = _friction(0.25), _friction(0.12, **more)
+    pieces = (Piece(soft, frozenset()), Piece(after, frozenset(), origin=before))
+    final = _fit_of(pieces, at, lambda effect: effect.coefficient(at, 0)[:, None])
+    found = Conclusions(final, final, (), (Retuned(before, after, {}, 0.0),), False)
+    (one,) = with_doubts(found, turns=3.0, is_more_left=False).retuned
+    assert ("misread_torque" in one.alternatives) == alike and not one.is_open
+
+
+@pytest.mark.parametrize(
+    ("turns", "is_more_left", "open_"), [(0.6, False, "wave"), (3.0, True, "mean"), (3.0, False, "")]
+)
+def test_names_of_little_travel_and_beside_a_rest_have_something_else(turns, is_more_left, open_):
+    """Of order 5 in 0.6 of a turn misaligned cranks and a worn sector were said; a late encoder was friction."""
+    wave = parse_rig(RIG).effects[0]
+    entries = (Retuned(wave, wave, {}, 0.0), Retuned(_friction(0.1), _friction(0.2), {}, 0.0))
+    final = SimpleNamespace(state=SimpleNamespace(pieces=()))
+    found = with_doubts(Conclusions(final, final, (), entries, False), turns=turns, is_more_left=is_more_left)
+    assert [one.is_open for one in found.retuned] == [open_ == "wave", open_ == "mean"]
+
+
+def test_play_in_samples_may_be_a_transmission_that_is_softer_at_low_loads():
+    """It had no other name beside it, where the twist was a cube root of the load."""
+    at, constants = _to_and_fro(), parse_rig(RIG).constants
+    play = catalogue()["backlash"]({"gap_arcmin": 0.4, "seating_torque_Nm": 60.0}, constants)
+    final = _fit_of((Piece(play, frozenset(), True),), at, lambda effect: effect.coefficient(at, 0)[:, None])
+    assert not is_a_knee(final, final.state.pieces[0])
+    twist = -0.01 * at.sign * np.cbrt(at.torque_Nm / 1000.0)
+    final.residual = final.residual + (twist - final.explained(play)[:, 0])[:, None]
+    assert is_a_knee(final, final.state.pieces[0])
+
+
+def test_a_sideband_that_nothing_tells_is_not_said():
+    """Of a wave of order 117 it said that orders 117 and 123 stand beside mesh order 120."""
+    values = {"order": 120, "lower_deg": 1e-3, "upper_deg": 1e-7}
+    effect = catalogue()["carrier_modulation"](values, parse_rig(RIG).constants)
+    piece = Piece(effect, frozenset(values) - {"order"}, True)
+    claims = [SimpleNamespace(piece=piece, stderr={"lower_deg": 1e-5, "upper_deg": 1e-5})]
+    said = _sidebands(effect, SimpleNamespace(conclusions=SimpleNamespace(claims=claims)))
+    assert said == "order 117 stands beside mesh order 120 as a sideband of the carrier does, at constant size"

@@ -77,7 +77,7 @@ def is_a_knee(final: Fit, piece: Piece) -> bool:
     torques = np.unique(np.abs(data.at.torque_Nm))
     if int((torques < 2 * seating).sum()) < SETTINGS.torques_of_a_knee:
         return True
-    if data.angle_rad is not None or data.orders[0] != 0:
+    if data.orders[0] != 0:
         return False
     twists = [piece for piece in final.state.pieces if piece.effect.name in ("backlash", "torsional_compliance")]
     twist = sum((final.explained(piece.effect)[good, 0].real for piece in twists), final.residual[good, 0].real)

@@ -15,6 +15,7 @@ from st_codegen.ir.arrays import ComplexArray, FloatArray
 from st_codegen.reconcile.data.observations import first_of, rms_deg
 from st_codegen.reconcile.fit.state import Piece
 from st_codegen.reconcile.judge.claims import Claim
+from st_codegen.reconcile.judge.lookalikes import told_sides
 from st_codegen.reconcile.judge.misread import Misread
 from st_codegen.reconcile.outcome import Outcome
 from st_codegen.reconcile.rest.structure import in_both_directions
@@ -26,6 +27,7 @@ from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions, Effect
 from st_codegen.rig.effects.base import ARCMIN, BACKWARD, Phasor
 from st_codegen.rig.effects.resonance import LOAD_PART, StructuralResonance
+from st_codegen.rig.model import RigModel
 
 VERDICT_TEXT = {
     Outcome.EXPLAINED: "What differs is named; no pattern over the conditions was found in what is left.",
@@ -133,9 +135,16 @@ def floor_text(result: Reconciliation) -> str:
     return text + "."
 
 
+def _empirical(rig: RigModel) -> list[Effect]:
+    """What a rig has without a name."""
+    return [effect for effect in rig.effects if effect.name == "empirical"]
+
+
 def between_text(result: Reconciliation) -> str:
     """What the held-out gap holds beside what held-out runs leave, or cannot hold; empty for most."""
     texts = []
+    if len(_empirical(result.new_rig)) > len(_empirical(result.rig)):
+        texts.append("The gaps are those of the new rig without the formulas that --empirical adds to it.")
     if result.data.few_points:
         texts.append("The gap on held-out runs is a lower bound: so few runs say nothing about points between them.")
     elif result.untested:
@@ -489,11 +498,15 @@ def _heights(claim: Claim, effect: StructuralResonance, at: Conditions) -> str:
 
 
 def _sidebands(effect: Effect, result: Reconciliation) -> str:
-    sides = ", ".join(map(str, effect.touched_orders()))
+    mesh, apart = effect.orders[0], effect.constants.cranks
+    claim = next((one for one in result.conclusions.claims if one.piece.effect is effect), None)
+    told = told_sides(claim.piece, claim.stderr) if claim else set[str]()
+    sides = [mesh + way * apart for side, way in (("lower", -1), ("upper", 1)) if side in told or not told]
     if not any(x for key, x in effect.values.items() if key.endswith("_ratio")):
-        mesh = effect.orders[0]
-        return f"orders {sides} stand beside mesh order {mesh} as sidebands of the carrier do, at constant size"
-    return f"the carrier modulates mesh order {effect.orders[0]} and gives it sidebands: {sides}"
+        stand = "order {} stands beside" if len(sides) == 1 else "orders {} stand beside"
+        alike = "a sideband of the carrier does" if len(sides) == 1 else "sidebands of the carrier do"
+        return f"{stand.format(listed(sides))} mesh order {mesh} as {alike}, at constant size"
+    return f"the carrier modulates mesh order {mesh} and gives it sidebands: {', '.join(map(str, sides))}"
 
 
 def _friction(effect: Effect, result: Reconciliation) -> str:

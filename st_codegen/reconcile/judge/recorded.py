@@ -1,0 +1,66 @@
+"""What stays open of the names that recordings over time give: torques that are read wrong, and what else is there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from st_codegen.ir.arrays import FloatArray
+from st_codegen.reconcile.fit.fitting import Fit
+from st_codegen.reconcile.fit.normal import made_of
+from st_codegen.reconcile.fit.state import Piece
+from st_codegen.reconcile.judge.claims import Conclusions
+from st_codegen.reconcile.settings import SETTINGS
+from st_codegen.rig.effects import Effect
+
+#: effects of which a torque that is read wrong by a factor or an offset makes as much
+_LIKE_TORQUE = frozenset({"torsional_compliance", "hanging_load_compliance", "friction_windup", "backlash"})
+_MISREAD_TORQUE = "misread_torque"
+
+
+def with_doubts(found: Conclusions, *, turns: float, is_more_left: bool) -> Conclusions:
+    """Findings with what would do as well beside them.
+
+    turns: the most turns of the output in one recording: of less than one, orders that are near each other make one
+    another. is_more_left: what stays may be the mean's, whatever its parts are called.
+    """
+
+    def is_open(effect: Effect) -> bool:
+        touched = set(effect.touched_orders())
+        return (turns < 1.0 and touched != {0}) or (is_more_left and 0 in touched)
+
+    claims = [claim.in_doubt() if is_open(claim.piece.effect) else claim for claim in found.claims]
+    retuned = [replace(one, is_open=one.is_open or is_open(one.after)) for one in found.retuned]
+    for piece in found.final.state.pieces:
+        if not _may_be_torque(found.final, piece):
+            continue
+        for i, claim in enumerate(claims):
+            if claim.piece.effect is piece.effect:
+                claims[i] = replace(claim, alternatives=tuple(dict.fromkeys((_MISREAD_TORQUE, *claim.alternatives))))
+        for i, one in enumerate(retuned):
+            if one.before is piece.own:
+                retuned[i] = replace(one, misread=tuple(sorted({*one.misread, _MISREAD_TORQUE})))
+    return replace(found, claims=tuple(claims), retuned=tuple(retuned))
+
+
+def _may_be_torque(final: Fit, piece: Piece) -> bool:
+    """Whether a factor and an offset of the torques, read by the rig as it was, leave no more than a change does."""
+    if piece.effect.name not in _LIKE_TORQUE:
+        return False
+    good, at = final.target.good, final.target.data.at
+    twists = [one.own for one in final.state.pieces if not one.added and one.own.name in _LIKE_TORQUE]
+    if not twists:
+        return False
+    more = replace(at, torque_Nm=at.torque_Nm + 1.0)
+    slope = np.sum([(one.coefficient(more, 0) - one.coefficient(at, 0)).real for one in twists], axis=0)
+    rest, change = final.residual[good, 0].real, final.explained(piece.effect)[good, 0].real
+    if piece.origin is not None:
+        change = change - final.explained(piece.origin)[good, 0].real
+    columns = np.stack([slope, slope * at.torque_Nm], axis=1)[good]
+
+    def left(samples: FloatArray) -> float:
+        return float(((samples - made_of(columns, samples)) ** 2).sum())
+
+    unit = max(float((rest**2).mean()), 1e-300)
+    return left(rest + change) < left(rest) + SETTINGS.as_good * unit
