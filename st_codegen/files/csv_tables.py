@@ -100,8 +100,9 @@ def read_csv(path: Path, wanted: Sequence[str] = ()) -> CsvTable:
     problems = Problems(str(path))
     missing = [name for name in wanted if name not in names]
     if missing:
-        which = f"the columns {', '.join(map(repr, missing))} are" if missing[1:] else f"the column '{missing[0]}' is"
-        near = meant(missing[0], [_cut(name) for name in names]) if len(missing) == 1 else ""
+        is_one = len(missing) == 1
+        which = f"the column '{missing[0]}' is" if is_one else f"the columns {', '.join(map(repr, missing))} are"
+        near = meant(missing[0], [_cut(name) for name in names if name not in wanted]) if is_one else ""
         problems.add(f"{which} missing; the table needs {','.join(wanted)}{near}")
     for name in sorted({name for name in names if name and names.count(name) > 1}):
         problems.add(f"the column '{_cut(name)}' is there twice")

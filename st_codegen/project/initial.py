@@ -89,9 +89,11 @@ def _check_trained_with(table: Mapping[str, FloatArray], models: Mapping[str, Mo
         raise InputError("training data: the table has no rows below its header")
     problems = Problems("training data")
     columns = with_underscores(table)
-    for feature in _features(models):
-        if feature.name not in columns:
-            problems.add(f"no column '{feature.name}'; there are {', '.join(table)}{meant(feature.name, table)}")
+    wanted = [feature.name for feature in _features(models)]
+    for name in wanted:
+        if name not in columns:
+            near = meant(name, [one for one in table if one not in wanted])
+            problems.add(f"no column '{name}'; there are {', '.join(table)}{near}")
     for file, feature in ((file, feature) for file, model in models.items() for feature in model.features):
         values = columns.get(feature.name, np.empty(0))
         # with use_missing=false LightGBM reads a missing number as 0, and its file has the range of what it read

@@ -58,8 +58,9 @@ def _rows(model: ModelIR, columns: dict[str, FloatArray]) -> FloatArray:
     for names in ([feature.name for feature in model.features], [f"f{n}" for n in range(len(model.features))]):
         if all(name in known for name in names):
             return np.column_stack([known[name] for name in names])
-    missing = [feature.name for feature in model.features if feature.name not in known]
-    near = meant(missing[0], columns) if len(missing) == 1 else ""
+    wanted = [feature.name for feature in model.features]
+    missing = [name for name in wanted if name not in known]
+    near = meant(missing[0], [name for name in columns if name not in wanted]) if len(missing) == 1 else ""
     raise InputError(f"model '{model.name}': no column {', '.join(missing)}; the header has {', '.join(columns)}{near}")
 
 

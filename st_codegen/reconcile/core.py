@@ -139,8 +139,10 @@ def _result(
 ) -> Reconciliation:
     """Gaps, and what is left, of a fit."""
     target, noise = with_noise_of(conclusions.final)
+    noise = with_beside(data, _with_suspects(target, conclusions.final, noise), conclusions.final.target.good)
+    fitted = replace(conclusions.final, target=replace(target, good=noise.good))
     # what runs that lie beside each other have is no part of the fit, and one of what is left
-    noise = _with_suspects(target, conclusions.final, noise).with_those_beside
+    noise = noise.with_those_beside
     target = replace(target, good=noise.good)
     final = replace(conclusions.final, target=target)
     before, after, good = target.residual(rig), final.residual, noise.good
@@ -152,7 +154,7 @@ def _result(
     # what noise is left where the noise holds what is unexplained as well nobody knows
     told = [one.order for one in left if not (one.at_least or one.is_scatter)]
     conclusions = conclusions.with_misread(in_place_of_the_rest(final, told))
-    unseen = _held_out(final, before, apart)
+    unseen = _held_out(fitted, before, apart)
 
     def whole(before: float, after: float) -> Gap:
         return Gap(math.hypot(before, all_hums), math.hypot(after, all_hums), float(np.linalg.norm(floor_rms)))
@@ -286,10 +288,7 @@ def _carriers(powers: FloatArray) -> float:
 
 
 def _with_suspects(target: FitData, final: Fit, noise: Noise) -> Noise:
-    """The noise with the bad runs that only the fitted model shows: they are named, and stay out of gap and rest.
-
-    Those that lie beside each other along a condition stay out of the fit as well, and are not called bad.
-    """
+    """The noise with the bad runs that only the fitted model shows: they are named, and stay out of gap and rest."""
     data = target.data
     # what the model lacks is no fault of a run
     lacking = is_lacking(target, final.residual)
@@ -297,12 +296,12 @@ def _with_suspects(target: FitData, final: Fit, noise: Noise) -> Noise:
     noise = without_structure(data, final.residual, noise, lacking)
     found = bad_runs(data, final.residual, noise.sigma, lacking, lack_of_forms(final))
     if not found:
-        return with_beside(data, noise)
+        return noise
     bad = ~noise.good
     bad[list(found)] = True
     again = without_structure(data, final.residual, estimate(data, final.residual, bad), lacking)
     ranked = sorted((dict(noise.suspects) | found | dict(again.suspects)).items(), key=lambda entry: -entry[1])
-    return with_beside(data, replace(again, suspects=tuple(ranked)))
+    return replace(again, suspects=tuple(ranked))
 
 
 def _new_rig(rig: RigModel, final: Fit, conclusions: Conclusions) -> RigModel:

@@ -144,3 +144,6 @@ def test_a_column_of_another_case_is_proposed(tmp_path):
     (tmp_path / "table.csv").write_text("Speed_RPM,torque_Nm\n1,2\n")
     with pytest.raises(InputError, match=r"'speed_rpm' is missing; .*; did you mean 'Speed_RPM'"):
         read_csv(tmp_path / "table.csv", ["speed_rpm", "torque_Nm"])
+    with pytest.raises(InputError) as error:
+        read_csv(tmp_path / "table.csv", ["torque_Nm", "torque_Nn"])
+    assert "did you mean" not in str(error.value), "what is read already is not meant"

@@ -1,5 +1,6 @@
 """Bad runs are named, good ones are not: wrong labels, moved means, waves that slipped."""
 
+import dataclasses
 import itertools
 
 import numpy as np
@@ -9,7 +10,7 @@ from st_codegen.reconcile.core import reconcile_observations
 from st_codegen.reconcile.data.contrasts import beside_each_other, repeats
 from st_codegen.reconcile.data.noise import Noise, estimate
 from st_codegen.reconcile.data.observations import Observations, labels
-from st_codegen.reconcile.rest.suspects import bad_runs, without_structure
+from st_codegen.reconcile.rest.suspects import bad_runs, runs_beside, with_beside, without_structure
 from st_codegen.rig.effects import Conditions
 
 from .test_core import KNOWN, RIG, observed
@@ -180,6 +181,37 @@ def test_wrong_runs_anywhere_seldom_lie_beside_each_other(count):
         at = anywhere(64, random).rows(np.arange(64))
         times += bool(beside_each_other(at, np.isin(np.arange(64), random.choice(64, count, replace=False))))
     assert times < 10
+
+
+def suspected(data, rows):
+    """Noise of which some rows are suspects."""
+    good = ~np.isin(np.arange(len(data)), rows)
+    return Noise(np.ones(data.values.shape), np.ones(len(data.orders)), good, tuple((int(row), 9.0) for row in rows))
+
+
+def test_both_curves_of_runs_beside_each_other_are_of_one_kind():
+    """Forward three follow each other by their torques, backward two of these are far off as well."""
+    at = anywhere(64, np.random.default_rng(5))
+    smallest = np.argsort(at.torque_Nm[:64])
+    data = Observations(at, labels(at), ORDERS, np.zeros((128, len(ORDERS)), complex))
+    rows = np.concatenate([smallest[2:5], 64 + smallest[3:5], [smallest[40]]])
+    noise = with_beside(data, suspected(data, rows), ~np.isin(np.arange(128), rows))
+    assert {row for group in noise.beside for row in group.rows} == set(rows[:5])
+    assert [row for row, _ in noise.suspects] == [smallest[40]]
+    assert np.array_equal(np.flatnonzero(~noise.with_those_beside.good), rows[5:])
+    (text,) = runs_beside(data, noise)
+    assert text.startswith("whether 5 curves were measured wrong")
+
+
+@pytest.mark.parametrize("why", ["a known mistake", "fitted to"])
+def test_runs_beside_each_other_that_stay_what_they_are(why):
+    at = anywhere(64, np.random.default_rng(5))
+    rows = np.argsort(at.torque_Nm[:64])[2:5]
+    known = np.isin(np.arange(128), rows)
+    data = Observations(at, labels(at), ORDERS, np.zeros((128, len(ORDERS)), complex))
+    data = dataclasses.replace(data, left_out=known) if why == "a known mistake" else data
+    noise = with_beside(data, suspected(data, rows), ~known if why == "a known mistake" else np.ones(128, bool))
+    assert not noise.beside and {row for row, _ in noise.suspects} == set(rows)
 
 
 @pytest.mark.parametrize("places", [(2, 3, 4), (5, 30, 55)], ids=["at small loads", "anywhere"])

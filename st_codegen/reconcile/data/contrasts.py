@@ -186,11 +186,12 @@ def beside_each_other(at: Conditions, bad: BoolArray) -> list[Beside]:
 
     So lies what the machine does there (at small loads, near a speed). The chance is that of as many runs, drawn from
     all of the direction, within as many neighbouring places of their ranking by the condition, times how many choices
-    of runs, of their count, and of a condition there are.
+    of runs, of their count, of a condition and of a direction there are.
     """
     found = []
-    for side in map(np.flatnonzero, at.by_direction()):
-        best, least = None, SETTINGS.p_beside
+    sides = [side for side in map(np.flatnonzero, at.by_direction()) if bad[side].sum() >= SETTINGS.least_block]
+    for side in sides:
+        best, least = None, SETTINGS.p_beside / len(sides)
         for name, values in zip(AXES, at.axes, strict=True):
             ranked = np.sort(values[side])
             rows = side[bad[side]][np.argsort(values[side[bad[side]]], kind="stable")]

@@ -26,6 +26,7 @@ from st_codegen.reconcile.search.surroundings import angle_of_rest
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions, Effect
 from st_codegen.rig.effects.base import ARCMIN, BACKWARD, Phasor
+from st_codegen.rig.effects.modulation import CarrierModulation
 from st_codegen.rig.effects.resonance import LOAD_PART, StructuralResonance
 from st_codegen.rig.model import RigModel
 
@@ -498,10 +499,10 @@ def _heights(claim: Claim, effect: StructuralResonance, at: Conditions) -> str:
 
 
 def _sidebands(effect: Effect, result: Reconciliation) -> str:
-    mesh, apart = effect.orders[0], effect.constants.cranks
+    mesh, all_sides = effect.orders[0], effect.sidebands() if isinstance(effect, CarrierModulation) else ()
     claim = next((one for one in result.conclusions.claims if one.piece.effect is effect), None)
     told = told_sides(claim.piece, claim.stderr) if claim else set[str]()
-    sides = [mesh + way * apart for side, way in (("lower", -1), ("upper", 1)) if side in told or not told]
+    sides = [order for side, order in all_sides if side in told or not told]
     if not any(x for key, x in effect.values.items() if key.endswith("_ratio")):
         stand = "order {} stands beside" if len(sides) == 1 else "orders {} stand beside"
         alike = "a sideband of the carrier does" if len(sides) == 1 else "sidebands of the carrier do"

@@ -16,6 +16,7 @@ from st_codegen.reconcile.data.contrasts import (
     AXES,
     CONDITIONS,
     UNITS,
+    Beside,
     beside_each_other,
     in_steps,
     of_whole_levels,
@@ -75,16 +76,24 @@ def excused(data: Observations, residual: ComplexArray, noise: Noise, structured
     return found & ~structured
 
 
-def with_beside(data: Observations, noise: Noise) -> Noise:
+def with_beside(data: Observations, noise: Noise, fitted: BoolArray) -> Noise:
     """The noise without those of its suspects that lie beside each other along a condition: nobody knows their cause.
 
-    A wrong run lies anywhere, what the machine does at some loads or speeds lies there. They do not become good.
+    A wrong run lies anywhere, what the machine does at some loads or speeds lies there. They do not become good. Both
+    curves of a run are of one kind. fitted: bool (n,), rows to which numbers were fitted; of these, and of those with a
+    known mistake, nothing is changed.
     """
-    groups = beside_each_other(data.at, np.isin(np.arange(len(data)), [row for row, _ in noise.suspects]))
-    rows = {row for group in groups for row in group.rows}
-    return replace(
-        noise, suspects=tuple(entry for entry in noise.suspects if entry[0] not in rows), beside=tuple(groups)
-    )
+    may = np.isin(np.arange(len(data)), [row for row, _ in noise.suspects]) & ~fitted
+    if data.left_out is not None:
+        may &= ~data.left_out
+    groups, taken = list[Beside](), np.zeros(len(data), bool)
+    for group in beside_each_other(data.at, may):
+        runs = np.isin(data.number_of_run, data.number_of_run[list(group.rows)])
+        rows = np.flatnonzero(runs & may & ~taken)
+        taken[rows] = True
+        groups += [replace(group, rows=tuple(rows.tolist()))] if len(rows) else []
+    suspects = tuple(entry for entry in noise.suspects if not taken[entry[0]])
+    return replace(noise, suspects=suspects, beside=tuple(groups))
 
 
 def runs_beside(data: Observations, noise: Noise) -> tuple[str, ...]:
@@ -100,7 +109,7 @@ def runs_beside(data: Observations, noise: Noise) -> tuple[str, ...]:
             f"whether {len(group.rows)} curves were measured wrong or the machine does something of its own there: "
             f"{labels} lie far from what all others let expect, and closer together in {CONDITIONS[axis]} ({where}) "
             "than wrong runs do by chance; no number is fitted to them, and they count in the gap and in what stays "
-            "unexplained"
+            "unexplained, not in the gap on held-out runs"
         )
     return tuple(found)
 
