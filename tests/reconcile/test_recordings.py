@@ -12,10 +12,18 @@ import pytest
 from st_codegen.errors import InputError
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations
-from st_codegen.reconcile.data.recordings import ANGLES, Recording, is_recording, observations, read_recordings, step_of
+from st_codegen.reconcile.data.recordings import (
+    ANGLES,
+    Recording,
+    is_recording,
+    is_whole_turn,
+    observations,
+    read_recordings,
+    step_of,
+)
 from st_codegen.reconcile.fit.state import Piece
 from st_codegen.reconcile.fit.target import FitData, groups_of
-from st_codegen.reconcile.judge.claims import Conclusions, Retuned
+from st_codegen.reconcile.judge.claims import Claim, Conclusions, Retuned
 from st_codegen.reconcile.judge.links import (
     _SERVO,
     _Change,
@@ -30,10 +38,12 @@ from st_codegen.reconcile.judge.links import (
 from st_codegen.reconcile.judge.lookalikes import is_a_knee
 from st_codegen.reconcile.judge.recorded import with_doubts
 from st_codegen.reconcile.mistakes.recorded import _jumps, _least_at, _other_angle, check_recordings
-from st_codegen.reconcile.outcome import Outcome
+from st_codegen.reconcile.outcome import Gap, Outcome
+from st_codegen.reconcile.report.findings import _how_sure
 from st_codegen.reconcile.report.sentences import _few_samples, _sidebands, floor_text, left_text, verdict_text
 from st_codegen.reconcile.rest.lines import _slow, _while_it_changes, lines_in_samples, stand_out, waves_of_angle
-from st_codegen.reconcile.run import reconcile_files, reconcile_recordings
+from st_codegen.reconcile.run import _is_left_of_mean, reconcile_files, reconcile_recordings
+from st_codegen.reconcile.search.evidence import Evidence
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions, catalogue
 from st_codegen.rig.model import parse_rig
@@ -904,20 +914,75 @@ def test_dry_friction_may_be_a_zero_of_the_torque(more, alike):
     pieces = (Piece(soft, frozenset()), Piece(after, frozenset(), origin=before))
     final = _fit_of(pieces, at, lambda effect: effect.coefficient(at, 0)[:, None])
     found = Conclusions(final, final, (), (Retuned(before, after, {}, 0.0),), False)
-    (one,) = with_doubts(found, turns=3.0, is_more_left=False).retuned
+    (one,) = with_doubts(found, is_whole_turn=True, is_more_left=False).retuned
     assert ("misread_torque" in one.alternatives) == alike and not one.is_open
 
 
 @pytest.mark.parametrize(
-    ("turns", "is_more_left", "open_"), [(0.6, False, "wave"), (3.0, True, "mean"), (3.0, False, "")]
+    ("is_whole_turn", "is_more_left", "open_"), [(False, False, "wave"), (True, True, "mean"), (True, False, "")]
 )
-def test_names_of_little_travel_and_beside_a_rest_have_something_else(turns, is_more_left, open_):
+def test_names_of_little_travel_and_beside_a_rest_have_something_else(is_whole_turn, is_more_left, open_):
     """Of order 5 in 0.6 of a turn misaligned cranks and a worn sector were said; a late encoder was friction."""
     wave = parse_rig(RIG).effects[0]
     entries = (Retuned(wave, wave, {}, 0.0), Retuned(_friction(0.1), _friction(0.2), {}, 0.0))
     final = SimpleNamespace(state=SimpleNamespace(pieces=()))
-    found = with_doubts(Conclusions(final, final, (), entries, False), turns=turns, is_more_left=is_more_left)
+    found = Conclusions(final, final, (), entries, False)
+    found = with_doubts(found, is_whole_turn=is_whole_turn, is_more_left=is_more_left)
     assert [one.is_open for one in found.retuned] == [open_ == "wave", open_ == "mean"]
+
+
+def _claim_of(effect, alternatives=()):
+    evidence = Evidence(1.0, 1, 0.0, 0.0, {}, (1, 1), 1.0, 1.0)
+    return Claim(Piece(effect, frozenset(), True), {}, evidence, alternatives, (), 0.0, ())
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "said"),
+    [
+        ("torsional_compliance", {"stiffness_Nm_per_arcmin": 450.0}, "more than noise is left of the mean"),
+        ("thermal_drift", {"drift_arcmin_per_K": 0.01}, "more than noise is left of the mean"),
+        ("pin_error", {"order": 40, "amplitude_deg": 1e-3, "phase_rad": 0.0}, "no recording goes over a whole turn"),
+    ],
+)
+def test_a_doubt_is_said_with_its_own_reason(name, values, said):
+    """Of loads of both signs it said "named by runs whose load keeps its sign"; of a short arc "its order alone"."""
+    claim = _claim_of(catalogue()[name](values, parse_rig(RIG).constants))
+    final = SimpleNamespace(state=SimpleNamespace(pieces=()))
+    found = Conclusions(final, final, (claim,), (), False)
+    (claim,) = with_doubts(found, is_whole_turn=False, is_more_left=True).claims
+    assert _how_sure(claim).startswith(said) and "named by" not in _how_sure(claim)
+
+
+def test_what_else_may_be_on_a_link_is_said():
+    """With `something_else` in report.json the page said that no other effect was tried."""
+    lag = parse_rig(RIG).effects[1]
+    assert _how_sure(_claim_of(lag)).endswith("where nothing else that was tried does as well")
+    assert _how_sure(_claim_of(lag, ("something_else",))).endswith("where something else may look the same")
+
+
+@pytest.mark.parametrize(("count", "is_whole"), [(1000, True), (990, False)])
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_one_turn_is_whole_though_its_samples_end_a_step_before(count, is_whole, noise):
+    """All names had something else beside them, of less than a whole turn; or not, by the encoder's noise."""
+    rig, time = parse_rig(RIG), np.arange(count) * 8.1e-3
+    for seed in range(5):
+        angle = 3600.0 * time + noise * np.random.default_rng(seed).standard_normal(count)
+        at = Conditions.of(np.ones(count), 600.0, 400.0, 30.0)
+        r = Recording("r.csv", time, {"theta_in": angle, "theta_out": angle / 81.0}, at)
+        assert is_whole_turn(r, rig) is is_whole
+        # a gap is no step
+        parts = np.flatnonzero((np.arange(count) < 300) | (np.arange(count) > 600))
+        assert is_whole_turn(r.rows(parts[:-20]), rig) is False
+
+
+def test_a_wave_that_stays_is_nothing_of_the_mean():
+    """A loud wave of order 40 put a doubt to a compliance."""
+
+    def left(order):
+        wave = SimpleNamespace(order=order, rms_deg=3e-3)
+        return SimpleNamespace(unexplained=(wave,), fitted=Gap(5e-3, np.hypot(1e-3, 3e-3), 1e-3))
+
+    assert not _is_left_of_mean(left(40)) and _is_left_of_mean(left(0))
 
 
 def test_play_in_samples_may_be_a_transmission_that_is_softer_at_low_loads():
