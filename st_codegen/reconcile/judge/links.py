@@ -59,24 +59,26 @@ def with_unmeasured_links(found: Conclusions, recordings: Sequence[Recording]) -
 
 @dataclass(frozen=True)
 class _Told:
-    """What samples (n,) tell of the sizes of columns (n, p). parts: of its recording in which each sample lies, (n,).
+    """What samples (n,) tell of the sizes of named columns (n, p) beside others (n, q).
 
-    A column that the others make is not told: its size is not a number, and its error has no end.
+    A column that the others make is not told: its size is not a number, and its error has no end. parts: of its
+    recording in which each sample lies, (n,).
     """
 
-    columns: FloatArray
+    named: FloatArray
+    beside: FloatArray
     samples: FloatArray
     parts: IntArray
 
     @cached_property
     def values(self) -> FloatArray:
-        """The sizes of the columns, (p,)."""
-        return _sizes(self.columns, self.samples)[0]
+        """The sizes of the named columns, (p,)."""
+        return _sizes(self.named, self.beside, self.samples)[0]
 
     @cached_property
     def rest(self) -> FloatArray:
         """What all columns leave, (n,)."""
-        return _without(self.columns, self.samples)
+        return _without(np.hstack([self.named, self.beside]), self.samples)
 
     @cached_property
     def noise(self) -> float:
@@ -90,16 +92,19 @@ class _Told:
 
         A rest that is more than noise may belong to any column.
         """
-        values, alone = _sizes(self.columns, self.samples)
+        values, alone = _sizes(self.named, self.beside, self.samples)
         numbers = np.arange(SETTINGS.parts_of_link)
         kept = [self.parts != part for part in numbers]
-        scatter = np.sqrt(
-            (len(numbers) - 1) * np.var([_sizes(self.columns[k], self.samples[k])[0] for k in kept], axis=0)
-        )
+        without_a_part = [_sizes(self.named[k], self.beside[k], self.samples[k])[0] for k in kept]
+        scatter = np.sqrt((len(numbers) - 1) * np.var(without_a_part, axis=0))
         left = _rms(self.rest)
         coherent = left * np.sqrt(len(self.samples)) if left > SETTINGS.left_on_link * self.noise else 0.0
         errors: FloatArray = np.hypot(np.hypot(self.noise, coherent) / np.maximum(alone, 1e-300), scatter)
         return np.where(np.isfinite(errors + values), errors, np.inf)
+
+    def are_off(self, known: FloatArray) -> BoolArray:
+        """Which of the named sizes are surely not those that are known, (p,)."""
+        return np.asarray(np.abs(self.values - known) > SETTINGS.sure_of_link * self.stderr)
 
 
 def _without(columns: FloatArray, samples: FloatArray) -> FloatArray:
@@ -118,14 +123,14 @@ def _corner(columns: FloatArray, samples: FloatArray) -> tuple[FloatArray, Float
     return corner[:, :-1], corner[:, -1]
 
 
-def _sizes(columns: FloatArray, samples: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Sizes of columns (n, p) in samples (n,), and lengths of what is each one's own, (p,) each.
+def _sizes(named: FloatArray, beside: FloatArray, samples: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Sizes of named columns (n, p) in samples (n,) beside others (n, q), and lengths of what is each one's own, (p,).
 
     A size is not a number where the other columns make this one.
     """
-    columns, samples = _corner(columns, samples)
-    sizes, lengths = np.full((2, columns.shape[1]), np.nan)
-    for i, column in enumerate(columns.T):
+    columns, samples = _corner(np.hstack([named, beside]), samples)
+    sizes, lengths = np.full((2, named.shape[1]), np.nan)
+    for i, column in enumerate(columns.T[: len(sizes)]):
         alone = _without(np.delete(columns, i, axis=1), column)
         lengths[i] = np.linalg.norm(alone)
         if lengths[i] > SETTINGS.told_of_column * np.linalg.norm(column):
@@ -153,20 +158,12 @@ class _Samples:
     @cached_property
     def told(self) -> _Told:
         """What they tell where the angles have the same zeros in all recordings."""
-        return _Told(np.hstack([self.named, self.beside]), self.values, self._parts)
-
-    def are_changed(self, known: FloatArray) -> BoolArray:
-        """Which numbers of the effect are not those that are known, (p,)."""
-        return self._are_off(self.told, known)
+        return _Told(self.named, self.beside, self.values, self._parts)
 
     def may_be_zeros(self, known: FloatArray) -> bool:
         """Whether a number that changed is not told to have done so where each recording has zeros of its own."""
-        apart = _Told(np.hstack([self.named, self.beside, self.zeros[:, 1:]]), self.values, self._parts)
-        return bool((self.are_changed(known) & ~self._are_off(apart, known)).any())
-
-    def _are_off(self, told: _Told, known: FloatArray) -> BoolArray:
-        count = len(known)
-        return np.asarray(np.abs(told.values[:count] - known) > SETTINGS.sure_of_link * told.stderr[:count])
+        apart = _Told(self.named, np.hstack([self.beside, self.zeros[:, 1:]]), self.values, self._parts)
+        return bool((self.told.are_off(known) & ~apart.are_off(known)).any())
 
     @property
     def _parts(self) -> IntArray:
@@ -200,7 +197,7 @@ def servo_link(recordings: Sequence[Recording], rig: RigModel) -> Link | None:
     # near the best lag the angles are straight over it: of all of it but what stays
     samples = _Samples(best + slope[:, 0] * lag, slope, np.ones((len(best), 1)), _files(usable))
     known, change = np.array([start]), None
-    if samples.are_changed(known).any():
+    if samples.told.are_off(known).any():
         effect = ControlLag({"lag_ms": lag}, rig.constants, check=False)
         stderr = {"lag_ms": float(samples.told.stderr[0])}
         change = _Change(effect, np.array([lag]), best, stderr, samples.may_be_zeros(known))
@@ -247,16 +244,15 @@ def _of_coupling(recordings: Sequence[Recording], ratio: float) -> _Samples:
 
 def _change_of_coupling(samples: _Samples, known: FloatArray, rig: RigModel) -> _Change | None:
     """Softness and play that are told to be others than is known; None where none is, or no rig file may have it."""
-    changed, stderr = samples.are_changed(known), samples.told.stderr[:2]
-    values = np.where(changed, samples.told.values[:2], known)
+    changed, stderr = samples.told.are_off(known), samples.told.stderr
+    values = np.where(changed, samples.told.values, known)
     if not changed.any() or (values < -SETTINGS.sure_of_link * stderr).any():
         return None
     # what is told to be nothing, or is not known, is the least that a rig file may have
     free = changed & (values > _LEAST)
     values = np.maximum(values, _LEAST)
-    of_others = samples.values - samples.named[:, ~free] @ values[~free]
-    columns = np.hstack([samples.named[:, free], samples.beside])
-    values[free] = _sizes(columns, of_others)[0][: free.sum()]
+    without_held = samples.values - samples.named[:, ~free] @ values[~free]
+    values[free] = _sizes(samples.named[:, free], samples.beside, without_held)[0]
     if (values < _LEAST).any() or (values > _MOST).any():
         return None
     stiffness = float(1.0 / values[0])
