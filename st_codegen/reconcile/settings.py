@@ -54,6 +54,9 @@ class Settings:
     off_steps: float = chosen(1e-3, UNRECORDED)
     #: share of a step that this, with what arithmetic leaves, must stay below: else the angle has no digits to tell it
     told_step: float = chosen(0.01, UNRECORDED)
+    #: steps between samples by which they may seem to miss a whole turn: they end one step before it does, and where it
+    #: does they tell to half a step
+    steps_of_turn: float = 1.5
     #: share of the largest speed below which a sample counts as standstill
     standstill: float = chosen(0.02, UNRECORDED)
     #: share of the largest speed up to which the sign of a speed says nothing of the direction

@@ -222,8 +222,7 @@ def is_whole_turn(r: Recording, rig: RigModel) -> bool:
     angle, waits = r.angles[r.fast], np.diff(r.time_s)
     # behind a gap no sample is near
     step = float(np.abs(np.diff(angle) / waits).max() * np.median(waits))
-    # the samples of a turn end one step before it does, and where it does they tell to half a step
-    return float(np.ptp(angle)) + 1.5 * step >= 360.0 * rig.constants.reduction_ratio
+    return float(np.ptp(angle)) + SETTINGS.steps_of_turn * step >= 360.0 * rig.constants.reduction_ratio
 
 
 def step_of(angle: FloatArray) -> float:
