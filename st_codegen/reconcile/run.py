@@ -19,9 +19,9 @@ from st_codegen.reconcile.data.recordings import (
     ANGLES,
     Recording,
     is_recording,
+    is_whole_turn,
     observations,
     read_recordings,
-    turned,
 )
 from st_codegen.reconcile.judge.claims import Conclusions
 from st_codegen.reconcile.judge.links import coupling_link, servo_link, with_unmeasured_links
@@ -159,9 +159,8 @@ def reconcile_recordings(
     links = [link for link in (servo_link(recordings, rig), coupling_link(recordings, rig)) if link is not None]
     claims = tuple(link.claim for link in links if link.claim is not None)
     retuned = tuple(link.retuned for link in links if link.retuned is not None)
-    turns = turned([r for r in recordings if "theta_out" in r.angles], rig)
-    is_more = result.fitted.after > SETTINGS.clearly_larger * result.fitted.noise_floor
-    found = with_doubts(result.conclusions, turns=turns, is_more_left=is_more)
+    is_whole = any(is_whole_turn(r, rig) for r in recordings if "theta_out" in r.angles)
+    found = with_doubts(result.conclusions, is_whole_turn=is_whole, is_more_left=_is_left_of_mean(result))
     found = with_unmeasured_links(found, recordings)
     conclusions = replace(found, claims=(*found.claims, *claims), retuned=(*found.retuned, *retuned))
     changed = {entry.before: entry.after for entry in retuned}
@@ -185,6 +184,12 @@ def reconcile_recordings(
         fitted=whole(result.fitted),
         held_out=whole(result.held_out),
     )
+
+
+def _is_left_of_mean(result: Reconciliation) -> bool:
+    """Whether beside the waves that stay unexplained clearly more than noise is left."""
+    waves = sum(one.rms_deg**2 for one in result.unexplained if one.order != 0)
+    return result.fitted.after**2 - waves > (SETTINGS.clearly_larger * result.fitted.noise_floor) ** 2
 
 
 def with_empirical(result: Reconciliation, known: Catalogue) -> Reconciliation:

@@ -54,6 +54,9 @@ class Settings:
     off_steps: float = chosen(1e-3, UNRECORDED)
     #: share of a step that this, with what arithmetic leaves, must stay below: else the angle has no digits to tell it
     told_step: float = chosen(0.01, UNRECORDED)
+    #: steps between samples by which they may seem to miss a whole turn: they end one step before it does, and where it
+    #: does they tell to half a step
+    steps_of_turn: float = 1.5
     #: share of the largest speed below which a sample counts as standstill
     standstill: float = chosen(0.02, UNRECORDED)
     #: share of the largest speed up to which the sign of a speed says nothing of the direction
@@ -393,16 +396,14 @@ class Settings:
     parts_of_link: int = 5
     #: share of these parts in which it must: four of five
     stable_link: float = chosen(0.7, UNRECORDED)
-    #: standard errors that the backlash of a coupling must be to be a part of it
-    sure_backlash: float = 5.0
-    #: standard errors by which a number of a link must be off the rig's to have changed
+    #: standard errors by which a number of a link must be off the rig's to have changed: normal errors are so large
+    #: once in 2 million, and those of five parts, which have four degrees of freedom, once in 130
     sure_of_link: float = 5.0
-    #: share of a column (RMS) that others must not make of it: with less it is told by nothing but small errors of them
+    #: share (RMS) of a column of a fit to a link that no sum of the fit's other columns makes, from which on the data
+    #: tell its size: of less, small errors of the others make as much as its size does
     told_of_column: float = 1e-3
-    #: share of what is left on a link (RMS) from which on a zero, a delay or a wave is said to be in it: a tenth of the
-    #: power
-    much_of_link: float = 0.3
-    #: share of it (RMS) that they may leave together, where that is no noise: a hundredth of the power
+    #: share of what is left on a link (RMS) that what is said to make it may leave, where that is no noise: a hundredth
+    #: of the power
     rest_of_link: float = 0.1
     #: noises of one sample that the effect of a link must stand as high as: many samples tell it
     least_size_of_link: float = chosen(0.3, UNRECORDED)

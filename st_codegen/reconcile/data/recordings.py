@@ -217,6 +217,14 @@ def turned(recordings: Sequence[Recording], rig: RigModel) -> float:
     return max(degrees, default=0.0) / (360.0 * rig.constants.reduction_ratio)
 
 
+def is_whole_turn(r: Recording, rig: RigModel) -> bool:
+    """Whether a recording goes over a whole turn of the output."""
+    angle, waits = r.angles[r.fast], np.diff(r.time_s)
+    # behind a gap no sample is near
+    step = float(np.abs(np.diff(angle) / waits).max() * np.median(waits))
+    return float(np.ptp(angle)) + SETTINGS.steps_of_turn * step >= 360.0 * rig.constants.reduction_ratio
+
+
 def step_of(angle: FloatArray) -> float:
     """The step of which all values of an angle are multiples, deg: of decimals or of an encoder; 0 without one."""
     counts = {lines * times for lines in SETTINGS.encoder_lines for times in (1, 4)} | {2**n for n in range(8, 25)}

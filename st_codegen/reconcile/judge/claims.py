@@ -32,7 +32,7 @@ class Claim:
 
     share: of the gap (power) that the effect explains; peaks: the frequencies (Hz) between which the peaks of a
     resonance's orders put it, where their shape is not that of one oscillator; counted: how many names of this kind
-    were true, of how many, if that is known.
+    were true, of how many, if that is known; doubt: why something else may have it, where that is not in the effect.
     """
 
     piece: Piece
@@ -44,18 +44,19 @@ class Claim:
     extrapolates: tuple[str, ...]
     peaks: tuple[float, float] | None = None
     counted: tuple[int, int] | None = None
+    doubt: str = ""
 
     @property
     def probability(self) -> float | None:
         """Chance that the name is true, by how many of its kind were (rule of succession); None where none is known."""
         return None if self.counted is None else (self.counted[0] + 1) / (self.counted[1] + 2)
 
-    def in_doubt(self) -> Claim:
-        """The claim with `something_else` among its alternatives."""
+    def in_doubt(self, why: str) -> Claim:
+        """The claim with `something_else` among its alternatives, and why, in words."""
         if SOMETHING_ELSE in self.alternatives:
             return self
         counted = self.counted and SETTINGS.names_by_order
-        return replace(self, alternatives=(*self.alternatives, SOMETHING_ELSE), counted=counted)
+        return replace(self, alternatives=(*self.alternatives, SOMETHING_ELSE), counted=counted, doubt=why)
 
 
 @dataclass(frozen=True)

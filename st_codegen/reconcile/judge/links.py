@@ -6,13 +6,14 @@ reducer's transmission error behind them goes to the common core.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 
-from st_codegen.ir.arrays import FloatArray, IntArray
+from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray
 from st_codegen.reconcile.data.chances import chi_square_tail
 from st_codegen.reconcile.data.noise import MEDIAN_1
 from st_codegen.reconcile.data.recordings import Recording, speed_of
@@ -21,7 +22,7 @@ from st_codegen.reconcile.judge.claims import SOMETHING_ELSE, Claim, Conclusions
 from st_codegen.reconcile.outcome import Gap
 from st_codegen.reconcile.search.evidence import Evidence
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Conditions, Effect
+from st_codegen.rig.effects import Effect
 from st_codegen.rig.effects.axis import ControlLag, CouplingCompliance
 from st_codegen.rig.model import RigModel
 
@@ -58,10 +59,10 @@ def with_unmeasured_links(found: Conclusions, recordings: Sequence[Recording]) -
 
 @dataclass(frozen=True)
 class _Told:
-    """What samples (n,) tell of named columns (n, p) beside others (n, q), which are no part of the link's effect.
+    """What samples (n,) tell of the sizes of named columns (n, p) beside others (n, q).
 
-    A column that the others make is not told: its value is not a number, and its error has no end. parts: the part of
-    its recording in which each sample lies, (n,).
+    A column that the others make is not told: its size is not a number, and its error has no end. parts: of its
+    recording in which each sample lies, (n,).
     """
 
     named: FloatArray
@@ -72,7 +73,7 @@ class _Told:
     @cached_property
     def values(self) -> FloatArray:
         """The sizes of the named columns, (p,)."""
-        return _sizes(self.named, self.beside, self.samples)
+        return _sizes(self.named, self.beside, self.samples)[0]
 
     @cached_property
     def rest(self) -> FloatArray:
@@ -81,8 +82,9 @@ class _Told:
 
     @cached_property
     def noise(self) -> float:
-        """Standard deviation of a sample's noise; a wave that is fast beside the samples looks like it."""
-        return max(min(_noise([self.rest]), _rms([self.rest])), SETTINGS.least_noise_deg)
+        """Standard deviation of a sample's noise, deg."""
+        # neither is below the noise: a wave that is fast beside the samples bends them, and what has no column is left
+        return max(min(_noise(self.rest), _rms(self.rest)), SETTINGS.least_noise_deg)
 
     @cached_property
     def stderr(self) -> FloatArray:
@@ -90,21 +92,19 @@ class _Told:
 
         A rest that is more than noise may belong to any column.
         """
-        alone = [_without(np.delete(self.all, i, axis=1), self.all[:, i]) for i in range(self.named.shape[1])]
-        size = 1.0 / np.maximum(np.linalg.norm(alone, axis=1), 1e-300)
+        values, alone = _sizes(self.named, self.beside, self.samples)
         numbers = np.arange(SETTINGS.parts_of_link)
         kept = [self.parts != part for part in numbers]
-        values = np.array([_sizes(self.named[rows], self.beside[rows], self.samples[rows]) for rows in kept])
-        scatter = np.sqrt((len(numbers) - 1) * np.var(values, axis=0))
-        left = _rms([self.rest])
+        without_a_part = [_sizes(self.named[k], self.beside[k], self.samples[k])[0] for k in kept]
+        scatter = np.sqrt((len(numbers) - 1) * np.var(without_a_part, axis=0))
+        left = _rms(self.rest)
         coherent = left * np.sqrt(len(self.samples)) if left > SETTINGS.left_on_link * self.noise else 0.0
-        errors: FloatArray = np.hypot(np.hypot(self.noise, coherent) * size, scatter)
-        return np.where(np.isfinite(errors + self.values), errors, np.inf)
+        errors: FloatArray = np.hypot(np.hypot(self.noise, coherent) / np.maximum(alone, 1e-300), scatter)
+        return np.where(np.isfinite(errors + values), errors, np.inf)
 
-    @property
-    def all(self) -> FloatArray:
-        """All columns, (n, p + q)."""
-        return np.hstack([self.named, self.beside])
+    def are_off(self, known: FloatArray) -> BoolArray:
+        """Which of the named sizes are surely not those that are known, (p,)."""
+        return np.asarray(np.abs(self.values - known) > SETTINGS.sure_of_link * self.stderr)
 
 
 def _without(columns: FloatArray, samples: FloatArray) -> FloatArray:
@@ -117,20 +117,63 @@ def _without(columns: FloatArray, samples: FloatArray) -> FloatArray:
     return left
 
 
-def _sizes(named: FloatArray, beside: FloatArray, samples: FloatArray) -> FloatArray:
-    """Sizes of named columns (p,) in samples (n,), beside others; not a number where the others make a column."""
-    columns = np.hstack([named, beside])
-    out = np.full(named.shape[1], np.nan)
-    for i in range(len(out)):
-        alone = _without(np.delete(columns, i, axis=1), columns[:, i])
-        if np.linalg.norm(alone) > SETTINGS.told_of_column * np.linalg.norm(columns[:, i]):
-            out[i] = alone @ samples / (alone @ alone)
-    return out
+def _corner(columns: FloatArray, samples: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Columns (n, p) and samples (n,) in so few rows that fits are quick: their lengths and angles are the same."""
+    corner = np.linalg.qr(np.column_stack([columns, samples])).R
+    return corner[:, :-1], corner[:, -1]
 
 
-def _parts(lengths: Sequence[int]) -> IntArray:
-    """The part of its own recording in which each sample lies, so that none is left out as a whole."""
-    return np.concatenate([np.arange(n) * SETTINGS.parts_of_link // max(n, 1) for n in lengths])
+def _sizes(named: FloatArray, beside: FloatArray, samples: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Sizes of named columns (n, p) in samples (n,) beside others (n, q), and lengths of what is each one's own, (p,).
+
+    A size is not a number where the other columns make this one.
+    """
+    columns, samples = _corner(np.hstack([named, beside]), samples)
+    sizes, lengths = np.full((2, named.shape[1]), np.nan)
+    for i, column in enumerate(columns.T[: len(sizes)]):
+        alone = _without(np.delete(columns, i, axis=1), column)
+        lengths[i] = np.linalg.norm(alone)
+        if lengths[i] > SETTINGS.told_of_column * np.linalg.norm(column):
+            sizes[i] = alone @ samples / lengths[i] ** 2
+    return sizes, lengths
+
+
+@dataclass(frozen=True)
+class _Samples:
+    """Samples of a link, deg (n,), and columns that may make them: of the numbers of its effect, and of others.
+
+    named (n, p); beside (n, q), that of a zero first; file: of each sample, (n,).
+    """
+
+    values: FloatArray
+    named: FloatArray
+    beside: FloatArray
+    file: IntArray
+
+    @property
+    def zeros(self) -> FloatArray:
+        """The zeros of each recording's own, (n, files)."""
+        return np.asarray(self.file[:, None] == np.arange(self.file[-1] + 1), np.float64)
+
+    @cached_property
+    def told(self) -> _Told:
+        """What they tell where the angles have the same zeros in all recordings."""
+        return _Told(self.named, self.beside, self.values, self._parts)
+
+    def may_be_zeros(self, known: FloatArray) -> bool:
+        """Whether a number that changed is not told to have done so where each recording has zeros of its own."""
+        apart = _Told(self.named, np.hstack([self.beside, self.zeros[:, 1:]]), self.values, self._parts)
+        return bool((self.told.are_off(known) & ~apart.are_off(known)).any())
+
+    @property
+    def _parts(self) -> IntArray:
+        """The part of its own recording in which each sample lies, so that none is left out as a whole."""
+        lengths = np.bincount(self.file)
+        return np.concatenate([np.arange(n) * SETTINGS.parts_of_link // max(n, 1) for n in lengths])
+
+
+def _files(recordings: Sequence[Recording]) -> IntArray:
+    return np.repeat(np.arange(len(recordings)), [len(r.time_s) for r in recordings])
 
 
 def servo_link(recordings: Sequence[Recording], rig: RigModel) -> Link | None:
@@ -150,12 +193,16 @@ def servo_link(recordings: Sequence[Recording], rig: RigModel) -> Link | None:
     # where the reference and the encoder have their zeros is no lag
     lag = _least(lambda x: float(left(x).var()), start)
     first, best, step = left(start), left(lag), 0.01 * lag + 1e-3
-    parts = _parts([len(r.time_s) for r in usable])
-    told = _Told(((left(lag + step) - best) / step)[:, None], np.ones((len(best), 1)), best, parts)
-    stderr = float(told.stderr[0])
-    effect = ControlLag({"lag_ms": lag}, rig.constants, check=False)
-    keep = {"lag_ms": stderr} if abs(lag - start) > SETTINGS.sure_of_link * stderr else {}
-    return _judged(first, best, told, rig, _Change(effect, own, keep), _SERVO)
+    slope = (best - left(lag + step))[:, None] / step
+    # near the best lag the angles are straight over it: of all of it but what stays
+    samples = _Samples(best + slope[:, 0] * lag, slope, np.ones((len(best), 1)), _files(usable))
+    known, change = np.array([start]), None
+    if samples.told.are_off(known).any():
+        effect = ControlLag({"lag_ms": lag}, rig.constants, check=False)
+        stderr = {"lag_ms": float(samples.told.stderr[0])}
+        change = _Change(effect, np.array([lag]), best, stderr, samples.may_be_zeros(known))
+    ratio = rig.constants.reduction_ratio
+    return _judged(samples, _Rig(own, known, first, ControlLag.title, _SERVO, ratio), change)
 
 
 def coupling_link(recordings: Sequence[Recording], rig: RigModel) -> Link | None:
@@ -168,49 +215,62 @@ def coupling_link(recordings: Sequence[Recording], rig: RigModel) -> Link | None
     if not usable:
         return None
     own = next((effect for effect in rig.effects if isinstance(effect, CouplingCompliance)), None)
-    parts = _parts([int(r.moves.sum()) for r in usable])
-    files = np.repeat(np.arange(len(usable)), [int(r.moves.sum()) for r in usable])
-    at = Conditions(
-        *map(
-            np.concatenate,
-            zip(*((r.at.sign[r.moves], *(axis[r.moves] for axis in r.at.axes)) for r in usable), strict=True),
-        )
-    )
-    y = np.concatenate([(r.angles["theta_in"] - r.angles["theta_mot"])[r.moves] for r in usable])
-    turned = np.deg2rad(np.concatenate([r.angles["theta_mot"][r.moves] for r in usable]))
-    speed = np.concatenate([speed_of(r.angles, r.time_s)[r.moves] for r in usable])
-    waves = [wave(times * turned) for times in (1, 2) for wave in (np.cos, np.sin)]
-    beside = np.stack([np.ones(len(y)), speed, *waves], axis=1)
-    twist, play = -at.sign * np.rad2deg(at.torque_Nm / rig.constants.reduction_ratio), -at.sign / 120.0
-    soft, gap = (1 / own.scalar("stiffness_Nm_per_rad"), own.scalar("backlash_arcmin")) if own else (0.0, 0.0)
-    first = y - soft * twist - gap * play
-    told = _Told(np.stack([twist, play], axis=1), beside, y, parts)
-    is_open, errors = False, told.stderr
-    if told.values[1] > SETTINGS.sure_backlash * errors[1]:
-        new_soft, new_gap = told.values
-        # play that load takes up gradually, or a coupling that is softer at low loads
-        gradual = _Told(np.stack([twist, twist / np.sqrt(np.abs(twist) + 1e-300)], axis=1), beside, y, parts)
-        is_open = float((gradual.rest**2).sum() - (told.rest**2).sum()) < SETTINGS.sure_of_link**2 * told.noise**2
-        sure = abs(new_soft - soft) > SETTINGS.sure_of_link * errors[0]
-        sure = sure or abs(new_gap - gap) > SETTINGS.sure_of_link * errors[1]
-    else:
-        # play that the data do not tell stays what it is
-        told = _Told(twist[:, None], beside, y - gap * play, parts)
-        errors, new_soft, new_gap = told.stderr, told.values[0], gap
-        sure = abs(new_soft - soft) > SETTINGS.sure_of_link * errors[0]
-    own_zeros = np.hstack([beside, (files[:, None] == np.arange(1, len(usable))).astype(np.float64)])
-    apart = _Told(told.named, own_zeros, told.samples, parts)
-    known = np.array([soft, gap])[: told.named.shape[1]]
-    is_open = is_open or not (np.abs(apart.values - known) > SETTINGS.sure_of_link * apart.stderr).any()
-    values = {"stiffness_Nm_per_rad": float(1.0 / new_soft) if new_soft > 0 else np.inf}
-    keep = {"stiffness_Nm_per_rad": float(errors[0]) * values["stiffness_Nm_per_rad"] ** 2}
-    if new_gap:
-        values["backlash_arcmin"] = float(new_gap)
-        keep |= {"backlash_arcmin": float(errors[1])} if len(errors) > 1 else {}
-    sure = sure and all(one.lower <= values.get(one.key, 0.0) <= one.upper for one in CouplingCompliance.scalars)
-    effect = CouplingCompliance(values, rig.constants, check=False)
-    best = y - new_soft * twist - new_gap * play if sure else first
-    return _judged(first, best, told, rig, _Change(effect, own, keep if sure else {}, is_open), _COUPLING)
+    known = np.array([1.0 / own.scalar(_STIFFNESS), own.scalar(_PLAY)] if own else [0.0, 0.0])
+    ratio = rig.constants.reduction_ratio
+    samples = _of_coupling(usable, ratio)
+    first = samples.values - samples.named @ known
+    its_rig = _Rig(own, known, first, CouplingCompliance.title, _COUPLING, ratio)
+    return _judged(samples, its_rig, _change_of_coupling(samples, known, rig))
+
+
+_STIFFNESS, _PLAY = (scalar.key for scalar in CouplingCompliance.scalars)
+#: the least and the most of softness (rad/Nm) and play (arcmin) that a rig file may have
+_LEAST, _MOST = np.array(
+    [[1.0 / CouplingCompliance.scalars[0].upper, CouplingCompliance.scalars[1].lower],
+     [1.0 / CouplingCompliance.scalars[0].lower, CouplingCompliance.scalars[1].upper]]
+)  # fmt: skip
+
+
+def _of_coupling(recordings: Sequence[Recording], ratio: float) -> _Samples:
+    """theta_in - theta_mot where the axis moves, and the columns of softness, play, and what is neither."""
+    speed = np.concatenate([speed_of(r.angles, r.time_s)[r.moves] for r in recordings])
+    moving = [r.rows(np.flatnonzero(r.moves)) for r in recordings]
+    motor, fast = (np.concatenate([r.angles[name] for r in moving]) for name in ("theta_mot", "theta_in"))
+    sign, torque = (np.concatenate([getattr(r.at, name) for r in moving]) for name in ("sign", "torque_Nm"))
+    named = np.stack([-sign * np.rad2deg(torque / ratio), -sign / 120.0], axis=1)
+    waves = [wave(times * np.deg2rad(motor)) for times in (1, 2) for wave in (np.cos, np.sin)]
+    return _Samples(fast - motor, named, np.stack([np.ones(len(motor)), speed, *waves], axis=1), _files(moving))
+
+
+def _change_of_coupling(samples: _Samples, known: FloatArray, rig: RigModel) -> _Change | None:
+    """Softness and play that are told to be others than is known; None where none is, or no rig file may have it."""
+    changed, stderr = samples.told.are_off(known), samples.told.stderr
+    values = np.where(changed, samples.told.values, known)
+    if not changed.any() or (values < -SETTINGS.sure_of_link * stderr).any():
+        return None
+    # what is told to be nothing, or is not known, is the least that a rig file may have
+    free = changed & (values > _LEAST)
+    values = np.maximum(values, _LEAST)
+    without_held = samples.values - samples.named[:, ~free] @ values[~free]
+    values[free] = _sizes(samples.named[:, free], samples.beside, without_held)[0]
+    if (values < _LEAST).any() or (values > _MOST).any():
+        return None
+    stiffness = float(1.0 / values[0])
+    parameters = {_STIFFNESS: stiffness} | ({_PLAY: float(values[1])} if values[1] or known[1] else {})
+    effect = CouplingCompliance(parameters, rig.constants, check=False)
+    errors = zip((_STIFFNESS, _PLAY), stderr * (stiffness**2, 1.0), free, strict=True)
+    is_open = samples.may_be_zeros(known) or (bool(free[1]) and _may_be_gradual(samples))
+    left = samples.values - samples.named @ values
+    return _Change(effect, values, left, {key: float(error) for key, error, told in errors if told}, is_open)
+
+
+def _may_be_gradual(samples: _Samples) -> bool:
+    """Whether play that load takes up gradually, or a coupling that is softer at low loads, leaves as little."""
+    twist = samples.named[:, 0]
+    root = twist / np.sqrt(np.abs(twist) + 1e-300)
+    left = _without(np.column_stack([twist, root, samples.beside]), samples.values)
+    told = samples.told
+    return float((left**2).sum() - (told.rest**2).sum()) < (SETTINGS.sure_of_link * told.noise) ** 2
 
 
 def _least(loss: Callable[[float], float], start: float) -> float:
@@ -225,115 +285,178 @@ def _least(loss: Callable[[float], float], start: float) -> float:
     return float(found.x)
 
 
-def _noise(parts: Sequence[FloatArray]) -> float:
+def _noise(samples: FloatArray) -> float:
     """Standard deviation of white noise, from third differences.
 
     Those that are nothing are of an axis that stands: what the digits of a file are rounded by shows where it moves.
     """
-    smooth = np.abs(np.concatenate([np.diff(part, n=3) / np.sqrt(20.0) for part in parts]))
+    smooth = np.abs(np.diff(samples, n=3) / np.sqrt(20.0))
     apart = smooth[smooth > SETTINGS.least_noise_deg]
     return float(np.median(apart) / MEDIAN_1) if apart.size else SETTINGS.least_noise_deg
 
 
-def _rms(parts: Sequence[FloatArray]) -> float:
-    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+def _rms(samples: FloatArray) -> float:
+    return float(np.sqrt(np.mean(samples**2)))
 
 
 @dataclass(frozen=True)
 class _Kind:
-    """What is beside the effect of a link: its columns, and how its sizes are said."""
+    """What may be on a link: its columns, and how their sizes are said.
+
+    least, most: the sizes below which no machine is, and above which no rig file may be.
+    """
 
     columns: tuple[int, ...]
     say: Callable[[FloatArray], str]
+    least: float = -np.inf
+    most: float = np.inf
+
+    def text(self, change: FloatArray, known: FloatArray) -> tuple[str, bool]:
+        """What is said of sizes beyond known ones, and whether a machine may have them."""
+        size, slack = known + change, SETTINGS.rest_of_link * np.abs(change)
+        if (size < self.least - slack).any():
+            return f"{self.say(size)}, which no machine has", False
+        beyond = ", which is beyond what a rig file may have" if (size > self.most).any() else ""
+        return self.say(np.maximum(size, self.least)) + beyond, True
 
 
-_OFF_CENTRE = "of the fast shaft, as of an encoder or a coupling that is off centre or bent"
-_SERVO = (_Kind((0,), lambda x: f"zeros of theta_ref and theta_mot that are {abs(x[0]):.2g} deg apart"),)
+def _coupling_text(softness: float) -> str:
+    return "a rigid coupling" if abs(softness) <= _LEAST[0] else f"a stiffness of {1.0 / softness:.3g} N m/rad"
+
+
+def _late_text(early_ms: float) -> str:
+    return f"{abs(early_ms):.2g} ms {'early' if early_ms > 0 else 'late'}"
+
+
+_OFF_CENTRE = "of the fast shaft (an encoder or a coupling that is off centre or bent)"
+_SERVO = (
+    _Kind((0,), lambda x: f"a lag of {x[0]:.3g} ms", ControlLag.scalars[0].lower, ControlLag.scalars[0].upper),
+    _Kind((1,), lambda x: f"zeros of theta_ref and theta_mot that are {abs(x[0]):.2g} deg apart"),
+)
 _COUPLING = (
-    _Kind((0,), lambda x: f"zeros of theta_mot and theta_in that are {abs(x[0]):.2g} deg apart"),
-    _Kind((1,), lambda x: f"a part in proportion to the speed, as if theta_in were {_late(1e3 * x[0])}"),
-    _Kind((2, 3), lambda x: f"a wave of {np.hypot(*x):.2g} deg, once a turn {_OFF_CENTRE}"),
-    _Kind((4, 5), lambda x: f"a wave of {np.hypot(*x):.2g} deg, twice a turn {_OFF_CENTRE}"),
+    # less soft than the stiffest of rig files is as good as rigid
+    _Kind((0,), lambda x: _coupling_text(float(x[0])), -_LEAST[0], _MOST[0]),
+    _Kind((1,), lambda x: f"play of {x[0]:.2g} arcmin", _LEAST[1], _MOST[1]),
+    _Kind((2,), lambda x: f"zeros of theta_mot and theta_in that are {abs(x[0]):.2g} deg apart"),
+    _Kind((3,), lambda x: f"a part in proportion to the speed, as if theta_in were {_late_text(1e3 * x[0])}"),
+    _Kind((4, 5), lambda x: f"a wave of {np.hypot(*x):.2g} deg, once a turn {_OFF_CENTRE}"),
+    _Kind((6, 7), lambda x: f"a wave of {np.hypot(*x):.2g} deg, twice a turn {_OFF_CENTRE}"),
 )
 
 
-def _late(early_ms: float) -> str:
-    return f"{abs(early_ms):.2g} ms {'early' if early_ms > 0 else 'late'}"
+def _looks_like(samples: _Samples, left: FloatArray, known: FloatArray, kinds: Sequence[_Kind]) -> str:
+    """What makes nearly all of what is left (n,) beyond known numbers: each choice of kinds of which none can go.
+
+    Nothing where all of them together leave too much.
+    """
+    columns = np.hstack([samples.named, samples.beside, samples.zeros])
+    count, zero = columns.shape[1], kinds[samples.named.shape[1]]
+    own_zeros = _Kind(
+        tuple(range(count - samples.zeros.shape[1], count)),
+        lambda x: f"zeros of each recording's own, which differ by up to {np.ptp(x):.2g} deg",
+    )
+    base = np.concatenate([known, np.zeros(count - len(known))])
+    # lengths in the corner are RMS of a sample
+    corner, wanted = (part / np.sqrt(len(left)) for part in _corner(columns, left))
+    noise, least = SETTINGS.left_on_link * samples.told.noise, float(np.linalg.norm(_joint(corner, wanted)[1]))
+    if least > max(SETTINGS.rest_of_link * _rms(left), noise):
+        return ""
+    limit = max(noise, SETTINGS.left_on_link * least)
+    found = list[tuple[frozenset[_Kind], str, bool]]()
+    for choice in _choices([*kinds, own_zeros]):
+        its = frozenset(choice)
+        # zeros of each recording's own are one of all as well
+        wider = its | {zero} if own_zeros in its else its
+        if its >= {zero, own_zeros} or any(fewer <= wider for fewer, _, _ in found):
+            continue
+        sizes, rest = _joint(corner[:, [i for kind in choice for i in kind.columns]], wanted)
+        if np.linalg.norm(rest) < limit:
+            parts = np.split(sizes, np.cumsum([len(kind.columns) for kind in choice])[:-1])
+            said = [kind.text(part, base[list(kind.columns)]) for kind, part in zip(choice, parts, strict=True)]
+            found.append((its, " and ".join(text for text, _ in said), all(may_be for _, may_be in said)))
+    texts = [text for _, text, may_be in found if may_be] or [text for _, text, _ in found]
+    return f"; it looks like {', or like '.join(texts)}" if texts else ""
+
+
+def _choices(kinds: Sequence[_Kind]) -> Iterator[tuple[_Kind, ...]]:
+    """All choices of some of the kinds, those of few first."""
+    for count in range(1, len(kinds) + 1):
+        yield from combinations(kinds, count)
+
+
+def _joint(columns: FloatArray, samples: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Sizes of columns (n, p) that leave the least of samples (n,), none larger than need be, and what they leave."""
+    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    sizes = np.linalg.lstsq(columns / scale, samples, rcond=SETTINGS.told_of_column)[0] / scale
+    return sizes, samples - columns @ sizes
+
+
+@dataclass(frozen=True)
+class _Rig:
+    """What the rig says of a link.
+
+    effect: its own, None without one; known: the numbers as they are in the columns, (p,); left: what it leaves, (n,);
+    kinds: what may be on the link; ratio: of the reducer.
+    """
+
+    effect: Effect | None
+    known: FloatArray
+    left: FloatArray
+    title: str
+    kinds: tuple[_Kind, ...]
+    ratio: float
 
 
 @dataclass(frozen=True)
 class _Change:
-    """A link's effect as it was fitted, and the rig's own.
+    """A link's effect with numbers that are told to be others than the rig's.
 
-    stderr: of the numbers that the data tell, empty where none is sure to have changed; is_open: something else would
-    do as well.
+    values: the numbers as they are in the columns, (p,); left: what it leaves of the link, (n,); stderr: of its
+    parameters that the data tell; is_open: something else would do as well.
     """
 
     effect: Effect
-    own: Effect | None
+    values: FloatArray
+    left: FloatArray
     stderr: dict[str, float]
-    is_open: bool = False
+    is_open: bool
 
 
-def _beside_text(told: _Told, left: FloatArray, kinds: Sequence[_Kind]) -> str:
-    """What the columns beside the effect make of what is left (n,), where they alone make nearly all of it."""
-    count, size = told.named.shape[1], _rms([left])
-
-    def is_all(columns: FloatArray) -> bool:
-        rest = _rms([_without(columns, left)])
-        return rest < max(SETTINGS.rest_of_link * size, SETTINGS.left_on_link * told.noise)
-
-    texts = []
-    for kind in kinds:
-        own = [count + i for i in kind.columns]
-        sizes = _sizes(told.all[:, own], np.delete(told.all, own, axis=1), left)
-        if _rms([told.all[:, own] @ np.nan_to_num(sizes)]) > SETTINGS.much_of_link * size:
-            texts.append(kind.say(sizes))
-    if texts and is_all(told.beside):
-        return f"; it looks like {' and '.join(texts)}"
-    if not texts and is_all(told.all):
-        return "; zeros of the angles, a late one and the twist would all make it, and these runs do not tell which"
-    return ""
+def _judged(samples: _Samples, rig: _Rig, change: _Change | None) -> Link:
+    """A claim where the link's effect explains what is there, and a signature where something is left."""
+    noise = samples.told.noise
+    found = None if change is None else _claim(samples, rig.left, change)
+    left, values = (rig.left, rig.known) if change is None or found is None else (change.left, change.values)
+    retuned = None
+    if found is not None and rig.effect is not None:
+        is_open = SOMETHING_ELSE in found.alternatives
+        retuned = Retuned(rig.effect, found.piece.effect, found.stderr, found.evidence.p_chance, is_open=is_open)
+    unexplained = ""
+    if _rms(left) > SETTINGS.left_on_link * noise:
+        unexplained = f"{rig.title}: {_rms(left):.2g} deg RMS are left at the fast side, noise is {noise:.2g} deg"
+        unexplained += _looks_like(samples, left, values, rig.kinds)
+    gap = Gap(*(size / rig.ratio for size in (_rms(rig.left), _rms(left), noise)))
+    return Link(None if retuned else found, retuned, gap, unexplained)
 
 
-def _judged(
-    first: FloatArray,
-    best: FloatArray,
-    told: _Told,
-    rig: RigModel,
-    change: _Change,
-    kinds: Sequence[_Kind],
-) -> Link:
-    """A claim where the link's effect explains what is there, and a signature where something is left.
-
-    first: what the rig leaves (n,); best: what the effect leaves, with all that is beside it.
-    """
-    effect, own, stderr = change.effect, change.own, change.stderr
-    ratio, sigma = rig.constants.reduction_ratio, told.noise
-    x, y = _without(told.beside, first), _without(told.beside, best)
-    before, after = _rms([x]), _rms([y])
-    saved = float((np.minimum(x**2, 1e6 * sigma**2).sum() - np.minimum(y**2, 1e6 * sigma**2).sum()) / sigma**2)
+def _claim(samples: _Samples, first: FloatArray, change: _Change) -> Claim | None:
+    """The claim of a change that is stable, no chance, and most of what is there; first: what the rig leaves, (n,)."""
+    noise = samples.told.noise
+    x, y = _without(samples.beside, first), _without(samples.beside, change.left)
+    before, after = _rms(x), _rms(y)
+    saved = float((np.minimum(x**2, 1e6 * noise**2).sum() - np.minimum(y**2, 1e6 * noise**2).sum()) / noise**2)
     blocks = np.array_split(np.arange(len(x)), SETTINGS.parts_of_link)
     stable = float(np.mean([(x[b] ** 2).sum() > (y[b] ** 2).sum() for b in blocks]))
-    size = float(np.sqrt(max(before**2 - after**2, 0.0)) / sigma)
-    p = chi_square_tail(saved, max(len(stderr), 1))
-    evidence = Evidence(saved, len(stderr), p, p, {"time": saved / len(x)}, (1, 1), stable, size)
-    fits = max(after**2 - sigma**2, 0.0) < SETTINGS.misfit * max(before**2 - after**2, 1e-300)
-    is_sure = bool(stderr) and p < SETTINGS.p_chance and stable > SETTINGS.stable_link
-    found = is_sure and size >= SETTINGS.least_size_of_link and fits
-    left = best if found else first
-    wrong = _rms([left]) > SETTINGS.left_on_link * sigma
-    # what bends its numbers may be all of them
-    is_open = change.is_open or _rms([told.rest]) > SETTINGS.left_on_link * sigma
-    unexplained = ""
-    if wrong:
-        unexplained = f"{effect.title}: {_rms([left]):.2g} deg RMS are left at the fast side, noise is {sigma:.2g} deg"
-        unexplained += _beside_text(told, left, kinds)
-    share = float(np.clip(1 - (after**2 - sigma**2) / max(before**2 - sigma**2, 1e-300), 0, 1)) if found else 0.0
-    claim = retuned = None
-    if found and own is None:
-        others = (SOMETHING_ELSE,) if is_open else ()
-        claim = Claim(Piece(effect, frozenset(effect.values), True), stderr, evidence, others, (), share, ())
-    elif found and own is not None:
-        retuned = Retuned(own, effect, stderr, p, is_open=is_open)
-    return Link(claim, retuned, Gap(_rms([first]) / ratio, _rms([left]) / ratio, sigma / ratio), unexplained)
+    size = float(np.sqrt(max(before**2 - after**2, 0.0)) / noise)
+    p = chi_square_tail(saved, max(len(change.stderr), 1))
+    fits = max(after**2 - noise**2, 0.0) < SETTINGS.misfit * max(before**2 - after**2, 1e-300)
+    if p >= SETTINGS.p_chance or stable <= SETTINGS.stable_link or size < SETTINGS.least_size_of_link or not fits:
+        return None
+    evidence = Evidence(saved, len(change.stderr), p, p, {"time": saved / len(x)}, (1, 1), stable, size)
+    # what stays may have moved its numbers
+    is_open = change.is_open or after > SETTINGS.left_on_link * noise
+    share = float(np.clip(1 - (after**2 - noise**2) / max(before**2 - noise**2, 1e-300), 0, 1))
+    effect, others = change.effect, (SOMETHING_ELSE,) if is_open else ()
+    held = [f"{key} is held at {effect.scalar(key):g}: no other that a rig file may have is nearer to what the data say"
+            for key in effect.values if key not in change.stderr]  # fmt: skip
+    return Claim(Piece(effect, frozenset(change.stderr), True), change.stderr, evidence, others, (), share, (*held,))

@@ -11,7 +11,6 @@ from itertools import combinations, product
 
 import numpy as np
 
-from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.fit.fitting import Fit
 from st_codegen.reconcile.fit.normal import made_of
 from st_codegen.reconcile.fit.state import Piece
@@ -83,17 +82,23 @@ def is_a_knee(final: Fit, piece: Piece) -> bool:
     twist = sum((final.explained(piece.effect)[good, 0].real for piece in twists), final.residual[good, 0].real)
     torque, sign, sigma = data.at.torque_Nm[good], data.at.sign[good], final.target.sigma[good, 0]
 
-    def left(*laws: FloatArray) -> float:
-        """The loss with a twist that is a sum of laws of the load beside a zero and dry friction."""
-        columns = np.stack([*(sign * law for law in (torque, *laws)), sign, np.ones(len(sign))], axis=1)
-        design, wanted = columns / np.abs(columns).max(axis=0, initial=1e-300) / sigma[:, None], twist / sigma
-        return float(((wanted - made_of(design, wanted)) ** 2).sum())
-
     knees = np.quantile(torques[torques > 0.0], np.linspace(0.0, 1.0, SETTINGS.knees_tried + 1)[:-1])
     slopes = [np.clip(torque, -knee, knee) for knee in np.unique(knees)]
     powers = [np.sign(torque) * np.abs(torque) ** power for power in SETTINGS.powers_of_a_load]
-    play = left(np.tanh(torque / seating))
-    others = [*map(left, slopes), *map(left, powers), *(left(*two) for two in combinations(slopes, 2))]
+    laws = [sign * law for law in (torque, np.tanh(torque / seating), *powers, *slopes)]
+    columns = np.stack([sign, np.ones(len(sign)), *laws], axis=1)
+    scaled = columns / np.abs(columns).max(axis=0, initial=1e-300)
+    # fits are those of as few rows as there are columns, whatever the number of samples
+    corner = np.linalg.qr(np.column_stack([scaled, twist]) / sigma[:, None]).R
+
+    def left(*law: int) -> float:
+        """The loss with a twist that is a sum of laws of the load beside what is in proportion to it, a zero, and dry
+        friction."""
+        wanted = corner[:, -1]
+        return float(((wanted - made_of(corner[:, [0, 1, 2, *law]], wanted)) ** 2).sum())
+
+    play, knees_at = left(3), range(4 + len(powers), columns.shape[1])
+    others = [*map(left, range(4, columns.shape[1])), *(left(*two) for two in combinations(knees_at, 2))]
     # what neither explains is as much noise to both
     unit = max(1.0, min(play, *others) / len(sign))
     return min(others) < play + SETTINGS.as_good * unit
@@ -348,7 +353,7 @@ def doubted(
         return effect.name in halves or bool(its & set(orders))
 
     claims = [
-        claim.in_doubt()
+        claim.in_doubt("what stays unexplained may have a part in it")
         if (is_open(claim.piece.effect, near | slow) or (is_broad and claim.piece.effect.least_foreign))
         and (claim.counted or slow)
         else claim
@@ -362,7 +367,8 @@ def doubted(
     unsure |= {claim.piece.effect.name for claim in claims if SOMETHING_ELSE in claim.alternatives}
     if "backlash" in unsure:
         # above the load that takes play up it is dry friction's twin: what is no play is no such friction either
-        claims = [claim.in_doubt() if claim.piece.effect.name == "friction_windup" else claim for claim in claims]
+        twin = "the play beside it may be something else"
+        claims = [claim.in_doubt(twin) if claim.piece.effect.name == "friction_windup" else claim for claim in claims]
         retuned = [replace(one, is_open=one.is_open or one.after.name == "friction_windup") for one in retuned]
     offset_is_open = found.offset_changed and 0 in moved
     return replace(found, claims=tuple(claims), retuned=tuple(retuned), offset_is_open=offset_is_open)

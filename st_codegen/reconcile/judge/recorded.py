@@ -19,19 +19,21 @@ _LIKE_TORQUE = frozenset({"torsional_compliance", "hanging_load_compliance", "fr
 _MISREAD_TORQUE = "misread_torque"
 
 
-def with_doubts(found: Conclusions, *, turns: float, is_more_left: bool) -> Conclusions:
+def with_doubts(found: Conclusions, *, is_whole_turn: bool, is_more_left: bool) -> Conclusions:
     """Findings with what would do as well beside them.
 
-    turns: the most turns of the output in one recording: of less than one, orders that are near each other make one
+    is_whole_turn: some recording goes over a turn of the output: of less, orders that are near each other make one
     another. is_more_left: what stays may be the mean's, whatever its parts are called.
     """
 
-    def is_open(effect: Effect) -> bool:
+    def doubt(effect: Effect) -> str:
         touched = set(effect.touched_orders())
-        return (turns < 1.0 and touched != {0}) or (is_more_left and 0 in touched)
+        if touched - {0} and not is_whole_turn:
+            return "no recording goes over a whole turn of the output"
+        return "more than noise is left of the mean" if is_more_left and 0 in touched else ""
 
-    claims = [claim.in_doubt() if is_open(claim.piece.effect) else claim for claim in found.claims]
-    retuned = [replace(one, is_open=one.is_open or is_open(one.after)) for one in found.retuned]
+    claims = [claim.in_doubt(why) if (why := doubt(claim.piece.effect)) else claim for claim in found.claims]
+    retuned = [replace(one, is_open=one.is_open or bool(doubt(one.after))) for one in found.retuned]
     for piece in found.final.state.pieces:
         if not _may_be_torque(found.final, piece):
             continue

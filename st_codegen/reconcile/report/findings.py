@@ -207,11 +207,13 @@ def _is_clear(entry: Retuned) -> bool:
 def _how_sure(claim: Claim) -> str:
     """What is known of other names for the same data."""
     if claim.piece.effect.stage is Stage.AXIS:
-        return "read from its own link of the axis, where no other effect was tried"
+        is_open = SOMETHING_ELSE in claim.alternatives
+        doubt = "something else may look the same" if is_open else "nothing else that was tried does as well"
+        return f"read from its own link of the axis, where {doubt}"
     others = [name for name in claim.alternatives if name != SOMETHING_ELSE]
     parts = [f"{', '.join(others)} would do as well"] if others else []
     if SOMETHING_ELSE in claim.alternatives:
-        parts.append(f"named by {_told_by(claim)}: something else may look the same")
+        parts.append(f"{claim.doubt or f'named by {_told_by(claim)}'}: something else may look the same")
     parts = parts or ["no other effect that was tried does as well"]
     if claim.counted is not None:
         true, of = claim.counted
