@@ -87,7 +87,7 @@ blind: $(INSTALLED)  ## hidden effects on held-out seeds: three rounds of cases,
 blind-form: $(INSTALLED)  ## reconcile on physics that is not its catalogue's, held-out seeds; build/blind_form.json; two hours
 	$(BIN)/python -m tests.reconcile.blind_form.run --seeds heldout --cases 513 --jobs 2 --json build/blind_form.json
 	$(BIN)/python -m tests.reconcile.joint.run --json build/blind_joint.json
-	$(BIN)/python -m pytest -q -m slow tests/reconcile/joint
+	$(BIN)/python -m pytest -q -m slow tests/reconcile
 
 mutants: $(INSTALLED)  ## 1,000 changed texts and 1,000 changed certificates: prove and the checker must reject each
 	$(BIN)/python -m tests.proof.mutants

@@ -101,6 +101,7 @@ def faster_backward(share):
     return replace(AT, speed_rpm=np.where(AT.sign < 0, AT.speed_rpm * (1 + share), AT.speed_rpm))
 
 
+@pytest.mark.slow
 def test_speeds_of_one_direction_are_asked_about_in_place_of_what_is_unexplained():
     """Three orders were unexplained "backward only", and nothing said why."""
     data = measured(2e-5, read=faster_backward(0.03))
@@ -136,6 +137,7 @@ def test_degrees_fahrenheit_are_told_beside_another_drift():
     assert abs(one.after.scalar("drift_arcmin_per_K") - 0.03) < 5e-4
 
 
+@pytest.mark.slow
 def test_a_small_turn_of_the_zero_is_no_turn_of_every_wave():
     data = turned(measured(1e-5), 0.03)
     text = asked(data)
@@ -171,6 +173,7 @@ def test_a_sensor_of_the_oil_with_a_gain_is_no_other_drift_and_viscosity():
     assert reconciled(data, "misread_temperature").verdict == "nothing_missing"
 
 
+@pytest.mark.slow
 def test_an_angle_that_the_load_winds_up_is_no_turn_of_single_waves():
     data = measured(1e-5)
     wound = np.radians(0.08) * AT.sign * AT.torque_Nm / AT.torque_Nm.max()
@@ -179,6 +182,7 @@ def test_an_angle_that_the_load_winds_up_is_no_turn_of_single_waves():
     assert reconciled(data, "misread_angle").verdict == "nothing_missing"
 
 
+@pytest.mark.slow
 def test_an_angle_of_the_fast_shaft_in_noise_is_no_turn_of_single_waves():
     """An angle that the load winds up was asked about, which is not quite what it is."""
     data, noise = of_the_fast_shaft(measured(0.0)), measured(3e-5).values - measured(0.0).values

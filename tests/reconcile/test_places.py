@@ -174,6 +174,7 @@ def test_a_bump_of_another_form_is_one_bump_with_a_rest(tmp_path):
     assert not result.conclusions.retuned and result.verdict == "partly_explained"
 
 
+@pytest.mark.slow
 def test_clean_data_do_not_bend_a_bump_of_another_form(tmp_path):
     """Weighed by what each order keeps, the many quiet ones made it half as wide, and refused it."""
     result = reconciled(tmp_path, "dent", noise_deg=2e-5, every=1)
