@@ -658,7 +658,8 @@ class Settings:
     #: share of the runs: more suspects than that are no bad runs, but something else
     most_suspects: float = 0.1
 
-    #: chance of as many wrong runs so close together along a condition: rarer ones are what the machine does there
+    #: chance of as many wrong runs so close together along a condition: of rarer ones nobody knows whether they are
+    #: wrong or the machine does something of its own there
     p_beside: float = 0.01
 
     # --- order spectra ---

@@ -980,6 +980,9 @@ def test_one_turn_is_whole_though_its_samples_end_a_step_before(count, is_whole,
         # a gap is no step
         parts = np.flatnonzero((np.arange(count) < 300) | (np.arange(count) > 600))
         assert is_whole_turn(r.rows(parts[:-20]), rig) is False
+        # nor is the rate between two samples whose clock says nearly the same
+        jittered = np.where(np.arange(count) == 500, time[499] + 1e-9, time)
+        assert is_whole_turn(replace(r, time_s=jittered), rig) is is_whole
 
 
 def test_a_wave_that_stays_is_nothing_of_the_mean():

@@ -220,8 +220,8 @@ def turned(recordings: Sequence[Recording], rig: RigModel) -> float:
 def is_whole_turn(r: Recording, rig: RigModel) -> bool:
     """Whether a recording goes over a whole turn of the output."""
     angle, waits = r.angles[r.fast], np.diff(r.time_s)
-    # behind a gap no sample is near
-    step = float(np.abs(np.diff(angle) / waits).max() * np.median(waits))
+    # a gap is no step, and neither is what noise makes of two samples at nearly the same time
+    step = float((np.abs(np.diff(angle)) * np.minimum(np.median(waits) / waits, 1.0)).max())
     return float(np.ptp(angle)) + SETTINGS.steps_of_turn * step >= 360.0 * rig.constants.reduction_ratio
 
 
