@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import io
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -102,13 +102,23 @@ def read_csv(path: Path, wanted: Sequence[str] = ()) -> CsvTable:
     if missing:
         is_one = len(missing) == 1
         which = f"the column '{missing[0]}' is" if is_one else f"the columns {', '.join(map(repr, missing))} are"
-        near = meant(missing[0], [_cut(name) for name in names if name not in wanted]) if is_one else ""
+        near = meant_column(missing[0], names, wanted) if is_one else ""
         problems.add(f"{which} missing; the table needs {','.join(wanted)}{near}")
     for name in sorted({name for name in names if name and names.count(name) > 1}):
         problems.add(f"the column '{_cut(name)}' is there twice")
     problems.raise_if_any()
     below = {row.line for row in empty if row.line > rows[0].line} - {row.line for row in rows}
     return CsvTable(names, tuple(rows[1:]), separator == ";", tuple(sorted(below)))
+
+
+def meant_column(name: str, columns: Iterable[str], read: Collection[str]) -> str:
+    """The end of a message on a missing column: one that may be meant, or nothing.
+
+    It is none that is read already, and none whose name ends in another unit (`temperature_K` for `temperature_C`).
+    """
+    unit = name.lower().rpartition("_")
+    near = [one for one in columns if one not in read and (not unit[1] or one.lower().endswith(f"_{unit[2]}"))]
+    return meant(name, map(_cut, near))
 
 
 def with_underscores(columns: Mapping[str, npt.NDArray[np.float64]]) -> dict[str, npt.NDArray[np.float64]]:

@@ -11,8 +11,8 @@ import numpy as np
 
 from st_codegen.emit.blocks.model import input_variables
 from st_codegen.emit.literals import MAX_IDENTIFIER, capitalised, identifier, spelt
-from st_codegen.errors import InputError, Problems, meant
-from st_codegen.files.csv_tables import with_underscores
+from st_codegen.errors import InputError, Problems
+from st_codegen.files.csv_tables import meant_column, with_underscores
 from st_codegen.files.toml_text import table_lines, toml_value
 from st_codegen.ir import Feature, FloatArray, ModelIR
 from st_codegen.passes.outputs import with_outputs
@@ -92,7 +92,7 @@ def _check_trained_with(table: Mapping[str, FloatArray], models: Mapping[str, Mo
     wanted = [feature.name for feature in _features(models)]
     for name in wanted:
         if name not in columns:
-            near = meant(name, [one for one in table if one not in wanted])
+            near = meant_column(name, table, wanted)
             problems.add(f"no column '{name}'; there are {', '.join(table)}{near}")
     for file, feature in ((file, feature) for file, model in models.items() for feature in model.features):
         values = columns.get(feature.name, np.empty(0))

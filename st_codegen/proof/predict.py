@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from st_codegen.emit.output import block_of
-from st_codegen.errors import InputError, Problems, meant
-from st_codegen.files.csv_tables import csv_text, read_csv, with_underscores
+from st_codegen.errors import InputError, Problems
+from st_codegen.files.csv_tables import csv_text, meant_column, read_csv, with_underscores
 from st_codegen.ir import AnyArray, Classes, FloatArray, ModelIR, reference
 from st_codegen.project.bundle import Bundle
 from st_codegen.proof.isolated import answers_to
@@ -60,7 +60,7 @@ def _rows(model: ModelIR, columns: dict[str, FloatArray]) -> FloatArray:
             return np.column_stack([known[name] for name in names])
     wanted = [feature.name for feature in model.features]
     missing = [name for name in wanted if name not in known]
-    near = meant(missing[0], [name for name in columns if name not in wanted]) if len(missing) == 1 else ""
+    near = meant_column(missing[0], columns, wanted) if len(missing) == 1 else ""
     raise InputError(f"model '{model.name}': no column {', '.join(missing)}; the header has {', '.join(columns)}{near}")
 
 

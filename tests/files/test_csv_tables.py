@@ -147,3 +147,6 @@ def test_a_column_of_another_case_is_proposed(tmp_path):
     with pytest.raises(InputError) as error:
         read_csv(tmp_path / "table.csv", ["torque_Nm", "torque_Nn"])
     assert "did you mean" not in str(error.value), "what is read already is not meant"
+    with pytest.raises(InputError) as error:
+        read_csv(tmp_path / "table.csv", ["torque_Nm", "speed_rps"])
+    assert "did you mean" not in str(error.value), "nor is another unit"
