@@ -241,6 +241,29 @@ def test_a_linear_column_is_what_a_small_step_changes():
     assert column[:, 0] == pytest.approx(expected[:, 0], rel=1e-6)
 
 
+def test_columns_of_the_orders_of_a_resonance_are_what_steps_of_each_size_change():
+    """The sizes of all orders are computed at once, behind a delay and also where an order was not measured."""
+    delay = effect("measurement_delay", delay_us=250.0)
+    values = {"orders": (39, 40, 78), "frequency_Hz": 20.0, "damping_ratio": 0.05}
+    sizes = {"amplitude_deg": (1e-3, 0.0, 2e-3), "phase_rad": (0.3, 0.0, -2.0)}
+    load_part = {"slope_deg_per_kNm": (0.0, 1e-3, 0.0), "slope_phase_rad": (0.0, 1.0, 0.0)}
+    peak = effect("structural_resonance", **values, **sizes, **load_part)
+    rig = RigModel(effects=(*RIG.effects, peak, delay))
+    data = observed(rig, grid(), orders=(1, 39, 40))
+    piece = piece_of(peak, added=False)
+    columns = Propagation(rig, data).columns(piece)
+    for number, (c, (touched, column)) in enumerate(zip(piece.coordinates(), columns, strict=True)):
+        if not c.part:
+            continue
+        vector = piece.vector()
+        vector[number] += 0.5 * c.scale
+        more = RigModel(effects=(*RIG.effects, piece.with_vector(vector).effect, delay))
+        step = more.coefficients(data.at, data.model_orders()) - rig.coefficients(data.at, data.model_orders())
+        assert touched.tolist() == [[1], [2], []][c.place]
+        assert step[:, touched] == pytest.approx(0.5 * c.scale * column, rel=1e-9)
+        assert not np.delete(step, touched, axis=1).any()
+
+
 def test_what_measuring_turns_is_all_that_the_rig_makes_sidebands_too():
     rig = RigModel(effects=(*RIG.effects, effect("carrier_modulation", order=39, upper_ratio=0.5)))
     at = grid(3, 3, 1)

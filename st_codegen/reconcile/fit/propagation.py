@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from st_codegen.ir.arrays import ComplexArray, FloatArray
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.fit.state import Coordinate, Piece
 from st_codegen.reconcile.fit.target import Column
@@ -66,13 +66,24 @@ class Propagation:
 
     def columns(self, piece: Piece) -> list[Column]:
         """Derivatives of the measured coefficients by the coordinates of a piece."""
-        found = []
-        coordinates, vector = piece.coordinates(), piece.vector()
+        coordinates, vector, stage = piece.coordinates(), piece.vector(), piece.effect.stage
         # what a shape alone makes (a delay turns all orders) is no part of what a linear coordinate adds
-        nothing = self.change(piece.unit(None)) if piece.effect.stage is Stage.MEASURING else 0.0
+        nothing = self.change(piece.unit()) if stage is Stage.MEASURING else 0.0
+        # the size of one of several orders shows on that order alone: those of all orders are computed at once
+        is_by_order = piece.effect.orders_key == "orders" and self.data.angle_rad is None
+        sizes: dict[tuple[str, int], ComplexArray] = {}
+        found = []
         for number, c in enumerate(coordinates):
+            if is_by_order and c.part:
+                size = c.key, c.part
+                if size not in sizes:
+                    alike = [other for other in coordinates if (other.key, other.part) == size]
+                    sizes[size] = self.measured(self.change(piece.unit(*alike)), stage)
+                own = self.data.orders == piece.effect.orders[c.place]
+                found.append(self._column(sizes[size], own))
+                continue
             change = self.change(piece.unit(c)) - nothing if c.linear else self._slope(piece, vector, number, c)
-            found.append(self._column(self.measured(change, piece.effect.stage)))
+            found.append(self._column(self.measured(change, stage)))
         return found
 
     def cached_columns(self, piece: Piece, cache: dict[object, tuple[Column, ...]]) -> tuple[Column, ...]:
@@ -104,6 +115,6 @@ class Propagation:
         return np.asarray((changes[0] - changes[1]) / (up[number] - down[number]))
 
     @staticmethod
-    def _column(values: ComplexArray) -> Column:
-        touched = np.flatnonzero(np.abs(values).max(axis=0, initial=0.0) > 0)
+    def _column(values: ComplexArray, own: BoolArray | bool = True) -> Column:
+        touched = np.flatnonzero((np.abs(values).max(axis=0, initial=0.0) > 0) & own)
         return touched, np.ascontiguousarray(values[:, touched])

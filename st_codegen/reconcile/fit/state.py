@@ -85,11 +85,11 @@ class Piece:
         """The rig's own values, none of them free."""
         return Piece(self.own, frozenset(), False, self.own)
 
-    def unit(self, chosen: Coordinate | None) -> Effect:
-        """The effect with this linear coordinate at 1 and the other linear ones at 0; None: all of them at 0."""
-        if chosen is None:
+    def unit(self, *chosen: Coordinate) -> Effect:
+        """The effect with these linear coordinates at 1 and the other linear ones at 0."""
+        if not chosen:
             return self._still
-        return self.effect.with_values(_written(self._still, (chosen,), np.ones(1)))
+        return self.effect.with_values(_written(self._still, chosen, np.ones(len(chosen))))
 
     @cached_property
     def _still(self) -> Effect:

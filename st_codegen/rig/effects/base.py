@@ -231,19 +231,24 @@ class Effect(ABC):
 
     def complex_value(self, key: str, backward: bool = False, index: int = 0) -> complex:
         """A phasor as a complex number, for one direction, and one order of a list."""
-        known = self._complex_values.get((key, backward, index))
+        return self.complex_values(key, backward)[index]
+
+    def complex_values(self, key: str, backward: bool = False) -> tuple[complex, ...]:
+        """A phasor as complex numbers, for one direction: one for each order of a list, or a single one."""
+        known = self._complex_values.get((key, backward))
         if known is None:
             phasor = next(phasor for phasor in self.phasors if phasor.key == key)
             keys = phasor.keys(backward and phasor.own_flanks)
             if backward and keys[0] not in self.values:
                 keys = phasor.keys(False)
-            amplitude, phase = (_entry(self.values.get(name, 0.0), index) for name in keys)
-            known = complex(amplitude * math.cos(phase), amplitude * math.sin(phase))
-            self._complex_values[key, backward, index] = known
+            count = len(self.orders) if self.orders_key == "orders" else 1
+            amplitudes, phases = (_entries(self.values.get(name, 0.0), count) for name in keys)
+            known = tuple(complex(a * math.cos(p), a * math.sin(p)) for a, p in zip(amplitudes, phases, strict=True))
+            self._complex_values[key, backward] = known
         return known
 
     @cached_property
-    def _complex_values(self) -> dict[tuple[str, bool, int], complex]:
+    def _complex_values(self) -> dict[tuple[str, bool], tuple[complex, ...]]:
         """The phasors that were asked for: a fit asks for the same ones at every step of others."""
         return {}
 
@@ -367,5 +372,5 @@ def _float(value: Any) -> Any:
         return math.inf
 
 
-def _entry(value: Value, index: int) -> float:
-    return value[index] if isinstance(value, tuple) else value
+def _entries(value: Value, count: int) -> tuple[float, ...]:
+    return value if isinstance(value, tuple) else (value,) * count

@@ -114,7 +114,7 @@ class StructuralResonance(Effect):
 
     def height(self, at: Conditions, place: int) -> Any:
         """What an order, by its place in the list, has where it meets the frequency: complex128 (n,), deg."""
-        forward, backward = self._sides(place)
+        forward, backward = self._sides[place]
         return self._under_load(at, *(np.where(at.sign > 0, *sides) for sides in zip(forward, backward, strict=True)))
 
     def _under_load(self, at: Conditions, without_load: Any, of_load: Any) -> Any:
@@ -139,17 +139,20 @@ class StructuralResonance(Effect):
         return found
 
     @cached_property
-    def _acting(self) -> dict[int, list[list[complex]]]:
+    def _acting(self) -> dict[int, list[tuple[complex, ...]]]:
         """The heights of the orders that have one: without load and the load part, forward and backward."""
-        heights = {order: self._sides(place) for place, order in enumerate(self.orders)}
-        return {order: sides for order, sides in heights.items() if np.any(sides)}
+        heights = zip(self.orders, self._sides, strict=True)
+        return {order: sides for order, sides in heights if any(map(any, sides))}
 
-    def _sides(self, place: int) -> list[list[complex]]:
-        """The height of an order by its place: without load and the load part, forward and backward.
+    @cached_property
+    def _sides(self) -> list[list[tuple[complex, ...]]]:
+        """The height of each order: without load and the load part, forward and backward.
 
         A class that is made of this one may have the one without the other.
         """
-        own = {phasor.key for phasor in self.phasors}
-        return [
-            [self.complex_value(key, side, place) if key in own else 0.0 for key in _HEIGHTS] for side in (False, True)
-        ]
+        own, none = {phasor.key for phasor in self.phasors}, (0.0,) * len(self.orders)
+        sides = (
+            zip(*(self.complex_values(key, side) if key in own else none for key in _HEIGHTS), strict=True)
+            for side in (False, True)
+        )
+        return [list(both) for both in zip(*sides, strict=True)]
