@@ -195,6 +195,7 @@ def test_phases_in_degrees_are_refused_and_unwrapped_ones_are_read(tmp_path):
     assert read_table(table(tmp_path, [(0.1, 7.0), (0.2, 6.5), (0.3, -3)])).orders == (0, 1, 39)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("step", "words"), [(1, "below"), (-1, "above")])
 def test_columns_that_are_shifted_are_asked_about_and_shifted_back(step, words):
     """A list from 1 read as one from 0: it was asked whether TE was divided by the ratio, 0.006 times the rig's."""

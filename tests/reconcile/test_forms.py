@@ -90,6 +90,7 @@ def test_a_resonance_whose_frequency_falls_with_the_load():
     assert result.unseen_curves > 0, "the gap comes from runs that no search has seen"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("law", "key", "accuracy"),
     [
@@ -261,6 +262,7 @@ def test_heights_of_a_resonance_are_said_at_loads_and_directions_of_both():
     assert _heights(claim, only, at) == ", at least 100 times as high forward as backward"
 
 
+@pytest.mark.slow
 def test_two_resonances_that_cross_are_not_one_that_grows():
     """One of 52.0 Hz and a damping ratio of 0.049, found where the two meet, stood in the place of both."""
     at, orders = grid(np.arange(100, 1801, 100.0), 7, (30.0,)), [0, 120, 156, 162, 240]
@@ -511,6 +513,7 @@ def test_errors_hold_what_the_form_lacks():
         assert claim.stderr["slope_deg_per_kNm"] > 0.1 * slope
 
 
+@pytest.mark.slow
 def test_a_delay_that_an_order_refuses_is_none():
     """Orders from 30 up pass an antiresonance: a delay was "changed", which made order 1 worse, and it unexplained."""
     at, orders = grid(np.arange(100, 1801, 100.0), 3, (30.0,)), [0, 1, 2, 3, 39, 40, 78, 81, 120]

@@ -470,7 +470,7 @@ def wandering(values, orders, sigma, knee, seed):
     return values + np.where(orders > 0, sigma * np.hypot(1, knee / np.maximum(orders, 1)) * noise, 0.0)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_a_ramp_that_begins_at_some_angle_is_told_by_all_orders_together(seed):
     """Noise hid it in most orders: its jump was called a damaged tooth at that angle, and the rest another zero."""

@@ -82,6 +82,7 @@ def slipping(share):
     return replace(AT, speed_rpm=AT.speed_rpm * (1 - share * AT.torque_Nm / AT.torque_Nm.max()))
 
 
+@pytest.mark.slow
 def test_one_number_of_the_measurement_in_place_of_several_changes_is_asked_about_and_corrected():
     data = measured(2e-5, read=replace(AT, temperature_C=AT.temperature_C + 6))
     text = asked(data)
@@ -127,6 +128,7 @@ def test_a_reading_stands_for_changes_and_for_what_is_unexplained_beside_them():
     )
 
 
+@pytest.mark.slow
 def test_degrees_fahrenheit_are_told_beside_another_drift():
     drift = with_values("thermal_drift", drift_arcmin_per_K=0.03)
     data = measured(2e-4, rig=drift, read=replace(AT, temperature_C=AT.temperature_C * 1.8 + 32))
@@ -191,6 +193,7 @@ def test_an_angle_of_the_fast_shaft_in_noise_is_no_turn_of_single_waves():
     assert reconciled(data, "misread_angle").verdict == "nothing_missing"
 
 
+@pytest.mark.slow
 def test_zeros_of_their_own_in_both_directions_are_no_turn_of_single_waves():
     """Thirteen waves of the rig had "changed", and nothing said that two numbers of the angle do all of it."""
     data = measured(1e-5)
@@ -225,6 +228,7 @@ def test_a_factor_and_an_offset_of_the_torques_are_corrected_together():
     assert np.abs(right.data.at.torque_Nm - AT.torque_Nm).max() < 2.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("share", "names"), [(0.06, {"misread_speed"}), (0.0, set())])
 def test_a_resonance_that_moves_with_the_load_may_be_a_motor_that_slips(share, names):
     """Speeds read as those without a load moved the one new resonance by 2 Hz, and nothing else was said."""
@@ -238,6 +242,7 @@ def test_a_resonance_that_moves_with_the_load_may_be_a_motor_that_slips(share, n
     assert set(claim.alternatives) == names
 
 
+@pytest.mark.slow
 def test_a_zero_that_backward_curves_alone_have_is_no_turn_of_every_wave():
     data = measured(1e-4)
     made = replace(data, values=np.where(data.at.sign[:, None] < 0, turned(data, 0.5).values, data.values))
@@ -245,6 +250,7 @@ def test_a_zero_that_backward_curves_alone_have_is_no_turn_of_every_wave():
     assert not reconciled(made, "misread_angle").conclusions.retuned
 
 
+@pytest.mark.slow
 def test_a_gain_that_drifts_over_the_runs_would_do_in_place_of_a_stiffness():
     data = measured(1e-4)
     made = replace(data, values=data.values * (1 + 0.02 * data.run / RUNS)[:, None])
@@ -267,6 +273,7 @@ def test_a_zero_that_slips_over_the_runs_is_no_misread_temperature():
     assert not result.conclusions.misread and "in their order" in summary(result)
 
 
+@pytest.mark.slow
 def test_what_a_rule_of_the_measurement_does_not_explain_is_left_as_a_change():
     """Speeds 4 % too high, beside which a narrow resonance is told from nearby only, and a stiffness that changed."""
     stiff = with_values("torsional_compliance", stiffness_Nm_per_arcmin=430.0)
@@ -288,6 +295,7 @@ def test_noise_refines_no_correction(sigma):
     assert [one.name for one in result.mistakes] == ["column_scale"] and not result.conclusions.retuned
 
 
+@pytest.mark.slow
 def test_data_are_taken_as_they_are_where_that_is_said():
     turned_back = turned(measured(1e-4), 5.0)
     assert "--accept home_offset" in asked(turned_back)
@@ -362,6 +370,7 @@ def test_near_the_right_size_a_narrow_peak_needs_no_change_of_its_own(monkeypatc
     )
 
 
+@pytest.mark.slow
 def test_beside_many_changes_of_the_rig_a_reading_is_told_that_does_what_one_of_them_does():
     """Another unit whose oil is 4 K warmer than written: the zero and the friction were off by 76 stated errors."""
     factors = {

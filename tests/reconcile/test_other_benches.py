@@ -214,6 +214,7 @@ OTHERS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("begin", [0.0, 77.0])
 def test_the_start_is_where_the_files_begin(begin):
     """A seam of an encoder at another angle was called the start of curves that begin at 0."""

@@ -244,6 +244,7 @@ def test_bumps_are_no_peaks_of_each_other(places):
     assert _is_no_peak_of_many(*at_its_place(curve, orders, 2.5))
 
 
+@pytest.mark.slow
 def test_waves_of_all_orders_alike_have_no_name_and_change_no_effect(tmp_path):
     result = reconciled(tmp_path, "texture")
     assert not named(result) and not result.conclusions.retuned
@@ -270,6 +271,7 @@ def test_where_curves_that_wander_begin_and_end_nothing_is_named(tmp_path):
     assert not named(result) and result.unexplained
 
 
+@pytest.mark.slow
 def test_where_in_the_turn_unexplained_orders_stand_together_is_said(tmp_path):
     result = reconciled(tmp_path, "of no form")
     assert not named(result) and len(result.unexplained) > 30

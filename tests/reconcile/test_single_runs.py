@@ -25,6 +25,7 @@ def test_wrong_labels_beside_a_small_factor_are_no_torques_of_their_own():
     assert {mistake.name for mistake in examine(made, RIG, PATH).mistakes} == {"labels"}
 
 
+@pytest.mark.slow
 def test_where_noise_hides_whose_label_a_run_carries_that_is_said():
     """Of five wrong labels in noise two were noticed, and nothing was said of the check that was not made."""
     few, most = (examine(measured(sigma), RIG, PATH).untold for sigma in (1e-3, 3e-4))

@@ -94,7 +94,7 @@ def test_a_model_read_by_our_readers_first_predicts_as_the_estimator(trained, na
 
 
 def test_damaged_copies_are_refused_or_read_and_end_no_process(trained):
-    count, files = 25, [str(path) for path, _ in trained.values()]
+    count, files = 10, [str(path) for path, _ in trained.values()]
     program = [sys.executable, "-W", "ignore", "-m", "tests.walkers.mutants", str(count), "15", *files]
     ended = subprocess.run(program, cwd=ROOT, capture_output=True, text=True, check=True)
     outcomes = json.loads(ended.stdout)

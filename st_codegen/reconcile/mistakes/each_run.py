@@ -75,7 +75,9 @@ def zeros(
     if len(k) < SETTINGS.least_votes or not m.any():
         return np.zeros(len(values)), 0.0
     numbers, place = np.unique(run, return_inverse=True)
-    its = [_zero_of_run(v[rows], m[rows], power[rows], k, hidden) for rows in (run == number for number in numbers)]
+    grid = np.arange(0.0, 2 * np.pi, 2 * np.pi / (8 * int(k.max())))
+    turns, each = np.exp(1j * np.outer(k, grid)), (run == number for number in numbers)
+    its = [_zero_of_run(v[rows], m[rows], power[rows], k, grid, turns, hidden) for rows in each]
     angle, sure, likely = (np.array([getattr(one, key) for one in its]) for key in ("angle", "is_sure", "is_likely"))
     error = float(np.median([one.error for one in its]))
     if hidden:
@@ -107,19 +109,26 @@ class _ZeroOfRun:
     gains: FloatArray
 
 
-def _zero_of_run(v: ComplexArray, m: ComplexArray, power: FloatArray, k: IntArray, hidden: bool) -> _ZeroOfRun:
+def _zero_of_run(
+    v: ComplexArray,
+    m: ComplexArray,
+    power: FloatArray,
+    k: IntArray,
+    grid: FloatArray,
+    turns: ComplexArray,
+    hidden: bool,
+) -> _ZeroOfRun:
     """The zero of the rows of one run, of coefficients v, those of the rig m, and the power of the noise, (rows, K).
 
-    hidden: noise hides most orders (k).
+    grid, turns: angles that are tried (rad), and by what each turns the orders k, (K, angles); hidden: noise hides most
+    orders.
     """
-    grid = np.arange(0.0, 2 * np.pi, 2 * np.pi / (8 * int(k.max())))
-    turns, gains, is_sure, is_likely = np.exp(1j * np.outer(k, grid)), np.zeros(len(k)), False, False
-    # what each order leaves at each angle, (rows, K, angles): one vote an order, however large it is
-    whole = np.abs(v) ** 2 + np.abs(m) ** 2 + power
-    left = whole[..., None] - 2 * ((v * m.conj())[..., None] * turns).real
+    gains, is_sure, is_likely = np.zeros(len(k)), False, False
+    # what each order leaves at each angle is `whole` less twice the real part of `both`, turned
+    whole, both = np.abs(v) ** 2 + np.abs(m) ** 2 + power, v * m.conj()
     if hidden:
         # by how much noise hides an order is what its vote counts; what the others say of each is asked as well
-        loss = (left / power[..., None]).sum(axis=0)
+        loss = (whole / power).sum(axis=0)[:, None] - 2 * ((both / power).sum(axis=0)[:, None] * turns).real
         of_all = loss.sum(axis=0)
         angle = float(grid[of_all.argmin()])
         gains = loss[:, 0] - loss[np.arange(len(k)), (of_all - loss).argmin(axis=1)]
@@ -127,6 +136,8 @@ def _zero_of_run(v: ComplexArray, m: ComplexArray, power: FloatArray, k: IntArra
         beyond = of_all[0] - of_all.min() - 2.0 * np.log(len(grid))
         is_sure, is_likely = bool(beyond > SETTINGS.order_gain), bool(beyond > 0.0)
     else:
+        # one vote an order, however large it is
+        left = whole[..., None] - 2 * (both[..., None] * turns).real
         angle = float(grid[np.argmin(np.log(np.maximum(left, power[..., None])).sum(axis=(0, 1)))])
     for _ in range(3):  # between the angles of the grid
         turned = m * np.exp(-1j * k * angle)
