@@ -478,6 +478,8 @@ class Settings:
     tails: float = chosen(1.4, CATALOGUE)
     #: share of what one height of all loads leaves that a height of a resonance which follows the load may leave
     left_of_height: float = chosen(0.5, OTHERS)
+    #: share of what one resonance leaves of its orders that two beside each other may leave
+    left_of_one: float = chosen(0.05, OTHERS)
     #: loss by which another name may be worse and still be as good a name: 1 in 1000 by chance for one parameter
     as_good: float = 11.0
     #: count; other names that are fitted in full

@@ -87,16 +87,17 @@ def report(result: Reconciliation, update: Update | None = None, ahead: NextRuns
 
 
 def _group(group: list[Claim], result: Reconciliation) -> dict[str, Any]:
-    """One entry of `effects`: all of one name; where there are several, behind a key its order or angle in brackets."""
+    """One entry of `effects`: all of one name; where there are several, behind a key in brackets which one it is of."""
     several = len(group) > 1
     parameters: dict[str, Any] = {}
-    for claim in group:
+    marks = [_mark(claim.piece.effect) for claim in group]
+    for claim, mark in zip(group, marks, strict=True):
         effect = claim.piece.effect
-        which = f"{effect.orders[0]}{effect.state_text}" if effect.orders else ""
-        if "centre_deg" in effect.values:  # a turn may have several places
-            which = f"{which} at {effect.scalar('centre_deg'):.1f} deg".strip()
-        suffix = f"[{which}]" if several and which else ""
-        for key, value in parameters_of(claim.piece.effect, claim.stderr).items():
+        # an order may be raised by several resonances
+        is_one_of_two = marks.count(mark) > 1 and "frequency_Hz" in effect.values
+        hertz = f" at {effect.scalar('frequency_Hz'):.1f} Hz" if is_one_of_two else ""
+        suffix = f"[{mark}{hertz}]" if several and mark else ""
+        for key, value in parameters_of(effect, claim.stderr).items():
             parameters[key + suffix] = value
     first = group[0]
     return {
@@ -115,6 +116,14 @@ def _group(group: list[Claim], result: Reconciliation) -> dict[str, Any]:
             if error is not None
         ],
     }
+
+
+def _mark(effect: Effect) -> str:
+    """The first order of an effect, with its state or its angle where it has one."""
+    mark = f"{effect.orders[0]}{effect.state_text}" if effect.orders else ""
+    if "centre_deg" in effect.values:  # a turn may have several places
+        mark = f"{mark} at {effect.scalar('centre_deg'):.1f} deg".strip()
+    return mark
 
 
 def parameters_of(effect: Effect, stderr: dict[str, float]) -> dict[str, Any]:

@@ -244,22 +244,57 @@ def leaves_less_than_two(fitted: Fit, number: int) -> bool:
     effect, moving = piece.effect, _MOVING & piece.effect.values.keys()
     if not moving or not isinstance(effect, StructuralResonance):
         return True
-    load = load_keys(type(effect))
-    sizes = {key for phasor in effect.phasors for key in (phasor.keys(False)[0], phasor.keys(True)[0])}
-    half = {key: tuple((np.array(effect.values[key]) / 2.0).tolist()) for key in (sizes - load) & effect.values.keys()}
-    staying = piece.without(moving | (load if half else set()))
-    at, damping = target.data.at.rows(target.good), effect.scalar("damping_ratio")
-    hertz = effect.scalar("frequency_Hz") * effect.shift(at.torque_Nm, at.temperature_C)
-    two = list[Fit]()
-    for ends in (np.quantile(hertz, (0.25, 0.75)), np.median(hertz) * np.array([1.0 - damping, 1.0 + damping])):
-        low, high = (staying.with_values({**staying.effect.values, **half, "frequency_Hz": float(x)}) for x in ends)
-        state = fitted.state.replaced(number, low).with_piece(replace(high, added=True, origin=None))
-        two.append(fit(target, state, steps=SETTINGS.long_steps))
-    both = fitted, min(two, key=lambda one: one.loss)
+    both = fitted, two_that_stay(fitted, number)
     # weighed by how far runs scatter about the worse of them, the better one would save little
     sharp = replace(target, wide=np.minimum(*(target.about(one.residual).spread for one in both)))
     left = [float(sharp.losses(one.residual).sum()) + price_of_number(target) * len(one.prior) for one in both]
     return left[0] < left[1]
+
+
+def is_one_that_stays(effect: Effect) -> bool:
+    """Whether an effect is a resonance whose frequency moves with nothing and that is there at all temperatures."""
+    return isinstance(effect, StructuralResonance) and not effect.state_text and not _MOVING & effect.values.keys()
+
+
+def are_two(one: Fit, two: Fit, *numbers: int) -> bool:
+    """Whether two pieces of a fit are two resonances told by their peaks, and no part of one; one: the fit with that.
+
+    Each half width ends before the other one's begins, and of what one leaves of their orders they leave a small part:
+    what is left of one whose form is not quite an oscillator's is no second one.
+    """
+    low, high = sorted((two.state.pieces[i].effect for i in numbers), key=lambda effect: effect.scalar("frequency_Hz"))
+    ends = [
+        effect.scalar("frequency_Hz") * (1.0 + side * effect.scalar("damping_ratio"))
+        for side, effect in ((1.0, low), (-1.0, high))
+    ]
+    own = one.target.counts & np.isin(one.target.data.orders, low.orders)
+    noise = SETTINGS.tails * float((two.target.data.parts * one.target.sigma**2)[own].sum())
+    left = [max(float((np.abs(fitted.residual[own]) ** 2).sum()) - noise, 0.0) for fitted in (one, two)]
+    return ends[0] < ends[1] and left[1] < SETTINGS.left_of_one * left[0]
+
+
+def two_that_stay(fitted: Fit, number: int) -> Fit:
+    """The fit with two resonances that stay, the other one the last piece, in place of the one of a number."""
+    piece, target = fitted.state.pieces[number], fitted.target
+    effect = piece.effect
+    assert isinstance(effect, StructuralResonance)
+    load = load_keys(type(effect))
+    sizes = {key for phasor in effect.phasors for key in (phasor.keys(False)[0], phasor.keys(True)[0])}
+    half = {key: tuple((np.array(effect.values[key]) / 2.0).tolist()) for key in (sizes - load) & effect.values.keys()}
+    moves = _MOVING & effect.values.keys()
+    staying = piece.without(moves | (load if half else set()))
+    at, damping = target.data.at.rows(target.good), effect.scalar("damping_ratio")
+    hertz = effect.scalar("frequency_Hz") * effect.shift(at.torque_Nm, at.temperature_C)
+    two = list[Fit]()
+    # where one stays it stands between two of like phase, and at one of two that are opposed
+    far = SETTINGS.same_resonance
+    beside = [(1.0 - damping, 1.0 + damping), (1.0 - far, 1.0), (1.0, 1.0 + far)]
+    starts = [np.median(hertz) * np.array(pair) for pair in beside]
+    for ends in [np.quantile(hertz, (0.25, 0.75)), starts[0]] if moves else starts:
+        low, high = (staying.with_values({**staying.effect.values, **half, "frequency_Hz": float(x)}) for x in ends)
+        state = fitted.state.replaced(number, low).with_piece(replace(high, added=True, origin=None))
+        two.append(fit(target, state, steps=SETTINGS.long_steps))
+    return min(two, key=lambda one: one.loss)
 
 
 def beats_waves(without: Fit, fitted: Fit, own: BoolArray, laws: FloatArray) -> bool:
@@ -363,15 +398,17 @@ def at_two_frequencies(without: Fit, with_it: Fit, number: int) -> bool:
                 if saved[data.at.speed_rpm == speed, column].sum() > SETTINGS.point_gain:
                     points.add(round(order * speed / 10))
     at_lowest, at_highest = frequencies_in(effect, data.at)
-    others = [p.effect for i, p in enumerate(with_it.state.pieces) if p.effect.name == effect.name and i != number]
+    others = {i: p.effect for i, p in enumerate(with_it.state.pieces) if p.effect.name == effect.name and i != number}
     if len(without.state.pieces) < len(with_it.state.pieces):
         # another state of the structure is no second resonance
-        others = [o for o in others if not (effect.state_text and o.state_text) or effect.state_text == o.state_text]
+        mine = effect.state_text
+        others = {i: o for i, o in others.items() if not (mine and o.state_text) or mine == o.state_text}
     # what is left of a resonance that is not quite an oscillator's is not a second one
     apart = all(
         abs(effect.scalar("frequency_Hz") / other.scalar("frequency_Hz") - 1) > SETTINGS.same_resonance
         or not set(other.orders) & set(effect.orders)
-        for other in others
+        or are_two(without, with_it, i, number)
+        for i, other in others.items()
     )
     reach = SETTINGS.inside_speeds
     is_inside = (1.0 + reach) * low < at_highest and at_lowest < (1.0 - reach) * high

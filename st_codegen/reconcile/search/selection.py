@@ -20,12 +20,15 @@ from st_codegen.reconcile.search.candidates import Candidate, Search
 from st_codegen.reconcile.search.evidence import Evidence, judge
 from st_codegen.reconcile.search.peaks import has_a_frequency, load_keys
 from st_codegen.reconcile.search.plausible import (
+    are_two,
     at_nobodys_expense,
     at_two_frequencies,
     beats_waves,
     inside_bounds,
     is_no_form_error,
+    is_one_that_stays,
     law_holds,
+    two_that_stay,
 )
 from st_codegen.reconcile.search.states import in_their_forms
 from st_codegen.reconcile.search.surroundings import is_of_its_place, stands_out
@@ -54,6 +57,8 @@ def search(
             # once: what stands in place of two may be found beside another one again
             found = _one_in_place_of_two(current, known, judged)
             has_merged = found is not None
+        if found is None:
+            found = _with_two_in_place_of_one(current, judged)
         if found is None:
             break
         current = in_their_forms(found)
@@ -103,6 +108,39 @@ def _one_in_place_of_two(current: Fit, known: Catalogue, judged: list[tuple[Cand
         one = _next(without, without, known, dict[object, float](), judged, moved=True)
         if one is not None and one.loss - current.loss < penalty * (len(current.prior) - len(one.prior)):
             return one
+    return None
+
+
+def _two_in_place_of_one(without: Fit, one: Fit, number: int, judged: list[tuple[Candidate, Evidence]]) -> Fit | None:
+    """The fit with two resonances beside each other in place of the one of a number that stays, or None.
+
+    Where one leaves much of its orders, two are tried: both against the fit without any, the second against the one.
+    """
+    lacking = one.target.data.orders[is_lacking(one.target, one.residual)]
+    effect = one.state.pieces[number].effect
+    if not is_one_that_stays(effect) or not set(effect.orders) & set(lacking.tolist()):
+        return None
+    two: Fit | None = two_that_stay(one, number)
+    for place in (number, len(one.state.pieces)):
+        two = two and inside_bounds(two, place)
+    if two is None or not are_two(one, two, number, len(one.state.pieces)):
+        return None
+    candidate = Candidate(two.state.pieces[-1])
+    second = candidate.places(two.state)
+    first = two.state.slices()[number]
+    both = judge(without, two, [*range(first.start, first.stop), *second], number)
+    evidence, stands = founded(one, two, candidate.place(two.state), second)
+    judged.append((candidate, evidence))
+    return two if stands and both.passed else None
+
+
+def _with_two_in_place_of_one(current: Fit, judged: list[tuple[Candidate, Evidence]]) -> Fit | None:
+    """The fit with two resonances in place of the first added one that is two, or None."""
+    for number, piece in enumerate(current.state.pieces):
+        if piece.added and is_one_that_stays(piece.effect):
+            without = fit(current.target, current.state.without(number), steps=SETTINGS.quick_steps)
+            if (two := _two_in_place_of_one(without, current, number, judged)) is not None:
+                return two
     return None
 
 
@@ -176,6 +214,9 @@ def _first_that_passes(
         if stands:
             del refused[raw.identity]
             return inside
+        # what is none by itself may be two
+        if raw.number is None and (two := _two_in_place_of_one(without, inside, number, judged)) is not None:
+            return two
     return None
 
 
