@@ -90,7 +90,7 @@ def _reconcile(
     if (noise.good != last.target.good).any():
         last = fit(replace(last.target, sigma=noise.sigma, good=noise.good).about(last.residual), last.state)
     conclusions = conclude(rig, last, known)
-    if not without and (more := gone(last, conclusions)):
+    if not without and (more := gone(conclusions.joint, conclusions)):
         # what the rig has too much bends what is beside it
         return _reconcile(whole, known, progress, examined, more)
     conclusions = replace(conclusions, retuned=(*without, *conclusions.retuned))

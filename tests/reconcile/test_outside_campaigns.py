@@ -589,3 +589,23 @@ def test_orders_beside_each_other_that_are_loud_at_one_speed_are_no_resonance(or
     assert [claim.alternatives for claim in claims] == names
     # of one order no more speeds tell the one from the other
     assert [text for claim in claims for text in (OF_SPEED, OF_ONE_ORDER) if text in claim.extrapolates] == said
+
+
+def test_waves_that_a_spring_lifts_are_not_gone():
+    """A load behind a spring follows its mesh orders: lifted as by a force, they were "nothing that the data show"."""
+    orders, damping = (156, 162, 240), 0.024
+    makers = ("cycloid_tooth_error", "input_shaft_misalignment", "pin_error")
+    waves = {
+        "amplitude_deg": (1.5e-4, 7e-5, 2e-4), "phase_rad": (1.0, -3.0, 0.6),
+        "backward_amplitude_deg": (1.2e-4, 7e-5, 2.3e-4), "backward_phase_rad": (1.0, 2.1, -2.6),
+    }  # fmt: skip
+    own = [effect(name, order=k, **{key: x[i] for key, x in waves.items()})
+           for i, (k, name) in enumerate(zip(orders, makers, strict=True))]  # fmt: skip
+    heights = {key: [x / (2 * damping) for x in xs] if key.endswith("deg") else xs for key, xs in waves.items()}
+    spring = effect("structural_resonance", orders=orders, frequency_Hz=65.5, damping_ratio=damping, **heights)
+    rig = RigModel(effects=(*RIG.effects, *own))
+    truth = RigModel(effects=(*rig.effects, spring))
+    data = observed(truth, grid(6, 4, 2), (*range(4), 39, 40, 78, *orders), sigma=2e-5)
+    result = reconcile_observations(rig, data, KNOWN)
+    assert [claim.piece.effect.name for claim in result.conclusions.claims] == ["structural_resonance"]
+    assert not retuned(result)
