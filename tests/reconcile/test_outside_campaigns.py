@@ -609,3 +609,12 @@ def test_waves_that_a_spring_lifts_are_not_gone():
     result = reconcile_observations(rig, data, KNOWN)
     assert [claim.piece.effect.name for claim in result.conclusions.claims] == ["structural_resonance"]
     assert not retuned(result)
+
+
+def test_a_delay_of_zero_in_the_rig_is_one_that_nobody_knew():
+    """It was believed to 20 us: in place of a delay of 1 ms the teeth were said to have another phase."""
+    late = (effect("measurement_delay", delay_us=delay) for delay in (0.0, 1000.0))
+    rig, truth = (RigModel(effects=(*RIG.effects, one)) for one in late)
+    (one,) = reconcile_observations(rig, observed(truth, grid(), sigma=5e-5), KNOWN).conclusions.retuned
+    assert one.after.name == "measurement_delay"
+    assert one.after.values["delay_us"] == pytest.approx(1000.0, abs=3 * one.stderr["delay_us"])
