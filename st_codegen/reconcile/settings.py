@@ -343,6 +343,10 @@ class Settings:
     most_states: int = 8
     #: count; rows that each state has at least
     least_rows_of_state: int = 12
+    #: orders; to both sides of its own a bell of 10 deg half width at one angle of the turn reaches as far
+    reach_of_bell: int = 6
+    #: count; with fewer orders near each other a bell at some angle has any sizes and phases of theirs
+    least_in_bell: int = 3
     #: share of the frequency of a state by which others are tried
     state_step: float = 0.02
     #: share of the frequency of the other state up to which they are

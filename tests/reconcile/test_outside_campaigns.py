@@ -618,3 +618,22 @@ def test_a_delay_of_zero_in_the_rig_is_one_that_nobody_knew():
     (one,) = reconcile_observations(rig, observed(truth, grid(), sigma=5e-5), KNOWN).conclusions.retuned
     assert one.after.name == "measurement_delay"
     assert one.after.values["delay_us"] == pytest.approx(1000.0, abs=3 * one.stderr["delay_us"])
+
+
+@pytest.mark.parametrize("is_of_one_angle", [True, False])
+def test_a_bump_in_a_table_of_three_low_orders_may_be_one(is_of_one_angle):
+    """Its waves of once, twice and three times a turn were cranks that are misaligned otherwise, and nothing else."""
+    low = (
+        effect("output_shaft_ovality", amplitude_deg=5e-4, phase_rad=0.4),
+        effect("crank_misalignment", amplitude_deg=5e-4, phase_rad=1.0, slope_deg_per_kNm=3e-4, slope_phase_rad=2.0),
+    )
+    rig = RigModel(effects=(*RIG.effects, *low))
+    data = observed(rig, grid(), (0, 1, 2, 3, 39, 40, 78), sigma=1e-5)
+    angles = (0.7, 1.4, 2.1) if is_of_one_angle else (0.7, -1.6, 0.5)
+    waves = {
+        k: 1.8e-4 * np.exp(-0.5 * (k * 0.17) ** 2 - 1j * angle) for k, angle in zip((1, 2, 3), angles, strict=True)
+    }
+    data = replace(data, values=data.values + np.array([waves.get(int(k), 0.0) for k in data.orders]))
+    changed = retuned(reconcile_observations(rig, data, KNOWN))
+    assert set(changed) == {"output_shaft_eccentricity", "output_shaft_ovality", "crank_misalignment"}
+    assert ("something_else" in changed["crank_misalignment"].alternatives) == is_of_one_angle
