@@ -17,7 +17,7 @@ from st_codegen.reconcile.fit.state import State, piece_of
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.claims import Conclusions, Retuned
 from st_codegen.reconcile.judge.conclusions import conclude, gone, unchanged
-from st_codegen.reconcile.judge.lookalikes import doubted, unlike_friction
+from st_codegen.reconcile.judge.lookalikes import doubted, of_one_angle, unlike_friction
 from st_codegen.reconcile.judge.misread import in_place_of_the_rest
 from st_codegen.reconcile.mistakes.examine import Examined
 from st_codegen.reconcile.outcome import Gap
@@ -90,7 +90,7 @@ def _reconcile(
     if (noise.good != last.target.good).any():
         last = fit(replace(last.target, sigma=noise.sigma, good=noise.good).about(last.residual), last.state)
     conclusions = conclude(rig, last, known)
-    if not without and (more := gone(last, conclusions)):
+    if not without and (more := gone(conclusions.joint, conclusions)):
         # what the rig has too much bends what is beside it
         return _reconcile(whole, known, progress, examined, more)
     conclusions = replace(conclusions, retuned=(*without, *conclusions.retuned))
@@ -172,7 +172,9 @@ def _result(
         data=data,
         target=target,
         noise=noise,
-        conclusions=doubted(conclusions, orders, beside, rig.orders(), in_samples=in_samples),
+        conclusions=doubted(
+            conclusions, orders, beside, rig.orders(), of_one_angle(final, before), in_samples=in_samples
+        ),
         judged=judged,
         unexplained=tuple(one.of_gap(gap_power) for one in left),
         fitted=whole(rms_deg(before[good], data.orders), rms_deg(after[good], data.orders)),

@@ -165,6 +165,11 @@ class Settings:
     knots_of_filter: int = 12
     #: share by which a filter makes some order larger or smaller: one that only turns them is another angle
     of_a_filter: float = chosen(0.1, OTHERS)
+    #: factors on the highest measured frequency between which a mode that may look like a filter is looked for: below,
+    #: it shows in orders that are slow and hardly lifted; above, its flank is that of one at the end of the range
+    modes_over_highest: tuple[float, float] = (0.05, 2.0)
+    #: damping ratio below which no effect of the structure may be (its bound in the catalogue)
+    narrowest: float = 0.003
     #: share of a size that sensors are wrong by, within which each order must want it: numbers of a rig that are wrong
     #: by a tenth want any
     of_a_size: float = 0.25
@@ -338,6 +343,10 @@ class Settings:
     most_states: int = 8
     #: count; rows that each state has at least
     least_rows_of_state: int = 12
+    #: orders; to both sides of its own a bell of 10 deg half width at one angle of the turn reaches as far
+    reach_of_bell: int = 6
+    #: count; with fewer orders near each other a bell at some angle has any sizes and phases of theirs
+    least_in_bell: int = 3
     #: share of the frequency of a state by which others are tried
     state_step: float = 0.02
     #: share of the frequency of the other state up to which they are

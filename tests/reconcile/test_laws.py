@@ -82,6 +82,16 @@ def test_what_is_only_most_of_a_law_is_said_to_be():
     assert one.formula is None or "its law may be another" in one.text
 
 
+def test_conditions_go_together_on_a_curve_as_well():
+    """Oil that warms up ever slower in runs sorted by speed: its law and the speed's were said to be told apart."""
+    speed, torque = (
+        axis.ravel() for axis in np.meshgrid(np.linspace(100, 1800, 8), np.linspace(0, 1800, 5), indexing="ij")
+    )
+    at = Conditions.of(1.0, speed, torque, 24 + 16 * (1 - np.exp(-np.arange(40) / 15)))
+    data = Observations(at, labels(at), ORDERS, np.zeros((len(at), 3), complex))
+    assert any("speed and oil temperature go together" in text for text in cannot_show(data))
+
+
 def test_conditions_that_go_together_are_said():
     """The oil warmed with the speed: an order that grows with the oil was said to grow with the speed."""
     at = grid()

@@ -442,6 +442,19 @@ def test_a_resonance_of_three_orders_is_no_filter():
     assert examine(made, RIG, PATH).mistakes == ()
 
 
+@pytest.mark.parametrize("other", [1e9, 42.5])
+def test_a_load_behind_a_spring_is_no_filter(other):
+    """It lifts all orders by their frequency alone; a rig that has it at another one left what a filter leaves."""
+    data = measured(3e-6)
+    f, side = data.orders * (data.at.speed_rpm / 60 / 81)[:, None], np.where(data.at.sign > 0, 1j, -1j)[:, None]
+
+    def lifted(hertz):
+        return 1 + (f / hertz) ** 2 / (1 - (f / hertz) ** 2 + 0.06 * side * f / hertz)
+
+    lifts = replace(data, values=data.values * lifted(50.0) / lifted(other))
+    assert examine(lifts, RIG, PATH).mistakes == ()
+
+
 def test_two_mistakes_at_once_are_two_questions():
     for made, words in (
         (turned(measured().scaled(-1.0), -33.0), ("home_offset", "sign")),

@@ -8,13 +8,16 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from st_codegen.campaign.conditions import OperatingPoint
 from st_codegen.campaign.harmonic_table import HarmonicTable, write_table
 from st_codegen.cli.main import cli
 from st_codegen.reconcile.core import reconcile_observations
+from st_codegen.reconcile.mistakes.single_runs import Mistake
 from st_codegen.reconcile.plan import questions
-from st_codegen.reconcile.plan.next_runs import NextRuns, is_known, next_runs
+from st_codegen.reconcile.plan.next_runs import NextRun, NextRuns, is_known, next_runs
 from st_codegen.reconcile.plan.points import _peak_speeds
 from st_codegen.reconcile.plan.questions import Unknown, unexplained
+from st_codegen.reconcile.report.summary import next_runs_summary
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.campaign import read_conditions
 from st_codegen.rig.effects import Conditions
@@ -256,3 +259,12 @@ def test_what_a_chosen_point_tells_is_what_a_measured_one_tells():
     near = np.exp(-0.5 * distance)
     told = (near * np.linalg.solve(own, near.T).T).sum(axis=1)
     assert np.allclose(before, 2 * np.log1p(weight * (1 - told)), rtol=1e-10, atol=1e-12)
+
+
+@pytest.mark.parametrize("is_corrected", [True, False])
+def test_torques_of_proposed_runs_are_corrected_ones_only_where_they_were_corrected(is_corrected):
+    """With --accept as_is the torques stay as they are, and it was said that they are corrected."""
+    ahead = NextRuns((NextRun(OperatingPoint(800.0, 400.0, 30.0), "tells noise", 0.1),))
+    asked = Mistake("torque", "the torques seem to be read wrong", is_taken_out=is_corrected)
+    text = next_runs_summary(ahead, SimpleNamespace(mistakes=(asked,)))
+    assert ("the torques are corrected ones" in text) == is_corrected

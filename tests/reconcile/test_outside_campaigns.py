@@ -589,3 +589,51 @@ def test_orders_beside_each_other_that_are_loud_at_one_speed_are_no_resonance(or
     assert [claim.alternatives for claim in claims] == names
     # of one order no more speeds tell the one from the other
     assert [text for claim in claims for text in (OF_SPEED, OF_ONE_ORDER) if text in claim.extrapolates] == said
+
+
+def test_waves_that_a_spring_lifts_are_not_gone():
+    """A load behind a spring follows its mesh orders: lifted as by a force, they were "nothing that the data show"."""
+    orders, damping = (156, 162, 240), 0.024
+    makers = ("cycloid_tooth_error", "input_shaft_misalignment", "pin_error")
+    waves = {
+        "amplitude_deg": (1.5e-4, 7e-5, 2e-4), "phase_rad": (1.0, -3.0, 0.6),
+        "backward_amplitude_deg": (1.2e-4, 7e-5, 2.3e-4), "backward_phase_rad": (1.0, 2.1, -2.6),
+    }  # fmt: skip
+    own = [effect(name, order=k, **{key: x[i] for key, x in waves.items()})
+           for i, (k, name) in enumerate(zip(orders, makers, strict=True))]  # fmt: skip
+    heights = {key: [x / (2 * damping) for x in xs] if key.endswith("deg") else xs for key, xs in waves.items()}
+    spring = effect("structural_resonance", orders=orders, frequency_Hz=65.5, damping_ratio=damping, **heights)
+    rig = RigModel(effects=(*RIG.effects, *own))
+    truth = RigModel(effects=(*rig.effects, spring))
+    data = observed(truth, grid(6, 4, 2), (*range(4), 39, 40, 78, *orders), sigma=2e-5)
+    result = reconcile_observations(rig, data, KNOWN)
+    assert [claim.piece.effect.name for claim in result.conclusions.claims] == ["structural_resonance"]
+    assert not retuned(result)
+
+
+def test_a_delay_of_zero_in_the_rig_is_one_that_nobody_knew():
+    """It was believed to 20 us: in place of a delay of 1 ms the teeth were said to have another phase."""
+    late = (effect("measurement_delay", delay_us=delay) for delay in (0.0, 1000.0))
+    rig, truth = (RigModel(effects=(*RIG.effects, one)) for one in late)
+    (one,) = reconcile_observations(rig, observed(truth, grid(), sigma=5e-5), KNOWN).conclusions.retuned
+    assert one.after.name == "measurement_delay"
+    assert one.after.values["delay_us"] == pytest.approx(1000.0, abs=3 * one.stderr["delay_us"])
+
+
+@pytest.mark.parametrize("is_of_one_angle", [True, False])
+def test_a_bump_in_a_table_of_three_low_orders_may_be_one(is_of_one_angle):
+    """Its waves of once, twice and three times a turn were cranks that are misaligned otherwise, and nothing else."""
+    low = (
+        effect("output_shaft_ovality", amplitude_deg=5e-4, phase_rad=0.4),
+        effect("crank_misalignment", amplitude_deg=5e-4, phase_rad=1.0, slope_deg_per_kNm=3e-4, slope_phase_rad=2.0),
+    )
+    rig = RigModel(effects=(*RIG.effects, *low))
+    data = observed(rig, grid(), (0, 1, 2, 3, 39, 40, 78), sigma=1e-5)
+    angles = (0.7, 1.4, 2.1) if is_of_one_angle else (0.7, -1.6, 0.5)
+    waves = {
+        k: 1.8e-4 * np.exp(-0.5 * (k * 0.17) ** 2 - 1j * angle) for k, angle in zip((1, 2, 3), angles, strict=True)
+    }
+    data = replace(data, values=data.values + np.array([waves.get(int(k), 0.0) for k in data.orders]))
+    changed = retuned(reconcile_observations(rig, data, KNOWN))
+    assert set(changed) == {"output_shaft_eccentricity", "output_shaft_ovality", "crank_misalignment"}
+    assert ("something_else" in changed["crank_misalignment"].alternatives) == is_of_one_angle

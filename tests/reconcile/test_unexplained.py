@@ -115,6 +115,15 @@ def test_two_temperatures_tell_no_law_between_them():
     assert "tell" not in three.text
 
 
+def test_three_torques_tell_no_law_of_three_terms():
+    """A constant, a slope and a square go through any three sizes: rounding made two torques tell all three terms."""
+    at = grid()
+    three = at.rows(np.isin(at.torque_Nm, (0.0, 800.0, 1600.0)))
+    sizes = np.select([three.torque_Nm == 0.0, three.torque_Nm == 800.0], [0.66e-3, 0.98e-3], 0.2e-3)
+    (one,) = found(three, {53: sizes * TURN}).values()
+    assert one.formula is None and main_cause(one.dependence) == "torque"
+
+
 def test_where_runs_cannot_tell_two_laws_the_simpler_one_is_given_and_the_other_is_said():
     at = grid()
     low = at.rows((at.torque_Nm >= 1600) & (at.speed_rpm > 800))

@@ -218,11 +218,16 @@ UNITS = {"speed": "rpm", "torque": "N m", "temperature": "degC"}
 
 
 def axes_together(at: Conditions) -> list[tuple[str, str]]:
-    """Pairs of conditions of which each is told by the other: what depends on the one may depend on the other."""
+    """Pairs of conditions of which each is told by the other: what depends on the one may depend on the other.
+
+    Values may go together, or the ranks of their levels: oil that warms up ever slower in runs sorted by speed.
+    """
     columns, found = at.axes, []
     for one, other in itertools.combinations(range(3), 2):
         if np.ptp(columns[one]) > 0 and np.ptp(columns[other]) > 0:
-            told = np.corrcoef(columns[one], columns[other])[0, 1] ** 2
+            ranks = [np.unique(columns[axis], return_inverse=True)[1].ravel() for axis in (one, other)]
+            pairs = (columns[one], columns[other]), (ranks[0], ranks[1])
+            told = max(float(np.corrcoef(a, b)[0, 1]) ** 2 for a, b in pairs)
             found += [(CONDITIONS[one], CONDITIONS[other])] if told > SETTINGS.together else []
     return found
 

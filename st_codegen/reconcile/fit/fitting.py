@@ -172,7 +172,7 @@ def _prior(state: State) -> tuple[FloatArray, FloatArray]:
                     of_back = c.key.startswith("backward_")
                     known = abs(piece.origin.complex_value(c.key.removeprefix("backward_"), of_back, c.place))
                 # a size of zero is one that nobody knew, or of what is not there
-                size = c.scale if c.linear and not known else SETTINGS.prior * max(known, 1e-3 * c.scale)
+                size = SETTINGS.prior * max(known, 1e-3 * c.scale) if known else c.scale
                 centre.append(believed)
             else:
                 size = c.scale

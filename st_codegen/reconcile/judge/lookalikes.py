@@ -11,6 +11,7 @@ from itertools import combinations, product
 
 import numpy as np
 
+from st_codegen.ir.arrays import ComplexArray, IntArray
 from st_codegen.reconcile.fit.fitting import Fit
 from st_codegen.reconcile.fit.normal import made_of
 from st_codegen.reconcile.fit.state import Piece
@@ -325,8 +326,48 @@ def extrapolates(joint: Fit, piece: Piece) -> tuple[str, ...]:
 # --- what stays unexplained says that something else may be there
 
 
+def of_one_angle(final: Fit, before: ComplexArray) -> set[int]:
+    """Orders of a table, near each other, that all differ from the rig's as by what stands at one angle of the turn.
+
+    before: what the rig leaves, (n, K). A bump, or a burst of a mesh order, changes all orders around 0, or around the
+    mesh order, by the waves of one bell; where those between are in no column, only the sizes and phases of those that
+    are can speak against it.
+    """
+    target, data = final.target, final.target.data
+    if data.spectral_deg is not None or data.angle_rad is not None:
+        return set()
+    moved = before - final.residual
+    power, noise = ((np.abs(part[target.good]) ** 2).mean(axis=0) for part in (moved, target.sigma))
+    waves = np.array([moved[rows].mean(axis=0) for rows in data.at.by_direction(target.good)])
+    found = set[int]()
+    for k in data.orders[(power > noise * data.parts) & (data.orders > 0)]:
+        near = (np.abs(data.orders - k) <= SETTINGS.reach_of_bell) & (data.orders > 0)
+        if near.sum() >= SETTINGS.least_in_bell and (power > noise * data.parts)[near].all():
+            centres = [0, *(set(final.state.rig.constants.mesh_orders()) & set(data.orders[near].tolist()))]
+            if min(_left_of_a_bell(data.orders[near] - c, waves[:, near]) for c in centres) < SETTINGS.form**2:
+                found |= set(data.orders[near].tolist())
+    return found
+
+
+def _left_of_a_bell(off: IntArray, waves: ComplexArray) -> float:
+    """The share of the power of waves, (directions, m), that the best bell at one angle leaves.
+
+    off: by how much their orders, (m,), are off that of the bell.
+    """
+    widths, angles = np.radians(np.arange(2.0, 31.0)), np.radians(np.arange(360.0))
+    bells = np.exp(-0.5 * (off * widths[:, None]) ** 2)[:, None, :] * np.exp(-1j * off * angles[:, None])
+    along = np.abs(bells.conj() @ waves.T) ** 2 / (np.abs(bells) ** 2).sum(axis=2)[..., None]
+    return 1.0 - float(along.sum(axis=2).max()) / float((np.abs(waves) ** 2).sum())
+
+
 def doubted(
-    found: Conclusions, left: Collection[int], beside: Collection[int], made: Collection[int], *, in_samples: bool
+    found: Conclusions,
+    left: Collection[int],
+    beside: Collection[int],
+    made: Collection[int],
+    places: Collection[int] = (),
+    *,
+    in_samples: bool,
 ) -> Conclusions:
     """Conclusions whose names have the alternative `something_else` where what stays unexplained says so.
 
@@ -335,7 +376,7 @@ def doubted(
     read wrong: what does that changes the orders between them, too; made: the rig's orders. Many others that are left,
     as a step at one angle makes them, or what dies away behind the start of a curve, reach all up to twice the highest,
     and the mean. In samples over time all that moves the mean slowly, as a step or a drift, moves what is
-    found of the mean as well.
+    found of the mean as well. places: orders that one angle of the turn may have changed.
     """
     foreign = sorted(order for order in {*left, *_of_what_is_many(found)} if order > 0 and order not in made)
     is_broad = len(foreign) >= SETTINGS.shared_orders
@@ -352,15 +393,24 @@ def doubted(
             its |= set(left) - {0}
         return effect.name in halves or bool(its & set(orders))
 
+    def is_of_one_angle(effect: Effect) -> bool:
+        its = set(effect.touched_orders())
+        return bool(its) and its <= set(places)
+
     claims = [
         claim.in_doubt("what stays unexplained may have a part in it")
         if (is_open(claim.piece.effect, near | slow) or (is_broad and claim.piece.effect.least_foreign))
         and (claim.counted or slow)
+        else claim.in_doubt("what stands at one angle of the turn may have changed all these orders")
+        if is_of_one_angle(claim.piece.effect)
         else claim
         for claim in found.claims
     ]
     retuned = [
-        replace(one, is_open=one.is_open or is_open(one.after, moved | _mirrored(one.after, left)))
+        replace(
+            one,
+            is_open=one.is_open or is_of_one_angle(one.after) or is_open(one.after, moved | _mirrored(one.after, left)),
+        )
         for one in found.retuned
     ]
     unsure = {one.after.name for one in retuned if SOMETHING_ELSE in one.alternatives}

@@ -7,8 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
+from scipy.optimize import minimize
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.observations import SIGNS, Observations, rows_that_tell
@@ -239,7 +241,8 @@ def any_filter(data: Observations, rig: RigModel) -> list[Mistake]:
     """A filter of any kind that TE went through: of every order what passes depends on its frequency alone, or on its
     number alone where it is one over the angle.
 
-    A resonance lifts its own orders, an effect changes those that it makes: they share no response. A delay is none.
+    A resonance of some orders lifts these alone, an effect changes those that it makes: they share no response. A delay
+    is none, nor is a load behind a spring, which lifts all orders.
     """
     if not data.both_directions():
         return []
@@ -248,7 +251,8 @@ def any_filter(data: Observations, rig: RigModel) -> list[Mistake]:
     def hertz(given: Observations) -> FloatArray:
         return np.asarray(given.at.speed_rpm[:, None] / (60.0 * ratio) * given.orders)
 
-    found = [_filter_over(data, rig, hertz, "filter", _FILTER), _over_the_angle(data, rig)]
+    mode = partial(_with_a_mode, data, rig, hertz(data))
+    found = [_filter_over(data, rig, hertz, "filter", _FILTER, mode=mode), _over_the_angle(data, rig)]
     told = [one for one in found if one is not None]
     return [max(told, key=lambda one: one[0])[1]] if told else []
 
@@ -271,8 +275,12 @@ def _filter_over(
     name: str,
     text: str,
     remedy: str = _UNDO,
+    mode: Callable[[], ComplexArray] | None = None,
 ) -> tuple[float, Mistake] | None:
-    """A filter whose response depends on the place (n, K) of each coefficient, and what the votes gain by it."""
+    """A filter whose response depends on the place (n, K) of each coefficient, and what the votes gain by it.
+
+    mode: what the orders are with another mode of the structure, which may do as well.
+    """
     model, noise, at = expected_of(data, rig), noise_power(data), place(data)
     knots = np.linspace(0.0, float(at.max(initial=0.0)), SETTINGS.knots_of_filter + 1)
     passes, seen = _predicted(data, model, noise, at, knots)
@@ -291,6 +299,8 @@ def _filter_over(
             steps = np.linspace(0.0, float(by.max()), len(knots))
             of_runs.append(np.where(mesh, _predicted(data, mesh * model, noise, by, steps)[1], model))
     gain = min(agreed_gain(data, rig, seen, every, plain) for plain in (None, late, alike, *of_runs))
+    if gain >= SETTINGS.vote and mode is not None:
+        gain = min(gain, agreed_gain(data, rig, seen, every, mode()))
     if gain < SETTINGS.vote:
         return None
 
@@ -308,6 +318,38 @@ def _filter_over(
     # no -0 degrees
     ahead = round(float(np.degrees(np.angle(response[most])) * data.at.sign[most[0]])) + 0.0
     return gain, Mistake(name, text.format(at[most], abs(response[most]), ahead), corrected, remedy=remedy)
+
+
+def _with_a_mode(data: Observations, rig: RigModel, hertz: FloatArray) -> ComplexArray:
+    """What the orders are, (n, K), with one mode of the structure that lifts them all, as it fits best.
+
+    hertz: the frequency of each coefficient, (n, K). A load behind a spring follows all waves of its gear, each by its
+    frequency alone, as a filter lets them pass. Where the rig has that mode at another frequency, what one more does is
+    the same: 1 + g r^2 / (1 - r^2 + 2 i D r) is the quotient of the two, g the part by which the squares differ.
+    """
+    model = expected_of(data, rig)
+    gap, turn = data.values - model, np.where(data.at.sign[:, None] > 0, 2j, -2j)
+    weight = np.where(data.orders > 0, 1.0 / (np.abs(gap) ** 2 + noise_power(data)).mean(axis=0), 0.0)
+
+    def added(at: FloatArray) -> ComplexArray:
+        frequency, damping = np.exp(at)
+        r = hertz / frequency
+        own = model * r**2 / (1.0 - r**2 + turn * damping * r)
+        size = (own.conj() * gap * weight).real.sum() / max(float((np.abs(own) ** 2 * weight).sum()), 1e-300)
+        return np.asarray(size * own)
+
+    def left(at: FloatArray) -> float:
+        return float((np.abs(gap - added(at)) ** 2 * weight).sum())
+
+    lowest, highest = (float(np.log(hertz.max() * times)) for times in SETTINGS.modes_over_highest)
+    narrowest, broadest = (float(np.log(damping)) for damping in (SETTINGS.narrowest, SETTINGS.broadest))
+    middle = (narrowest + broadest) / 2
+    # steps as fine as a peak is wide meet one peak after the other
+    starts = [np.array([one, middle]) for one in np.arange(lowest, highest, np.exp(middle))]
+    bounds = [(lowest, highest), (narrowest, broadest)]
+    found = [minimize(left, one, method="Nelder-Mead", bounds=bounds, options={"maxiter": 100})
+             for one in sorted(starts, key=left)[: SETTINGS.resonance_starts]]  # fmt: skip
+    return model + added(min(found, key=lambda one: float(one.fun)).x)
 
 
 def _predicted(

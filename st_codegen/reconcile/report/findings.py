@@ -164,10 +164,11 @@ def share_text(finding: Finding, *, first: bool) -> str:
 def _numbers(effect: Effect, stderr: Mapping[str, float], before: Effect | None = None) -> tuple[str, ...]:
     """The parameters that matter, with standard errors; of a changed effect those that changed, old and new.
 
-    First those that changed clearly: the new rig has the others as well, and what it explains it explains with them.
+    First those that changed clearly, the surest before the others: the new rig has these as well, and what it explains
+    it explains with them.
     """
     old = {} if before is None else parameters_of(before, {})
-    listed, beside, turned = list[str](), list[str](), False
+    listed, sure, beside, turned = list[str](), list[float](), list[str](), False
     for key, now in parameters_of(effect, dict(stderr)).items():
         if "phase" in key:
             turn = now["value"] - old.get(key, now)["value"]
@@ -184,6 +185,9 @@ def _numbers(effect: Effect, stderr: Mapping[str, float], before: Effect | None 
                 beside.append(f"{key} {text}")
                 continue
         listed.append(f"{key} {text}")
+        sure.append(abs(value - (was or 0.0)) / error if error else 0.0)
+    if before is not None:
+        listed = [listed[i] for i in np.argsort(-np.array(sure), kind="stable")]
     if before is not None and not listed and not turned and len(beside) == 1:
         return tuple(beside)
     if before is not None and not listed:

@@ -72,7 +72,7 @@ def next_runs_summary(ahead: NextRuns, result: Reconciliation) -> str:
     count = f"{len(ahead.runs)} runs" if len(ahead.runs) > 1 else "1 run"
     text = f"Next measurement: {count} in next_runs.csv, the first at {at.speed_rpm:g} rpm, {at.torque_Nm:g} N m, "
     text += f"{at.temperature_C:g} degC, which {first.purpose}"
-    if {"torque", "misread_torque"} & {mistake.name for mistake in result.mistakes}:
+    if {"torque", "misread_torque"} & {mistake.name for mistake in result.mistakes if mistake.is_taken_out}:
         text += "; the torques are corrected ones, not those that the sensor shows"
     return text
 

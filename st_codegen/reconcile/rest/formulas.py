@@ -73,7 +73,7 @@ class _Rows:
 
     def tells(self, terms: Sequence[int]) -> bool:
         """Whether these rows determine the amplitudes of terms."""
-        ranks = [np.linalg.matrix_rank(gram[np.ix_(terms, terms)], 1e-8, hermitian=True) for gram in self.gram]
+        ranks = [np.linalg.matrix_rank(gram[np.ix_(terms, terms)], rtol=1e-10, hermitian=True) for gram in self.gram]
         return bool(min(ranks) == len(terms))
 
     def loss(self, terms: Sequence[int], amplitudes: ComplexArray) -> float:
