@@ -7,9 +7,9 @@ import warnings
 import numpy as np
 import pytest
 
-joblib = pytest.importorskip("joblib")
 pytest.importorskip("sklearn")
 
+import joblib
 from sklearn.cluster import KMeans
 from sklearn.compose import ColumnTransformer, TransformedTargetRegressor
 from sklearn.ensemble import (
