@@ -20,7 +20,7 @@ from sklearn.ensemble import (
     VotingRegressor,
 )
 from sklearn.feature_selection import SelectFromModel
-from sklearn.linear_model import LogisticRegression, Perceptron, Ridge, SGDClassifier
+from sklearn.linear_model import Lasso, LogisticRegression, Perceptron, Ridge, SGDClassifier
 from sklearn.neighbors import KNeighborsRegressor
 from sklearn.neural_network import MLPRegressor
 from sklearn.pipeline import make_pipeline
@@ -243,6 +243,14 @@ def test_what_fit_does_not_make_is_named(fitted, name):
     change(estimator)
     with pytest.raises(StCodegenError, match=message):
         from_estimator(estimator, "m")
+
+
+def test_a_linear_model_that_was_fitted_without_a_look_at_its_input_has_as_many_features_as_weights():
+    estimator = Lasso(alpha=0.1).fit(np.asfortranarray(X), Y, check_input=False)
+    assert not hasattr(estimator, "n_features_in_")
+    model = from_estimator(estimator, "model")
+    assert [feature.name for feature in model.ir.features] == ["f0", "f1", "f2"]
+    assert np.allclose(reference.evaluate(model.ir, X)[:, 0], estimator.predict(X), rtol=1e-12)
 
 
 def test_early_stopping_by_a_scorer_leaves_a_method_as_the_class_has_it(tmp_path):
