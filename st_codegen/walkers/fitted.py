@@ -7,6 +7,7 @@ lengths. A walker reads every attribute on which predictions depend through `Fit
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from types import MethodType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -31,9 +32,16 @@ class Fitted:
     def __init__(self, estimator: Any) -> None:
         self.estimator = estimator
         self.kind = type(estimator).__name__
-        hidden = sorted(vars(estimator).keys() & _of_class(type(estimator))) if hasattr(estimator, "__dict__") else []
+        own = vars(estimator) if hasattr(estimator, "__dict__") else {}
+        hidden = [name for name in sorted(own.keys() & _of_class(type(estimator))) if not self._is_own_method(name)]
         if hidden:
             raise self.fail(hidden[0], "hides what the class defines")
+
+    def _is_own_method(self, name: str) -> bool:
+        """Whether an attribute is the method that the class defines: scorers of early stopping put one back so."""
+        found = vars(self.estimator)[name]
+        same = isinstance(found, MethodType) and found.__self__ is self.estimator
+        return same and found.__func__ is getattr(type(self.estimator), name)
 
     def fail(self, name: str, message: str) -> InputError:
         """An error that names the attribute."""

@@ -9,16 +9,18 @@ import pytest
 
 pytest.importorskip("sklearn")
 
+import joblib
 from sklearn.cluster import KMeans
 from sklearn.compose import ColumnTransformer, TransformedTargetRegressor
 from sklearn.ensemble import (
     GradientBoostingRegressor,
+    HistGradientBoostingClassifier,
     HistGradientBoostingRegressor,
     RandomForestRegressor,
     VotingRegressor,
 )
 from sklearn.feature_selection import SelectFromModel
-from sklearn.linear_model import LogisticRegression, Perceptron, Ridge, SGDClassifier
+from sklearn.linear_model import Lasso, LogisticRegression, Perceptron, Ridge, SGDClassifier
 from sklearn.neighbors import KNeighborsRegressor
 from sklearn.neural_network import MLPRegressor
 from sklearn.pipeline import make_pipeline
@@ -28,9 +30,10 @@ from sklearn.tree import DecisionTreeRegressor
 from threadpoolctl import threadpool_limits
 
 from st_codegen.errors import InputError, StCodegenError
-from st_codegen.ir import digest
+from st_codegen.ir import digest, reference
+from st_codegen.project.bundle import load
 from st_codegen.walkers.fitted import Fitted
-from st_codegen.walkers.objects import from_estimator, load_skops
+from st_codegen.walkers.objects import from_estimator, load_pickle, load_skops
 from tests.fuzz.models import agrees
 from tests.fuzz.objects import mutant as mutant_of
 from tests.fuzz.process import Outcome, outcome
@@ -201,6 +204,7 @@ CASES = {
     "more classes than coefficients": ("svr", svr(_n_support=lambda v: np.ones(9, np.int32)), r"SVR._n_support: shape"),
     "fewer indices than vectors": ("svr", svr(support_=lambda v: v[1:]), r"SVR.support_: shape"),
     "a method that is hidden": ("svr", svr(predict=lambda v: 1), r"SVR.predict: hides what the class defines"),
+    "the method of another model": ("svr", svr(predict=copy.deepcopy), r"SVR.predict: hides what the class defines"),
     "texts": ("linear", svr(coef_=lambda v: v.astype(str)), r"Ridge.coef_: values of type <U32, expected numbers"),
     "another intercept": ("linear", svr(intercept_=lambda v: np.zeros(2)), r"Ridge.intercept_: shape \(2,\), expected"),
     "not a number": ("linear", svr(coef_=lambda v: v * np.nan), r"Ridge.coef_: number 0 is nan, not finite"),
@@ -239,6 +243,27 @@ def test_what_fit_does_not_make_is_named(fitted, name):
     change(estimator)
     with pytest.raises(StCodegenError, match=message):
         from_estimator(estimator, "m")
+
+
+def test_a_linear_model_that_was_fitted_without_a_look_at_its_input_has_as_many_features_as_weights():
+    estimator = Lasso(alpha=0.1).fit(np.asfortranarray(X), Y, check_input=False)
+    assert not hasattr(estimator, "n_features_in_")
+    model = from_estimator(estimator, "model")
+    assert [feature.name for feature in model.ir.features] == ["f0", "f1", "f2"]
+    assert np.allclose(reference.evaluate(model.ir, X)[:, 0], estimator.predict(X), rtol=1e-12)
+
+
+def test_early_stopping_by_a_scorer_leaves_a_method_as_the_class_has_it(tmp_path):
+    """scikit-learn replaces `_raw_predict` while it scores, and then puts the method back into the object."""
+    x = np.random.default_rng(0).normal(size=(200, 2))
+    estimator = HistGradientBoostingClassifier(early_stopping=True, scoring="accuracy", max_iter=20).fit(x, x[:, 0] > 0)
+    assert "_raw_predict" in vars(estimator)
+    joblib.dump(estimator, tmp_path / "model.joblib")
+    model = load_pickle(tmp_path / "model.joblib", "model", trusted=True)
+    assert np.array_equal(reference.evaluate(model.ir, x)[:, 0], estimator.predict(x))
+    assert digest(load({"model": estimator}).irs[0]) == digest(
+        load({"model": joblib.load(tmp_path / "model.joblib")}).irs[0]
+    )
 
 
 def test_the_threads_of_a_file_are_not_started(fitted):

@@ -270,6 +270,13 @@ def test_labels_of_several_outputs(tmp_path, tensor_type):
     assert np.mean(ours == model.predict(ROWS)) > 0.99
 
 
+def test_labels_of_several_outputs_that_are_texts_are_refused(tmp_path):
+    labels = np.column_stack([np.where(SINGLE > 0, "worn", "good"), np.where(SINGLE > 0.5, "hot", "cold")])
+    model = MultiOutputClassifier(LogisticRegression()).fit(X.astype(np.float64), labels)
+    with pytest.raises(UnsupportedModelError, match=r"joins labels that are texts; several labels of a row have to be"):
+        build.load(export(model), tmp_path)
+
+
 @pytest.mark.parametrize("name", COLUMNS)
 def test_columns_that_are_equal_to_the_bit(tmp_path, name):
     loaded = build.load(export(COLUMNS[name].fit(X)), tmp_path)

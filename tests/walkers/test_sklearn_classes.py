@@ -170,6 +170,17 @@ def test_probabilities_of_each_class_by_their_sum(name, tmp_path):
         assert (library[:, columns] == 1 / 3).all(axis=1).any()
 
 
+def test_the_first_of_two_probabilities_against_the_rest_is_what_the_second_leaves(tmp_path):
+    """The library takes 1 - p, whose last bits are not those of the small probability that the estimator has itself."""
+    estimator = fit(multiclass.OneVsRestClassifier(naive_bayes.GaussianNB()), X, X[:, 0] > np.median(X[:, 0]))
+    model = loaded(estimator)
+    rows = np.vstack([X, 9.0 * X[::-1]])
+    library, found = estimator.predict_proba(rows), reference.evaluate(model.ir, rows)[:, 1:]
+    assert np.all(np.abs(library - found) <= bounds.difference_bound(model.ir, rows)[:, 1:])
+    assert (library[:, 0] == 0.0).any() and ((library[:, 0] > 0.0) & (library[:, 0] < 1e-6)).any()
+    verified(model, tmp_path, rows=300)
+
+
 @pytest.mark.parametrize("name", NUMBERS)
 def test_linear_and_kernel_models_of_numbers(name):
     estimator, y = NUMBERS[name]

@@ -16,6 +16,7 @@ from sklearn.ensemble import AdaBoostRegressor, VotingRegressor
 from sklearn.gaussian_process import GaussianProcessClassifier, GaussianProcessRegressor
 from sklearn.gaussian_process import kernels as gp
 from sklearn.linear_model import LogisticRegression, Ridge
+from sklearn.metrics import DistanceMetric
 from sklearn.mixture import GaussianMixture
 from sklearn.model_selection import GridSearchCV
 from sklearn.multioutput import ClassifierChain, MultiOutputClassifier
@@ -396,6 +397,10 @@ def test_box_and_cox(tmp_path):
     [
         (KNeighborsRegressor(metric="canberra"), "metric='canberra'"),
         (KNeighborsRegressor(p=3), "metric='minkowski', p=3"),
+        (
+            KNeighborsRegressor(metric=DistanceMetric.get_metric("euclidean")),
+            "metric=the object EuclideanDistance64: supported",
+        ),
         (KNeighborsRegressor(weights=lambda d: d), "weights=a function"),
         (RadiusNeighborsRegressor(weights="distance"), "supported are uniform"),
         (GaussianProcessRegressor(gp.Exponentiation(gp.RBF(), 2), optimizer=None, alpha=1.0), "Exponentiation"),

@@ -264,6 +264,8 @@ def joined(walk: GraphWalk, parts: Sequence[Operand], axis: int) -> Operand:
     parts = [walk.numbered(part) for part in parts if 0 not in part.shape] or list(parts)
     if any(isinstance(part, PickedOperand) for part in parts):
         raise UnsupportedModelError("joins what TopK picks; sums and means of it are supported")
+    if any(isinstance(part, LabelOperand) for part in parts):
+        raise UnsupportedModelError("joins labels that are texts; several labels of a row have to be whole numbers")
     if len({(part.dtype, isinstance(part, Tensor) and part.given) for part in parts}) > 1:
         require_same_type(*parts)
     limits = [limit for part in parts if (limit := as_between(part)) is not None]

@@ -266,8 +266,9 @@ def _of_all(builder: GraphBuilder, probabilities: Sequence[int | None]) -> int |
     known = [probability for probability in probabilities if probability is not None]
     if len(known) < len(probabilities):
         return None
-    if len(known) == 1:
-        return shares_of(builder, known[0], equal=False)
+    if len(known) == 1:  # whose own first probability need not be 1 - p to the bit
+        second = builder.select([1], known[0])
+        return shares_of(builder, complement(builder, second), equal=False)
     return shares_of(builder, builder.beside(*(builder.select([1], one) for one in known)), equal=False)
 
 

@@ -91,6 +91,8 @@ def _features(estimator: Any) -> tuple[Feature, ...]:
     count = _first(estimator, "n_features_in_")
     if count is None and hasattr(estimator, "X_thresholds_"):  # IsotonicRegression takes one column and does not say so
         count = 1
+    if count is None and isinstance(weights := getattr(estimator, "__dict__", {}).get("coef_"), np.ndarray):
+        count = np.atleast_1d(weights).shape[-1]  # nor does ElasticNet after fit(.., check_input=False)
     if count is None:
         name = type(estimator).__name__
         for part in objects_in(estimator):  # a class of the user's own need not say it

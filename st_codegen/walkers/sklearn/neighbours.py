@@ -59,8 +59,10 @@ def _distances(fitted: Fitted, builder: GraphBuilder, value: int) -> tuple[int, 
         raise UnsupportedModelError(f"{fitted.kind} was fitted on a sparse matrix: fit it on a dense array")
     if metric not in ("euclidean", "l2", _LARGEST, *_SUMS) or not isinstance(rows, np.ndarray):
         power = f", p={fitted.get('p')}" if metric == "minkowski" else ""
+        said = repr(metric) if isinstance(metric, str) else f"the object {type(metric).__name__}"
         raise UnsupportedModelError(
-            f"{fitted.kind} with metric={metric!r}{power}: supported are Euclidean, Manhattan and Chebyshev distances"
+            f"{fitted.kind} with metric={said}{power}: supported are Euclidean, Manhattan and Chebyshev distances, by "
+            "their names"
         )
     # native code takes the metric from either name, and numbers beside it that it reads without a look
     given = fitted.get("metric")

@@ -19,6 +19,7 @@ from st_codegen.walkers.fitted import SPARSE, Fitted
 from st_codegen.walkers.sklearn.linear import block_sums, squares
 
 KERNELS = {name: Kernel(name.replace("poly", "polynomial")) for name in ("linear", "poly", "rbf", "sigmoid")}
+KERNELS["polynomial"] = Kernel.POLYNOMIAL  # which scikit-learn's kernel functions take for the same
 
 
 def weighted(builder: GraphBuilder, value: int, weights: Any, name: str, fitted: Fitted) -> int:
@@ -171,7 +172,7 @@ def walk_factors(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     triangles = np.maximum(order @ np.abs(lower) @ np.abs(upper), root @ root.T)
     size = np.abs(inverse)
     doubt = size @ (2 * rounding * triangles + apart)
-    if np.max(np.sum(doubt, axis=1)) >= 0.01:
+    if np.max(np.sum(doubt, axis=1), initial=0.0) >= 0.01:
         raise UnsupportedModelError("FactorAnalysis whose factors have no inverse in 64 bits: fewer n_components")
     value = builder.linear(builder.scale(value, "-", fitted.floats("mean_", (width,))), weights)
     return builder.add(Linear((value,), inverse.T, np.zeros(count), doubt=1.1 * (doubt @ size).T))
@@ -233,6 +234,8 @@ def walk_polynomial(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     In a sparse matrix it is the column behind it.
     """
     width, sparse = builder.width(value), builder.is_sparse(value)
+    if not fitted.integer("n_output_features_", 0, 2**31 - 1):  # of which the library's own `powers_` makes an error
+        return builder.held_like(value, builder.select([], value))
     powers = fitted.integers_of("powers_", fitted.estimator.powers_, (None, width), low=0, high=100)
     products = [tuple(np.repeat(np.arange(width), row).tolist()) for row in powers]
 
