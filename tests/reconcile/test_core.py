@@ -25,7 +25,7 @@ from st_codegen.reconcile.judge.errors import standard_errors
 from st_codegen.reconcile.judge.retuned import with_piece_held
 from st_codegen.reconcile.search.candidates import variants
 from st_codegen.reconcile.search.evidence import _p_of_chance
-from st_codegen.rig.effects import Conditions, Constants, catalogue
+from st_codegen.rig.effects import Conditions, Constants, Effect, Phasor, catalogue
 from st_codegen.rig.model import RigModel
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -262,6 +262,26 @@ def test_columns_of_the_orders_of_a_resonance_are_what_steps_of_each_size_change
         assert touched.tolist() == [[1], [2], []][c.place]
         assert step[:, touched] == pytest.approx(0.5 * c.scale * column, rel=1e-9)
         assert not np.delete(step, touched, axis=1).any()
+
+
+def test_a_wave_of_one_of_several_orders_has_its_sidebands():
+    """An effect of one's own may list orders whose waves come before the sidebands."""
+
+    class Listed(Effect):
+        name, title, orders_key = "listed_waves", "waves of several orders", "orders"
+        phasors = (Phasor("amplitude_deg", "phase_rad", "deg", 1, "their size"),)
+
+        def coefficient(self, at, order):
+            return self.complex_at("amplitude_deg", at, self.orders.index(order))
+
+    waves = Listed({"orders": (39, 80), "amplitude_deg": (1e-3, 2e-3), "phase_rad": (0.1, 0.2)}, CONSTANTS)
+    rig = RigModel(effects=(waves, effect("carrier_modulation", order=39, upper_ratio=0.5)))
+    data, piece = observed(rig, grid(), orders=(39, 42, 80)), piece_of(waves, added=False)
+    columns = Propagation(rig, data).columns(piece)
+    touched = {
+        c.place: data.orders[places].tolist() for c, (places, _) in zip(piece.coordinates(), columns, strict=True)
+    }
+    assert touched == {0: [39, 42], 1: [80]}
 
 
 def test_what_measuring_turns_is_all_that_the_rig_makes_sidebands_too():

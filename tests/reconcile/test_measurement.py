@@ -455,6 +455,18 @@ def test_a_load_behind_a_spring_is_no_filter(other):
     assert examine(lifts, RIG, PATH).mistakes == ()
 
 
+def test_an_order_of_zeros_alone_has_no_vote():
+    """What it would gain was no number: a load behind a spring was a filter beside it, against whatever was tried."""
+    data, order = measured(3e-6), 7
+    assert order not in data.orders
+    orders = np.append(data.orders, order)
+    f, side = orders * (data.at.speed_rpm / 60 / 81)[:, None] / 50.0, np.where(data.at.sign > 0, 1j, -1j)[:, None]
+    values = np.append(data.values, np.zeros((len(data), 1)), axis=1) * (1 + f**2 / (1 - f**2 + 0.06 * side * f))
+    kept = np.argsort(orders)
+    lifts = Observations(data.at, data.labels, orders[kept], values[:, kept])
+    assert sensors.any_filter(lifts, RIG) == []
+
+
 def test_two_mistakes_at_once_are_two_questions():
     for made, words in (
         (turned(measured().scaled(-1.0), -33.0), ("home_offset", "sign")),

@@ -13,7 +13,8 @@ from st_codegen.reconcile.core import reconcile_observations
 from st_codegen.reconcile.data.hum import Hum, without_waves_between
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs, sorted_by
 from st_codegen.reconcile.data.reading import _colour
-from st_codegen.reconcile.judge.lookalikes import OF_ONE_ORDER, OF_SPEED
+from st_codegen.reconcile.fit.target import FitData, groups_of
+from st_codegen.reconcile.judge.lookalikes import OF_ONE_ORDER, OF_SPEED, of_one_angle
 from st_codegen.reconcile.plan.next_runs import next_runs
 from st_codegen.reconcile.report.output import report
 from st_codegen.reconcile.report.sentences import floor_text, left_text, verdict_text
@@ -618,6 +619,39 @@ def test_a_delay_of_zero_in_the_rig_is_one_that_nobody_knew():
     (one,) = reconcile_observations(rig, observed(truth, grid(), sigma=5e-5), KNOWN).conclusions.retuned
     assert one.after.name == "measurement_delay"
     assert one.after.values["delay_us"] == pytest.approx(1000.0, abs=3 * one.stderr["delay_us"])
+
+
+def test_a_growth_of_zero_in_the_rig_is_known():
+    """Under one load an eccentric shaft that is 3e-3 deg off was 2.1e-3 +- 1.9e-3 and grew with the load."""
+    at, orders = grid(9, 1, 2).rows(slice(None)), (0, 1, 2, 3, 39, 40, 78)
+    at = replace(at, torque_Nm=np.full(len(at), 800.0))
+    others = [one for one in RIG.effects if one.name != "output_shaft_eccentricity"]
+    shaft = {"phase_rad": 0.4, "growth_per_kNm": 0.0}
+    rig, truth = (
+        RigModel(effects=(*others, effect("output_shaft_eccentricity", amplitude_deg=size, **shaft)))
+        for size in (2e-3, 3e-3)
+    )
+    (one,) = reconcile_observations(rig, observed(truth, at, orders, sigma=1e-4), KNOWN).conclusions.retuned
+    assert one.after.values["growth_per_kNm"] == 0.0
+    assert one.after.values["amplitude_deg"] == pytest.approx(3e-3, abs=4 * one.stderr["amplitude_deg"])
+    assert one.stderr["amplitude_deg"] < 3e-5
+
+
+@pytest.mark.parametrize("follows", [lambda load: load, np.abs, np.ones_like], ids=["load", "size of it", "nothing"])
+def test_a_bump_has_its_angle_whatever_its_size_follows(follows):
+    """Loads of both signs took the mean of one that follows them away."""
+    at = grid(4, 4, 1)
+    at = replace(at, torque_Nm=np.where(at.torque_Nm > 900.0, at.torque_Nm, at.torque_Nm - 1800.0))
+    assert at.torque_Nm.min() == -1800.0 and at.torque_Nm.max() == 1800.0
+    data = observed(RIG, at, (0, 1, 2, 3, 39))
+    bump = np.where(
+        np.isin(data.orders, (1, 2, 3)), 2e-4 * np.exp(-0.5 * (data.orders * 0.17) ** 2 - 0.7j * data.orders), 0
+    )
+    left = np.zeros_like(data.values)
+    target = FitData(data, np.full(left.shape, 1e-5), np.ones(len(at), bool), groups_of(at))
+    final = SimpleNamespace(target=target, residual=left, state=SimpleNamespace(rig=RIG))
+    assert of_one_angle(final, follows(at.torque_Nm / 1800.0)[:, None] * bump) == {1, 2, 3}
+    assert of_one_angle(final, left) == set()
 
 
 @pytest.mark.parametrize("is_of_one_angle", [True, False])

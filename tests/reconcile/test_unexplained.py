@@ -124,6 +124,16 @@ def test_three_torques_tell_no_law_of_three_terms():
     assert one.formula is None and main_cause(one.dependence) == "torque"
 
 
+@pytest.mark.parametrize("times", [1.0, 1e-3])
+def test_what_runs_tell_of_a_law_depends_on_no_unit(times):
+    """Of a gear of some N m no law was told, though its runs determine it as well as those of a large one."""
+    at = grid()
+    load = at.torque_Nm / 1600.0
+    (one,) = found(replace(at, torque_Nm=at.torque_Nm * times), {53: (1e-3 + 2e-3j * load**2) * TURN}).values()
+    assert set(one.formula.terms) == {"constant", "torque_square"}
+    assert abs(one.formula.terms["torque_square"][0]) * (1.6 * times) ** 2 == pytest.approx(2e-3, rel=0.02)
+
+
 def test_where_runs_cannot_tell_two_laws_the_simpler_one_is_given_and_the_other_is_said():
     at = grid()
     low = at.rows((at.torque_Nm >= 1600) & (at.speed_rpm > 800))

@@ -19,7 +19,7 @@ from st_codegen.reconcile.fit.propagation import Propagation
 from st_codegen.reconcile.fit.state import Piece, State
 from st_codegen.reconcile.fit.target import Column, FitData
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Effect, Form
+from st_codegen.rig.effects import Effect, Form, Stage
 
 
 @dataclass(frozen=True)
@@ -171,8 +171,9 @@ def _prior(state: State) -> tuple[FloatArray, FloatArray]:
                 if c.part:
                     of_back = c.key.startswith("backward_")
                     known = abs(piece.origin.complex_value(c.key.removeprefix("backward_"), of_back, c.place))
-                # a size of zero is one that nobody knew, or of what is not there
-                size = SETTINGS.prior * max(known, 1e-3 * c.scale) if known else c.scale
+                # a size of zero is one that nobody knew, or of what is not there; so is a delay, though it is a shape
+                is_open = not known and (c.linear or piece.effect.stage is Stage.MEASURING)
+                size = c.scale if is_open else SETTINGS.prior * max(known, 1e-3 * c.scale)
                 centre.append(believed)
             else:
                 size = c.scale

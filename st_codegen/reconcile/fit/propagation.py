@@ -70,7 +70,7 @@ class Propagation:
         # what a shape alone makes (a delay turns all orders) is no part of what a linear coordinate adds
         nothing = self.change(piece.unit()) if stage is Stage.MEASURING else 0.0
         # the size of one of several orders shows on that order alone: those of all orders are computed at once
-        is_by_order = piece.effect.orders_key == "orders" and self.data.angle_rad is None
+        is_by_order = stage is Stage.STRUCTURE and piece.effect.orders_key == "orders" and self.data.angle_rad is None
         sizes: dict[tuple[str, int], ComplexArray] = {}
         found = []
         for number, c in enumerate(coordinates):

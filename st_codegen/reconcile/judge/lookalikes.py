@@ -338,13 +338,16 @@ def of_one_angle(final: Fit, before: ComplexArray) -> set[int]:
         return set()
     moved = before - final.residual
     power, noise = ((np.abs(part[target.good]) ** 2).mean(axis=0) for part in (moved, target.sigma))
-    waves = np.array([moved[rows].mean(axis=0) for rows in data.at.by_direction(target.good)])
     found = set[int]()
     for k in data.orders[(power > noise * data.parts) & (data.orders > 0)]:
         near = (np.abs(data.orders - k) <= SETTINGS.reach_of_bell) & (data.orders > 0)
         if near.sum() >= SETTINGS.least_in_bell and (power > noise * data.parts)[near].all():
             centres = [0, *(set(final.state.rig.constants.mesh_orders()) & set(data.orders[near].tolist()))]
-            if min(_left_of_a_bell(data.orders[near] - c, waves[:, near]) for c in centres) < SETTINGS.form**2:
+            # whatever its size and sign in a run: what the runs of a direction have in common
+            sides = (moved[np.ix_(rows, near)] for rows in data.at.by_direction(target.good))
+            parts = (np.linalg.svd(side, full_matrices=False) for side in sides)
+            waves = np.array([size[0] * wave[0] for _, size, wave in parts])
+            if min(_left_of_a_bell(data.orders[near] - c, waves) for c in centres) < SETTINGS.form**2:
                 found |= set(data.orders[near].tolist())
     return found
 
@@ -357,7 +360,7 @@ def _left_of_a_bell(off: IntArray, waves: ComplexArray) -> float:
     widths, angles = np.radians(np.arange(2.0, 31.0)), np.radians(np.arange(360.0))
     bells = np.exp(-0.5 * (off * widths[:, None]) ** 2)[:, None, :] * np.exp(-1j * off * angles[:, None])
     along = np.abs(bells.conj() @ waves.T) ** 2 / (np.abs(bells) ** 2).sum(axis=2)[..., None]
-    return 1.0 - float(along.sum(axis=2).max()) / float((np.abs(waves) ** 2).sum())
+    return 1.0 - float(along.sum(axis=2).max()) / max(float((np.abs(waves) ** 2).sum()), 1e-300)
 
 
 def doubted(

@@ -329,7 +329,9 @@ def _with_a_mode(data: Observations, rig: RigModel, hertz: FloatArray) -> Comple
     """
     model = expected_of(data, rig)
     gap, turn = data.values - model, np.where(data.at.sign[:, None] > 0, 2j, -2j)
-    weight = np.where(data.orders > 0, 1.0 / (np.abs(gap) ** 2 + noise_power(data)).mean(axis=0), 0.0)
+    # where the rig makes nothing, a mode lifts nothing
+    whole = (np.abs(gap) ** 2 + noise_power(data)).mean(axis=0)
+    weight = np.where((data.orders > 0) & model.any(axis=0), 1.0 / np.maximum(whole, 1e-300), 0.0)
 
     def added(at: FloatArray) -> ComplexArray:
         frequency, damping = np.exp(at)

@@ -181,5 +181,7 @@ def agreed_gain(
         for part in (data.values - plain, data.values - seen, seen - plain)
     )
     left, right = (np.where(changed > sums.least, sums.beyond_noise(gap), sums.least) for gap in (before, after))
+    # an order of zeros alone has neither a gap nor noise
+    left, right = (np.maximum(part, 1e-300) for part in (left, right))
     better = gaps_fall(left, right, sums.least, SETTINGS.least_orders_of_zero)
     return float(np.log(left / right).mean()) if better else 0.0

@@ -95,7 +95,7 @@ def _group(group: list[Claim], result: Reconciliation) -> dict[str, Any]:
         effect = claim.piece.effect
         # an order may be raised by several resonances
         is_one_of_two = marks.count(mark) > 1 and "frequency_Hz" in effect.values
-        hertz = f" at {effect.scalar('frequency_Hz'):.1f} Hz" if is_one_of_two else ""
+        hertz = f" at {effect.scalar('frequency_Hz'):.4g} Hz" if is_one_of_two else ""
         suffix = f"[{mark}{hertz}]" if several and mark else ""
         for key, value in parameters_of(effect, claim.stderr).items():
             parameters[key + suffix] = value

@@ -119,12 +119,16 @@ class _Fold:
 
 @dataclass(frozen=True)
 class _Problem:
-    """The good runs of one order and what terms are at each: y complex (n,), sigma (n,), columns (n, m)."""
+    """The good runs of one order and what terms are at each: y complex (n,), sigma (n,), columns (n, m).
+
+    size: RMS of each term, (m,), by which its column is divided: what runs tell depends on no unit.
+    """
 
     at: Conditions
     y: ComplexArray
     sigma: FloatArray
     columns: FloatArray
+    size: FloatArray
     names: tuple[str, ...]
     parts: int
 
@@ -167,10 +171,9 @@ def formula_of(target: FitData, r: ComplexArray, column: int, floor: float) -> F
     at = target.data.at.rows(good)
     library = {name: term_values(name, at, target.reference_temperature_C) for name in TERMS}
     library = {name: values for name, values in library.items() if name == "constant" or np.ptp(values) > 1e-9}
-    problem = _Problem(
-        at, r[good], sigma, np.stack(list(library.values()), axis=1), tuple(library),
-        1 if target.data.orders[column] == 0 else 2,
-    )  # fmt: skip
+    values = np.stack(list(library.values()), axis=1)
+    size, parts = np.sqrt((values**2).mean(axis=0)), 1 if target.data.orders[column] == 0 else 2
+    problem = _Problem(at, r[good], sigma, values / size, size, tuple(library), parts)
     chosen = _held(problem, _search(problem.all, problem.names)[0])
     if not chosen:
         return None
@@ -280,7 +283,8 @@ def _formula(problem: _Problem, chosen: list[int], as_well: dict[int, list[int]]
     solved = problem.all.solved(chosen)
     by_term = problem.columns[:, chosen] * solved[np.searchsorted(np.unique(at.sign), at.sign)]
     values = by_term.sum(axis=1)
-    terms = {names[term]: (complex(solved[-1, i]), complex(solved[0, i])) for i, term in enumerate(chosen)}
+    sizes = solved / problem.size[chosen]
+    terms = {names[term]: (complex(sizes[-1, i]), complex(sizes[0, i])) for i, term in enumerate(chosen)}
     varying = [int(axis) for axis in np.flatnonzero(np.array([TERMS[name][0] for name in terms]).any(axis=0))]
     # 3 % of a power are a sixth of a size: what is called constant must be all of it, as far as it is shown
     is_whole = explains >= SETTINGS.formula_whole if varying else round(explains, 2) == 1.0

@@ -259,18 +259,23 @@ def is_one_that_stays(effect: Effect) -> bool:
 def are_two(one: Fit, two: Fit, *numbers: int) -> bool:
     """Whether two pieces of a fit are two resonances told by their peaks, and no part of one; one: the fit with that.
 
-    Each half width ends before the other one's begins, and of what one leaves of their orders they leave a small part:
-    what is left of one whose form is not quite an oscillator's is no second one.
+    Each half width ends before the other one's begins. In each direction both make more than the form of one may lack:
+    a mode of either direction is one whose speeds are read wrong. And of what one leaves of their orders, which is more
+    than noise, they leave a small part: what is left of one whose form is not quite an oscillator's is no second one.
     """
-    low, high = sorted((two.state.pieces[i].effect for i in numbers), key=lambda effect: effect.scalar("frequency_Hz"))
+    pieces = [two.state.pieces[i] for i in numbers]
+    low, high = sorted((piece.effect for piece in pieces), key=lambda effect: effect.scalar("frequency_Hz"))
     ends = [
         effect.scalar("frequency_Hz") * (1.0 + side * effect.scalar("damping_ratio"))
         for side, effect in ((1.0, low), (-1.0, high))
     ]
-    own = one.target.counts & np.isin(one.target.data.orders, low.orders)
-    noise = SETTINGS.tails * float((two.target.data.parts * one.target.sigma**2)[own].sum())
+    made = [np.abs(two.explained(piece.effect)) ** 2 for piece in pieces]
+    power = [[float(part[rows].sum()) for part in made] for rows in two.target.data.at.by_direction(two.target.good)]
+    own = one.target.counts & np.isin(one.target.data.orders, [*low.orders, *high.orders])
+    noise = float((one.target.data.parts * one.target.sigma**2 * own).sum())
     left = [max(float((np.abs(fitted.residual[own]) ** 2).sum()) - noise, 0.0) for fitted in (one, two)]
-    return ends[0] < ends[1] and left[1] < SETTINGS.left_of_one * left[0]
+    are_both = all(min(both) > SETTINGS.form**2 * max(both) for both in power)
+    return ends[0] < ends[1] and are_both and left[0] > noise and left[1] < SETTINGS.left_of_one * left[0]
 
 
 def two_that_stay(fitted: Fit, number: int) -> Fit:

@@ -136,8 +136,9 @@ def _two_in_place_of_one(without: Fit, one: Fit, number: int, judged: list[tuple
 
 def _with_two_in_place_of_one(current: Fit, judged: list[tuple[Candidate, Evidence]]) -> Fit | None:
     """The fit with two resonances in place of the first added one that is two, or None."""
+    lacking = current.target.data.orders[is_lacking(current.target, current.residual)]
     for number, piece in enumerate(current.state.pieces):
-        if piece.added and is_one_that_stays(piece.effect):
+        if piece.added and is_one_that_stays(piece.effect) and np.isin(piece.effect.orders, lacking).any():
             without = fit(current.target, current.state.without(number), steps=SETTINGS.quick_steps)
             if (two := _two_in_place_of_one(without, current, number, judged)) is not None:
                 return two
