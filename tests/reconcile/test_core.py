@@ -418,6 +418,7 @@ class Listed(Effect):
 '''
 
 
+@pytest.mark.thorough
 def test_effects_of_the_structure_need_no_frequency(tmp_path):
     own = tmp_path / "frame.py"
     own.write_text(OWN_STRUCTURE)

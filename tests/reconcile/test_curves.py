@@ -41,6 +41,7 @@ def clipped(_, angle, te):
     return angle, np.maximum(te, -0.09)
 
 
+@pytest.mark.thorough
 def test_orders_above_the_band_do_not_leak_out_of_a_gap(tmp_path, monkeypatch):
     """A quarter of 930 samples is 232; the rig has 237, 240 and 243, and nothing lies between 200 and 232."""
     found = read(tmp_path, monkeypatch, with_gap, TORQUES * 3)
@@ -48,6 +49,7 @@ def test_orders_above_the_band_do_not_leak_out_of_a_gap(tmp_path, monkeypatch):
     assert any("orders 237, 240, 243 of the rig" in text for text in found.not_looked_at)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("order", [260, 300, 380])
 def test_an_order_above_the_band_that_the_rig_lacks_does_not_leak_out_of_a_gap(tmp_path, monkeypatch, order):
     """With a gap at one angle in all curves it stood in thirty orders below; in the last runs it was a step of them."""

@@ -176,6 +176,7 @@ def of_curves(rig, at, orders, added, run=None):
     return reconcile_observations(rig, data, KNOWN)
 
 
+@pytest.mark.thorough
 def test_a_step_in_time_changes_no_parameter_and_no_zero():
     """Runs made again after half a day: half of the step was called a change of the pins, and of the encoders' zero."""
     at, orders = forms_grid(np.linspace(100, 1800, 6)), [0, 39, 40, 78, 117]
@@ -188,6 +189,7 @@ def test_a_step_in_time_changes_no_parameter_and_no_zero():
     assert set(said) == {0, 40} and all("a step of 0.0" in text for text in said.values())
 
 
+@pytest.mark.thorough
 def test_an_order_that_has_no_law_of_the_rig_changes_no_parameter_beside_it():
     """A wave that is there at high torques alone bent the tooth error and the growth with the load, and sidebands."""
     at, orders = forms_grid(np.linspace(100, 1800, 6)), [0, 36, 39, 40, 42, 78]
@@ -199,6 +201,7 @@ def test_an_order_that_has_no_law_of_the_rig_changes_no_parameter_beside_it():
     assert [one.order for one in result.unexplained] == [39]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_noise_that_lasts_over_ten_runs_changes_no_parameter(seed):
     """Ovality and friction were said to have changed: the mean of 144 such runs is that of eight."""
@@ -322,6 +325,7 @@ def test_a_changed_parameter_at_its_bound_is_no_finding():
         assert all(0.04 < value < 0.19 for value in said.values()) and bool(said) == (decay > 10)
 
 
+@pytest.mark.thorough
 def test_a_sideband_is_no_order_of_the_mesh():
     """A brake whose torque ripples once a turn: beside 77 and 79, order 80 was named, and one to grow with the load."""
     at, orders = forms_grid(np.linspace(100, 1800, 6)), [0, 39, 40, 76, 77, 78, 79, 80, 81, 82]
@@ -378,6 +382,7 @@ def test_lowest_orders_that_jump_are_said_to_count_as_noise():
     assert not any("within a turn" in text for text in said)
 
 
+@pytest.mark.thorough
 def test_the_size_of_a_step_is_that_of_the_residual_as_it_is():
     """With little noise it was that of the residual cut at five noises: 8e-6 deg for 0.004."""
     at, orders = forms_grid(np.linspace(100, 1800, 6)), [0, 39, 40, 78]

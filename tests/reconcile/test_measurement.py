@@ -205,6 +205,7 @@ def over_a_grid(speeds, torques, least_Nm=-1500.0, orders=ORDERS):
     return of_the_fast_shaft(Observations(at, labels(at), orders, values, spectral_deg=np.full(values.shape, 3e-6)))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("least_Nm", [-1500.0, 0.0])
 @pytest.mark.parametrize("grid", [(20, 6), (25, 10), (50, 10)])
 def test_the_other_shaft_is_told_from_runs_that_are_in_step_with_their_torques(grid, least_Nm):
@@ -212,6 +213,7 @@ def test_the_other_shaft_is_told_from_runs_that_are_in_step_with_their_torques(g
     assert [mistake.name for mistake in other_shaft(over_a_grid(*grid, least_Nm), RIG)] == ["shaft"]
 
 
+@pytest.mark.thorough
 def test_the_other_shaft_has_no_size_where_the_mean_was_not_looked_at():
     """It was turned by up to 0 deg."""
     whole, waves = (other_shaft(over_a_grid(20, 6, orders=orders), RIG) for orders in (ORDERS, ORDERS[ORDERS > 0]))
@@ -293,6 +295,7 @@ def of_runs(numbers):
     return np.tile(numbers, 2)[:, None]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("some", [True, False])
 def test_runs_with_a_zero_of_their_own_are_turned_back(some):
     random, data = np.random.default_rng(0), of_curves()
@@ -306,6 +309,7 @@ def test_runs_with_a_zero_of_their_own_are_turned_back(some):
     assert np.abs(back.values - data.values).max() < 1e-4
 
 
+@pytest.mark.thorough
 def test_zeros_of_single_runs_are_told_where_noise_hides_most_orders():
     """They were called an eccentricity of another size; what they turn too far to be told is not looked at."""
     data, angle = of_curves(1.5e-3), np.random.default_rng(1).uniform(1, 359, RUNS)
@@ -320,6 +324,7 @@ def test_zeros_of_single_runs_are_told_where_noise_hides_most_orders():
     assert np.abs(mean - before[kept]).max() < 5e-4
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("sigma", [4e-4, 1e-3])
 def test_one_order_with_another_phase_in_each_run_is_no_matter_of_the_zero(sigma):
     """A coupling that was mounted anew before each run turns its own order only."""
@@ -329,6 +334,7 @@ def test_one_order_with_another_phase_in_each_run_is_no_matter_of_the_zero(sigma
         assert examine(made, RIG, PATH).mistakes == ()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("start_deg", [0.0, 77.0])
 def test_a_drift_within_the_turn_is_taken_out_and_the_mean_is_not_looked_at(start_deg):
     data = of_curves()
@@ -477,6 +483,7 @@ def test_two_mistakes_at_once_are_two_questions():
         assert all(word in str(asked.value) for word in words)
 
 
+@pytest.mark.thorough
 def test_a_ramp_is_told_by_the_orders_that_stand_above_the_noise():
     """In noise only the lowest orders show it; a missing wave beside it has another phase."""
     sigma = 3e-4
@@ -845,6 +852,7 @@ def test_whole_waves_one_beside_the_other_and_bursts_are_no_wave_between_them():
         assert without_waves_between(turning([list(periods)] * 20, 1e-5), [0, 1, 40])[1] == ()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("sigma", [1e-5, 1e-4])
 def test_sidebands_of_an_order_whose_phase_another_wave_moves_are_no_wave_between_them(sigma):
     """Two of them beside each other were a wave of 79.9 periods, as of a bearing, in little noise and not in more."""
@@ -885,6 +893,7 @@ def test_torques_that_are_off_by_a_law_of_the_torque_may_be_the_machine(made, si
     assert ("then --accept as_is is right" in str(asked.value)) is is_a_law
 
 
+@pytest.mark.thorough
 def test_a_run_whose_torque_alone_is_read_wrong_has_the_label_of_no_other_run():
     """Where torques scatter one run is near the torque of another one, whose speed has no part in it."""
     data, random = of_curves(), np.random.default_rng(2)
@@ -910,6 +919,7 @@ def test_speeds_that_are_not_held_are_no_labels_of_other_runs():
     assert [one.name for one in examine(replace(data, values=right), RIG, PATH).mistakes] == []
 
 
+@pytest.mark.thorough
 def test_an_order_that_does_not_turn_hides_no_zero_of_the_others():
     """A reducer that is turned on its flange leaves the eccentricity of the encoder where it was."""
     data, sure = of_curves(3e-6), np.arange(RUNS) > 100

@@ -136,6 +136,7 @@ def test_what_is_not_claimed_is_not_called_claimed(result):
     assert all(not row[2].startswith("claimed") for row in ranking_section(without).table.rows)
 
 
+@pytest.mark.thorough
 def test_an_order_that_got_worse_is_shown_as_such(result, page):
     assert "worse than the old one" not in page
     worse = OrderGap(2, 1e-5, 3e-5, 1e-5, 3e-5)

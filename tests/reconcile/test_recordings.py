@@ -434,6 +434,7 @@ def _left_of_two_recordings(wave, last=1):
     return FitData(data, np.full((len(data), 1), 1e-4), np.ones(len(data), bool), groups_of(at)), data.values
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("wave", [39.77, 23.41, 57.3, 39.5])
 def test_a_wave_between_two_orders_is_found_once_and_by_its_own_number(wave):
     """It was noise: "nothing was found missing", with a floor of 13 times the noise."""
@@ -667,6 +668,7 @@ def test_corrections_of_recordings_are_refused(tmp_path):
     assert "recordings over time are not corrected" in _asked(tmp_path, {}, accept=("sign",))
 
 
+@pytest.mark.thorough
 def test_files_beside_recordings_are_named(tmp_path):
     """They were left out without a word."""
     rig = recorded(tmp_path / "r.csv")
@@ -704,6 +706,7 @@ def test_a_wave_that_grows_and_fades_has_its_whole_size():
     assert around == pytest.approx(750.0, rel=0.03)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "passed",
     [(100.0, 3000.0, 200.0, 0.12, 60.0), (200.0, 1500.0, 750.0, 0.02, 20.0), (1500.0, 200.0, 750.0, 0.03, 20.0)],
@@ -717,6 +720,7 @@ def test_a_resonance_that_is_passed_is_one_wave_and_orders_that_do_as_well_are_n
     assert one.rms_deg == pytest.approx(np.sqrt((left.real**2).mean()), rel=0.15)
 
 
+@pytest.mark.thorough
 def test_constant_waves_beside_a_resonance_and_beside_each_other_stay():
     target, left = _left_of_a_resonance(200.0, 1500.0, 750.0, 0.12, 20.0, [(37, 3e-3)])
     found = {one.order: one.rms_deg for one in lines_in_samples(target, left)}
@@ -764,6 +768,7 @@ def test_where_few_samples_hold_what_is_left_is_said():
     assert "of 120 deg of the output" in said(bump)
 
 
+@pytest.mark.thorough
 def test_a_zero_beside_a_mean_that_moves_may_be_something_else():
     """A step in mid-recording was called another zero of the encoders, without a doubt."""
     count = 3000

@@ -111,6 +111,7 @@ def test_a_block_of_runs_with_a_factor_is_left_out():
     assert "block of 40 runs is 0.5 times" in examined.mistakes[0].text
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("share", [0.02, 0.1, 0.3])
 @pytest.mark.parametrize("of", [measured, of_curves])
 def test_curves_with_another_sign_are_left_out(share, of):
@@ -139,6 +140,7 @@ def test_runs_with_exchanged_directions_are_left_out(share):
     assert "ward," not in mistake.text and "ward)" not in mistake.text
 
 
+@pytest.mark.thorough
 def test_loads_of_the_other_sign_may_bear_on_the_other_flanks():
     """Where the flank follows the load, runs that the load drives look as if their directions were exchanged."""
     data = measured()

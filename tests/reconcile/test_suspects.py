@@ -214,6 +214,7 @@ def test_runs_beside_each_other_that_stay_what_they_are(why):
     assert not noise.beside and {row for row, _ in noise.suspects} == set(rows)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("places", [(2, 3, 4), (5, 30, 55)], ids=["at small loads", "anywhere"])
 def test_runs_far_off_beside_each_other_are_called_unexplained_and_not_bad(places):
     """Where flanks come apart at small loads; the orders were a sixteenth as large, of all other runs."""

@@ -828,6 +828,7 @@ def test_no_pair_of_neighbours_comes_twice():
         assert len(pairs) == len({frozenset(pair) for pair in pairs.tolist()})
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("loud", "is_even"),
     [
