@@ -347,10 +347,17 @@ def _with_a_mode(data: Observations, rig: RigModel, hertz: FloatArray) -> Comple
     narrowest, broadest = (float(np.log(damping)) for damping in (SETTINGS.narrowest, SETTINGS.broadest))
     middle = (narrowest + broadest) / 2
     # steps as fine as a peak is wide meet one peak after the other
-    starts = [np.array([one, middle]) for one in np.arange(lowest, highest, np.exp(middle))]
+    width = float(np.exp(middle))
+    starts = [np.array([one, middle]) for one in np.arange(lowest, highest, width)]
     bounds = [(lowest, highest), (narrowest, broadest)]
-    found = [minimize(left, one, method="Nelder-Mead", bounds=bounds, options={"maxiter": 100})
-             for one in sorted(starts, key=left)[: SETTINGS.resonance_starts]]  # fmt: skip
+    # a part of a logarithm, the usual first step, depends on the unit of the frequency
+    steps = np.array([[0.0, 0.0], [width, 0.0], [0.0, (broadest - narrowest) / 4]])
+    found = [
+        minimize(
+            left, one, method="Nelder-Mead", bounds=bounds, options={"maxiter": 100, "initial_simplex": one + steps}
+        )
+        for one in sorted(starts, key=left)[: SETTINGS.resonance_starts]
+    ]
     return model + added(min(found, key=lambda one: float(one.fun)).x)
 
 
