@@ -33,7 +33,7 @@ from st_codegen.reconcile.search.plausible import (
 from st_codegen.reconcile.search.states import in_their_forms
 from st_codegen.reconcile.search.surroundings import is_of_its_place, stands_out
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Catalogue
+from st_codegen.rig.effects import Catalogue, Effect
 
 
 def search(
@@ -116,9 +116,8 @@ def _two_in_place_of_one(without: Fit, one: Fit, number: int, judged: list[tuple
 
     Where one leaves much of its orders, two are tried: both against the fit without any, the second against the one.
     """
-    lacking = one.target.data.orders[is_lacking(one.target, one.residual)]
     effect = one.state.pieces[number].effect
-    if not is_one_that_stays(effect) or not set(effect.orders) & set(lacking.tolist()):
+    if not is_one_that_stays(effect) or not _lack(one, effect):
         return None
     two: Fit | None = two_that_stay(one, number)
     for place in (number, len(one.state.pieces)):
@@ -136,13 +135,18 @@ def _two_in_place_of_one(without: Fit, one: Fit, number: int, judged: list[tuple
 
 def _with_two_in_place_of_one(current: Fit, judged: list[tuple[Candidate, Evidence]]) -> Fit | None:
     """The fit with two resonances in place of the first added one that is two, or None."""
-    lacking = current.target.data.orders[is_lacking(current.target, current.residual)]
     for number, piece in enumerate(current.state.pieces):
-        if piece.added and is_one_that_stays(piece.effect) and np.isin(piece.effect.orders, lacking).any():
+        if piece.added and is_one_that_stays(piece.effect) and _lack(current, piece.effect):
             without = fit(current.target, current.state.without(number), steps=SETTINGS.quick_steps)
             if (two := _two_in_place_of_one(without, current, number, judged)) is not None:
                 return two
     return None
+
+
+def _lack(current: Fit, effect: Effect) -> bool:
+    """Whether orders of an effect keep more than noise."""
+    lacking = is_lacking(current.target, current.residual)
+    return bool(np.isin(current.target.data.orders[lacking], effect.orders).any())
 
 
 def _next(
