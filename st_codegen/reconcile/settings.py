@@ -168,8 +168,6 @@ class Settings:
     #: factors on the highest measured frequency between which a mode that may look like a filter is looked for: below,
     #: it shows in orders that are slow and hardly lifted; above, its flank is that of one at the end of the range
     modes_over_highest: tuple[float, float] = (0.05, 2.0)
-    #: damping ratio below which no effect of the structure may be (its bound in the catalogue)
-    narrowest: float = 0.003
     #: share of a size that sensors are wrong by, within which each order must want it: numbers of a rig that are wrong
     #: by a tenth want any
     of_a_size: float = 0.25
@@ -488,7 +486,7 @@ class Settings:
     #: share of what one height of all loads leaves that a height of a resonance which follows the load may leave
     left_of_height: float = chosen(0.5, OTHERS)
     #: share of what one resonance leaves of its orders that two beside each other may leave
-    left_of_one: float = chosen(0.05, OTHERS)
+    left_of_one: float = chosen(0.05, CATALOGUE)
     #: loss by which another name may be worse and still be as good a name: 1 in 1000 by chance for one parameter
     as_good: float = 11.0
     #: count; other names that are fitted in full

@@ -20,6 +20,7 @@ from st_codegen.reconcile.mistakes.single_runs import Mistake
 from st_codegen.reconcile.mistakes.votes import agreed_gain, expected_of, noise_power, told_power
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
+from st_codegen.rig.effects.resonance import StructuralResonance
 from st_codegen.rig.model import RigModel
 
 _GAIN = "all torques seem to be {:.3g} times what they were: most orders that depend on the load agree"
@@ -344,7 +345,8 @@ def _with_a_mode(data: Observations, rig: RigModel, hertz: FloatArray) -> Comple
         return float((np.abs(gap - added(at)) ** 2 * weight).sum())
 
     lowest, highest = (float(np.log(hertz.max() * times)) for times in SETTINGS.modes_over_highest)
-    narrowest, broadest = (float(np.log(damping)) for damping in (SETTINGS.narrowest, SETTINGS.broadest))
+    least = next(scalar.lower for scalar in StructuralResonance.scalars if scalar.key == "damping_ratio")
+    narrowest, broadest = (float(np.log(damping)) for damping in (least, SETTINGS.broadest))
     middle = (narrowest + broadest) / 2
     # steps as fine as a peak is wide meet one peak after the other
     width = float(np.exp(middle))

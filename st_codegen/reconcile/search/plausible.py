@@ -261,8 +261,11 @@ def are_two(one: Fit, two: Fit, *numbers: int) -> bool:
 
     Each half width ends before the other one's begins. In each direction both make more than the form of one may lack:
     a mode of either direction is one whose speeds are read wrong. And of what one leaves of their orders, which is more
-    than noise, they leave a small part: what is left of one whose form is not quite an oscillator's is no second one.
+    than noise, they leave a small part: what is left of one whose form is not quite an oscillator's is no second one. A
+    dozen runs tell one peak by its form alone, and would follow two of any form.
     """
+    if one.target.data.few_points:
+        return False
     pieces = [two.state.pieces[i] for i in numbers]
     low, high = sorted((piece.effect for piece in pieces), key=lambda effect: effect.scalar("frequency_Hz"))
     ends = [

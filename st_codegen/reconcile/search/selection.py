@@ -114,11 +114,10 @@ def _one_in_place_of_two(current: Fit, known: Catalogue, judged: list[tuple[Cand
 def _two_in_place_of_one(without: Fit, one: Fit, number: int, judged: list[tuple[Candidate, Evidence]]) -> Fit | None:
     """The fit with two resonances beside each other in place of the one of a number that stays, or None.
 
-    Where one leaves much of its orders, two are tried: both against the fit without any, the second against the one. A
-    dozen runs tell one peak by its form alone, and would follow two of any form.
+    Where one leaves much of its orders, two are tried: both against the fit without any, the second against the one.
     """
     effect = one.state.pieces[number].effect
-    if one.target.data.few_points or not is_one_that_stays(effect) or not _lack(one, effect):
+    if not is_one_that_stays(effect) or not _lack(one, effect):
         return None
     two: Fit | None = two_that_stay(one, number)
     for place in (number, len(one.state.pieces)):

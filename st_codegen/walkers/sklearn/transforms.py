@@ -19,7 +19,6 @@ from st_codegen.walkers.fitted import SPARSE, Fitted
 from st_codegen.walkers.sklearn.linear import block_sums, squares
 
 KERNELS = {name: Kernel(name.replace("poly", "polynomial")) for name in ("linear", "poly", "rbf", "sigmoid")}
-KERNELS["polynomial"] = Kernel.POLYNOMIAL  # which scikit-learn's kernel functions take for the same
 
 
 def weighted(builder: GraphBuilder, value: int, weights: Any, name: str, fitted: Fitted) -> int:
@@ -412,7 +411,8 @@ def add_kernels(fitted: Fitted, builder: GraphBuilder, value: int, vectors: Floa
     return builder.add(
         KernelSum(
             inputs=(value,),
-            kernel=fitted.choice("kernel", KERNELS),
+            # the kernel functions, though no SVC, take the long name for the same
+            kernel=fitted.choice("kernel", KERNELS | {"polynomial": Kernel.POLYNOMIAL}),
             support_vectors=vectors,
             coefficients=weights,
             intercept=np.zeros(len(weights)),
