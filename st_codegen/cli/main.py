@@ -135,6 +135,8 @@ def main(arguments: list[str] | None = None) -> NoReturn:
     except click.exceptions.Abort:
         _fail("stopped", _INTERRUPTED)
     except click.ClickException as error:
+        if isinstance(error, click.MissingParameter):
+            error = _of_all_missing(error)
         with contextlib.suppress(OSError):
             error.show()
             show_codes(codes_of(error))
@@ -153,6 +155,16 @@ def main(arguments: list[str] | None = None) -> NoReturn:
             ("STC9001",),
         )
     sys.exit(code or 0)
+
+
+def _of_all_missing(error: click.MissingParameter) -> click.ClickException:
+    """Name every required parameter that was left out; click, which takes those that are given first, names one."""
+    context = error.ctx
+    if context is None:
+        return error
+    missing = [each for each in context.command.params if each.required and each.name not in context.params]
+    named = [click.MissingParameter(ctx=context, param=each).format_message() for each in missing]
+    return click.UsageError("\n".join(named), context)
 
 
 def _system_message(error: OSError) -> str:

@@ -161,6 +161,9 @@ def test_folders_and_generated_code(lone_folder, tmp_path, monkeypatch, capsys):
     assert refused(capsys, "m.h5").count("m.h5") == 1
     assert "no generated files; run st-codegen generate" in refused(capsys, "prove", lone_folder, "-g", "nowhere")
     assert "Missing argument 'NEW'" in refused(capsys, "diff", "empty")
+    missing = refused(capsys, "simulate", "motion", "--rig", "rig.toml")
+    assert all(f"Missing option '{name}'." in missing for name in ("--models", "--profile", "--out"))
+    assert "--rig" not in missing
     unused = refused(capsys, "diff", "empty", "empty", "--trust-pickle", "--features", "3")
     assert "--trust-pickle, --features: without effect on folders that are generated" in unused
     (lone_folder / "st-codegen.toml").write_text("")
