@@ -79,6 +79,12 @@ def test_two_inputs_of_one_name_are_refused():
         input_variables((Feature("lt_max"), Feature("Input_lt_max")))
 
 
+def test_a_feature_that_makes_no_name_may_be_named_in_a_file():
+    """Nothing told who compiled a lone file that there is another way than to train the model again."""
+    with pytest.raises(InputError, match=r"printable ASCII characters only, or name it in a folder's st-codegen\.toml"):
+        input_variables((Feature("Öl_degC"),))
+
+
 def test_other_variables_of_such_names_are_refused():
     block = Block("FB_A", ("x",), variables=(BlockVariable("eFault", "DINT"),))
     with pytest.raises(InputError, match="FB_A: eFault"):

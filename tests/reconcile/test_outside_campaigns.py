@@ -671,3 +671,21 @@ def test_a_bump_in_a_table_of_three_low_orders_may_be_one(is_of_one_angle):
     changed = retuned(reconcile_observations(rig, data, KNOWN))
     assert set(changed) == {"output_shaft_eccentricity", "output_shaft_ovality", "crank_misalignment"}
     assert ("something_else" in changed["crank_misalignment"].alternatives) == is_of_one_angle
+
+
+def test_sidebands_of_a_resonance_are_no_resonances_at_frequencies_of_their_own():
+    """An angle that wobbles 40 times a turn makes orders 200 and 280 of order 240: modes at 50 and 70 Hz beside 60."""
+    at = grid(16, 4, 1)
+    rig = RigModel(effects=(*RIG.effects, effect("pin_error", order=40, amplitude_deg=2e-3, phase_rad=0.5)))
+    orders = (0, 1, 2, 3, 39, 40, 78, 200, 240, 280)
+    data = observed(rig, at, orders, sigma=1e-6)
+    ratio = 240 * at.speed_rpm / 60 / 81 / 60.0
+    loud = 4e-4 * np.exp(1j) / (1 - ratio**2 + 0.06j * ratio)
+    turned = 0.5j * 240 * np.radians(2e-3) * np.exp(0.5j)
+    values = data.values.copy()
+    values[:, -2] += loud
+    values[:, -1] += loud * turned
+    values[:, -3] -= loud * np.conj(turned)
+    result = reconcile_observations(rig, replace(data, values=values), KNOWN)
+    modes = [one for one in result.new_rig.effects if one.name == "structural_resonance"]
+    assert [float(mode.scalar("frequency_Hz")) for mode in modes] == pytest.approx([60.0], rel=0.01)

@@ -220,7 +220,11 @@ def input_variables(features: tuple[Feature, ...]) -> tuple[BlockVariable, ...]:
     problems = Problems()
     for feature in features:
         with problems.collect():
-            name = feature.variable or f"f{capitalised(identifier(feature.name, 'feature name', 'f'))}"
+            try:
+                name = feature.variable or f"f{capitalised(identifier(feature.name, 'feature name', 'f'))}"
+            except InputError as error:
+                way = "or name it in a folder's st-codegen.toml, which st-codegen init writes"
+                raise InputError(f"{error}, {way}") from None
             if name.lower() in variables:
                 raise InputError(
                     f"feature '{feature.name}': its input would be called {name}, as that of another feature: "

@@ -199,7 +199,7 @@ def law_holds(without: Fit, fitted: Fit, number: int) -> bool:
         own = np.isin(target.data.orders, piece.effect.orders)
         is_one = beats_waves(without, fitted, own, np.ones((len(target.data), 1)))
         is_one = is_one and is_where_it_moves(fitted, piece) and not _is_of_one_speed(fitted, piece)
-        is_one = is_one and lost_over_the_speed(fitted, piece.effect) > -1.0
+        is_one = is_one and lost_over_the_speed(fitted, piece.effect) > -1.0 and not _copies(without, fitted, piece)
         return is_one and leaves_less_than_two(fitted, number)
     if piece.effect.stage is not Stage.MODULATION:
         return True
@@ -220,6 +220,22 @@ def _is_of_one_speed(fitted: Fit, piece: Piece) -> bool:
     others |= {order for one in peaks for order in one.effect.orders}
     seen = fitted.residual + sum((fitted.explained(one.effect) for one in peaks), np.zeros_like(fitted.residual))
     return is_of_one_speed(fitted.target, seen, piece.effect, sorted(others - {0, *piece.effect.orders}))
+
+
+def _copies(without: Fit, fitted: Fit, piece: Piece) -> bool:
+    """Whether the loudest order of a resonance may as well be a louder one, at another frequency, times a factor.
+
+    As a wave that turns or scales another one makes of it: such orders are loud at its speeds, at no frequency of
+    their own.
+    """
+    values, orders = fitted.target.data.values, fitted.target.data.orders
+    loudest = int(np.argmax(fitted.target.losses(fitted.explained(piece.effect)).sum(axis=0)))
+    varies = sum(values[rows].var(axis=0) * len(rows) for rows in fitted.target.data.at.by_direction())
+    apart = np.abs(orders / orders[loudest] - 1.0) > 2.0 * piece.effect.scalar("damping_ratio")
+    own, once = np.arange(len(orders)) == loudest, np.ones(len(values))
+    others = (values[:, other] for other in np.flatnonzero(apart & (varies > varies[loudest])))
+    laws = (np.stack([once, other / np.abs(other).max()], axis=1) for other in others)
+    return not all(beats_waves(without, fitted, own, of_other) for of_other in laws)
 
 
 def is_where_it_moves(fitted: Fit, piece: Piece) -> bool:
@@ -305,7 +321,7 @@ def two_that_stay(fitted: Fit, number: int) -> Fit:
     return min(two, key=lambda one: one.loss)
 
 
-def beats_waves(without: Fit, fitted: Fit, own: BoolArray, laws: FloatArray) -> bool:
+def beats_waves(without: Fit, fitted: Fit, own: BoolArray, laws: FloatArray | ComplexArray) -> bool:
     """Whether a fit explains orders clearly better than waves of these orders and of each direction that follow laws.
 
     own: bool (K,); laws: (n, m), what the waves may be made of over the operating points.
