@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -27,6 +27,7 @@ from st_codegen.walkers.base import (
 from st_codegen.walkers.classes import numbers_of
 from st_codegen.walkers.limits import MAX_COLUMNS
 from st_codegen.walkers.sklearn.native import check_native, objects_in
+from st_codegen.walkers.sklearn.overwritten import check_rows_are_kept
 
 
 def load_object(estimator: Any, name: str) -> LoadedModel:
@@ -39,6 +40,7 @@ def load_object(estimator: Any, name: str) -> LoadedModel:
     features = _features(estimator)
     builder = GraphBuilder(len(features))
     result = walk_any(estimator, builder, 0)
+    check_rows_are_kept(estimator)
     if isinstance(result, Classified) and not hasattr(estimator, "decision_function"):
         result = replace(result, decision=None)  # XGBClassifier has margins, a Pipeline that ends in it has none
     if isinstance(result, Estimated) and not hasattr(_last(estimator), "L_"):  # whose predict takes no return_std
@@ -149,23 +151,26 @@ def _predictor(estimator: Any, result: Walked) -> Predictor:
     names = _first(estimator, "feature_names_in_")
     compute = estimator.predict if hasattr(estimator, "predict") else estimator.transform
 
+    def answer(method: Callable[..., Any], x: FloatArray, **options: bool) -> Any:
+        # each call has rows of its own: a step with copy=False writes into those that it is given
+        return method(_with_names(x.copy(), names), **options)
+
     def predict(x: FloatArray) -> FloatArray:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
-            rows = _with_names(x, names)
             if isinstance(result, Estimated) and OutputKind.RECONSTRUCTION in result.kinds:
-                return _reconstructed(estimator, rows)
+                return _reconstructed(estimator, _with_names(x.copy(), names))
             if isinstance(result, Estimated) and result.on_demand is not None:
-                return np.hstack([np.reshape(part, (len(x), -1)) for part in compute(rows, return_std=True)])
-            found = compute(rows)
+                return np.hstack([np.reshape(part, (len(x), -1)) for part in answer(compute, x, return_std=True)])
+            found = answer(compute, x)
             if not isinstance(result, Classified):
                 dense = found.toarray() if hasattr(found, "toarray") else found
                 return np.asarray(dense, np.float64).reshape(len(x), -1)
             parts = [numbers_of(result.labels, found)]
             if result.probability is not None:
-                parts.append(np.asarray(estimator.predict_proba(rows), np.float64))
+                parts.append(np.asarray(answer(estimator.predict_proba, x), np.float64))
             if result.decision is not None:
-                parts.append(np.asarray(estimator.decision_function(rows), np.float64).reshape(len(x), -1))
+                parts.append(np.asarray(answer(estimator.decision_function, x), np.float64).reshape(len(x), -1))
             return np.hstack(parts)
 
     return predict
