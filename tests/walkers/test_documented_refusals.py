@@ -133,6 +133,13 @@ REFUSED = {
             ),
             "supported are 'sigmoid' and 'isotonic'",
         ),
+        "scalers and imputers with copy=False where other parts of the model read the same rows (the library writes "
+        "into them)": (
+            lambda: pipeline.make_union(preprocessing.StandardScaler(copy=False), preprocessing.MinMaxScaler()).fit(
+                X.copy()
+            ),
+            "which writes into rows that other parts of the model read",
+        ),
         "ClassifierChain by `predict_log_proba`": (
             lambda: multioutput.ClassifierChain(naive_bayes.GaussianNB(), chain_method="predict_log_proba").fit(
                 X, LABELS
