@@ -363,6 +363,37 @@ def test_files_of_older_versions(path: Path, assert_same: Any) -> None:
         assert_same(model, bound=single_precision if link else None)
 
 
+def test_a_forest_of_an_older_version_computes_as_it_did(tmp_path: Path) -> None:
+    """XGBoost 1.5 saves labels and `missing`, and no trees per round: 3.2 would take the first of three trees."""
+    path = DATA / "xgboost-1.5.2-logistic-forest.json"
+    model = walker.load_file(path, "model")
+    assert ensemble(model).n_trees == 3
+    assert model.ir.classes is not None
+    notes = ["predicts as XGBClassifier.predict", "missing values: NaN and 0"]
+    labels = "classes 0, 1, .. are the labels 10, 20 of the library that saved the file"
+    assert model.ir.source.notes == (*notes, labels)
+    x = np.array([[-1.62, 1.9], [1.62, 2.89], [0.51, -1.64], [0.5, 1.4], [0.0, 1.9], [np.nan, 0.0]])
+    booster = xgb.Booster(model_file=str(path))
+    expected = booster.predict(xgb.DMatrix(x, missing=0.0))
+    np.testing.assert_allclose(expected[:4], [0.58613783, 0.789949, 0.53298753, 0.6448296], rtol=1e-6)  # by 1.5.2
+    np.testing.assert_allclose(reference.evaluate(model.ir, x)[:, 2], expected, rtol=1e-6)
+    np.testing.assert_allclose(model.predict(x)[:, 2], expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["XGBClassifier", "XGBRFClassifier"])
+def test_a_classifier_of_version_1_3_is_one(kind: str, tmp_path: Path) -> None:
+    """Its files have the name of the class and not the kind of the estimator."""
+    x, y = table()
+    path = tmp_path / "model.json"
+    train({"objective": "binary:logitraw"}, matrix(x, label=y > np.median(y))).save_model(path)
+    document = json.loads(path.read_text())
+    document["learner"]["attributes"] = {"scikit_learn": json.dumps({"type": kind})}
+    path.write_text(json.dumps(document))
+    model = walker.load_file(path, "model")
+    assert model.ir.classes is not None
+    assert "predicts as XGBClassifier.predict" in model.ir.source.notes
+
+
 def test_vector_leaves_of_older_versions_are_refused() -> None:
     """XGBoost 3.2 dereferences a missing field of these files and dies."""
     with pytest.raises(UnsupportedModelError, match=r"trees\[0\]\.leaf_weights: missing; .* before XGBoost 3\.2"):
