@@ -380,6 +380,26 @@ def test_a_forest_of_an_older_version_computes_as_it_did(tmp_path: Path) -> None
     np.testing.assert_allclose(model.predict(x)[:, 2], expected, rtol=1e-6)
 
 
+@pytest.mark.parametrize("objective", ["binary:logistic", "count:poisson"])
+def test_a_gblinear_file_of_before_1_5_is_read_as_it_was(objective: str, tmp_path: Path, assert_same: Any) -> None:
+    """It has no number of rounds; XGBoost 3.2 then takes the base score for the margin."""
+    x, y = table()
+    path = tmp_path / "model.json"
+    booster = train(
+        {"booster": "gblinear", "objective": objective, "base_score": 0.7}, matrix(x, label=y > np.median(y))
+    )
+    booster.save_model(path)
+    expected = booster.predict(matrix(x))
+    document = json.loads(path.read_text())
+    del document["learner"]["gradient_booster"]["model"]["boosted_rounds"]
+    path.write_text(json.dumps(document))
+    model = walker.load_file(path, "model")
+    np.testing.assert_allclose(
+        reference.evaluate(model.ir, x)[:, -1 if model.ir.classes is None else 2], expected, 1e-6
+    )
+    assert_same(model, bound=single_precision)
+
+
 @pytest.mark.parametrize("kind", ["XGBClassifier", "XGBRFClassifier"])
 def test_a_classifier_of_version_1_3_is_one(kind: str, tmp_path: Path) -> None:
     """Its files have the name of the class and not the kind of the estimator."""

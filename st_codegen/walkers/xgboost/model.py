@@ -101,7 +101,16 @@ def load_file(path: Path, name: str) -> LoadedModel:
         if path.suffix.lower() == ".json" and catboost.is_export(data):
             return catboost.load(data, name, path)
         model = loads(data, binary=path.suffix.lower() == ".ubj")
-        return _loaded(model, _path_of(model), name, lambda: _load_booster(path))
+        return _loaded(model, _path_of(model), name, lambda: _load_booster(path, _with_rounds(model, data)))
+
+
+def _with_rounds(model: BoosterModel, data: bytes) -> bytearray | None:
+    """A gblinear file of before XGBoost 1.5 with rounds: without them 3.2 adds the base score before its link."""
+    if model.booster != "gblinear" or b"boosted_rounds" in data:
+        return None
+    document = json.loads(data)
+    document["learner"]["gradient_booster"]["model"]["boosted_rounds"] = 1
+    return bytearray(json.dumps(document).encode())
 
 
 def load_object(estimator: Any, name: str) -> LoadedModel:
@@ -258,11 +267,11 @@ def _loaded(
     return LoadedModel(made, predict)
 
 
-def _load_booster(path: Path) -> Any:
+def _load_booster(path: Path, data: bytearray | None = None) -> Any:
     xgboost = extra_package("xgboost", "xgboost", f"the prediction of {path.name} by XGBoost")
     with errors_name(path.name):
         booster = xgboost.Booster()
-        _load(lambda: booster.load_model(str(path)))
+        _load(lambda: booster.load_model(data or str(path)))
         # on a busy machine, threads that wait for each other cost more than they save
         booster.set_param("nthread", "1")
     return booster
