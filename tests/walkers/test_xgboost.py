@@ -380,6 +380,22 @@ def test_a_forest_of_an_older_version_computes_as_it_did(tmp_path: Path) -> None
     np.testing.assert_allclose(model.predict(x)[:, 2], expected, rtol=1e-6)
 
 
+@pytest.mark.parametrize("told", [{"best_ntree_limit": "6"}, {"parallel": 3}, {"parallel": 10**30}, {}])
+def test_the_best_rounds_of_a_file_that_does_not_count_them(told: dict[str, Any], tmp_path: Path) -> None:
+    """XGBoost 1.3 saves the trees per round with the estimator alone, 1.4 and 1.5 the trees of the best rounds, too."""
+    x, y = table()
+    path = tmp_path / "model.json"
+    train({"num_parallel_tree": 3, "subsample": 0.5}, matrix(x, label=y), rounds=4).save_model(path)
+    document = json.loads(path.read_text())
+    model = document["learner"]["gradient_booster"]["model"]
+    del model["iteration_indptr"], model["gbtree_model_param"]["num_parallel_tree"]
+    saved = {"type": "XGBRegressor", "num_parallel_tree": told.pop("parallel", None)}
+    document["learner"]["attributes"] = {"best_iteration": "1", "scikit_learn": json.dumps(saved), **told}
+    path.write_text(json.dumps(document))
+    expected = 6 if told or saved["num_parallel_tree"] == 3 else 2
+    assert ensemble(walker.load_file(path, "model")).n_trees == expected
+
+
 @pytest.mark.parametrize("objective", ["binary:logistic", "count:poisson"])
 def test_a_gblinear_file_of_before_1_5_is_read_as_it_was(objective: str, tmp_path: Path, assert_same: Any) -> None:
     """It has no number of rounds; XGBoost 3.2 then takes the base score for the margin."""

@@ -219,8 +219,8 @@ def _missing(given: Any) -> float:
 def _path_of(model: BoosterModel) -> _Path:
     """How the library that saved a file predicts, by what the file says of it.
 
-    Files of XGBoost 1.0 to 1.5 hold the parameters of the estimator, but not how many trees a round has: they say how
-    many trees the best rounds have, and newer versions, which read neither, take fewer of a random forest.
+    Files of XGBoost 1.0 to 1.7 hold the parameters of the estimator. Those to 1.5 have no trees per round elsewhere: newer
+    versions, which do not read the parameters, take fewer trees.
     """
     if "scikit_learn" not in model.attributes:
         return _Path(sklearn=False)
@@ -231,9 +231,12 @@ def _path_of(model: BoosterModel) -> _Path:
     saved = saved if isinstance(saved, dict) else {}
     classifier = saved.get("_estimator_type") == "classifier" or str(saved.get("type")).endswith("Classifier")
     missing, labels, best = saved.get("missing"), saved.get("classes_"), _best_round(model)
-    trees = model.attributes.get("best_ntree_limit", "")
-    if best is not None and trees.isdecimal() and len(trees) <= 9:
-        ends = np.flatnonzero(model.round_starts[1:] == int(trees) * (int(model.tree_output.max()) + 1))
+    if best is not None:
+        text, parallel = model.attributes.get("best_ntree_limit", ""), saved.get("num_parallel_tree")
+        trees = (best + 1) * (parallel if isinstance(parallel, int) else 0)
+        if text.isdecimal() and len(text) <= 9:
+            trees = int(text)
+        ends = np.flatnonzero(model.round_starts[1:] == trees * (int(model.tree_output.max()) + 1))
         best = max([best, *ends[:1].tolist()])
     return _Path(
         True,
