@@ -219,8 +219,8 @@ def _missing(given: Any) -> float:
 def _path_of(model: BoosterModel) -> _Path:
     """How the library that saved a file predicts, by what the file says of it.
 
-    Files of XGBoost 1.0 to 1.7 hold the parameters of the estimator. Those to 1.5 have no trees per round elsewhere: newer
-    versions, which do not read the parameters, take fewer trees.
+    Files of XGBoost 1.0 to 1.7 hold the parameters of the estimator. Those to 1.5 have no trees per round elsewhere:
+    newer versions, which do not read the parameters, take fewer trees.
     """
     if "scikit_learn" not in model.attributes:
         return _Path(sklearn=False)
