@@ -218,6 +218,22 @@ def test_truth_values_together(tmp_path, op_type):
     agree(build.load(model, tmp_path), rows(np.random.default_rng(6)))
 
 
+@pytest.mark.parametrize("op_type", ["And", "Or", "Xor"])
+@pytest.mark.parametrize("operands", [["below", "mask"], ["mask", "below"]])
+def test_truth_values_and_a_constant_mask(tmp_path, op_type, operands):
+    nodes = [
+        helper.make_node("Less", ["X", "C"], ["below"]),
+        helper.make_node(op_type, operands, ["T"]),
+        helper.make_node("Cast", ["T"], ["Y"], to=FLOAT),
+    ]
+    constants = [constant("C", [0.5, 0.0, -1.0]), constant("mask", [[True, False, True], [False, False, True]], bool)]
+    model = graph_model(nodes, [info("X", (None, 3))], [info("Y", None)], constants)
+    model.graph.input[0].type.tensor_type.shape.dim[0].dim_value = 1
+    loaded = build.load(model, tmp_path)
+    assert loaded.ir.exact
+    agree(loaded, rows(np.random.default_rng(6)))
+
+
 @DTYPES
 def test_the_truth_of_a_number_is_that_it_is_not_zero(tmp_path, elem_type):
     """NaN and infinities, of which no sum or difference is taken in the libraries, are refused."""

@@ -173,9 +173,37 @@ def test_inputs_that_cannot_be_features(tmp_path):
     assert "is of FLOAT16" in inputs_of(tmp_path, info("X", (None, 1), TensorProto.FLOAT16))
     assert "at most 65536 features" in inputs_of(tmp_path, info("X", (None, 2**40)))
     assert "two inputs 'X'" in inputs_of(tmp_path, info("X", (None, 1)), info("X", (None, 1)))
-    assert "the graph has no inputs" in inputs_of(tmp_path)
+    assert "the graph has no inputs, so that its outputs are constants" in inputs_of(tmp_path)
     sequence = helper.make_tensor_sequence_value_info("X", FLOAT, (None, 1))
-    assert "input 'X' is not a tensor" in inputs_of(tmp_path, sequence)
+    assert "input 'X' is not a tensor; export the model with tensors as inputs" in inputs_of(tmp_path, sequence)
+    assert "or say --features N" in inputs_of(tmp_path, info("X", (None, None)))
+    for given in ((sequence,), (info("X", (None, 0)),), (info("X", None),), (info("X", (None, None, None)),), ()):
+        advice = inputs_of(tmp_path, *given)  # --features would not help
+        assert "--features" not in advice
+        assert "damaged" not in advice
+
+
+def test_truth_values_as_an_output_may_be_cast(tmp_path):
+    greater = helper.make_node("Greater", ["X", "C"], ["Y"])
+    half = [constant("C", [0.5])]
+    alone = graph_model([greater], [info("X", (None, 2))], [info("Y", None, TensorProto.BOOL)], half)
+    assert "holds truth values; cast it to float, or leave it out" in refused(alone, tmp_path)
+    nodes = [greater, helper.make_node("Cast", ["Y"], ["Z"], to=FLOAT)]
+    build.load(graph_model(nodes, [info("X", (None, 2))], [info("Z", None)], half), tmp_path)
+
+
+def test_a_branch_that_gives_a_list_of_tensors_is_not_called_damaged(tmp_path):
+    made = helper.make_node("SequenceConstruct", ["X"], ["S"])
+    branch = helper.make_graph([made], "branch", [], [helper.make_tensor_sequence_value_info("S", FLOAT, None)])
+    chosen = helper.make_node("If", ["truth"], ["Y"], then_branch=branch, else_branch=branch)
+    nodes = [
+        helper.make_node("ReduceSum", ["X"], ["total"], keepdims=0),
+        helper.make_node("Cast", ["total"], ["truth"], to=TensorProto.BOOL),
+        chosen,
+    ]
+    outputs = [helper.make_tensor_sequence_value_info("Y", FLOAT, None)]
+    message = refused(graph_model(nodes, [info("X", (1, 2))], outputs), tmp_path)
+    assert "a result of the body is no tensor, or is not computed" in message
 
 
 def test_integers_without_a_cast_are_refused(tmp_path):

@@ -363,6 +363,73 @@ def test_files_of_older_versions(path: Path, assert_same: Any) -> None:
         assert_same(model, bound=single_precision if link else None)
 
 
+def test_a_forest_of_an_older_version_computes_as_it_did(tmp_path: Path) -> None:
+    """XGBoost 1.5 saves labels and `missing`, and no trees per round: 3.2 would take the first of three trees."""
+    path = DATA / "xgboost-1.5.2-logistic-forest.json"
+    model = walker.load_file(path, "model")
+    assert ensemble(model).n_trees == 3
+    assert model.ir.classes is not None
+    notes = ["predicts as XGBClassifier.predict", "missing values: NaN and 0"]
+    labels = "classes 0, 1, .. are the labels 10, 20 of the library that saved the file"
+    assert model.ir.source.notes == (*notes, labels)
+    x = np.array([[-1.62, 1.9], [1.62, 2.89], [0.51, -1.64], [0.5, 1.4], [0.0, 1.9], [np.nan, 0.0]])
+    booster = xgb.Booster(model_file=str(path))
+    expected = booster.predict(xgb.DMatrix(x, missing=0.0))
+    np.testing.assert_allclose(expected[:4], [0.58613783, 0.789949, 0.53298753, 0.6448296], rtol=1e-6)  # by 1.5.2
+    np.testing.assert_allclose(reference.evaluate(model.ir, x)[:, 2], expected, rtol=1e-6)
+    np.testing.assert_allclose(model.predict(x)[:, 2], expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("told", [{"best_ntree_limit": "6"}, {"parallel": 3}, {"parallel": 10**30}, {}])
+def test_the_best_rounds_of_a_file_that_does_not_count_them(told: dict[str, Any], tmp_path: Path) -> None:
+    """XGBoost 1.3 saves the trees per round with the estimator alone, 1.4 and 1.5 the trees of the best rounds, too."""
+    x, y = table()
+    path = tmp_path / "model.json"
+    train({"num_parallel_tree": 3, "subsample": 0.5}, matrix(x, label=y), rounds=4).save_model(path)
+    document = json.loads(path.read_text())
+    model = document["learner"]["gradient_booster"]["model"]
+    del model["iteration_indptr"], model["gbtree_model_param"]["num_parallel_tree"]
+    saved = {"type": "XGBRegressor", "num_parallel_tree": told.pop("parallel", None)}
+    document["learner"]["attributes"] = {"best_iteration": "1", "scikit_learn": json.dumps(saved), **told}
+    path.write_text(json.dumps(document))
+    expected = 6 if told or saved["num_parallel_tree"] == 3 else 2
+    assert ensemble(walker.load_file(path, "model")).n_trees == expected
+
+
+@pytest.mark.parametrize("objective", ["binary:logistic", "count:poisson"])
+def test_a_gblinear_file_of_before_1_5_is_read_as_it_was(objective: str, tmp_path: Path, assert_same: Any) -> None:
+    """It has no number of rounds; XGBoost 3.2 then takes the base score for the margin."""
+    x, y = table()
+    path = tmp_path / "model.json"
+    booster = train(
+        {"booster": "gblinear", "objective": objective, "base_score": 0.7}, matrix(x, label=y > np.median(y))
+    )
+    booster.save_model(path)
+    expected = booster.predict(matrix(x))
+    document = json.loads(path.read_text())
+    del document["learner"]["gradient_booster"]["model"]["boosted_rounds"]
+    path.write_text(json.dumps(document))
+    model = walker.load_file(path, "model")
+    np.testing.assert_allclose(
+        reference.evaluate(model.ir, x)[:, -1 if model.ir.classes is None else 2], expected, 1e-6
+    )
+    assert_same(model, bound=single_precision)
+
+
+@pytest.mark.parametrize("kind", ["XGBClassifier", "XGBRFClassifier"])
+def test_a_classifier_of_version_1_3_is_one(kind: str, tmp_path: Path) -> None:
+    """Its files have the name of the class and not the kind of the estimator."""
+    x, y = table()
+    path = tmp_path / "model.json"
+    train({"objective": "binary:logitraw"}, matrix(x, label=y > np.median(y))).save_model(path)
+    document = json.loads(path.read_text())
+    document["learner"]["attributes"] = {"scikit_learn": json.dumps({"type": kind})}
+    path.write_text(json.dumps(document))
+    model = walker.load_file(path, "model")
+    assert model.ir.classes is not None
+    assert "predicts as XGBClassifier.predict" in model.ir.source.notes
+
+
 def test_vector_leaves_of_older_versions_are_refused() -> None:
     """XGBoost 3.2 dereferences a missing field of these files and dies."""
     with pytest.raises(UnsupportedModelError, match=r"trees\[0\]\.leaf_weights: missing; .* before XGBoost 3\.2"):

@@ -105,8 +105,7 @@ AGE = "nAge"
 _AGE = "calls since the outputs were valid, 0: they are; 2147483647: never, or so many"
 
 
-def _output(model: ModelIR, number: int) -> BlockVariable:
-    name = model.variables[number]
+def _output(model: ModelIR, number: int, name: str) -> BlockVariable:
     if model.classes is not None and number == 0:
         return BlockVariable(name, "DINT", comment="number of the class; its label stands above")
     unit = "".join(f", {port.unit}" for port in model.ports[number : number + 1] if port.unit)
@@ -152,7 +151,7 @@ def _equality(model: ModelIR) -> str:
 def model_outputs(model: ModelIR) -> tuple[BlockVariable, ...]:
     """The class of a classifier, the numbers, bValid, bInRange and bPlausible where inputs and outputs have ranges."""
     return (
-        *(_output(model, number) for number in range(len(model.outputs))),
+        *(_output(model, number, name) for number, name in enumerate(model.variables)),
         BlockVariable("bValid", "BOOL", comment="the outputs belong to the inputs of this call"),
         *([BlockVariable("bInRange", "BOOL", comment=_in_range_text(model))] if is_ranged(model) else []),
         *(

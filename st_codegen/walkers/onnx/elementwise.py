@@ -502,11 +502,18 @@ def _joined_truths(call: NodeCall) -> Operand:
     function, code = _JOINED[call.node.op_type]
     if (known := _folded(call, function)) is not None:
         return known
-    pair = [_logical(call.required(number)) for number in (0, 1)]
-    shape = np.broadcast_shapes(pair[0].shape, pair[1].shape)
-    one, other = (call.walk.settle(side.moved(lambda array: np.broadcast_to(array, shape))) for side in pair)
-    found = call.walk.builder.combine(one, code, other)
-    return _truths(call.walk, call.walk.builder.function(found, "abs") if function is np.logical_xor else found, shape)
+    walk, pair = call.walk, [_flags(call.walk, call.required(number)) for number in (0, 1)]
+    found = require_tensor(combined(walk, code, *pair))
+    value = walk.settle(found)
+    return _truths(walk, walk.builder.function(value, "abs") if function is np.logical_xor else value, found.shape)
+
+
+def _flags(walk: GraphWalk, operand: Operand) -> Operand:
+    """Truth values, also constant ones (a mask), as the numbers 0 and 1."""
+    if isinstance(operand, ConstantOperand) and operand.dtype == TRUTH:
+        return ConstantOperand(operand.array.astype(FLOAT64))
+    tensor = _logical(operand)
+    return walk.computed(walk.settle(tensor), tensor.shape, FLOAT64)
 
 
 def choice_of(call: NodeCall) -> Operand:

@@ -70,7 +70,7 @@ def _known(operand: Operand | None, what: str) -> int | None:
 
 def _present(operand: Operand | None) -> Operand:
     if operand is None:
-        raise InputError("a result of the body is not computed; the model file is damaged")
+        raise UnsupportedModelError("a result of the body is no tensor, or is not computed; tensors are supported")
     return operand
 
 

@@ -136,7 +136,7 @@ def _inputs(graph: onnx.GraphProto, problems: Problems) -> list[GraphInput]:
     if len(inputs) > 1 and stated_features() not in (None, sum(given.size for given in inputs)):
         problems.add(f"--features {stated_features()}: {len(inputs)} inputs have more; export them with fixed shapes")
     if not inputs and not problems.errors:
-        problems.add("the graph has no inputs; the model file is damaged")
+        problems.add("the graph has no inputs, so that its outputs are constants; a block needs at least one input")
     return inputs
 
 
@@ -161,9 +161,9 @@ def _reads_integers(graph: onnx.GraphProto) -> bool:
 
 def _row_shape(info: onnx.ValueInfoProto, name: str) -> tuple[tuple[int, ...], int]:
     """The shape of an input for one row, whose batch dimension, if there is one, is 1; and the rows to try at once."""
-    advice = "export the model with a fixed number of columns, such as FloatTensorType([None, 3]), or say --features N"
+    advice = "export the model with a fixed number of columns, such as FloatTensorType([None, 3])"
     if info.type.WhichOneof("value") != "tensor_type":
-        raise UnsupportedModelError(f"input '{name}' is not a tensor; {advice}")
+        raise UnsupportedModelError(f"input '{name}' is not a tensor; export the model with tensors as inputs")
     if not info.type.tensor_type.HasField("shape"):
         raise UnsupportedModelError(f"input '{name}' has no shape, so the number of features is not known; {advice}")
     dims = [dim.dim_value if dim.HasField("dim_value") else -1 for dim in info.type.tensor_type.shape.dim]
@@ -182,6 +182,7 @@ def _row_shape(info: onnx.ValueInfoProto, name: str) -> tuple[tuple[int, ...], i
             raise InputError(f"--features {features}: input '{name}' of shape {shown} takes a multiple of {known}")
         return tuple(features // known if length < 0 else length for length in dims), batch
     if any(length < 0 for length in dims):
+        advice += ", or say --features N" if dims.count(-1) == 1 else ""
         raise UnsupportedModelError(f"input '{name}' of shape {shown}: the number of features is not known; {advice}")
     return tuple(dims), batch
 

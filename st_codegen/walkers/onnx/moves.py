@@ -155,7 +155,7 @@ def _scatter(call: NodeCall) -> Operand:
     operand, positions, parts = call.required(), call.positions(), call.required(2)
     shape, reduction = operand.shape, call.node.text("reduction", "none")
     if reduction != "none":
-        raise UnsupportedModelError(f"the reduction {printable(reduction)}; add what is to be added with Add")
+        raise UnsupportedModelError(f"the reduction {printable(reduction)}; elements are put in place without one")
     axis, taken = 0, positions.ndim == len(shape) and positions.shape == parts.shape
     if call.node.op_type != "ScatterND":
         axis = axis_of(call.node.integer("axis"), len(shape))

@@ -41,7 +41,7 @@ from st_codegen.walkers.onnx.operands import (
 _BY_ROWS = frozenset({"Identity", "Sub", "Abs", "Pow", "ReduceSum", "ReduceSumSquare"})
 
 
-@operator("Scan", 8, 9, 11, 16, 19, 21, 23, 24, 25)
+@operator("Scan", 9, 11, 16, 19, 21, 23, 24, 25)
 def _scan(call: NodeCall) -> Result:
     body = call.node.attributes["body"].g
     row, rows = call.required(), call.required(1)

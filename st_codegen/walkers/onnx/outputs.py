@@ -97,7 +97,7 @@ def _check_type(info: onnx.ValueInfoProto, name: str, tensor: Tensor) -> None:
     computed = None if tensor.dtype == TRUTH else np_dtype_to_tensor_dtype(tensor.dtype)
     if computed is None or tensor.given:
         kind = "the integers of an input" if tensor.given else "truth values"
-        raise UnsupportedModelError(f"the output '{name}' holds {kind}; leave it out of the graph")
+        raise UnsupportedModelError(f"the output '{name}' holds {kind}; cast it to float, or leave it out of the graph")
     if declared not in (computed, TensorProto.UNDEFINED):  # onnxruntime infers a type that is not declared
         raise UnsupportedModelError(
             f"the output '{name}' is declared as {type_name(declared)}, its operator computes {type_name(computed)}, "

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import ctypes
 import ctypes.util
+import json
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -76,6 +77,7 @@ class _Path:
     classifier: bool = False
     missing: float = math.nan
     best_round: int | None = None
+    labels: tuple[Any, ...] = ()
 
     @property
     def sentinel(self) -> float | None:
@@ -99,10 +101,16 @@ def load_file(path: Path, name: str) -> LoadedModel:
         if path.suffix.lower() == ".json" and catboost.is_export(data):
             return catboost.load(data, name, path)
         model = loads(data, binary=path.suffix.lower() == ".ubj")
-        sklearn = "scikit_learn" in model.attributes
-        classifier = '"classifier"' in model.attributes.get("scikit_learn", "")
-        way = _Path(sklearn, classifier, best_round=_best_round(model) if sklearn else None)
-        return _loaded(model, way, name, lambda: _load_booster(path))
+        return _loaded(model, _path_of(model), name, lambda: _load_booster(path, _with_rounds(model, data)))
+
+
+def _with_rounds(model: BoosterModel, data: bytes) -> bytearray | None:
+    """A gblinear file of before XGBoost 1.5 with rounds: without them 3.2 adds the base score before its link."""
+    if model.booster != "gblinear" or b"boosted_rounds" in data:
+        return None
+    document = json.loads(data)
+    document["learner"]["gradient_booster"]["model"]["boosted_rounds"] = 1
+    return bytearray(json.dumps(document).encode())
 
 
 def load_object(estimator: Any, name: str) -> LoadedModel:
@@ -194,11 +202,49 @@ def _model_of(estimator: Any) -> tuple[BoosterModel, _Path]:
     if booster is estimator:
         return model, _Path(sklearn=False)
     classifier = type(estimator).__name__ in ("XGBClassifier", "XGBRFClassifier")
-    missing = math.nan if estimator.missing is None else float(estimator.missing)
+    return model, _Path(True, classifier, _missing(estimator.missing), _best_round(model))
+
+
+def _missing(given: Any) -> float:
+    try:
+        missing = math.nan if given is None else float(given)
+    except OverflowError:
+        missing = math.inf
     with np.errstate(over="ignore"):
         if np.isinf(np.float32(missing)):
             raise UnsupportedModelError(f"missing={missing}: use NaN or a finite number for missing values")
-    return model, _Path(True, classifier, missing, _best_round(model))
+    return missing
+
+
+def _path_of(model: BoosterModel) -> _Path:
+    """How the library that saved a file predicts, by what the file says of it.
+
+    Files of XGBoost 1.0 to 1.7 hold the parameters of the estimator. Those to 1.5 have no trees per round elsewhere:
+    newer versions, which do not read the parameters, take fewer trees.
+    """
+    if "scikit_learn" not in model.attributes:
+        return _Path(sklearn=False)
+    try:
+        saved = json.loads(model.attributes["scikit_learn"])
+    except (ValueError, RecursionError):
+        saved = None
+    saved = saved if isinstance(saved, dict) else {}
+    classifier = saved.get("_estimator_type") == "classifier" or str(saved.get("type")).endswith("Classifier")
+    missing, labels, best = saved.get("missing"), saved.get("classes_"), _best_round(model)
+    if best is not None:
+        text, parallel = model.attributes.get("best_ntree_limit", ""), saved.get("num_parallel_tree")
+        trees = (best + 1) * (parallel if isinstance(parallel, int) else 0)
+        if text.isdecimal() and len(text) <= 9:
+            trees = int(text)
+        ends = np.flatnonzero(model.round_starts[1:] == trees * (int(model.tree_output.max()) + 1))
+        best = max([best, *ends[:1].tolist()])
+    return _Path(
+        True,
+        classifier,
+        _missing(missing if isinstance(missing, int | float) else None),
+        best,
+        tuple(labels) if classifier and isinstance(labels, list) else (),
+    )
 
 
 def _best_round(model: BoosterModel) -> int | None:
@@ -224,11 +270,11 @@ def _loaded(
     return LoadedModel(made, predict)
 
 
-def _load_booster(path: Path) -> Any:
+def _load_booster(path: Path, data: bytearray | None = None) -> Any:
     xgboost = extra_package("xgboost", "xgboost", f"the prediction of {path.name} by XGBoost")
     with errors_name(path.name):
         booster = xgboost.Booster()
-        _load(lambda: booster.load_model(str(path)))
+        _load(lambda: booster.load_model(data or str(path)))
         # on a busy machine, threads that wait for each other cost more than they save
         booster.set_param("nthread", "1")
     return booster
@@ -338,6 +384,9 @@ def _source(model: BoosterModel, way: _Path) -> ir.Source:
     notes = [f"predicts as {_caller(way)}"]
     if way.sentinel is not None:
         notes.append(f"missing values: NaN and {way.sentinel:.9g}")
+    if way.labels not in ((), tuple(range(len(way.labels)))):
+        named = ", ".join(str(label) for label in way.labels[:20])
+        notes.append(f"classes 0, 1, .. are the labels {named} of the library that saved the file")
     rounds = len(model.round_starts) - 1
     if way.best_round is not None and way.best_round + 1 < rounds:
         notes.append(f"early stopping: the first {way.best_round + 1} of {rounds} rounds are used")

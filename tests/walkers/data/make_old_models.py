@@ -41,6 +41,10 @@ def write_xgboost() -> None:
     train("logistic", xgb.DMatrix(x[:, :2], label=y / y.max()), objective="reg:logistic")
     if version >= (1, 4):
         train("pruned", numbers, tree_method="exact", max_depth=4, gamma=30.0)
+    if version < (1, 6):
+        forest = xgb.XGBRFClassifier(n_estimators=3, max_depth=2, n_jobs=1, missing=0.0, random_state=1)
+        forest.fit(np.nan_to_num(x[:, :2]), np.where(y > 4, 20, 10))
+        forest.save_model(str(HERE / f"xgboost-{xgb.__version__}-logistic-forest.json"))
     if version >= (1, 6):
         coded = xgb.DMatrix(x, label=y, feature_types=["q", "q", "c"], enable_categorical=True)
         train("category", coded, tree_method="hist", suffix="ubj")
