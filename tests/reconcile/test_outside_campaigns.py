@@ -19,7 +19,7 @@ from st_codegen.reconcile.plan.next_runs import next_runs
 from st_codegen.reconcile.report.output import report
 from st_codegen.reconcile.report.sentences import floor_text, left_text, verdict_text
 from st_codegen.reconcile.report.summary import summary
-from st_codegen.reconcile.rest.structure import floors, noise_within
+from st_codegen.reconcile.rest.structure import floors, noise_within, scatter
 from st_codegen.reconcile.rest.unexplained import of_a_hum, signatures
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
@@ -147,8 +147,18 @@ def test_where_every_order_is_loud_the_noise_above_the_band_is_not_theirs():
     """Coloured noise of a dent in all orders was that of the samples above: a fifth of it."""
     target, residual = curves_over_runs({}, sigma=4e-5)
     far = replace(target, data=replace(target.data, samples=80, spectral_deg=np.full(residual.shape, 1e-5)))
-    assert np.isinf(noise_within(far)[6:]).all() and np.isfinite(noise_within(far)[:6]).all()
+    assert noise_within(far) == pytest.approx([1e-5] * 6 + [4e-5] * 15)
     assert floors(far, residual, np.full(21, 4e-5))[6:] == pytest.approx(4e-5, rel=0.01)
+
+
+def test_one_order_louder_than_all_others_from_run_to_run_is_no_noise():
+    """A wave that is not locked to the output counted as noise where drifts made every order loud."""
+    target, residual = curves_over_runs({}, sigma=4e-5)
+    residual[:, 12] *= 20.0
+    sigma = target.sigma.copy()
+    sigma[:, 12] *= 20.0
+    data = replace(target.data, samples=80, spectral_deg=np.full(residual.shape, 1e-5))
+    assert scatter(replace(target, data=data, sigma=sigma), residual).tolist() == [12]
 
 
 @pytest.mark.parametrize(("times", "is_said"), [(1.0, False), (1.5, True)])

@@ -257,7 +257,8 @@ def _known_noise(target: FitData, residual: ComplexArray, found: FloatArray) -> 
     if data.spectral_deg is not None:
         lasts = (data.orders <= SETTINGS.wander_orders) & (found < _beyond(target, residual) * own)
         lasts |= (of_an_encoder(target, residual) > 0) | ~np.isfinite(own)
-        walking = own * _wandering(target, residual)
+        # what orders beside each other have holds a walk already
+        walking = own * np.where(_told_from_afar(data), 1.0, _wandering(target, residual))
         return np.where(lasts, found, np.where(data.orders > 0, walking, own))
     left = is_lacking(target, residual)
     return np.where(left, np.minimum(np.minimum(found, own), by_directions(target, residual)[1]), found)
@@ -290,8 +291,16 @@ def noise_within(target: FitData) -> FloatArray:
     """
     data, good = target.data, target.good
     if data.spectral_deg is not None:
-        within = np.sqrt((data.spectral_deg[good] ** 2).mean(axis=0))
-        return np.where(_told_from_afar(data), np.inf, within)
+        within, afar = np.sqrt((data.spectral_deg[good] ** 2).mean(axis=0)), _told_from_afar(data)
+        # where all orders above the lowest are loud they tell each other's, as in a table
+        every = bool(afar[data.orders > SETTINGS.wander_orders].all())
+        return np.where(afar, _noise_beside(target) if every else np.inf, within)
+    return _noise_beside(target)
+
+
+def _noise_beside(target: FitData) -> FloatArray:
+    """RMS of one component of the noise of the orders beside each order, (K,); infinite of the mean, and of few."""
+    data, good = target.data, target.good
     sizes, found = np.sqrt((target.sigma[good] ** 2).mean(axis=0)), np.full(len(data.orders), np.inf)
     waves = np.flatnonzero(data.orders > 0)
     for k in waves if len(waves) > SETTINGS.near_floors else ():
