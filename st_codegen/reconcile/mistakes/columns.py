@@ -225,7 +225,7 @@ _SIZES = (
     ("RMS in place of amplitudes", 2**-0.5), ("one side of a spectrum, as RMS", 8**-0.5),
 )  # fmt: skip
 #: of which curves, their sign (0: all); phases, and how they are read; sizes, and their factor
-_CONVENTIONS = [
+_CONVENTIONS: list[tuple[str, float, str, _Turned, str, float]] = [
     *(("", 0.0, *phases, *sizes) for phases in _PHASES for sizes in _SIZES if phases[0] or sizes[0]),
     # one direction's angle may have been counted from where that motion began
     *((f" of {side} curves", sign, *_PHASES[3], *_SIZES[0]) for side, sign in (("forward", 1.0), ("backward", -1.0))),
@@ -247,17 +247,20 @@ def other_waves(data: Observations, rig: RigModel) -> list[Mistake]:
         return []
     sums = power_sums(data, rig, loud, swapped=False)
     best: list[tuple[float, Mistake]] = []
-    ones, noise, known = np.ones((2, 1)), noise_power(data), expected_of(data, rig)
-    plain, before = sums.gap(ones, np.ones(len(sums.orders))), np.where(waves, data.values - known, 0.0)
+    ones, unturned = np.ones((2, 1)), np.ones(len(sums.orders), np.complex128)
+    noise, known = noise_power(data), expected_of(data, rig)
+    plain, before = sums.gap(ones, unturned), np.where(waves, data.values - known, 0.0)
     for which, sign, phases, turned, sizes, factor in _CONVENTIONS:
         text = " and ".join(part for part in (sizes, phases) if part)
         meant = _read_so(turned, factor, sign, data)
         after = np.where(waves, meant.values - known, 0.0)
-        beside = _noise_beside(meant, noise, before, after)
+        beside = noise / factor**2
+        if data.spectral_deg is None:
+            beside = _noise_beside(meant, beside, before, after)
         read = power_sums(meant, rig, loud, swapped=False, noise=beside)
         if sizes and not _has_factor(data, rig, read, factor):
             continue
-        left = read.gap(ones, np.ones(len(sums.orders)))
+        left = read.gap(ones, unturned)
         rest = np.median(np.maximum(left - read.noise, 0.0) / read.model, axis=1).max()
         # where some runs alone are otherwise, a part of each order seems to be, and those that are not lose by it
         lost, saved = ((np.abs(part) ** 2 / beside)[:, loud].sum(axis=1) for part in (after, before))

@@ -428,7 +428,7 @@ def _of_median_runs(data: Observations, rig: RigModel, loud: BoolArray, found: _
     """The factors of the median runs of the two directions: 0 and below where they have none."""
     known, turn = expected_of(data, rig)[:, loud], np.exp(1j * found.angle * data.orders[loud])
     power = np.maximum(np.abs(known) ** 2, 1e-300)
-    sign = np.where(data.at.sign > 0, *found.sign)[:, None]
+    sign = np.where(data.at.sign[:, None] > 0, *found.sign)
     along = sign * (data.values[:, loud] * known.conj() * turn).real / power
     # one vote an order, as far as it tells a factor
     worth = 1.0 / (noise_power(data)[:, loud] / (2 * power) + np.log(SETTINGS.column_factor) ** 2)
