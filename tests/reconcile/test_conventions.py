@@ -45,6 +45,12 @@ def test_waves_that_noise_makes_much_of_are_read_by_their_convention(words):
         examine(waves(measured(1e-4), WRITTEN[words]), RIG, PATH)
 
 
+@pytest.mark.parametrize("seed", [4, 5])
+def test_noise_that_hides_most_orders_is_no_convention(seed):
+    """In noise of twice their size, which is in every size, waves may be as large as those from peak to peak."""
+    assert examine(measured(2e-3, seed).rows(slice(None, None, 5)), RIG, PATH).mistakes == ()
+
+
 def test_what_differs_from_run_to_run_is_no_convention_of_all():
     """Half of the runs are three times as large: all together are twice, and none is."""
     data = measured(1e-4)

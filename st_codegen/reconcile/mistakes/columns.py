@@ -261,7 +261,8 @@ def other_waves(data: Observations, rig: RigModel) -> list[Mistake]:
         if sizes and not _has_factor(data, rig, read, factor):
             continue
         left = read.gap(ones, unturned)
-        rest = np.median(np.maximum(left - read.noise, 0.0) / read.model, axis=1).max()
+        # what noise hides is not left, but not told either
+        rest = np.median(np.maximum(left - read.noise, read.least / SETTINGS.told) / read.model, axis=1).max()
         # where some runs alone are otherwise, a part of each order seems to be, and those that are not lose by it
         lost, saved = ((np.abs(part) ** 2 / beside)[:, loud].sum(axis=1) for part in (after, before))
         most = np.mean((lost < saved)[data.at.sign != -sign]) > SETTINGS.most_orders
@@ -341,7 +342,7 @@ def shifted_columns(data: Observations, rig: RigModel) -> list[Mistake]:
         plain = power_sums(data, rig, loud & held, swapped=False)
         read = power_sums(moved, rig, loud & held, swapped=False, noise=noise)
         before, after = (sums.gap(np.ones((2, 1)), np.ones(len(sums.orders), np.complex128)) for sums in (plain, read))
-        rest = float(np.median(np.maximum(after - read.noise, 0.0) / read.model))
+        rest = float(np.median(np.maximum(after - read.noise, read.least / SETTINGS.told) / read.model))
         if rest < SETTINGS.of_a_size**2 and plain.gap_falls(before, after):
             said = _SHIFTED.format(neighbour)
             found = Mistake("shifted", said, partial(_shifted_back, step, by_number), remedy="shift them back")
