@@ -194,7 +194,7 @@ def _result(
         unseen_curves=unseen.curves,
         untested=() if in_samples else untested_axes(conclusions.final),
         carriers=math.inf if in_samples else _carriers(_powers(data, unseen.left)),
-        testers=math.inf if in_samples else _points_that_test(data, before, unseen),
+        testers=math.inf if in_samples else _points_that_test(data, before, unseen, conclusions),
     )
 
 
@@ -273,14 +273,17 @@ def _powers(data: Observations, values: ComplexArray) -> FloatArray:
     return powers
 
 
-def _points_that_test(data: Observations, before: ComplexArray, unseen: _Unseen) -> float:
+def _points_that_test(data: Observations, before: ComplexArray, unseen: _Unseen, found: Conclusions) -> float:
     """How many equal operating points would tell as well what the new rig takes off those that were left out.
 
-    before: what the old rig leaves, (n, K).
+    Of a resonance how many speeds, where they are fewer: all points at one speed see the same flank of it. before: what
+    the old rig leaves, (n, K).
     """
-    taken = _powers(data, before[unseen.rows] - unseen.left)
-    _, point = np.unique(data.at.points[unseen.rows], axis=0, return_inverse=True)
-    return _carriers(np.bincount(point.ravel(), taken).astype(np.float64))
+    taken, at = _powers(data, before[unseen.rows] - unseen.left), data.at.points[unseen.rows]
+    changed = [*(one.piece.effect for one in found.claims), *(one.after for one in found.retuned)]
+    of = [at, at[:, :1]] if any(effect.stage is Stage.STRUCTURE for effect in changed) else [at]
+    places = (np.unique(one, axis=0, return_inverse=True)[1].ravel() for one in of)
+    return min(_carriers(np.bincount(place, taken).astype(np.float64)) for place in places)
 
 
 def _carriers(powers: FloatArray) -> float:

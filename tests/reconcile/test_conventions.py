@@ -38,6 +38,74 @@ def test_waves_by_another_convention_are_asked_about_and_read_so(words):
     assert read.corrected == {"waves"} and np.abs(read.data.values - data.values).max() < 1e-12
 
 
+@pytest.mark.parametrize("words", WRITTEN)
+def test_waves_that_noise_makes_much_of_are_read_by_their_convention(words):
+    """In noise of a third of most orders sizes from peak to peak were another gain, of the mean as well."""
+    with pytest.raises(InputError, match=f"the waves of all orders seem to be {words}"):
+        examine(waves(measured(1e-4), WRITTEN[words]), RIG, PATH)
+
+
+@pytest.mark.parametrize("seed", [4, 5])
+def test_noise_that_hides_most_orders_is_no_convention(seed):
+    """In noise of twice their size, which is in every size, waves may be as large as those from peak to peak."""
+    assert examine(measured(2e-3, seed).rows(slice(None, None, 5)), RIG, PATH).mistakes == ()
+
+
+def test_what_differs_from_run_to_run_is_no_convention_of_all():
+    """Half of the runs are three times as large: all together are twice, and none is."""
+    data = measured(1e-4)
+    times = np.tile(np.where(np.random.default_rng(1).permutation(RUNS) % 2, 3.0, 1.0), 2)[:, None]
+    wrong = replace(data, values=np.where(data.orders > 0, times, 1.0) * data.values)
+    try:
+        said = [mistake.text for mistake in examine(wrong, RIG, PATH).mistakes]
+    except InputError as error:
+        said = [str(error)]
+    assert not any("the waves of all orders" in text for text in said)
+
+
+@pytest.mark.parametrize(("side", "sign"), [("forward", 1.0), ("backward", -1.0)])
+def test_one_direction_may_count_its_angle_the_other_way_or_have_the_other_sign(side, sign):
+    """Backward curves from where that motion begins were a dozen changes of the rig; those of the other sign, too."""
+    data = measured(1e-4)
+    rows = (data.at.sign == sign)[:, None]
+    counted = replace(data, values=np.where(rows & (data.orders > 0), data.values.conj(), data.values))
+    for wrong, said, name in (
+        (counted, f"all orders of {side} curves seem to be with phases of the other sign", "waves"),
+        (
+            replace(data, values=np.where(rows, -1.0, 1.0) * data.values),
+            f"TE of {side} curves has the opposite",
+            "sign",
+        ),
+    ):
+        with pytest.raises(InputError, match=f"{said}.* --accept {name}"):
+            examine(wrong, RIG, PATH)
+        assert np.abs(examine(wrong, RIG, PATH, accept=[name]).data.values - data.values).max() < 1e-12
+
+
+def test_exchanged_directions_of_a_third_are_no_torques_of_the_other_sign():
+    """Their mean turns as with torques of the other sign: those of 71 of 210 runs were to be read so."""
+    data = measured(3e-4)
+    values, wrong = data.values.copy(), set[int]()
+    for run in np.random.default_rng(0).permutation(RUNS)[: 2 * RUNS // 5]:
+        rows = data.runs[run]
+        values[rows] = data.values[rows[::-1]]
+        wrong |= set(rows)
+    (found,) = examine(replace(data, values=values), RIG, PATH).mistakes
+    assert found.name == "direction" and set(found.rows) <= wrong
+
+
+@pytest.mark.parametrize("step", [1, -1])
+def test_names_of_columns_that_slip_by_one_are_asked_about(step):
+    """The column of order 39 held order 40: fifteen changes of the rig, and nine orders unexplained."""
+    data = measured(1e-4)
+    wrong = replace(data, values=np.append(data.values[:, :1], np.roll(data.values[:, 1:], step, axis=1), axis=1))
+    with pytest.raises(InputError, match=f"listed {'before' if step == 1 else 'behind'} its own.* --accept shifted"):
+        examine(wrong, RIG, PATH)
+    read = examine(wrong, RIG, PATH, accept=["shifted"]).data
+    assert np.array_equal(read.values, data.of_orders(np.isin(data.orders, read.orders), "").values)
+    assert len(read.orders) == len(data.orders) - 1
+
+
 @pytest.mark.parametrize("factor", [0.6, 0.75, 1.8, 2.2])
 def test_a_factor_that_no_convention_has_is_none(factor):
     """Waves of 0.75 times the rig's were "RMS in place of amplitudes"."""

@@ -355,3 +355,13 @@ def test_a_gap_where_one_held_out_run_meets_what_was_added_is_said_to_be_the_lea
     again = at.rows(np.repeat(np.arange(len(at)), 3))
     found = reconciled("", again, orders, {order: 4e-3 * by_force(again, order, 32.0, 0.02) for order in (156, 240)})
     assert found.unseen_curves == 48 and found.held_out_is_bound
+
+
+def test_points_at_one_speed_tell_one_flank_of_a_resonance():
+    """Of six speeds one meets the peak, at 30 loads and temperatures: between speeds the new rig was far worse."""
+    at, orders = grid(np.arange(200, 1701, 300.0), np.linspace(0, 1600, 10), [25.0, 30.0, 35.0]), [0, 39, 156, 240]
+    found = reconciled(
+        "", at, orders, {k: size * by_force(at, k, 54.4, 0.02) for k, size in ((156, 1e-3), (240, 6e-3))}
+    )
+    assert [one.piece.effect.name for one in found.conclusions.claims] == ["structural_resonance"]
+    assert found.held_out_is_bound and 1.0 <= found.testers < 1.5 and "or speeds (worth 1." in summary(found)

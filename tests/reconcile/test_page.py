@@ -87,6 +87,9 @@ def test_a_gap_well_above_the_floor_has_its_reason(result, page):
     # where most of the gap is none of the orders', those that make nothing of it are not listed
     wide = replace(result, held_out=replace(result.held_out, after=20 * result.held_out.after))
     assert left_text(wide).count("% of its power") == 1
+    # nor are those whose own noise it is
+    quiet = replace(result, orders=tuple(replace(one, noise_floor=one.held_out) for one in result.orders))
+    assert left_text(quiet) == f"The gap on held-out runs is {size:.3g} noise floors: no order alone makes it."
 
 
 def test_a_gap_between_temperatures_that_does_not_move_the_whole_is_not_worth_a_sentence(result):

@@ -359,7 +359,8 @@ def _left_of_a_bell(off: IntArray, waves: ComplexArray) -> float:
     """
     widths, angles = np.radians(np.arange(2.0, 31.0)), np.radians(np.arange(360.0))
     bells = np.exp(-0.5 * (off * widths[:, None]) ** 2)[:, None, :] * np.exp(-1j * off * angles[:, None])
-    along = np.abs(bells.conj() @ waves.T) ** 2 / (np.abs(bells) ** 2).sum(axis=2)[..., None]
+    # a bell far from all of the orders has nothing on any of them
+    along = np.abs(bells.conj() @ waves.T) ** 2 / np.maximum((np.abs(bells) ** 2).sum(axis=2), 1e-300)[..., None]
     return 1.0 - float(along.sum(axis=2).max()) / max(float((np.abs(waves) ** 2).sum()), 1e-300)
 
 

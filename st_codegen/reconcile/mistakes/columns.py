@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from st_codegen.campaign.conditions import CONDITION_COLUMNS
-from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.noise import estimate, middle_of
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.mistakes.single_runs import AS_IS, Mistake
@@ -54,16 +54,20 @@ def other_conditions(data: Observations, rig: RigModel) -> list[Mistake]:
     """
     orders, noise, every = data.orders.tolist(), noise_power(data), np.ones(len(data), bool)
     plain = expected_of(data, rig)
+    # what turns with the direction has the other sign in curves of the other sign, and in those of the other direction
+    others_of_sign = (-plain, rig.coefficients(replace(data.at, sign=-data.at.sign), orders))
     best: tuple[float, list[Mistake]] = (SETTINGS.order_gain, [])
     for column, text, changed in readings(rig.constants.reduction_ratio):
         meant = changed(data.at)
         seen = rig.coefficients(meant, orders)
         # of signs half of the runs may be those of one direction
         is_sign = all(_has_sizes(getattr(meant, key), getattr(data.at, key)) for key in CONDITION_COLUMNS)
-        some, others = _nearer(data, noise, plain, seen, SETTINGS.most_of_block if is_sign else 1.0)
+        most = SETTINGS.most_of_block if is_sign else 1.0
+        some, others = _nearer(data, noise, (plain, *others_of_sign), seen, most)
         for rows in (every, _with_untold(data.at, meant, some, others)):
             read = np.where(rows[:, None], seen, plain)
-            gain = _gain(data, _noise_beside(data, noise, plain, read), plain, read)
+            beside = _noise_beside(data, noise, data.values - plain, data.values - read)
+            gain = _gain(data, beside, plain, read)
             if gain > best[0]:
                 said = _UNIT.format(column, "" if rows.all() else _of_runs(data, rows), text)
                 corrected = partial(_with_conditions, changed, rows)
@@ -78,37 +82,37 @@ def _with_conditions(changed: Callable[[Conditions], Conditions], rows: BoolArra
     )
 
 
-def _noise_beside(data: Observations, noise: FloatArray, plain: ComplexArray, read: ComplexArray) -> FloatArray:
+def _noise_beside(data: Observations, noise: FloatArray, before: ComplexArray, after: ComplexArray) -> FloatArray:
     """Power of the noise, (n, K): what neighbours differ by in what a reading leaves, where that is more.
+
+    before, after: what is left without and with the reading, (n, K).
 
     As a part of what is measured it is too small for orders that noise makes much of: they would refuse any reading.
     That within curves says nothing of the mean, and little of the lowest orders. A reading that is wrong leaves more
     than its neighbours differ by.
     """
-    before, after = ((np.abs(data.values - model) ** 2).sum() for model in (plain, read))
-    if data.few_points or after >= before:
+    if data.few_points or (np.abs(after) ** 2).sum() >= (np.abs(before) ** 2).sum():
         return noise
     low = data.orders <= (np.inf if data.spectral_deg is None else SETTINGS.wander_orders)
-    return np.where(low, np.maximum(noise, data.parts * estimate(data, data.values - read).sigma ** 2), noise)
+    return np.where(low, np.maximum(noise, data.parts * estimate(data, after).sigma ** 2), noise)
 
 
 def _nearer(
-    data: Observations, noise: FloatArray, plain: ComplexArray, seen: ComplexArray, most: float
+    data: Observations, noise: FloatArray, known: tuple[ComplexArray, ...], seen: ComplexArray, most: float
 ) -> tuple[BoolArray, BoolArray]:
     """The rows of runs that another model brings nearer by more than chance, and of those that it takes away, (n,).
 
-    Where they are some and not all: at most such a share. Noise is no less than what the nearer model leaves of an
-    order in the middle run: that within curves says nothing of the mean.
+    Where they are some and not all: at most such a share. known: the rig's own model, and what else may be there. Noise
+    is no less than what the nearer model leaves of an order in the middle run: that within curves says nothing of the
+    mean.
     """
     found, others = np.zeros(len(data), bool), np.zeros(len(data), bool)
-    nearest = np.minimum(np.abs(data.values - plain), np.abs(data.values - seen))
+    nearest = np.minimum(np.abs(data.values - known[0]), np.abs(data.values - seen))
     noise = np.maximum(noise, np.median(nearest, axis=0) ** 2)
-    # curves of the other sign have most of the mean that torques of the other sign give it
-    before, after, turned = (
-        (np.abs(data.values - model) ** 2 / np.maximum(noise, 1e-300)).sum(axis=1) for model in (plain, seen, -plain)
+    after, *before = (
+        (np.abs(data.values - model) ** 2 / np.maximum(noise, 1e-300)).sum(axis=1) for model in (seen, *known)
     )
-    before = np.minimum(before, turned)
-    gains = np.array([before[rows].sum() - after[rows].sum() for rows in data.runs])
+    gains = np.array([np.min(before, axis=0)[rows].sum() - after[rows].sum() for rows in data.runs])
     chosen, untold = gains > SETTINGS.order_gain, np.abs(gains) <= SETTINGS.order_gain
     if not SETTINGS.least_block <= chosen.sum() <= most * len(chosen) or chosen.all():
         return found, others
@@ -220,7 +224,15 @@ _SIZES = (
     ("", 1.0), ("twice as large, from peak to peak", 2.0), ("half as large, one side of a spectrum", 0.5),
     ("RMS in place of amplitudes", 2**-0.5), ("one side of a spectrum, as RMS", 8**-0.5),
 )  # fmt: skip
-_WAVES = "the waves of all orders seem to be {}: with that most agree with the rig, and as they are they do not"
+#: of which curves, their sign (0: all); phases, and how they are read; sizes, and their factor
+_CONVENTIONS: list[tuple[str, float, str, _Turned, str, float]] = [
+    *(("", 0.0, *phases, *sizes) for phases in _PHASES for sizes in _SIZES if phases[0] or sizes[0]),
+    # one direction's angle may have been counted from where that motion began
+    *((f" of {side} curves", sign, *_PHASES[3], *_SIZES[0]) for side, sign in (("forward", 1.0), ("backward", -1.0))),
+    # the sign of TE is another question
+    *(("", sign, "", np.negative, "", 1.0) for sign in (0.0, 1.0, -1.0)),
+]
+_WAVES = "the waves of all orders{} seem to be {}: with that most agree with the rig, and as they are they do not"
 
 
 def other_waves(data: Observations, rig: RigModel) -> list[Mistake]:
@@ -233,35 +245,44 @@ def other_waves(data: Observations, rig: RigModel) -> list[Mistake]:
     loud = loud_orders(data, rig) & waves
     if not enough_orders(data, loud):
         return []
-    sums, best = power_sums(data, rig, loud, swapped=False), list[tuple[float, str, _Turned, float]]()
-    ones = np.ones(len(sums.orders), np.complex128)
-    plain = sums.gap(np.ones((2, 1)), ones)
-    for phases, turned in _PHASES:
-        # noise has any phase
-        read = power_sums(replace(data, values=turned(data.values)), rig, loud, swapped=False, noise=noise_power(data))
-        for sizes, factor in _SIZES:
-            left = read.gap(np.full((2, 1), factor), ones) / factor**2
-            if sizes and not _has_factor(data, rig, read, factor):
-                continue
-            text = " and ".join(part for part in (sizes, phases) if part)
-            # where some runs alone are otherwise, a part of each order seems to be
-            rest = np.median(np.maximum(left - sums.noise / factor**2, 0.0) / sums.model)
-            if text and rest < SETTINGS.of_a_size**2 and sums.gap_falls(plain, left):
-                score = float(np.log(sums.beyond_noise(left)).sum())
-                best.append((score, text, turned, factor))
-    if not best:
-        return []
-    _, text, turned, factor = min(best, key=lambda one: one[0])
+    sums = power_sums(data, rig, loud, swapped=False)
+    best: list[tuple[float, Mistake]] = []
+    ones, unturned = np.ones((2, 1)), np.ones(len(sums.orders), np.complex128)
+    noise, known = noise_power(data), expected_of(data, rig)
+    plain, before = sums.gap(ones, unturned), np.where(waves, data.values - known, 0.0)
+    for which, sign, phases, turned, sizes, factor in _CONVENTIONS:
+        text = " and ".join(part for part in (sizes, phases) if part)
+        meant = _read_so(turned, factor, sign, data)
+        after = np.where(waves, meant.values - known, 0.0)
+        beside = noise / factor**2
+        if data.spectral_deg is None:
+            beside = _noise_beside(meant, beside, before, after)
+        read = power_sums(meant, rig, loud, swapped=False, noise=beside)
+        if sizes and not _has_factor(data, rig, read, factor):
+            continue
+        left = read.gap(ones, unturned)
+        # what noise hides is not left, but not told either
+        rest = np.median(np.maximum(left - read.noise, read.least / SETTINGS.told) / read.model, axis=1).max()
+        # where some runs alone are otherwise, a part of each order seems to be, and those that are not lose by it
+        lost, saved = ((np.abs(part) ** 2 / beside)[:, loud].sum(axis=1) for part in (after, before))
+        most = np.mean((lost < saved)[data.at.sign != -sign]) > SETTINGS.most_orders
+        if most and rest < SETTINGS.of_a_size**2 and read.gap_falls(plain, left):
+            said = _WAVES.format(which, text) if text else ""
+            score = float(np.log(read.beyond_noise(left)).sum())
+            best.append((score, Mistake("waves", said, partial(_read_so, turned, factor, sign), remedy="read them so")))
+    return [found for _, found in sorted(best, key=lambda one: one[0])[:1] if found.text]
 
-    def corrected(given: Observations) -> Observations:
-        return replace(given, values=np.where(given.orders > 0, turned(given.values) / factor, given.values))
 
-    return [Mistake("waves", _WAVES.format(text), corrected, remedy="read them so")]
+def _read_so(turned: _Turned, factor: float, sign: float, given: Observations) -> Observations:
+    """Waves in the rig's convention, of the curves of a direction, or of all (sign 0)."""
+    rows = (given.at.sign != -sign)[:, None]
+    return replace(given, values=np.where((given.orders > 0) & rows, turned(given.values) / factor, given.values))
 
 
 def _has_factor(data: Observations, rig: RigModel, waves: PowerSums, factor: float) -> bool:
-    """Whether the sizes of waves have a factor, each order with one vote, and the mean has it not."""
-    apart = np.log(np.maximum(np.abs(waves.product) / waves.model, 1e-12) / factor).ravel()
+    """Whether the sizes of waves that were divided by a factor are the rig's, each order with one vote, and the mean's
+    are not."""
+    apart = np.log(np.maximum(np.abs(waves.product) / waves.model, 1e-12)).ravel()
     middle, error = middle_of(apart)
     if abs(middle) > SETTINGS.told * error:
         return False
@@ -302,32 +323,48 @@ def taken_off(data: Observations, rig: RigModel) -> list[Mistake]:
 
 
 def shifted_columns(data: Observations, rig: RigModel) -> list[Mistake]:
-    """Columns of waves that stand one place off: that of order k holds order k - 1, or k + 1, of a table.
+    """Columns of waves that stand one place off: that of order k holds order k - 1, or k + 1, or that beside it.
 
-    As where a list that begins with 1 is read as one that begins with 0.
+    As where a list that begins with 1 is read as one that begins with 0, or where names of columns slip by one.
     """
     best: tuple[float, list[Mistake]] = (0.0, [])
-    for step, neighbour in ((1, "below"), (-1, "above")):
-        place = np.clip(np.searchsorted(data.orders, data.orders + step), 0, len(data.orders) - 1)
-        held = (data.orders[place] == data.orders + step) & (data.orders > 0) & (data.orders[place] > 0)
+    loud = loud_orders(data, rig) & (data.orders > 0)
+    for step, by_number, neighbour in (
+        (1, True, "below"), (-1, True, "above"), (1, False, "listed before"), (-1, False, "listed behind"),
+    ):  # fmt: skip
+        place, held = _shifted_place(data, step, by_number)
+        held &= data.orders > 0
         moved = replace(data, values=np.where(held, data.values[:, place], data.values))
-        loud = loud_orders(data, rig) & (data.orders > 0)
         if not enough_orders(data, loud & held) or (loud & held).sum() <= SETTINGS.most_orders * loud.sum():
             continue
-        plain, read = (power_sums(one, rig, loud & held, swapped=False) for one in (data, moved))
+        known = expected_of(data, rig)
+        noise = _noise_beside(moved, noise_power(moved), data.values - known, moved.values - known)
+        plain = power_sums(data, rig, loud & held, swapped=False)
+        read = power_sums(moved, rig, loud & held, swapped=False, noise=noise)
         before, after = (sums.gap(np.ones((2, 1)), np.ones(len(sums.orders), np.complex128)) for sums in (plain, read))
-        rest = float(np.median(np.maximum(after - read.noise, 0.0) / read.model))
+        rest = float(np.median(np.maximum(after - read.noise, read.least / SETTINGS.told) / read.model))
         if rest < SETTINGS.of_a_size**2 and plain.gap_falls(before, after):
             said = _SHIFTED.format(neighbour)
-            found = Mistake("shifted", said, partial(_shifted_back, step), remedy="shift them back")
+            found = Mistake("shifted", said, partial(_shifted_back, step, by_number), remedy="shift them back")
             best = max(best, (float(np.log(before / np.maximum(after, 1e-300)).sum()), [found]), key=lambda one: one[0])
     return best[1]
 
 
-def _shifted_back(step: int, given: Observations) -> Observations:
-    place = np.clip(np.searchsorted(given.orders, given.orders + step), 0, len(given.orders) - 1)
-    held = (given.orders == 0) | ((given.orders[place] == given.orders + step) & (given.orders[place] > 0))
-    place[given.orders == 0] = np.flatnonzero(given.orders == 0)
+def _shifted_place(data: Observations, step: int, by_number: bool) -> tuple[IntArray, BoolArray]:
+    """The columns that hold the orders, (K,), and which are there: those of the next number, or the next ones."""
+    orders, last = data.orders, len(data.orders) - 1
+    place = np.searchsorted(orders, orders + step) if by_number else np.arange(last + 1) + step
+    held = (place >= 0) & (place <= last)
+    place = np.clip(place, 0, last)
+    held &= orders[place] > 0
+    if by_number:
+        held &= orders[place] == orders + step
+    mean = orders == 0
+    return np.where(mean, np.arange(last + 1), place), held | mean
+
+
+def _shifted_back(step: int, by_number: bool, given: Observations) -> Observations:
+    place, held = _shifted_place(given, step, by_number)
     lost = ", ".join(map(str, given.orders[~held]))
     return given.with_columns(place).of_orders(held, f"orders {lost}: the columns beside them are not in the table")
 

@@ -269,10 +269,10 @@ def _ramp_of_gap(data: Observations, rig: RigModel) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class _Common:
-    """What all orders of the runs may have in common: sign, angle of home (rad), a factor a direction (2, 1)."""
+    """What all orders of the runs may have in common: angle of home (rad), a sign and a factor a direction (2, 1)."""
 
     sums: PowerSums
-    sign: float
+    sign: FloatArray
     angle: float
     factors: FloatArray
 
@@ -292,20 +292,20 @@ def _best(sums: PowerSums) -> _Common:
     grid = np.arange(0.0, 2 * np.pi, 2 * np.pi / (8 * max(int(sums.orders.max()), 1)))
     turns = np.exp(-1j * np.outer(grid, sums.orders))
     trials = []
-    for sign in (1.0, -1.0):
+    for sign in _SIGNS_OF_BOTH:
         left = sums.gap(sign * factors, turns[:, None, :])
         scores = np.log(sums.beyond_noise(left)).mean(axis=(1, 2))
         place = int(np.argmin(scores))
         # no turn and no sign where they gain nothing
         place = 0 if scores[0] < scores[place] + 1e-6 else place
         trials.append((float(scores[place]), sign, float(grid[place])))
-    _, sign, angle = min(trials, key=lambda trial: trial[0] + 1e-6 * (trial[1] < 0))
+    _, sign, angle = min(trials, key=lambda trial: trial[0] + 1e-6 * int((trial[1] < 0).sum()))
     angle = _between_steps(sums, sign, angle) if angle else angle
     along = sign * (sums.product * np.exp(1j * angle * sums.orders)).real
     return _Common(sums, sign, angle, _factors(sums, along))
 
 
-def _between_steps(sums: PowerSums, sign: float, angle: float) -> float:
+def _between_steps(sums: PowerSums, sign: FloatArray, angle: float) -> float:
     """The angle of home (rad) near one of a grid that the orders agree on, each by how well its noise tells it.
 
     What the grid is off by would be a turn of every order, and a changed phase of all that the rig has.
@@ -361,8 +361,10 @@ def _turns(found: _Common) -> list[Mistake]:
     unturned, unsigned = found.left(found.sign * found.factors, 0.0), found.left(found.factors, found.angle)
     if abs(offset) > SETTINGS.least_home_deg and found.sums.gap_falls(unturned, found.gap):
         mistakes.append(Mistake("home_offset", _HOME.format(offset), _turned(found.angle), remedy=_TURN))
-    if found.sign < 0 and found.sums.gap_falls(unsigned, found.gap):
-        mistakes.append(Mistake("sign", _SIGN, _times(-1.0, -1.0), remedy="turn it"))
+    if found.sign.min() < 0 and found.sums.gap_falls(unsigned, found.gap):
+        forward, backward = (float(x) for x in found.sign[:, 0])
+        which = "" if forward == backward else " of forward curves" if forward < 0 else " of backward curves"
+        mistakes.append(Mistake("sign", _SIGN.format(which), _times(forward, backward), remedy="turn it"))
     return mistakes
 
 
@@ -373,7 +375,7 @@ def _column(found: _Common, of_medians: tuple[float, float]) -> tuple[list[Mista
     """
     forward, backward = (float(x) for x in found.factors[:, 0])
     both = float(np.sqrt(forward * backward))
-    alike = found.left(np.full((2, 1), found.sign * both), found.angle)
+    alike = found.left(found.sign * both, found.angle)
     is_told = (
         abs(np.log(forward / backward)) > np.log(SETTINGS.column_factor)
         # two orders have the same factor by a mistake, hardly by two effects
@@ -426,7 +428,8 @@ def _of_median_runs(data: Observations, rig: RigModel, loud: BoolArray, found: _
     """The factors of the median runs of the two directions: 0 and below where they have none."""
     known, turn = expected_of(data, rig)[:, loud], np.exp(1j * found.angle * data.orders[loud])
     power = np.maximum(np.abs(known) ** 2, 1e-300)
-    along = found.sign * (data.values[:, loud] * known.conj() * turn).real / power
+    sign = np.where(data.at.sign[:, None] > 0, *found.sign)
+    along = sign * (data.values[:, loud] * known.conj() * turn).real / power
     # one vote an order, as far as it tells a factor
     worth = 1.0 / (noise_power(data)[:, loud] / (2 * power) + np.log(SETTINGS.column_factor) ** 2)
     each = np.quantile(along, 0.5, axis=1, method="inverted_cdf", weights=worth)
@@ -465,7 +468,9 @@ _HOME = (
     "the zero of the angle (home) seems shifted: every order k is turned by k times {:.2f} deg, which no effect does"
 )
 _TURN = "turn all orders back"
-_SIGN = "TE has the opposite sign of the rig's in all orders"
+_SIGN = "TE{} has the opposite sign of the rig's in all orders"
+#: of forward and of backward curves: a TE of distances, |theta_out| - |theta_in| / tau, has the other sign backward
+_SIGNS_OF_BOTH = [np.array([[a], [b]]) for a, b in ((1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0))]
 _COLUMN = "the {} column is {:.3g} times what the other one lets expect, in all orders"
 
 _ZEROS = (

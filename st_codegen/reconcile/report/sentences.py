@@ -160,7 +160,7 @@ def between_text(result: Reconciliation) -> str:
     elif result.few_test:
         texts.append(
             "The gap on held-out runs is a lower bound: what the new rig takes off lies at so few of their operating "
-            f"points (worth {result.testers:.1f} equal ones) that they say little about others."
+            f"points, or speeds (worth {result.testers:.1f} equal ones), that they say little about others."
         )
     elif result.held_out_scatters and not result.few_carry:
         texts.append(
@@ -232,6 +232,9 @@ def left_text(result: Reconciliation) -> str:
             name = f"{hum.order:.1f} periods a turn" if hum.order else f"{hum.frequency_Hz:.4g} Hz"
             parts.append(f"{100 * shares[k]:.0f} % of its power is the wave of {name} that was taken out")
             continue
+        # what is noise there makes the floor, and not what the gap has beyond it
+        if own[k].held_out < SETTINGS.above_floor * own[k].noise_floor:
+            continue
         name = f"order {own[k].order}" if own[k].order else "the mean"
         text = f"{100 * shares[k]:.0f} % of its power is {name}, {own[k].held_out:.2g} deg RMS"
         if alike[k] > SETTINGS.most_of_gap * own[k].after:
@@ -240,7 +243,7 @@ def left_text(result: Reconciliation) -> str:
             moves = ": it moves from run to run by what no effect that was found follows" if is_open else ""
             text += f" (of the {own[k].after:.2g} deg of the fitted runs both directions share {alike[k]:.2g}{moves})"
         parts.append(text)
-    return f"The gap on held-out runs is {times:.3g} noise floors: {'; '.join(parts)}."
+    return f"The gap on held-out runs is {times:.3g} noise floors: {'; '.join(parts) or 'no order alone makes it'}."
 
 
 def _few_samples(result: Reconciliation) -> str:
