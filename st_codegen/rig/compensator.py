@@ -105,7 +105,8 @@ class EmittedCompensator:
             wishes = wishes_of({"outputs_per_cycle": outputs_per_cycle}, [form])[form.name]
             generated = generate(bundle, form, folder, **wishes)
             self.project = _read(generated.folder, target)
-        self._names = names_of(input_variables(self.te.features))
+        #: inputs of the blocks, in the order of the features
+        self.names = names_of(input_variables(self.te.features))
         self._machine = Machine(self.project)
 
     def start(
@@ -148,7 +149,7 @@ class EmittedCompensator:
         return RunningCompensator(signals, machine.program(PRG_FAST), machine.program(PRG_SLOW), self.roles, load_given)
 
     def _checked(self, inputs: Mapping[str, float]) -> Mapping[str, float]:
-        own = {"fThetaOut_rad", "fCycle_s", *self._names}
+        own = {"fThetaOut_rad", "fCycle_s", *self.names}
         ports = self._machine.instance(_COMPENSATE).inputs
         known = [port.name for port in ports if port.name.startswith("f") and port.name not in own]
         unknown = sorted(set(inputs) - set(known))

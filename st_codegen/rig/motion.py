@@ -307,6 +307,22 @@ def _refused(running: RunningCompensator) -> str:
     return f"no correction in {percent(share)} of the calls ({reasons})"
 
 
+def outside(compensator: EmittedCompensator, plan: MotionPlan) -> str:
+    """Where a motion leaves the ranges of the models, so that nothing was learned there; empty: nowhere."""
+    told = Told.of(plan)
+    values = {"speed": np.abs(told.speed_rpm), "torque": told.torque_Nm, "temperature": plan.sensor_C}
+    roles = {name: values[role][plan.first :] for role, name in vars(compensator.roles).items() if name}
+    found = []
+    for feature, name in zip(compensator.te.features, compensator.names, strict=True):
+        low, high = feature.flagged or (feature.lower, feature.upper)
+        if low is None or high is None:
+            continue
+        for side, end, is_out in ("below", low, roles[name] < low), ("above", high, roles[name] > high):
+            if is_out.any():
+                found.append(f"{feature.name} is {side} {end:g} in {percent(float(is_out.mean()))} of the motion")
+    return f"outside the ranges of the models (bInRange is FALSE): {', '.join(found)}" if found else ""
+
+
 def lead_time_s(rig: Rig, form: TaskForm) -> float:
     """All known delays from a latched angle to the motor's answer, s: tasks, transfer, hold, interpolation and lag.
 

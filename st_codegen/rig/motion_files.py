@@ -31,12 +31,16 @@ _MEANING = (
 
 @dataclass(frozen=True)
 class MotionStudy:
-    """The motion of a profile without compensation, and all cases with it, one at least."""
+    """The motion of a profile without compensation, and all cases with it, one at least.
+
+    `outside`: where it leaves the ranges of the models.
+    """
 
     rig: Rig
     plan: MotionPlan
     before: MotionRecord
     outcomes: tuple[MotionOutcome, ...]
+    outside: str = ""
 
 
 def row(study: MotionStudy, outcome: MotionOutcome) -> dict[str, Any]:
@@ -68,6 +72,7 @@ def row(study: MotionStudy, outcome: MotionOutcome) -> dict[str, Any]:
         "limit_Hz": timing.frequency_hz,
         "limit_output_rpm": timing.output_speed_rpm(highest) if highest else None,
         "refused": outcome.refused,
+        "outside": study.outside,
     }
 
 
@@ -83,8 +88,9 @@ def label(study: MotionStudy, outcome: MotionOutcome) -> str:
 
 
 def remarks(study: MotionStudy) -> list[str]:
-    """Where the blocks did not do what a case is called after."""
-    return [f"{label(study, outcome)}: {outcome.refused}" for outcome in study.outcomes if outcome.refused]
+    """Where the models know nothing of the motion, and where the blocks did not do what a case is called after."""
+    refused = [f"{label(study, outcome)}: {outcome.refused}" for outcome in study.outcomes if outcome.refused]
+    return [study.outside, *refused] if study.outside else refused
 
 
 def write(study: MotionStudy, out: Path, *, recording: bool = False) -> None:

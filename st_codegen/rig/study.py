@@ -11,7 +11,7 @@ from st_codegen.files.number_text import parse_number, parse_whole
 from st_codegen.processes import Progress
 from st_codegen.project.bundle import Bundle
 from st_codegen.rig.compensator import EmittedCompensator, restricted
-from st_codegen.rig.motion import CompensationCase, LoadSource, Rig, compare, lead_time_s, plan, run
+from st_codegen.rig.motion import CompensationCase, LoadSource, Rig, compare, lead_time_s, outside, plan, run
 from st_codegen.rig.motion_files import MotionStudy
 from st_codegen.rig.profiles import MotionProfile, profile_named
 from st_codegen.rig.tasks import TaskForm
@@ -138,7 +138,7 @@ def simulate(
                 outcomes.append(compare(rig, planned, before, compensator, case))
                 done += 1
     next_is("")
-    return MotionStudy(rig, planned, before, tuple(outcomes))
+    return MotionStudy(rig, planned, before, tuple(outcomes), outside(next(iter(known.values())), planned))
 
 
 def _check_ratio(rig: Rig, bundle: Bundle) -> None:

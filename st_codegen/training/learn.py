@@ -30,6 +30,8 @@ from st_codegen.training.targets import combined, learned_values
 LEAST_POINTS = 20
 #: larger numbers are not learned: libraries add squares of them in float32
 _LARGEST = 1e15
+#: no oil of a gear is that hot throughout, degC, while every temperature in K is
+_HOTTEST = 200.0
 
 #: Pairs of runs without load, forward and backward, from which a play is read.
 _LEAST_PAIRS = 4
@@ -143,6 +145,8 @@ def check_learnable(table: HarmonicTable) -> None:
             f"{counted(standing, 'run')} with a speed of 0 rpm or less: speeds are above 0, and the direction has a "
             "column of its own"
         )
+    if (coldest := table.temperature_C.min(initial=math.inf)) > _HOTTEST and len(table):
+        problems.add(f"no temperature is below {coldest:g} degC: they look like K, and the blocks are given degC")
     columns = {"speed_rpm": table.speed_rpm, "torque_Nm": table.torque_Nm, "temperature_C": table.temperature_C}
     columns |= {f"A{order}": np.abs(table.column(order)) for order in table.orders}
     for name, column in columns.items():

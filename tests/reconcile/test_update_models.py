@@ -12,11 +12,12 @@ import pytest
 
 from st_codegen.cli.main import main
 from st_codegen.project.bundle import load
+from st_codegen.reconcile.models.bundle_files import write_updated
 from st_codegen.reconcile.models.formula import Graph, addends, evaluate, operating_point
-from st_codegen.reconcile.models.terms import not_worth
+from st_codegen.reconcile.models.terms import Decision, Part, not_worth
 from st_codegen.rig.effects import Conditions, Constants, catalogue
 from st_codegen.rig.model import RigModel, parse_rig
-from st_codegen.te.harmonics import Quantity
+from st_codegen.te.harmonics import Direction, Quantity
 
 for _needed in ("numba", "matplotlib", "onnx"):
     pytest.importorskip(_needed)
@@ -188,6 +189,21 @@ def test_a_term_enters_for_a_sure_and_worthwhile_gain_only():
     single = noise.copy()
     single[0] += 40.0
     assert "chance" in not_worth(single, noise, sigma, orders)
+
+
+def test_the_play_grows_by_what_the_terms_of_the_mean_add_to_it(tmp_path):
+    write_bundle(parse_rig(LINEAR_RIG + KNOWN), tmp_path / "models")
+    path, graph = tmp_path / "models" / "bundle.toml", Graph()
+    path.write_text(path.read_text() + '\n[play]\nangle_deg = 0.008 # measured\ntorque_feature = "torque_Nm"\n')
+    loaded = graph.binary("Mul", graph.input("torque_Nm"), graph.constant(1e-5))
+    parts = tuple(
+        Part("f", direction, 0, graph.binary("Add", graph.constant(value), loaded), graph.constant(0.0))
+        for direction, value in ((Direction.FORWARD, -0.002), (Direction.BACKWARD, 0.003))
+    )
+    decision = Decision(0, ("f",), new=False, entered=True, reason="", parts=parts)
+    write_updated(load(tmp_path / "models"), tmp_path / "models", [decision], tmp_path / "out")
+    assert load(tmp_path / "out").purpose.te.play.angle_deg == pytest.approx(0.013)
+    assert "# measured" in (tmp_path / "out" / "bundle.toml").read_text()
 
 
 def test_what_has_a_formula_but_no_name_enters_too():

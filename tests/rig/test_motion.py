@@ -14,6 +14,7 @@ from st_codegen.rig.effects import catalogue
 from st_codegen.rig.machine import another_specimen, machine_of
 from st_codegen.rig.model import parse_rig
 from st_codegen.rig.motion import CompensationCase, LoadSource, Size, Told, compare, lead_time_s, or_none, plan, run
+from st_codegen.rig.motion_files import remarks
 from st_codegen.rig.profiles import MotionProfile
 from st_codegen.rig.study import AUTO, MotionWish, parse_inputs, parse_lead, parse_orders, simulate, with_oil
 from st_codegen.rig.tasks import TaskForm, TaskInputs, TaskSettings
@@ -239,6 +240,14 @@ def test_a_study_runs_all_cases(linear_rig, linear_bundle):
     assert seen[0][0] == 0
     assert seen[-1][:2] == (5, 5)
     assert all(o.case.lead_s > 1e-3 for o in study.outcomes if o.case.form is TaskForm.TWO)
+
+
+def test_a_study_says_where_the_motion_leaves_the_ranges_of_the_models(linear_rig, linear_bundle):
+    wish = MotionWish((ORDERS,), ("full",), (TaskForm.ONE,))
+    study = simulate(with_oil(linear_rig, 90.0, None), linear_bundle, turn(duration=0.05, torque=5000.0), wish)
+    assert "torque_Nm is above" in study.outside
+    assert "temperature_C is above" in study.outside
+    assert remarks(study) == [study.outside]
 
 
 @pytest.fixture(scope="module")

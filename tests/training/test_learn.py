@@ -333,6 +333,13 @@ def test_a_faulty_run_among_those_kept_apart_is_not_one_of_the_training_part():
     assert "0 faulty runs kept;" in _summary(kept, "kept").title
 
 
+def test_temperatures_in_kelvin_are_refused():
+    """They were learned, and the blocks, which are given degC, then took the lowest of them at all times."""
+    rows = a_table()
+    with pytest.raises(InputError, match="look like K"):
+        check_learnable(replace(rows, temperature_C=rows.temperature_C + 273.15))
+
+
 def test_a_speed_with_the_sign_of_the_direction_is_refused():
     """It was learned, and the bundle had a range below zero, which reconcile refuses."""
     rows = a_table()

@@ -5,23 +5,27 @@ from __future__ import annotations
 import re
 import shutil
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from st_codegen.errors import InputError
 from st_codegen.project.bundle import Bundle
-from st_codegen.reconcile.models.formula import FormulaNode, write_onnx
-from st_codegen.reconcile.models.terms import Decision, Part, inputs_of
-from st_codegen.te.bundle_file import BUNDLE_FILE, read_description
-from st_codegen.te.harmonics import Direction
+from st_codegen.reconcile.models.formula import FormulaNode, evaluate, write_onnx
+from st_codegen.reconcile.models.terms import SIGN, Decision, Part, inputs_of
+from st_codegen.te.bundle_file import BUNDLE_FILE, LARGEST_PLAY, read_description
+from st_codegen.te.harmonics import Direction, Play, TransmissionError
 from st_codegen.te.purpose import transmission_error
 
 _ORDERS = re.compile(r"^(\s*orders\s*=\s*)\[[^\]]*\]", re.MULTILINE)
+_PLAY = re.compile(r"^(\s*\[play\][^\[]*?^\s*angle_deg\s*=\s*)[^\s#]+", re.MULTILINE | re.DOTALL)
 
 
 def write_updated(bundle: Bundle, folder: Path, decisions: Sequence[Decision], target: Path) -> tuple[str, ...]:
     """Copy a bundle's folder to `target`, with the terms that enter it. Returns the names of the new files.
 
-    The text of bundle.toml stays as it is but for its list of orders; tables are added at its end.
+    The text of bundle.toml stays as it is but for its list of orders and its play; tables are added at its end.
     """
     te = transmission_error(bundle)
     inputs = inputs_of(te)
@@ -49,10 +53,32 @@ def write_updated(bundle: Bundle, folder: Path, decisions: Sequence[Decision], t
     wanted = [*te.orders, *(decision.order for decision in entered if decision.new)]
     text = _ORDERS.sub(lambda found: f"{found[1]}{wanted}", text, count=1).rstrip("\n") + "\n"
     text += "".join(_tables(decision, places) for decision in entered)
+    play = None if te.play is None else replace(te.play, angle_deg=_play_deg(te, te.play, entered))
+    if play is not None and play != te.play:
+        text = _PLAY.sub(lambda found: f"{found[1]}{play.angle_deg!r}", text, count=1)
     (target / BUNDLE_FILE).write_text(text, encoding="utf-8", newline="\n")
-    if list(read_description(target / BUNDLE_FILE).orders) != wanted:
-        raise InputError(f"{folder / BUNDLE_FILE}: the list of orders is written in a way that cannot be added to")
+    written = read_description(target / BUNDLE_FILE)
+    if list(written.orders) != wanted or written.play != play:
+        raise InputError(
+            f"{folder / BUNDLE_FILE}: the list of orders or the play is written in a way that cannot be changed"
+        )
     return tuple(files)
+
+
+def _play_deg(te: TransmissionError, play: Play, entered: Sequence[Decision]) -> float:
+    """The play with what the terms of the mean add to it: backward less forward, without load, at the lowest speed."""
+    at = {}
+    for number, (feature, name) in enumerate(zip(te.features, inputs_of(te), strict=True)):
+        low, high = feature.lower or 0.0, feature.upper or 0.0
+        value = low if number == te.speed_feature else (low + high) / 2.0
+        at[name] = np.array([0.0 if number == play.torque_feature else value])
+    added = sum(
+        -SIGN[part.direction] * float(evaluate([part.cosine], at)[0, 0])
+        for decision in entered
+        for part in decision.parts
+        if part.order == 0
+    )
+    return min(max(play.angle_deg + added, 0.0), LARGEST_PLAY)
 
 
 def _free_name(stem: str, folder: Path) -> str:

@@ -135,7 +135,10 @@ def not_worth(before: ComplexArray, after: ComplexArray, noise: FloatArray, orde
     saved = (weight * (np.abs(before) ** 2 - np.abs(after) ** 2)).sum(axis=1)
     mean, error = float(saved.mean()), float(saved.std() / np.sqrt(max(len(saved) - 1, 1)))
     if mean <= 0.0:
-        return "the bundle comes no closer to what was measured; it seems to know the effect already"
+        return (
+            "the bundle comes no closer to what was measured: it knows the effect already, or learned from a machine "
+            "that was not as the old rig says"
+        )
     if mean < SETTINGS.sure_term * error:
         return "the bundle comes closer to what was measured by no more than chance does"
     scatter = float((noise**2).mean(axis=0).sum())
