@@ -21,6 +21,8 @@ WRITTEN = {
     "twice as large, from peak to peak": lambda c: 2 * c,
     "half as large, one side of a spectrum": lambda c: c / 2,
     "RMS in place of amplitudes and with phases of sines": lambda c: 1j * c / np.sqrt(2),
+    "in mdeg, and the mean in deg": lambda c: 1e3 * c,
+    "in arcmin, and the mean in deg": lambda c: 60 * c,
 }
 
 
@@ -32,8 +34,9 @@ def waves(data, written):
 def test_waves_by_another_convention_are_asked_about_and_read_so(words):
     """Sines in place of cosines made twenty parts of the machine change their phases."""
     data, wrong = measured(), waves(measured(), WRITTEN[words])
-    with pytest.raises(InputError, match=f"the waves of all orders seem to be {words}.* --accept waves"):
+    with pytest.raises(InputError, match=f"the waves of all orders seem to be {words}.* --accept waves") as error:
         examine(wrong, RIG, PATH)
+    assert "--scale" not in str(error.value) and "taken_off" not in str(error.value)
     read = examine(wrong, RIG, PATH, accept=["waves"])
     assert read.corrected == {"waves"} and np.abs(read.data.values - data.values).max() < 1e-12
 

@@ -223,6 +223,7 @@ _PHASES: tuple[tuple[str, _Turned], ...] = (
 _SIZES = (
     ("", 1.0), ("twice as large, from peak to peak", 2.0), ("half as large, one side of a spectrum", 0.5),
     ("RMS in place of amplitudes", 2**-0.5), ("one side of a spectrum, as RMS", 8**-0.5),
+    ("in mdeg, and the mean in deg", 1e3), ("in arcmin, and the mean in deg", 60.0),
 )  # fmt: skip
 #: of which curves, their sign (0: all); phases, and how they are read; sizes, and their factor
 _CONVENTIONS: list[tuple[str, float, str, _Turned, str, float]] = [
@@ -305,6 +306,9 @@ def taken_off(data: Observations, rig: RigModel) -> list[Mistake]:
     unit = float(np.median(measured[made] / known[made])) if len(made) else 0.0
     left = np.maximum(measured - noise.mean(axis=0), told_power(noise))
     gone = left < SETTINGS.taken_off**2 * unit * known
+    # a mean that is the rig's as it is read is there, whatever the unit of the waves
+    differs = np.median(np.abs(data.values - model) ** 2, axis=0)
+    gone &= (data.orders > 0) | (differs > SETTINGS.of_a_size**2 * known)
     if not len(gone) or data.orders[0] != 0 or not gone[0]:
         return []
     # an order that the rig does not make tells nothing of a filter
