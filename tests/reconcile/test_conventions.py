@@ -48,6 +48,13 @@ def test_waves_that_noise_makes_much_of_are_read_by_their_convention(words):
         examine(waves(measured(1e-4), WRITTEN[words]), RIG, PATH)
 
 
+@pytest.mark.parametrize("words", ["with phases of sines", "RMS in place of amplitudes and with phases of sines"])
+def test_orders_that_noise_hides_have_no_vote_on_a_convention(words):
+    """In noise of most orders RMS of sines were sixteen changes of a machine that has none, and explained."""
+    with pytest.raises(InputError, match=f"the waves of all orders seem to be {words}"):
+        examine(waves(measured(6e-4), WRITTEN[words]), RIG, PATH)
+
+
 @pytest.mark.parametrize("seed", [4, 5])
 def test_noise_that_hides_most_orders_is_no_convention(seed):
     """In noise of twice their size, which is in every size, waves may be as large as those from peak to peak."""

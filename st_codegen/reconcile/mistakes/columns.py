@@ -262,8 +262,11 @@ def other_waves(data: Observations, rig: RigModel) -> list[Mistake]:
         if sizes and not _has_factor(data, rig, read, factor):
             continue
         left = read.gap(ones, unturned)
-        # what noise hides is not left, but not told either
-        rest = np.median(np.maximum(left - read.noise, read.least / SETTINGS.told) / read.model, axis=1).max()
+        # what noise hides is not left, but not told either: such orders have no vote where enough others have
+        hidden = read.least / SETTINGS.told / read.model
+        shows = (hidden < SETTINGS.of_a_size**2).all(axis=0)
+        own = shows if shows.sum() >= SETTINGS.least_votes else np.ones_like(shows)
+        rest = np.median(np.maximum((left - read.noise) / read.model, hidden)[:, own], axis=1).max()
         # where some runs alone are otherwise, a part of each order seems to be, and those that are not lose by it
         lost, saved = ((np.abs(part) ** 2 / beside)[:, loud].sum(axis=1) for part in (after, before))
         most = np.mean((lost < saved)[data.at.sign != -sign]) > SETTINGS.most_orders

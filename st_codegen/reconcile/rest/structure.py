@@ -258,7 +258,7 @@ def _known_noise(target: FitData, residual: ComplexArray, found: FloatArray) -> 
         lasts = (data.orders <= SETTINGS.wander_orders) & (found < _beyond(target, residual) * own)
         lasts |= (of_an_encoder(target, residual) > 0) | ~np.isfinite(own)
         # what orders beside each other have holds a walk already
-        walking = own * np.where(_told_from_afar(data), 1.0, _wandering(target, residual))
+        walking = own * np.where(told_beside(data), 1.0, _wandering(target, residual))
         return np.where(lasts, found, np.where(data.orders > 0, walking, own))
     left = is_lacking(target, residual)
     return np.where(left, np.minimum(np.minimum(found, own), by_directions(target, residual)[1]), found)
@@ -291,11 +291,18 @@ def noise_within(target: FitData) -> FloatArray:
     """
     data, good = target.data, target.good
     if data.spectral_deg is not None:
-        within, afar = np.sqrt((data.spectral_deg[good] ** 2).mean(axis=0)), _told_from_afar(data)
-        # where all orders above the lowest are loud they tell each other's, as in a table
-        every = bool(afar[data.orders > SETTINGS.wander_orders].all())
-        return np.where(afar, _noise_beside(target) if every else np.inf, within)
+        within = np.sqrt((data.spectral_deg[good] ** 2).mean(axis=0))
+        within[_told_from_afar(data)] = np.inf
+        return np.where(told_beside(data), _noise_beside(target), within)
     return _noise_beside(target)
+
+
+def told_beside(data: Observations) -> BoolArray:
+    """Orders whose noise those beside them tell, (K,): all of a table; of curves, where no quiet one is near any."""
+    if data.spectral_deg is None:
+        return np.ones(len(data.orders), bool)
+    high = data.orders > SETTINGS.wander_orders
+    return np.asarray(high & _told_from_afar(data)[high].all())
 
 
 def _noise_beside(target: FitData) -> FloatArray:

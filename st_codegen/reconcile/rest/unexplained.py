@@ -32,6 +32,7 @@ from st_codegen.reconcile.rest.structure import (
     scatter,
     structure,
     sure_times,
+    told_beside,
 )
 from st_codegen.reconcile.rest.unseen import one_after_the_other
 from st_codegen.reconcile.settings import SETTINGS
@@ -263,9 +264,7 @@ def _noise_of_order(
     """
     parts, (shared, apart) = int(target.data.parts[k]), directions
     own, differ = float(noise_within(target)[k] ** 2), float(apart[k] ** 2)
-    what = within = (
-        "what orders beside it differ by" if target.data.spectral_deg is None else "the noise within the curves"
-    )
+    what = within = "what orders beside it differ by" if told_beside(target.data)[k] else "the noise within the curves"
     if differ < own:
         own, what = differ, _BOTH_SIDES
     # what one direction alone has is what both differ by
