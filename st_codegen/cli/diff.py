@@ -128,7 +128,7 @@ def _lines(found: Review) -> list[str]:
                 f"{model.rows_gained:,} gained one"
             )
         lines += [f"{model.name}: {line}" for line in _label_lines(model)]
-        if model.changed and not model.facts and not any(output.largest for output in model.outputs):
+        if model.changed and model.rows and not model.facts and not any(output.largest for output in model.outputs):
             lines.append(f"{model.name}: text changed, no output moved at {model.points}")
     counts = {kind: sum(1 for k in found.files.values() if k == kind) for kind in ("added", "removed", "changed")}
     files = [f"{count} {kind}" for kind, count in counts.items() if count]

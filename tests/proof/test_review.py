@@ -230,6 +230,11 @@ def test_what_a_term_and_another_form_of_an_order_do_is_told_by_order(bundle_fol
     assert run("diff", old, new, "-n", 50, "--markdown", tmp_path / "r.md") == 1
     assert "FB_TEPredict[order 0 backward]" in capsys.readouterr().err
     assert "2 harmonics changed." in (tmp_path / "r.md").read_text()
+    path.write_text(text.replace("min = 25.0", "min = 40.0"), encoding="utf-8")
+    assert run("diff", old, make(bundle_folder, tmp_path / "c"), "-n", 50) == 1
+    shown = capsys.readouterr().out
+    assert "FB_TEPredict: other inputs or no range in common: its numbers were not compared\n" in shown
+    assert "FB_TEPredict: text changed" not in shown
 
 
 def test_points_that_lose_their_answer_are_counted(lone_folder, tmp_path):
