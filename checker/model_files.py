@@ -264,7 +264,7 @@ def read_json(data):
         return dict(pairs)
 
     def short(digits):
-        need(len(re.sub(r"E.*|\W|^[-0.]+", "", digits.upper())) < 10, f"{digits}: more digits than float32 has")
+        need(len(re.sub(r"^[-0.]+|E.*|\W", "", digits.upper())) < 10, f"{digits}: more digits than float32 has")
         return float(digits)
 
     need(b"\\u" not in data, "letters that are escaped")
@@ -293,8 +293,13 @@ def read_xgboost(document):
     need(param["num_class"] == "0" and len(base) in (1, outputs), "classes, or another base")
     need(len(weight) == (count if booster["name"] == "dart" else 0), "other weights of trees")
     need(len(model["tree_info"]) == count == int(model["gbtree_model_param"]["num_trees"]), "another number of trees")
+    need([tree["id"] for tree in model["trees"]] == list(range(count)), "trees out of order")
     need([*starts[:1], *starts[-1:]] == [0, count] and starts == sorted(starts), "other iterations")
     need(last is None or 0 < last <= count, "another best iteration")
+    if last is not None:  # XGBoost up to 1.5 counts the trees of the best rounds, or those of a round, by itself
+        parallel = re.search(r'"num_parallel_tree": *(\d{1,9})\b', told["scikit_learn"])
+        trees = told.get("best_ntree_limit", str((best + 1) * int(parallel[1]) if parallel else 0))
+        need(trees.isdecimal() and int(trees[:10]) * outputs <= last, "more trees than those up to the best iteration")
     base = np.broadcast_to(base, outputs) if len(base) == 1 else base
     trees = []
     for number, (t, group) in enumerate(zip(model["trees"][:last], model["tree_info"])):

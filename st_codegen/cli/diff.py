@@ -99,11 +99,11 @@ def _show(found: Review) -> None:
     for line in _lines(found):
         click.echo(inert(line))
     changed = [model for model in found.models if model.outputs and model.changed]
-    if changed:
+    if shown := [*changed, *(block for block in found.around if block.outputs)]:
         from st_codegen.proof.review import tried_text
 
-        console.print(_table(changed))
-        console.print(tried_text(changed, found.target))
+        console.print(_table(shown))
+        console.print(tried_text(changed, found.target, found.around))
 
 
 #: Changes of labels, or of their numbers, that a line names.
@@ -116,17 +116,19 @@ def _lines(found: Review) -> list[str]:
     lines = [f"model added: {name}" for name in found.added]
     lines += [f"model removed: {name}" for name in found.removed]
     lines += [_sentence("", change) for change in found.project]
-    for model in found.models:
+    for model in (*found.models, *found.around):
         lines += [_sentence(f"{model.name}: ", change) for change in model.facts]
         if model.text_changed and not model.rows:
-            lines.append(f"{model.name}: not as many inputs or outputs as before: its numbers were not compared")
+            around = model in found.around
+            why = "other inputs or no range in common" if around else "not as many inputs or outputs as before"
+            lines.append(f"{model.name}: {why}: its numbers were not compared")
         if model.rows_lost or model.rows_gained:
             lines.append(
                 f"{model.name}: of {counted(model.rows, 'operating point')}, {model.rows_lost:,} lost their answer, "
                 f"{model.rows_gained:,} gained one"
             )
         lines += [f"{model.name}: {line}" for line in _label_lines(model)]
-        if model.changed and not model.facts and not any(output.largest for output in model.outputs):
+        if model.changed and model.rows and not model.facts and not any(output.largest for output in model.outputs):
             lines.append(f"{model.name}: text changed, no output moved at {model.points}")
     counts = {kind: sum(1 for k in found.files.values() if k == kind) for kind in ("added", "removed", "changed")}
     files = [f"{count} {kind}" for kind, count in counts.items() if count]
@@ -177,8 +179,7 @@ def _table(models: list[ModelChange]) -> Table:
     table = table_of(title, "output", "largest", "mean", "points that moved", "largest at")
     for model in models:
         for output in model.outputs:
-            name = model.name if len(model.outputs) == 1 else f"{model.name}[{output.output}]"
             where = ", ".join(f"{key} = {value:.6g}" for key, value in output.where.items()) if output.largest else ""
             sizes = (one if isinstance(one, str) else f"{one:.3g}" for one in output.sizes)
-            table.add_row(name, *sizes, percent(output.moved), where)
+            table.add_row(model.label(output), *sizes, percent(output.moved), where)
     return table

@@ -90,8 +90,9 @@ def command(
         }
         click.echo(json.dumps({**asdict(found), **more}, indent=1))
         return
-    times = (found.best_us, found.mean_us, found.worst_us)
-    click.echo("delay: {:.1f} us of a new value, {:.1f} us in the mean, {:.1f} us at most".format(*times))
+    new = f"{found.best_us:.1f} to " if found.best_us < found.slowest_us else ""
+    times = (found.slowest_us, found.mean_us, found.worst_us)
+    click.echo(f"delay: {new}" + "{:.1f} us of a new value, {:.1f} us in the mean, {:.1f} us at most".format(*times))
     click.echo(f"upper limit of the correction: {found.frequency_hz:.1f} Hz")
     click.echo(f"order {order} up to {found.output_speed_rpm(order):.1f} rpm at the output shaft")
     click.echo(f"lead time for the compensator: fLead_s := {found.mean_us * 1e-6:.7f}")

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from st_codegen.cost.report import ProjectCost
     from st_codegen.project.bundle import Bundle
     from st_codegen.proof.prove.prove import ProveReport
-    from st_codegen.proof.review import ModelChange, Review, Sweep
+    from st_codegen.proof.review import Review, Sweep
     from st_codegen.proof.verify_report import VerifyReport
 
 #: Outputs whose curves a page shows: those that moved most.
@@ -52,15 +52,18 @@ def review_sections(found: Review, lines: list[str], *, draw: bool) -> tuple[str
     same = [model.name for model in found.models if not model.changed]
     counts = f"{len(changed)} of {counted(len(found.models), 'model')} changed in the target {found.target}."
     summary = counts if found.changed else "No difference."
+    if parts := sum(len(block.outputs) for block in found.around):
+        summary += f" {counted(parts, 'harmonic')} changed."
     if found.added or found.removed:
         summary += f" {len(found.added)} added, {len(found.removed)} removed."
     sections = [PageSection("What changed", "\n\n".join(lines))]
-    moved = [(model, output) for model in changed for output in model.outputs]
+    moved = [(model, output) for model in (*changed, *found.around) for output in model.outputs]
     moved.sort(key=lambda entry: -entry[1].largest)
+    drawn = [(model, output) for model, output in moved if output.curves][:_MOST_DRAWN]
     if moved:
         rows = [
             (
-                _label(model, output.output),
+                model.label(output),
                 *output.sizes,
                 percent(output.moved),
                 ", ".join(f"{name} = {value:.6g}" for name, value in output.where.items()) if output.largest else "",
@@ -68,13 +71,11 @@ def review_sections(found: Review, lines: list[str], *, draw: bool) -> tuple[str
             for model, output in moved
         ]
         columns = ("output", "largest change", "mean change", "points that moved", "largest at")
-        pictures = (
-            tuple(svg for m, o in moved[:_MOST_DRAWN] for svg in _curves(_label(m, o.output), o.curves)) if draw else ()
-        )
+        pictures = tuple(svg for m, o in drawn for svg in _curves(m.label(o), o.curves)) if draw else ()
         sections.append(
             PageSection(
                 "Numbers",
-                f"{tried_text(changed, found.target)} Curves go through the point of the largest change.",
+                f"{tried_text(changed, found.target, found.around)} Curves go through the point of the largest change.",
                 PageTable(columns, rows),
                 pictures,
             )
@@ -84,10 +85,6 @@ def review_sections(found: Review, lines: list[str], *, draw: bool) -> tuple[str
     if same:
         sections.append(PageSection(f"What did not change, {found.target}", ", ".join(same) + "."))
     return summary, sections
-
-
-def _label(model: ModelChange, output: str) -> str:
-    return model.name if len(model.outputs) == 1 else f"{model.name}[{output}]"
 
 
 def _curves(title: str, curves: Iterable[Sweep]) -> list[str]:

@@ -16,7 +16,8 @@ from typing import Any, Protocol
 from st_codegen.emit.blocks.application import Application
 from st_codegen.emit.blocks.comparison import CalledBlock
 from st_codegen.emit.blocks.tests import ReferenceVectors
-from st_codegen.ir import FloatArray, ModelIR
+from st_codegen.entries import Entries
+from st_codegen.ir import BoolArray, ComplexArray, FloatArray, ModelIR
 from st_codegen.passes.choose import Options
 from st_codegen.passes.pipeline import Compiled
 from st_codegen.walkers.base import LoadedModel
@@ -46,6 +47,13 @@ class RunsBlocks(Protocol):
     ) -> dict[str, FloatArray]:
         """All outputs of a block, called `calls` times with an array for each named input."""
         ...
+
+
+#: What `diff` compares of a block around the models, by the block's name: it runs the block with its named inputs, and
+#: gives a complex number for each thing that the block answers, and where it answers at all.
+ANSWERS: Entries[Callable[[RunsBlocks, Mapping[str, FloatArray]], tuple[dict[str, ComplexArray], BoolArray]]] = (
+    Entries()
+)
 
 
 class Purpose(Protocol):

@@ -7,7 +7,7 @@ emitted texts, run on the same operating points.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from st_codegen.emit.output import Manifest, content_of, read_manifest
 from st_codegen.errors import GeneratedCodeError, counted
 from st_codegen.ir import FloatArray
 from st_codegen.processes import Progress
+from st_codegen.project.purpose import ANSWERS
 from st_codegen.proof.probes import RangeSource
 from st_codegen.proof.runner import BlockResult, GeneratedCode, target_folders
 from st_codegen.st.check.flow import all_reached
@@ -120,6 +121,10 @@ class ModelChange:
     labels: tuple[LabelChange, ...] = ()
     answered: int = 0
 
+    def label(self, output: OutputChange) -> str:
+        """The name of an output, for a table."""
+        return self.name if len(self.outputs) == 1 and self.name not in ANSWERS else f"{self.name}[{output.output}]"
+
     @property
     def points(self) -> str:
         """The points at which outputs were compared, in words."""
@@ -148,27 +153,35 @@ class ModelChange:
         )
 
 
-def tried_text(changed: Sequence[ModelChange], target: str) -> str:
-    """At which points the outputs of changed models were compared, in whole sentences."""
+def tried_text(changed: Sequence[ModelChange], target: str, around: Sequence[ModelChange] = ()) -> str:
+    """At which points the outputs of changed models, and of blocks around them, were compared, in whole sentences."""
     text = (
         f"Both texts of the target {target} were run at random points of the operating range, at which no input is "
         "missing; a larger change may lie elsewhere. Every third point has whole numbers where a range holds two, so "
         "that means and shares are not those of evenly spread points."
     )
-    if partly := [model.name for model in changed if model.answered < model.rows]:
-        text += f" Of these models the points are those that both texts answer: {', '.join(partly)}."
+    if partly := [model.name for model in (*changed, *around) if model.answered < model.rows]:
+        text += f" Of these the points are those that both texts answer: {', '.join(partly)}."
     guessed = sorted({f"{model.name}: {', '.join(model.guessed)}" for model in changed if model.guessed})
     if guessed:
         text += (
             " No operating range is known for these features, and the points lie where the model's own numbers are: "
             f"{'; '.join(guessed)}. st-codegen.toml can give it."
         )
+    if blocks := [block.name for block in around if block.outputs]:
+        text += (
+            f" Changes of {', '.join(blocks)} are in deg, of the complex number A * exp(i * phi) of an order, in the "
+            "ranges that both have; what one of them does not have counts as 0."
+        )
     return text
 
 
 @dataclass(frozen=True)
 class Review:
-    """The difference of two generated folders of one target."""
+    """The difference of two generated folders of one target.
+
+    `around`: blocks around the models that changed, with those of their answers that moved.
+    """
 
     target: str
     added: tuple[str, ...]
@@ -176,6 +189,7 @@ class Review:
     models: tuple[ModelChange, ...]
     project: tuple[Change, ...]
     files: dict[str, str] = field(default_factory=dict)
+    around: tuple[ModelChange, ...] = ()
 
     @property
     def changed(self) -> bool:
@@ -184,7 +198,7 @@ class Review:
     def as_json(self) -> dict[str, Any]:
         """Everything but the curves, with `changed` on top."""
         content = {"changed": self.changed, **asdict(self)}
-        for output in (output for model in content["models"] for output in model["outputs"]):
+        for output in (one for model in (*content["models"], *content["around"]) for one in model["outputs"]):
             del output["curves"]
         return content
 
@@ -229,6 +243,7 @@ def diff(
         ),
         files=files
         | {f"{one.name}/{name}": kind for one, other in others for name, kind in _changed_files(one, other).items()},
+        around=tuple(_compare_around(models, codes, files, rows, seed)),
     )
 
 
@@ -349,6 +364,43 @@ def _compare_model(
     )
 
 
+def _compare_around(
+    models: Sequence[Mapping[str, dict[str, Any]]],
+    codes: list[GeneratedCode],
+    files: Mapping[str, str],
+    rows: int,
+    seed: int,
+) -> Iterator[ModelChange]:
+    """The blocks around the models that both have and that changed, or call what changed; all read the same inputs."""
+    for block, answer in ANSWERS.items():
+        if any(block.upper() not in code.project.pous for code in codes):
+            continue
+        text_changed = codes[0].text(block) != codes[1].text(block)
+        if not text_changed and not _reaches(codes[1], block, files):
+            continue
+        old, new = (next(iter(facts.values())) for facts in models)
+        names = [feature["name"] for feature in new["features"]]
+        x = np.zeros((0, 0))
+        if len(old["features"]) == len(names):
+            x = _operating_points(old, new, rows, seed, common=True)
+        if not len(x):
+            yield ModelChange(block, (), (), 0, 0, 0, text_changed=True)
+            continue
+        (before, valid), (after, still) = (
+            answer(code, dict(zip(code.variables(block, Section.INPUT), x[:, _columns(f, new)].T, strict=True)))
+            for code, f in zip(codes, (old, new), strict=True)
+        )
+        both, zero = valid & still, np.zeros(len(x))
+        changes = {part: np.abs(after.get(part, zero) - before.get(part, zero))[both] for part in before | after}
+        outputs = tuple(
+            _output_change(part, 0, change, x[both], names, lambda _point, _number: ())
+            for part, change in changes.items()
+            if np.any(change)
+        )
+        lost, gained = int(np.sum(valid & ~still)), int(np.sum(still & ~valid))
+        yield ModelChange(block, (), outputs, len(x), lost, gained, text_changed, answered=int(both.sum()))
+
+
 def _reaches(code: GeneratedCode, block: str, files: Mapping[str, str]) -> bool:
     """Whether a block calls what stands in one of some files: those of units are called after them.
 
@@ -413,14 +465,21 @@ def _known(value: Any) -> Any:
     ]
 
 
-def _operating_points(old: dict[str, Any], new: dict[str, Any], rows: int, seed: int) -> FloatArray:
+def _operating_points(
+    old: dict[str, Any], new: dict[str, Any], rows: int, seed: int, *, common: bool = False
+) -> FloatArray:
     """Points at random in the operating range; what only one of two differing ranges covers belongs to it.
+
+    With `common` it does not; without a common range there are no points.
 
     In every third point the numbers are whole where the range holds two whole numbers, as those of categories are.
     """
     ends = np.array([[feature["range"] for feature in facts["features"]] for facts in (old, new)])
     ends[0, _columns(old, new)] = ends[0].copy()
     lower, upper = ends[:, :, 0].min(axis=0), ends[:, :, 1].max(axis=0)
+    if common:
+        lower, upper = ends[:, :, 0].max(axis=0), ends[:, :, 1].min(axis=0)
+        rows = rows if np.all(lower <= upper) else 0
     random = np.random.default_rng(seed)
     points: FloatArray = lower + (upper - lower) * random.random((rows, len(lower)))
     first, last = np.ceil(lower), np.floor(upper)

@@ -14,7 +14,9 @@ from st_codegen.ir import Feature, FloatArray, ModelIR, Select
 from st_codegen.passes.domain import limit_inputs
 from st_codegen.passes.inexact import without_inexact_steps
 from st_codegen.project.bundle import READERS, Bundle, Reading, check_names
+from st_codegen.project.purpose import ANSWERS
 from st_codegen.te.bundle_file import BUNDLE_FILE, OutputReference, read_description
+from st_codegen.te.check import PREDICT, predicted
 from st_codegen.te.harmonics import HarmonicOutput, TransmissionError
 from st_codegen.te.purpose import Compensation
 from st_codegen.walkers.base import LoadedModel, Predictor
@@ -130,3 +132,4 @@ def _reordered_predictor(predict: Predictor, order: list[int]) -> Predictor:
 
 
 READERS[BUNDLE_FILE] = read_bundle
+ANSWERS[PREDICT] = predicted

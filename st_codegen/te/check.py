@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from st_codegen.emit.blocks.comparison import CalledBlock
 from st_codegen.emit.blocks.model import input_variables
 from st_codegen.emit.blocks.tests import ReferenceVectors
 from st_codegen.emit.output import read_manifest
-from st_codegen.ir import FloatArray, ModelIR, Precision, reference
+from st_codegen.ir import BoolArray, ComplexArray, FloatArray, ModelIR, Precision, reference
 from st_codegen.project.purpose import BlockCheck, DifferenceBound, RunsBlocks
 from st_codegen.proof import bounds
 from st_codegen.proof.vectors import ROWS
@@ -195,6 +195,17 @@ def checked_blocks(te: TransmissionError) -> tuple[CalledBlock, ...]:
 def calls_of(folder: Path) -> int:
     """How many calls of FB_TEPredict a generated folder spreads its models over."""
     return int(read_manifest(folder).purpose.get("calls", 1))
+
+
+def predicted(code: RunsBlocks, inputs: Mapping[str, FloatArray]) -> tuple[dict[str, ComplexArray], BoolArray]:
+    """What FB_TEPredict answers, in deg: A * exp(i * phi) by order and direction, of order 0 the mean."""
+    facts = read_manifest(code.folder).purpose
+    result = code.call(PREDICT, inputs, len(next(iter(inputs.values()))), calls=calls_of(code.folder))
+    values: dict[str, ComplexArray] = {}
+    for direction in map(Direction, facts.get("directions", ())):
+        whole = result[f"aAmplitude{SUFFIX[direction]}"] * np.exp(1j * result[f"aPhase{SUFFIX[direction]}"])
+        values |= {f"order {order} {direction}": whole[:, number] for number, order in enumerate(facts["orders"])}
+    return values, result["bValid"].astype(np.bool_)
 
 
 def _feature_inputs(te: TransmissionError, x: FloatArray) -> dict[str, FloatArray]:

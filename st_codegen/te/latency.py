@@ -18,6 +18,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from itertools import pairwise
 
 from st_codegen.errors import InputError
 
@@ -65,17 +66,23 @@ class TaskTiming:
 class Latency:
     """Age of an angle when the correction made from it arrives, in us.
 
-    best: a correction that was just made; worst: one that has been repeated longest; mean: over all that arrive.
+    best, slowest: the least and the greatest age of a new value, which is one that arrives for the first time. They
+    differ where the cycles are no multiples of each other: then the tasks wait for each other now more, now less.
+    worst: a value that has been repeated longest; mean: over all that arrive.
     """
 
     best_us: float
+    slowest_us: float
     mean_us: float
     worst_us: float
 
     @property
     def frequency_hz(self) -> float:
-        """Upper limit of what can be corrected, as the paper has it: one over the time from value to correction."""
-        return 1e6 / self.best_us
+        """Upper limit of what can be corrected, as the paper has it: one over the time from value to correction.
+
+        The time is that which every new value keeps, the rare and fast ones do not make the limit.
+        """
+        return 1e6 / self.slowest_us
 
     def output_speed_rpm(self, order: int) -> float:
         """Output speed at which a harmonic of this order reaches `frequency_hz`. Raises InputError for order 0."""
@@ -102,7 +109,9 @@ def latency(chain: Sequence[TaskTiming], *, output_us: float = 0.0, exchange: Ex
     ages = [_age(chain, start, exchange) for start in starts]
     if min(ages) / _TICKS + output_us <= 0:
         raise InputError("nothing takes any time: give the cycle of the bus, the time of a run, or the output's")
-    return Latency(*(age / _TICKS + output_us for age in (min(ages), sum(ages) / len(ages), max(ages))))
+    # a value that was used before is older by just one cycle of the last task
+    new = [age for before, age in pairwise([ages[-1], *ages]) if age != before + _ticks(last.cycle_us)]
+    return Latency(*(age / _TICKS + output_us for age in (min(new), max(new), sum(ages) / len(ages), max(ages))))
 
 
 def _ticks(time_us: float) -> int:

@@ -247,6 +247,22 @@ XGBOOST = {
         GBTREE,
         document(lambda d: d["attributes"].update(best_iteration="9", scikit_learn='{"_estimator_type": "regressor"}')),
     ),
+    "more trees than those up to the best iteration": (
+        GBTREE,
+        document(
+            lambda d: d["attributes"].update(best_iteration="0", best_ntree_limit="2", scikit_learn='{"type": "XGB"}')
+        ),
+    ),
+    "more trees in a round": (
+        GBTREE,
+        document(lambda d: d["attributes"].update(best_iteration="0", scikit_learn='{"num_parallel_tree": 2}')),
+    ),
+    "as many trees as up to the best iteration": (
+        GBTREE,
+        document(
+            lambda d: d["attributes"].update(best_iteration="1", best_ntree_limit="2", scikit_learn='{"type": "XGB"}')
+        ),
+    ),
     "another objective": (GBTREE, document(lambda d: d["objective"].update(name="reg:logistic"))),
     "an objective and another": (GBTREE, text(r'"objective":', '"objective":{"name":"reg:logistic"},"objective":')),
     "an old version": (GBTREE, text(r'"version":\[3,2,0\]', '"version":[0,90,0]')),
@@ -277,6 +293,8 @@ def differs(path):
     rows = rows[np.all(taken, axis=1)]
     wanted = np.asarray(LIBRARIES[path.suffix](path, rows), np.float64)
     got = model.evaluate(rows, 0)
+    if len(model.base) > 1 and not model.label:
+        got = np.stack(np.broadcast_arrays(*(model.evaluate(rows, n) for n in range(len(model.base)))), axis=1)
     if model.label:
         scores = np.array([model.evaluate(rows, number) for number in range(len(model.base))])
         got = np.argmax(scores, axis=0) if len(scores) > 1 else (scores[0] > 0) * 1.0
@@ -500,7 +518,9 @@ TABLES = {"lightgbm": LIGHTGBM, "xgboost": XGBOOST, "skops": SKOPS, "onnx": ONNX
 READ = {
     "lightgbm": {"a threshold that overflows", "a leaf of many digits", "a leaf that is tiny"}
     | {"no kind of missing values", "an average", "a shrinkage"},
-    "xgboost": {"a plain base", "an infinite condition", "a condition that overflows"},
+    "xgboost": {"a plain base", "an infinite condition", "a condition that overflows"}
+    | {"an iteration of two trees", "parallel trees", "a default of true", "two targets", "fewer inputs"}
+    | {"a best iteration of a Booster", "a best iteration", "as many trees as up to the best iteration"},
     "skops": {"a threshold of infinity", "missing values to the other side", "a rate of another kind"}
     | {"another class of members", "another class"},
     "onnx": {"the file itself", "a threshold of infinity", "a missing value that goes by 2"},

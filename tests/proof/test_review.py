@@ -202,6 +202,41 @@ def test_ranges_and_the_bundle_before_and_after(bundle_folder, tmp_path):
     assert found.models[0].rows > 0
 
 
+def test_what_a_term_and_another_form_of_an_order_do_is_told_by_order(bundle_folder, tmp_path, capsys):
+    """No model changed, and nothing said by how much the harmonics did."""
+    old = make(bundle_folder, tmp_path / "a")
+    path = bundle_folder / "bundle.toml"
+    text = path.read_text(encoding="utf-8")
+    form = 'amplitude = "a.txt"\nphase = "b.txt"'
+    assert text.count(form) == 1
+    text = text.replace(form, 'cosine = "a.txt"\nsine = "b.txt"').replace("max = 35.0", "max = 45.0")
+    term = '[[term]]\ndirection = "backward"\norder = 0\namplitude = "b.txt"\n'
+    path.write_text(f"{text}\n{term}", encoding="utf-8")
+    new = make(bundle_folder, tmp_path / "b")
+    (block,) = diff(old, new, rows=300).around
+    assert (block.name, block.rows, block.rows_lost) == ("FB_TEPredict", 300, 0)
+    found = {output.output: output for output in block.outputs}
+    assert sorted(found) == ["order 0 backward", "order 1 forward"]
+    model = next(one for one in load(bundle_folder).models if one.ir.name == "b")
+    for part, of in {
+        "order 0 backward": abs,
+        "order 1 forward": lambda value: abs(value * np.exp(1j * value) - (value + 1j * value)),
+    }.items():
+        where = found[part].where
+        assert where["temperature_C"] <= 35.0  # of the ranges what both have
+        assert found[part].largest == pytest.approx(of(model.predict(np.array([list(where.values())]))[0, 0]))
+        assert 0 < found[part].mean <= found[part].largest
+    capsys.readouterr()
+    assert run("diff", old, new, "-n", 50, "--markdown", tmp_path / "r.md") == 1
+    assert "FB_TEPredict[order 0 backward]" in capsys.readouterr().err
+    assert "2 harmonics changed." in (tmp_path / "r.md").read_text()
+    path.write_text(text.replace("min = 25.0", "min = 40.0"), encoding="utf-8")
+    assert run("diff", old, make(bundle_folder, tmp_path / "c"), "-n", 50) == 1
+    shown = capsys.readouterr().out
+    assert "FB_TEPredict: other inputs or no range in common: its numbers were not compared\n" in shown
+    assert "FB_TEPredict: text changed" not in shown
+
+
 def test_points_that_lose_their_answer_are_counted(lone_folder, tmp_path):
     old = make(lone_folder, tmp_path / "a")
     new = make(lone_folder, tmp_path / "b")

@@ -53,6 +53,17 @@ def test_an_offset_of_the_slow_task_changes_who_waits():
     assert (late.best_us, late.worst_us) == (1250.0, 1500.0)
 
 
+def test_new_values_of_cycles_that_are_no_multiples_have_different_ages(capsys):
+    options = "--fast 250 --slow 600 --output 75.3 --exchange end --fast-run 30 --slow-run 200"
+    assert run(*options.split()) == 0
+    # slow starts at 0, 600, .. 2400, is ready 200 later, and what it reads was latched before 0, 500, 1000, 1750, 2250;
+    # fast takes it at 250, 1000, 1500, 2000, 2750 and hands over 30 later: four times 750 + 30 us after latching
+    # (-500, 250, 750, 2000), and once 500 + 30 (1500)
+    printed = capsys.readouterr().out
+    assert "delay: 605.3 to 855.3 us of a new value, 980.3 us in the mean, 1355.3 us at most" in printed
+    assert "1169.2 Hz" in printed
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [
@@ -96,6 +107,7 @@ def test_the_command_prints_json(capsys):
     numbers = json.loads(capsys.readouterr().out)
     assert numbers == {
         "best_us": 250.0,
+        "slowest_us": 250.0,
         "mean_us": 250.0,
         "worst_us": 250.0,
         "frequency_hz": 4000.0,

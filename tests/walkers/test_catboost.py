@@ -102,6 +102,7 @@ REFUSED = {
     "a kind of split": (lambda d: d["oblivious_trees"][0]["splits"][0].update(split_type="OneHot"), "splits of OneHot"),
     "a treatment": (lambda d: d["features_info"]["float_features"][0].update(nan_value_treatment=3), "not as CatBoost"),
     "a sum of models": (lambda d: d["model_info"].pop("params"), "its loss is not known"),
+    "a number as bias": (lambda d: d.update(scale_and_bias=[1, 0.5]), "its bias is no list of numbers"),
     "no trees": (lambda d: d.update(oblivious_trees=[]), "no trees"),
     "the order": (lambda d: d["features_info"]["float_features"].reverse(), "not numbered"),
 }

@@ -402,3 +402,6 @@ def test_other_sizes_of_which_rounding_decides_or_that_are_interpolated_are_refu
         UnsupportedModelError, match="the mode cubic by half_pixel; of all axes, 'nearest' and 'linear'"
     ):
         assert_moved(tmp_path, ("Resize", ["none", "none", "sizes"], {"mode": "cubic"}), (1, 28), given)
+    ratio = {"mode": "nearest", "keep_aspect_ratio_policy": "not_larger"}
+    with pytest.raises(UnsupportedModelError, match=r"(?<!half_pixel, )keep_aspect_ratio_policy='not_larger'; of all"):
+        assert_moved(tmp_path, ("Resize", ["none", "none", "sizes"], ratio), (1, 28), given, opset=18)

@@ -74,6 +74,8 @@ def _loaded(document: dict[str, Any], name: str, path: Path) -> LoadedModel:
     known = _features(features["float_features"])
     trees = list(document["oblivious_trees"])
     scale, bias = float(document["scale_and_bias"][0]), np.array(document["scale_and_bias"][1], np.float64)
+    if bias.ndim != 1:
+        raise InputError("its bias is no list of numbers, which CatBoost takes alone; export the model again")
     if not trees or not len(bias) or not np.all(np.isfinite([scale, *bias])):
         raise InputError("no trees, or a scale or bias that is not finite; train the model again")
     builder = GraphBuilder(len(known))

@@ -105,8 +105,9 @@ def _opsets(model: onnx.ModelProto, problems: Problems) -> dict[str, int]:
         elif newest is not None and not 1 <= entry.version <= newest:
             problems.errors.append(
                 UnsupportedModelError(
-                    f"opset {entry.version} of the domain '{domain or 'ai.onnx'}': the installed onnx package knows "
-                    f"1 to {newest}; export the model with another target_opset, or install a newer onnx"
+                    f"opset {entry.version} of the domain '{domain or 'ai.onnx'}': the installed onnx package "
+                    f"lists 1 to {newest} as released; export the model with another target_opset, or install a newer "
+                    "onnx and onnxruntime"
                 )
             )
     return opsets

@@ -223,11 +223,16 @@ def _mode(call: NodeCall) -> tuple[str, str]:
     node = call.node
     way = "asymmetric" if node.version <= 10 else node.text("coordinate_transformation_mode", "half_pixel")
     mode = node.text("mode", "nearest")
-    stretched = node.text("keep_aspect_ratio_policy", "stretch") == "stretch"
-    known = mode in ("nearest", "linear") and way in _COORDINATES
-    if not known or "axes" in node or node.integer("antialias") or not stretched:
+    policy = node.text("keep_aspect_ratio_policy", "stretch")
+    unknown = {
+        f"the mode {printable(mode)} by {printable(way)}": mode not in ("nearest", "linear") or way not in _COORDINATES,
+        "a choice of axes": "axes" in node,
+        "antialias": node.integer("antialias") != 0,
+        f"keep_aspect_ratio_policy='{printable(policy)}'": policy != "stretch",
+    }
+    if reasons := [text for text, found in unknown.items() if found]:
         raise UnsupportedModelError(
-            f"the mode {printable(mode)} by {printable(way)}; of all axes, 'nearest' and 'linear' by "
+            f"{', '.join(reasons)}; of all axes, 'nearest' and 'linear' by "
             f"{', '.join(_COORDINATES)} are supported, without antialias and with keep_aspect_ratio_policy='stretch'"
         )
     return mode, way
