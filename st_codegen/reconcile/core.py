@@ -10,6 +10,7 @@ import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.processes import Progress
+from st_codegen.reconcile.data.contrasts import speed_levels
 from st_codegen.reconcile.data.noise import Noise, estimate
 from st_codegen.reconcile.data.observations import Observations, rms_deg
 from st_codegen.reconcile.fit.fitting import Fit, fit
@@ -281,8 +282,9 @@ def _points_that_test(data: Observations, before: ComplexArray, unseen: _Unseen,
     """
     taken, at = _powers(data, before[unseen.rows] - unseen.left), data.at.points[unseen.rows]
     changed = [*(one.piece.effect for one in found.claims), *(one.after for one in found.retuned)]
-    of = [at, at[:, :1]] if any(effect.stage is Stage.STRUCTURE for effect in changed) else [at]
-    places = (np.unique(one, axis=0, return_inverse=True)[1].ravel() for one in of)
+    places = [np.unique(at, axis=0, return_inverse=True)[1].ravel()]
+    if any(effect.stage is Stage.STRUCTURE for effect in changed):
+        places.append(speed_levels(data.at.speed_rpm)[unseen.rows])
     return min(_carriers(np.bincount(place, taken).astype(np.float64)) for place in places)
 
 

@@ -314,9 +314,9 @@ def outside(compensator: EmittedCompensator, plan: MotionPlan) -> str:
     roles = {name: values[role][plan.first :] for role, name in vars(compensator.roles).items() if name}
     found = []
     for feature, name in zip(compensator.te.features, compensator.names, strict=True):
-        low, high = feature.flagged or (feature.lower, feature.upper)
-        if low is None or high is None:
+        if feature.checked is None:
             continue
+        low, high = feature.checked
         for side, end, is_out in ("below", low, roles[name] < low), ("above", high, roles[name] > high):
             if is_out.any():
                 found.append(f"{feature.name} is {side} {end:g} in {percent(float(is_out.mean()))} of the motion")

@@ -357,6 +357,14 @@ def test_a_gap_where_one_held_out_run_meets_what_was_added_is_said_to_be_the_lea
     assert found.unseen_curves == 48 and found.held_out_is_bound
 
 
+def test_two_modes_whose_orders_are_loud_at_nearly_one_speed_are_no_sidebands():
+    """The fainter one was called a copy of the louder one, and neither had a name."""
+    at = grid(np.arange(200, 1701, 150.0), [0.0, 900.0, 1800.0], [25.0, 35.0])
+    waves = {240: 6e-3 * by_force(at, 240, 60.0, 0.03), 156: 2e-3 * np.exp(1j) * by_force(at, 156, 38.0, 0.03)}
+    found = reconciled("", at, [0, 39, 40, 78, 156, 240], waves)
+    assert sorted(one.piece.effect.orders for one in found.conclusions.claims) == [(156,), (240,)]
+
+
 def test_points_at_one_speed_tell_one_flank_of_a_resonance():
     """Of six speeds one meets the peak, at 30 loads and temperatures: between speeds the new rig was far worse."""
     at, orders = grid(np.arange(200, 1701, 300.0), np.linspace(0, 1600, 10), [25.0, 30.0, 35.0]), [0, 39, 156, 240]
@@ -365,3 +373,8 @@ def test_points_at_one_speed_tell_one_flank_of_a_resonance():
     )
     assert [one.piece.effect.name for one in found.conclusions.claims] == ["structural_resonance"]
     assert found.held_out_is_bound and 1.0 <= found.testers < 1.5 and "or speeds (worth 1." in summary(found)
+    # each run has a measured speed of its own
+    speeds = at.speed_rpm + np.repeat(np.random.default_rng(0).normal(0.0, 0.5, len(at) // 2), 2)
+    at = replace(at, speed_rpm=speeds)
+    waves = {k: size * by_force(at, k, 54.4, 0.02) for k, size in ((156, 1e-3), (240, 6e-3))}
+    assert reconciled("", at, orders, waves).held_out_is_bound

@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 
 from st_codegen.cli.main import main
+from st_codegen.errors import InputError
 from st_codegen.project.bundle import load
-from st_codegen.reconcile.models.bundle_files import write_updated
+from st_codegen.reconcile.models.bundle_files import check_changeable, write_updated
 from st_codegen.reconcile.models.formula import Graph, addends, evaluate, operating_point
 from st_codegen.reconcile.models.terms import Decision, Part, not_worth
+from st_codegen.reconcile.models.update import Wish, check_models
 from st_codegen.rig.effects import Conditions, Constants, catalogue
 from st_codegen.rig.model import RigModel, parse_rig
 from st_codegen.te.harmonics import Direction, Quantity
@@ -194,7 +196,9 @@ def test_a_term_enters_for_a_sure_and_worthwhile_gain_only():
 def test_the_play_grows_by_what_the_terms_of_the_mean_add_to_it(tmp_path):
     write_bundle(parse_rig(LINEAR_RIG + KNOWN), tmp_path / "models")
     path, graph = tmp_path / "models" / "bundle.toml", Graph()
-    path.write_text(path.read_text() + '\n[play]\nangle_deg = 0.008 # measured\ntorque_feature = "torque_Nm"\n')
+    play = '\n[play] # as in [3]\n# [m]\nangle_deg = 0.008 # measured\ntorque_feature = "torque_Nm"\n'
+    path.write_text(path.read_text() + play)
+    check_changeable(path)
     loaded = graph.binary("Mul", graph.input("torque_Nm"), graph.constant(1e-5))
     parts = tuple(
         Part("f", direction, 0, graph.binary("Add", graph.constant(value), loaded), graph.constant(0.0))
@@ -204,6 +208,14 @@ def test_the_play_grows_by_what_the_terms_of_the_mean_add_to_it(tmp_path):
     write_updated(load(tmp_path / "models"), tmp_path / "models", [decision], tmp_path / "out")
     assert load(tmp_path / "out").purpose.te.play.angle_deg == pytest.approx(0.013)
     assert "# measured" in (tmp_path / "out" / "bundle.toml").read_text()
+
+
+def test_a_bundle_that_cannot_be_changed_is_refused_before_anything_is_computed(tmp_path):
+    write_bundle(parse_rig(LINEAR_RIG + KNOWN), tmp_path)
+    path = tmp_path / "bundle.toml"
+    path.write_text(path.read_text() + '\n[play]\n"angle_deg" = 0.008\ntorque_feature = "torque_Nm"\n')
+    with pytest.raises(InputError, match=r"write the play as a table `\[play\]` with a line `angle_deg = ..`"):
+        check_models(parse_rig(LINEAR_RIG), Wish(tmp_path))
 
 
 def test_what_has_a_formula_but_no_name_enters_too():

@@ -9,6 +9,7 @@ from sklearn import ensemble, multiclass, multioutput
 from sklearn.calibration import CalibratedClassifierCV
 from sklearn.compose import ColumnTransformer, TransformedTargetRegressor
 from sklearn.decomposition import PCA
+from sklearn.feature_selection import RFE
 from sklearn.impute import SimpleImputer
 from sklearn.linear_model import LinearRegression, LogisticRegression, Ridge
 from sklearn.model_selection import GridSearchCV
@@ -35,6 +36,16 @@ ALONE = {
     "the best one": (GridSearchCV(scaled(Ridge()), {"ridge__alpha": [0.1, 1.0]}, cv=2), SCORE),
     "target": (TransformedTargetRegressor(scaled(Ridge()), transformer=StandardScaler(copy=False)), SCORE),
     "bag": (ensemble.BaggingRegressor(scaled(Ridge()), 3, random_state=0), SCORE),
+    "bag of sums": (ensemble.BaggingRegressor(make_pipeline(scaled(Ridge())), 2, random_state=0), SCORE),
+    "one against the rest": (multiclass.OneVsRestClassifier(scaled(LogisticRegression())), TWO),
+    "one soft vote": (ensemble.VotingClassifier([("a", scaled(LogisticRegression()))], voting="soft"), WORDS),
+    "one slice": (ColumnTransformer([("a", StandardScaler(copy=False), slice(0, 2))]), SCORE),
+    "selected columns in a vote": (
+        ensemble.VotingRegressor(
+            [("a", RFE(scaled(Ridge()), importance_getter="named_steps.ridge.coef_")), ("b", LinearRegression())]
+        ),
+        SCORE,
+    ),
     "columns": (
         ColumnTransformer([("a", StandardScaler(copy=False), [0, 1]), ("b", StandardScaler(copy=False), [0])]),
         SCORE,
@@ -60,6 +71,18 @@ SHARED = {
         SCORE,
     ),
     "union": (make_union(SimpleImputer(copy=False), StandardScaler()), SCORE),
+    "vote in a bag": (
+        ensemble.BaggingRegressor(
+            ensemble.VotingRegressor([("a", scaled(Ridge())), ("b", LinearRegression())]), 2, random_state=0
+        ),
+        SCORE,
+    ),
+    "chain of one": (multioutput.RegressorChain(scaled(Ridge())), BOTH[:, :1]),
+    "one against one": (multiclass.OneVsOneClassifier(scaled(LogisticRegression())), TWO),
+    "slices": (
+        ColumnTransformer([("a", StandardScaler(copy=False), slice(0, 2)), ("b", "passthrough", [0])]),
+        SCORE,
+    ),
     "stack": (ensemble.StackingRegressor([("a", scaled(Ridge()))], passthrough=True), SCORE),
     "outputs": (multioutput.MultiOutputRegressor(scaled(Ridge())), BOTH),
     "chain": (multioutput.RegressorChain(scaled(Ridge())), BOTH),

@@ -268,7 +268,9 @@ def other_waves(data: Observations, rig: RigModel) -> list[Mistake]:
         own = shows if shows.sum() >= SETTINGS.least_votes else np.ones_like(shows)
         rest = np.median(np.maximum((left - read.noise) / read.model, hidden)[:, own], axis=1).max()
         # where some runs alone are otherwise, a part of each order seems to be, and those that are not lose by it
-        lost, saved = ((np.abs(part) ** 2 / beside)[:, loud].sum(axis=1) for part in (after, before))
+        lost, saved = (
+            (np.abs(part[:, loud]) ** 2 / np.maximum(beside[:, loud], 1e-300)).sum(axis=1) for part in (after, before)
+        )
         most = np.mean((lost < saved)[data.at.sign != -sign]) > SETTINGS.most_orders
         if most and rest < SETTINGS.of_a_size**2 and read.gap_falls(plain, left):
             said = _WAVES.format(which, text) if text else ""

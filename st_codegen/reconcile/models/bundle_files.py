@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from st_codegen.errors import InputError
+from st_codegen.errors import InputError, Problems
 from st_codegen.project.bundle import Bundle
 from st_codegen.reconcile.models.formula import FormulaNode, evaluate, write_onnx
 from st_codegen.reconcile.models.terms import SIGN, Decision, Part, inputs_of
@@ -19,7 +19,19 @@ from st_codegen.te.harmonics import Direction, Play, TransmissionError
 from st_codegen.te.purpose import transmission_error
 
 _ORDERS = re.compile(r"^(\s*orders\s*=\s*)\[[^\]]*\]", re.MULTILINE)
-_PLAY = re.compile(r"^(\s*\[play\][^\[]*?^\s*angle_deg\s*=\s*)[^\s#]+", re.MULTILINE | re.DOTALL)
+_PLAY = re.compile(
+    r"^([ \t]*\[[ \t]*play[ \t]*\].*\n(?:(?![ \t]*\[).*\n)*?[ \t]*angle_deg[ \t]*=[ \t]*)[^\s#]+", re.MULTILINE
+)
+
+
+def check_changeable(file: Path) -> None:
+    """Raise InputError where the orders or the play of a bundle.toml are written so that nothing can change them."""
+    text, problems = file.read_text(encoding="utf-8-sig"), Problems(str(file))
+    if not _ORDERS.search(text):
+        problems.add("write the orders as a line `orders = [..]`, which terms may add to")
+    if read_description(file).play is not None and not _PLAY.search(text):
+        problems.add("write the play as a table `[play]` with a line `angle_deg = ..`, which terms may change")
+    problems.raise_if_any()
 
 
 def write_updated(bundle: Bundle, folder: Path, decisions: Sequence[Decision], target: Path) -> tuple[str, ...]:

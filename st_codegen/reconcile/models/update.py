@@ -15,7 +15,7 @@ from st_codegen.processes import Progress
 from st_codegen.project.bundle import Bundle, load
 from st_codegen.proof.verify import verify
 from st_codegen.proof.verify_report import VerifyReport
-from st_codegen.reconcile.models.bundle_files import write_updated
+from st_codegen.reconcile.models.bundle_files import check_changeable, write_updated
 from st_codegen.reconcile.models.terms import Decision, decide
 from st_codegen.reconcile.result import Reconciliation
 from st_codegen.rig.compensator import EmittedCompensator
@@ -132,6 +132,7 @@ def check_models(rig: RigModel, wish: Wish) -> None:
     problems = Problems(str(wish.models))
     with problems.collect():
         description = read_description(wish.models / BUNDLE_FILE)
+        check_changeable(wish.models / BUNDLE_FILE)
         ratio = rig.constants.reduction_ratio
         if description.reduction_ratio != ratio:
             problems.add(

@@ -18,7 +18,7 @@ from st_codegen.reconcile.judge.claims import Claim
 from st_codegen.reconcile.judge.lookalikes import told_sides
 from st_codegen.reconcile.judge.misread import Misread
 from st_codegen.reconcile.outcome import Outcome
-from st_codegen.reconcile.rest.structure import in_both_directions
+from st_codegen.reconcile.rest.structure import in_both_directions, told_beside
 from st_codegen.reconcile.rest.unexplained import beside_the_rigs
 from st_codegen.reconcile.result import Reconciliation, TakenBack
 from st_codegen.reconcile.search.peaks import where_there
@@ -132,7 +132,10 @@ def floor_text(result: Reconciliation) -> str:
         differ = "else differ" if held else "differ"
         text += f". If what runs {differ} by without a pattern ({more:.2g} deg RMS) is noise, it adds to the floor"
     if result.data.spectral_deg is not None:
-        text += ". Orders above 5 were also compared with the noise between the orders of their own curves"
+        of = "the noise between the orders of their own curves"
+        if told_beside(result.data).any():
+            of = "what the runs differ by in the orders beside them"
+        text += f". Orders above 5 were also compared with {of}"
     return text + "."
 
 

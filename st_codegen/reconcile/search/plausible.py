@@ -223,17 +223,19 @@ def _is_of_one_speed(fitted: Fit, piece: Piece) -> bool:
 
 
 def _copies(without: Fit, fitted: Fit, piece: Piece) -> bool:
-    """Whether the loudest order of a resonance may as well be a louder one, at another frequency, times a factor.
+    """Whether the loudest order of a resonance may as well be what one wave makes of another, at another frequency.
 
-    As a wave that turns or scales another one makes of it: such orders are loud at its speeds, at no frequency of
-    their own.
+    A wave of j a turn, of an angle, turns one of order i by i times its size (rad): half of that, times the wave, is on
+    orders i - j and i + j. These are loud at its speeds, at no frequency of their own. Twice as much is let pass.
     """
     values, orders = fitted.target.data.values, fitted.target.data.orders
     loudest = int(np.argmax(fitted.target.losses(fitted.explained(piece.effect)).sum(axis=0)))
     varies = sum(values[rows].var(axis=0) * len(rows) for rows in fitted.target.data.at.by_direction())
     apart = np.abs(orders / orders[loudest] - 1.0) > 2.0 * piece.effect.scalar("damping_ratio")
+    size = dict(zip(orders.tolist(), np.radians(np.abs(values).mean(axis=0)), strict=True))
+    turned = orders * np.array([size.get(abs(int(order - orders[loudest])), 0.0) for order in orders])
     own, once = np.arange(len(orders)) == loudest, np.ones(len(values))
-    others = (values[:, other] for other in np.flatnonzero(apart & (varies > varies[loudest])))
+    others = (values[:, other] for other in np.flatnonzero(apart & (varies[loudest] < turned**2 * varies)))
     laws = (np.stack([once, other / np.abs(other).max()], axis=1) for other in others)
     return not all(beats_waves(without, fitted, own, of_other) for of_other in laws)
 

@@ -8,11 +8,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
+
 from st_codegen.errors import UnsupportedModelError
 from st_codegen.walkers.sklearn.native import objects_in
 
 #: The packages of sklearn (1.9) whose steps obey `copy` in `transform`; others do in `fit` alone.
 _PREPARE = ("sklearn.preprocessing", "sklearn.impute")
+#: Compositions that hand each of their estimators a copy of some columns.
+_COPY_COLUMNS = ("Bagging", "RFE")
 #: Attributes of compositions that read what others answer, not the rows.
 _READ_ANSWERS = ("final_estimator_", "transformer_")
 
@@ -41,24 +45,27 @@ def _writers(part: Any, shared: bool) -> Iterator[Any]:
             yield from _writers(step, shared)
             shared = shared and (step in (None, "passthrough") or getattr(step, "func", step) is None)
     elif hasattr(part, "transformers_"):
-        for _, step, columns in part.transformers_:
-            yield from _writers(step, shared=isinstance(columns, slice))  # other choices of columns are copies
-    elif not type(part).__name__.startswith("Bagging"):  # which hands each of its estimators a copy of columns
-        inside = _estimators_in(part)
-        shared = shared or len(inside) > 1 or bool(getattr(part, "passthrough", False))
+        several = sum(not (isinstance(step, str) and step == "drop") for _, step, _ in part.transformers_) > 1
+        for _, step, columns in part.transformers_:  # other choices of columns than slices are copies
+            yield from _writers(step, isinstance(columns, slice) and (shared or several))
+    else:
+        inside, name = _estimators_in(part), type(part).__name__
+        # a chain, and one against one, ask each estimator twice; a stack may read the rows once more
+        shared |= len(inside) > 1 or name.endswith("Chain") or name.startswith("OneVsOne")
+        shared |= bool(getattr(part, "passthrough", False))
         for one in inside:
-            yield from _writers(one, shared)
+            yield from _writers(one, shared and not name.startswith(_COPY_COLUMNS))
 
 
 def _estimators_in(part: Any) -> list[Any]:
     """The fitted estimators of a composition that read its rows."""
     own = vars(part) if hasattr(part, "__dict__") else {}
-    fitted = [held for name, held in own.items() if name.endswith("_") and name not in _READ_ANSWERS]
-    union = [one for _, one in own.get("transformer_list", ())]
-    for held in (*fitted, union), (own.get("estimator"),):
-        listed = [one for place in held for one in (place if isinstance(place, list | tuple) else [place])]
-        found = {id(one): one for one in listed if hasattr(one, "transform") or hasattr(one, "predict_proba")}
-        found |= {id(one): one for one in listed if hasattr(one, "predict")}
-        if found:
-            return list(found.values())
+    if "transformer_list" in own:
+        return [one for _, one in own["transformer_list"]]
+    fitted = [own[name] for name in ("estimators_", "calibrated_classifiers_") if name in own]
+    fitted = fitted or [[held] for name, held in own.items() if name.endswith("_") and name not in _READ_ANSWERS]
+    for held in fitted, [[own.get("estimator")]]:
+        listed = [one for place in held for one in (place.ravel() if isinstance(place, np.ndarray) else place)]
+        if found := [one for one in listed if hasattr(one, "predict") or hasattr(one, "predict_proba")]:
+            return found
     return []

@@ -108,7 +108,10 @@ def _with_rounds(model: BoosterModel, data: bytes) -> bytearray | None:
     """A gblinear file of before XGBoost 1.5 with rounds: without them 3.2 adds the base score before its link."""
     if model.booster != "gblinear" or b"boosted_rounds" in data:
         return None
-    document = json.loads(data)
+    try:
+        document = json.loads(data)
+    except ValueError:  # a binary one, whose format is younger than 1.5
+        return None
     document["learner"]["gradient_booster"]["model"]["boosted_rounds"] = 1
     return bytearray(json.dumps(document).encode())
 
@@ -385,7 +388,7 @@ def _source(model: BoosterModel, way: _Path) -> ir.Source:
     if way.sentinel is not None:
         notes.append(f"missing values: NaN and {way.sentinel:.9g}")
     if way.labels not in ((), tuple(range(len(way.labels)))):
-        named = ", ".join(str(label) for label in way.labels[:20])
+        named = ", ".join([str(label)[:80] for label in way.labels[:20]] + [".."] * (len(way.labels) > 20))
         notes.append(f"classes 0, 1, .. are the labels {named} of the library that saved the file")
     rounds = len(model.round_starts) - 1
     if way.best_round is not None and way.best_round + 1 < rounds:
