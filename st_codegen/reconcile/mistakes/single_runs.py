@@ -151,7 +151,7 @@ def _counted_back(data: Observations, rig: RigModel, seen: BoolArray) -> list[Mi
     """
     model, noise = expected_of(data, rig), noise_power(data)
     tells = seen & (np.abs(model - model.conj()) ** 2 > SETTINGS.loud_order * noise)
-    before, after = (np.abs(data.values - known) ** 2 / noise for known in (model, model.conj()))
+    before, after = (np.abs(data.values - known) ** 2 / np.where(tells, noise, 1.0) for known in (model, model.conj()))
     enough, most = tells.sum(axis=1) >= SETTINGS.least_votes, SETTINGS.most_orders * tells.sum(axis=1)
     nearer = (tells & (after < before)).sum(axis=1)
     lost, left = ((tells * part).sum(axis=1) for part in (before, after))
