@@ -147,17 +147,25 @@ def _turned_over(data: Observations, rig: RigModel, seen: BoolArray) -> list[Mis
 def _counted_back(data: Observations, rig: RigModel, seen: BoolArray) -> list[Mistake]:
     """Curves of which nearly all orders that tell are the rig's with phases of the other sign, and most others its own.
 
-    No effect mirrors all orders; an angle that counts the other way does, or TE that was stored from its end.
+    No effect mirrors all orders; an angle that counts the other way does, or TE that was stored from its end, which is
+    a sample off where the angle stands once at 0 and not at 360 deg.
     """
     model, noise = expected_of(data, rig), noise_power(data)
     tells = seen & (np.abs(model - model.conj()) ** 2 > SETTINGS.loud_order * noise)
-    before, after = (np.abs(data.values - known) ** 2 / np.where(tells, noise, 1.0) for known in (model, model.conj()))
+    steps = (0.0, 1.0, -1.0) if data.samples else (0.0,)
+    turns = [np.exp(2j * np.pi * step * data.orders / max(data.samples, 1)) for step in steps]
+    own, other, *mirrored = (
+        np.where(tells, np.abs(data.values - known) ** 2 / np.where(tells, noise, 1.0), 0.0)
+        for known in (model, -model, *(turn * model.conj() for turn in turns))
+    )
+    best = np.argmin([part.sum(axis=1) for part in mirrored], axis=0)
+    after = np.array(mirrored)[best, np.arange(len(data))]
     enough, most = tells.sum(axis=1) >= SETTINGS.least_votes, SETTINGS.most_orders * tells.sum(axis=1)
-    nearer = (tells & (after < before)).sum(axis=1)
-    lost, left = ((tells * part).sum(axis=1) for part in (before, after))
-    back = enough & (nearer > most) & (left < SETTINGS.label_gain * lost)
-    own = enough & (tells.sum(axis=1) - nearer > most)
-    if not back.any() or back.sum() > SETTINGS.most_of_block * len(data) or own.sum() < back.sum():
+    nearer = (tells & (after < own)).sum(axis=1)
+    lost = np.minimum(own.sum(axis=1), other.sum(axis=1))
+    back = enough & (nearer > most) & (after.sum(axis=1) < SETTINGS.label_gain * lost)
+    right = enough & (tells.sum(axis=1) - nearer > most)
+    if not back.any() or back.sum() > SETTINGS.most_of_block * len(data) or right.sum() < back.sum():
         return []
     rows = np.flatnonzero(back)
     said = f"the angle of {len(rows)} curves seems" if len(rows) > 1 else "the angle of a curve seems"

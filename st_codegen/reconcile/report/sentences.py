@@ -323,12 +323,10 @@ def words(claim: Claim, result: Reconciliation) -> str:
         numbers = {scalar.key: effect.scalar(scalar.key) for scalar in effect.scalars}
         orders = ", ".join(map(str, effect.orders or effect.touched_orders()))
         sizes = {"size": _size(effect.phasors[:1], effect), "by_load": _by_load(effect)}
-        side = "".join(
-            _louder_side(
-                claim, *(abs(effect.complex_value(one.key, back)) for back in (False, True)), {one.key: 1.0}, "large"
-            )
-            for one in effect.phasors[:1]
-        )
+        side = ""
+        for one in effect.phasors[:1]:
+            forward, backward = (abs(effect.complex_value(one.key, back)) for back in (False, True))
+            side = _louder_side(claim, forward, backward, {one.key: 1.0}, "large")
         return _TEXTS[effect.name].format(**numbers, **sizes, title=effect.title, orders=orders) + side
     return _WORDS.get(effect.name, plain)(effect, result)
 
