@@ -155,7 +155,7 @@ def _counted_back(data: Observations, rig: RigModel, seen: BoolArray) -> list[Mi
     steps = (0.0, 1.0, -1.0) if data.samples else (0.0,)
     turns = [np.exp(2j * np.pi * step * data.orders / max(data.samples, 1)) for step in steps]
     own, other, *mirrored = (
-        np.where(tells, np.abs(data.values - known) ** 2 / np.where(tells, noise, 1.0), 0.0)
+        np.where(tells, np.abs(data.values - known) ** 2 / np.maximum(noise, 1e-300), 0.0)
         for known in (model, -model, *(turn * model.conj() for turn in turns))
     )
     best = np.argmin([part.sum(axis=1) for part in mirrored], axis=0)
