@@ -298,10 +298,17 @@ def _curve(path: Path, layout: _Layout, direction: Direction, angle: Any, te: An
     if (gap := largest_gap(arrays[0])) > MOST_GAP_DEG:
         reason = f"{direction}: {gap:.4g} deg of the revolution are without a sample; were samples lost?"
         raise BadFileError(path, layout.skip + samples, reason)
-    if bool(arrays[0][-1] < arrays[0][0]) == (direction is Direction.FORWARD):
+    if _runs_down(arrays[0]) == (direction is Direction.FORWARD):
+        # an angle that begins anew at 360 deg, as of a turn that starts elsewhere, ends below where it began
+        arrays[0] = np.unwrap(arrays[0], period=360.0)
+    if _runs_down(arrays[0]) == (direction is Direction.FORWARD):
         runs = "down" if direction is Direction.FORWARD else "up"
         raise BadFileError(path, layout.skip + 1, f"{direction}: the angle runs {runs}; are the directions exchanged?")
     return Curve(*arrays)
+
+
+def _runs_down(angle_deg: FloatArray) -> bool:
+    return bool(angle_deg[-1] < angle_deg[0])
 
 
 def largest_gap(angle_deg: FloatArray) -> float:

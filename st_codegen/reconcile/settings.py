@@ -586,6 +586,8 @@ class Settings:
     #: factor; power of one direction over that of the other from which on it is the only one, or has most of it: three
     #: times the size
     one_sided: float = 9.0
+    #: share of the power of a residual that both directions must have with opposite signs for that to be said
+    opposed: float = 0.9
     #: share of an unexplained part from which on a condition is called what it depends on
     cause: float = 0.1
     #: factor; how many times the share of the next condition it must have

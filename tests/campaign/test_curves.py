@@ -118,6 +118,17 @@ FAULTS = {
 }
 
 
+@pytest.mark.parametrize("start", [100.0, 0.0])
+def test_a_turn_that_starts_anywhere_is_read_on(tmp_path, start):
+    """Its angle begins anew at 360 deg, which was "the angle runs down; are the directions exchanged?"."""
+    up = (np.arange(720) * 0.5 + start) % 360.0
+    path = tmp_path / "run.csv"
+    path.write_text("".join(f"{a},0.1,{b},0.2\n" for a, b in zip(up, up[::-1], strict=True)))
+    curves = read_run(path, CONDITIONS).curves
+    for curve, step in zip((curves[Direction.FORWARD], curves[Direction.BACKWARD]), (0.5, -0.5), strict=True):
+        assert np.allclose(np.diff(curve.angle_deg), step)
+
+
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_bad_file_has_a_line_and_a_reason(tmp_path, text, fault):
     change, line, reason = FAULTS[fault]

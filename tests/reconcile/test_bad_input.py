@@ -189,3 +189,17 @@ def test_a_channel_that_is_dead_is_no_column_of_another_scale(tmp_path, rig):
             lines[number] = ",".join("0" if at in values else cell for at, cell in enumerate(cells))
     path.write_text("\n".join(lines))
     refused(tmp_path, path, "TE is 0 in all runs: a dead channel?")
+
+
+@pytest.mark.filterwarnings("error")
+def test_curves_over_the_angle_of_the_fast_shaft_are_refused(tmp_path, rig):
+    """81 turns in a curve of 400 samples tell no order above the mean: "a defect of st-codegen", an IndexError."""
+    campaign = tmp_path / "campaign"
+    campaign.mkdir()
+    up = np.arange(400) * 81 * 360 / 400
+    te = np.random.default_rng(1).normal(size=400)
+    text = "".join(f"{a},{x:.6f},{b},{x:.6f}\n" for a, b, x in zip(up, up[::-1], te, strict=True))
+    for speed in (300, 600, 900, 1200):
+        for torque in (100, 600, 1500):
+            (campaign / f"{speed}.0rpm{torque}.0Nm30.0deg.csv").write_text(text)
+    refused(tmp_path, campaign, "is the angle that of the fast shaft")

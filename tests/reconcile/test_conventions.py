@@ -55,6 +55,17 @@ def test_orders_that_noise_hides_have_no_vote_on_a_convention(words):
         examine(waves(measured(6e-4), WRITTEN[words]), RIG, PATH)
 
 
+def test_te_that_was_stored_from_its_end_is_asked_about_and_read_so():
+    """Backward, and a sample off, it was 15 changed numbers of the rig, which was then as wrong as before."""
+    data = replace(of_curves(), samples=1024)
+    turn = np.exp(-2j * np.pi * data.orders / 1024)
+    wrong = replace(data, values=np.where(data.at.sign[:, None] < 0, data.values.conj() * turn, data.values))
+    with pytest.raises(InputError, match=r"of backward curves seem to be stored from their end.* --accept waves"):
+        examine(wrong, RIG, PATH)
+    read = examine(wrong, RIG, PATH, accept=["waves"])
+    assert read.corrected == {"waves"} and np.abs(read.data.values - data.values).max() < 1e-12
+
+
 @pytest.mark.parametrize("seed", [4, 5])
 def test_noise_that_hides_most_orders_is_no_convention(seed):
     """In noise of twice their size, which is in every size, waves may be as large as those from peak to peak."""

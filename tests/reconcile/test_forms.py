@@ -26,6 +26,7 @@ from st_codegen.reconcile.judge.errors import covariance_with_discrepancy, left_
 from st_codegen.reconcile.report.findings import findings
 from st_codegen.reconcile.report.output import report
 from st_codegen.reconcile.report.sentences import _heights, between_text
+from st_codegen.reconcile.report.sentences import words as in_words
 from st_codegen.reconcile.rest.unexplained import beside_the_rigs
 from st_codegen.reconcile.rest.unseen import cannot_show
 from st_codegen.reconcile.run import with_empirical
@@ -305,6 +306,17 @@ def test_heights_of_a_resonance_are_said_at_loads_and_directions_of_both():
     assert _heights(claim, follows, replace(at, torque_Nm=np.full(12, 300.0))) == ""
     only = effect("structural_resonance", amplitude_deg=(4e-3,), backward_amplitude_deg=(0.0,), **shape)
     assert _heights(claim, only, at) == ", at least 100 times as high forward as backward"
+
+
+def test_a_wave_of_one_direction_is_said_to_be_one():
+    """A slope of 0.0008 backward, and of 3e-7 +- 5e-7 forward, was said to be 0.0008 deg per 1000 N m, and no more."""
+    values = {"slope_deg_per_kNm": 3e-7, "phase_rad": 2.0, "backward_slope_deg_per_kNm": 8e-4}
+    wave = effect("load_dependent_mesh", order=120, **values, backward_phase_rad=0.4)
+    for error, said in ((5e-7, ", at least 100 times as large backward as forward"), (4e-4, "")):
+        claim = SimpleNamespace(piece=SimpleNamespace(effect=wave), stderr={"slope_deg_per_kNm": error})
+        assert in_words(claim, SimpleNamespace()) == (
+            f"order 120 of the mesh grows with the torque: 0.0008 deg per 1000 N m{said}"
+        )
 
 
 @pytest.mark.slow

@@ -127,6 +127,19 @@ def test_curves_with_another_sign_are_left_out(share, of):
     assert not examine(data, RIG, PATH).mistakes
 
 
+@pytest.mark.parametrize("share", [0.02, 0.33])
+def test_curves_whose_angle_counts_the_other_way_are_left_out(share):
+    """A third of the backward curves, whose TE was stored from its end, made eleven orders unexplained."""
+    data = of_curves()
+    wrong = np.arange(RUNS, 2 * RUNS)[np.random.default_rng(3).random(RUNS) < share]
+    values = data.values.copy()
+    values[wrong] = values[wrong].conj()
+    examined = examine(replace(data, values=values), RIG, PATH)
+    assert examined.left_out == tuple(wrong)
+    (mistake,) = examined.mistakes
+    assert "to count the other way than its TE" in mistake.text
+
+
 @pytest.mark.parametrize("share", [0.02, 0.33, 0.45])
 def test_runs_with_exchanged_directions_are_left_out(share):
     """A third of the campaign, at one temperature, made 13 orders depend on the temperature."""

@@ -706,7 +706,8 @@ def test_a_direction_that_has_less_of_it_is_not_said_to_have_none():
     """A residual of a sixth of the size in the other direction, 20 times its noise, was one of "forward only"."""
     target, residual = curves_over_runs({})
     wave = 1e-3 * target.data.at.torque_Nm / 1800 * TURN
-    for share, side in ((1 / 6, "mostly forward"), (0.0, "forward only")):
+    opposed = "of the other sign backward"
+    for share, side in ((1 / 6, "mostly forward"), (0.0, "forward only"), (-1.0, opposed), (1.0, "over the runs")):
         loud = residual.copy()
         loud[:, 12] += wave * np.where(target.data.at.sign > 0, 1.0, share)
         (said,) = (s.text for s in signatures(target, loud, np.full(21, 1e-5)) if s.order == 12)

@@ -18,7 +18,14 @@ _DEGREES = 57.29577951308232
 
 
 def check_channels(data: Observations, path: Path) -> None:
-    """Refuse data of which one direction is 0 throughout: nothing can be asked about it. Raises InputError."""
+    """Refuse data of which nothing can be asked: a direction that is 0 throughout, curves that tell no order above the
+    mean. Raises InputError.
+    """
+    if data.spectral_deg is not None and not data.orders.any():
+        raise InputError(
+            f"{path}: the curves have too few samples a turn to tell any order above the mean: is the angle that of "
+            "the fast shaft, over many turns? It must be the output's, in deg"
+        )
     for sign, name in ((1.0, "forward"), (-1.0, "backward")):
         own = data.at.sign == sign
         if own.any() and np.abs(data.values).any() and not np.abs(data.values[own]).any():

@@ -185,7 +185,8 @@ def _beyond(
         others = np.setdiff1d(np.arange(band + 1), np.array(fit.orders))
         found[row] = fit.residual_rms_deg**2 - (np.abs(fit.waves[others]) ** 2).sum() / 2
         # an amplitude has 4/N of the variance of a sample
-        white = samples * float(np.median(fit.spectrum_floor[SETTINGS.wander_orders + 1 :])) ** 2 / 4
+        steady = min(SETTINGS.wander_orders + 1, len(fit.spectrum_floor) - 1)
+        white = samples * float(np.median(fit.spectrum_floor[steady:])) ** 2 / 4
         noise[row] = white * max(1.0 - 2 * band / samples, 0.0)
     found -= (np.abs(expected) ** 2).sum(axis=1) / 2
     loud = np.median(found) > SETTINGS.beyond_band * np.median(noise)

@@ -5,7 +5,7 @@ Each is one of a few things that people do to tables, and shows in all runs at o
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 
@@ -251,7 +251,7 @@ def other_waves(data: Observations, rig: RigModel) -> list[Mistake]:
     ones, unturned = np.ones((2, 1)), np.ones(len(sums.orders), np.complex128)
     noise, known = noise_power(data), expected_of(data, rig)
     plain, before = sums.gap(ones, unturned), np.where(waves, data.values - known, 0.0)
-    for which, sign, phases, turned, sizes, factor in _CONVENTIONS:
+    for which, sign, phases, turned, sizes, factor in [*_CONVENTIONS, *_stored_from_their_end(data)]:
         text = " and ".join(part for part in (sizes, phases) if part)
         meant = _read_so(turned, factor, sign, data)
         after = np.where(waves, meant.values - known, 0.0)
@@ -277,6 +277,22 @@ def other_waves(data: Observations, rig: RigModel) -> list[Mistake]:
             score = float(np.log(read.beyond_noise(left)).sum())
             best.append((score, Mistake("waves", said, partial(_read_so, turned, factor, sign), remedy="read them so")))
     return [found for _, found in sorted(best, key=lambda one: one[0])[:1] if found.text]
+
+
+def _stored_from_their_end(data: Observations) -> Iterator[tuple[str, float, str, _Turned, str, float]]:
+    """Conventions of curves whose TE was stored from its end beside an angle that was not: they are mirrored, and a
+    sample off where the angle stands once at 0 and not at 360 deg, or the other way round.
+    """
+    if data.samples == 0:
+        return
+    for side, sign in (("forward", 1.0), ("backward", -1.0)):
+        for step in (-1.0, 1.0):
+            turn = np.exp(2j * np.pi * step * data.orders / data.samples)
+            yield f" of {side} curves", sign, "stored from their end", partial(_mirrored, turn), "", 1.0
+
+
+def _mirrored(turn: ComplexArray, values: ComplexArray) -> ComplexArray:
+    return np.asarray(values.conj() * turn)
 
 
 def _read_so(turned: _Turned, factor: float, sign: float, given: Observations) -> Observations:

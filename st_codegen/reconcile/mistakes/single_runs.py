@@ -44,8 +44,8 @@ class Mistake:
 
 
 def mistaken_runs(data: Observations, rig: RigModel) -> list[Mistake] | None:
-    """Curves of the other sign, runs with exchanged directions, a block with a factor of its own, and runs that agree
-    with the rig under another label than theirs.
+    """Curves of the other sign, or whose angle counts the other way, runs with exchanged directions, a block with a
+    factor of its own, and runs that agree with the rig under another label than theirs.
 
     None where too few orders tell.
     """
@@ -53,9 +53,11 @@ def mistaken_runs(data: Observations, rig: RigModel) -> list[Mistake] | None:
     turned_over = _turned_over(data, rig, seen)
     # how others scatter, and what they are, is told with those of their own sign, in their own directions
     data = _with_sign(data, [row for mistake in turned_over for row in mistake.rows])
+    counted_back = _counted_back(data, rig, seen)
+    data = _read_back(data, [row for mistake in counted_back for row in mistake.rows])
     exchanged = _exchanged(data, rig, seen)
     data = _with_exchanged(data, [row for mistake in exchanged for row in mistake.rows])
-    wrong = [*turned_over, *exchanged]
+    wrong = [*turned_over, *counted_back, *exchanged]
     turned = _block_of_no_effect(data, expected_of(data, rig), seen)
     asked = _asked(data, rig, seen)
     if turned or asked.sure.sum() < SETTINGS.least_votes:
@@ -142,6 +144,36 @@ def _turned_over(data: Observations, rig: RigModel, seen: BoolArray) -> list[Mis
     ]
 
 
+def _counted_back(data: Observations, rig: RigModel, seen: BoolArray) -> list[Mistake]:
+    """Curves of which nearly all orders that tell are the rig's with phases of the other sign, and most others its own.
+
+    No effect mirrors all orders; an angle that counts the other way does, or TE that was stored from its end, which is
+    a sample off where the angle stands once at 0 and not at 360 deg.
+    """
+    model, noise = expected_of(data, rig), noise_power(data)
+    tells = seen & (np.abs(model - model.conj()) ** 2 > SETTINGS.loud_order * noise)
+    steps = (0.0, 1.0, -1.0) if data.samples else (0.0,)
+    turns = [np.exp(2j * np.pi * step * data.orders / max(data.samples, 1)) for step in steps]
+    own, other, *mirrored = (
+        np.where(tells, np.abs(data.values - known) ** 2 / np.maximum(noise, 1e-300), 0.0)
+        for known in (model, -model, *(turn * model.conj() for turn in turns))
+    )
+    best = np.argmin([part.sum(axis=1) for part in mirrored], axis=0)
+    after = np.array(mirrored)[best, np.arange(len(data))]
+    enough, most = tells.sum(axis=1) >= SETTINGS.least_votes, SETTINGS.most_orders * tells.sum(axis=1)
+    nearer = (tells & (after < own)).sum(axis=1)
+    lost = np.minimum(own.sum(axis=1), other.sum(axis=1))
+    back = enough & (nearer > most) & (after.sum(axis=1) < SETTINGS.label_gain * lost)
+    right = enough & (tells.sum(axis=1) - nearer > most)
+    if not back.any() or back.sum() > SETTINGS.most_of_block * len(data) or right.sum() < back.sum():
+        return []
+    rows = np.flatnonzero(back)
+    said = f"the angle of {len(rows)} curves seems" if len(rows) > 1 else "the angle of a curve seems"
+    shown = first_of([data.labels[row] for row in rows], 6, "; ")
+    text = f"{said} to count the other way than its TE, by the phases of most orders: {shown}"
+    return [Mistake("block", text, rows=tuple(map(int, rows)))]
+
+
 def _exchanged(data: Observations, rig: RigModel, seen: BoolArray) -> list[Mistake]:
     """Runs of which each direction agrees with the rig's other one, in most orders that tell.
 
@@ -190,6 +222,13 @@ def _with_sign(data: Observations, rows: list[int]) -> Observations:
     """The data with the other sign in some rows."""
     values = data.values.copy()
     values[rows] *= -1.0
+    return replace(data, values=values) if rows else data
+
+
+def _read_back(data: Observations, rows: list[int]) -> Observations:
+    """The data with phases of the other sign in some rows."""
+    values = data.values.copy()
+    values[rows] = values[rows].conj()
     return replace(data, values=values) if rows else data
 
 

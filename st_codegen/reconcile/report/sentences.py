@@ -326,7 +326,11 @@ def words(claim: Claim, result: Reconciliation) -> str:
         numbers = {scalar.key: effect.scalar(scalar.key) for scalar in effect.scalars}
         orders = ", ".join(map(str, effect.orders or effect.touched_orders()))
         sizes = {"size": _size(effect.phasors[:1], effect), "by_load": _by_load(effect)}
-        return _TEXTS[effect.name].format(**numbers, **sizes, title=effect.title, orders=orders)
+        side = ""
+        for one in effect.phasors[:1]:
+            forward, backward = (abs(effect.complex_value(one.key, back)) for back in (False, True))
+            side = _louder_side(claim, forward, backward, {one.key: 1.0}, "large")
+        return _TEXTS[effect.name].format(**numbers, **sizes, title=effect.title, orders=orders) + side
     return _WORDS.get(effect.name, plain)(effect, result)
 
 
@@ -490,18 +494,26 @@ def _heights(claim: Claim, effect: StructuralResonance, at: Conditions) -> str:
         on_line = f"{sizes[1]:.2g} deg high at {most:g} N m and {sizes[0]:.2g} deg at {least:g} N m"
         found = f", on a line over the load {on_line} (of all its orders)"
     if len(signs) == 2:
-        (low, quiet), (high, loud) = sorted(
-            [(rms(1.0, at.torque_Nm), "forward"), (rms(-1.0, at.torque_Nm), "backward")]
-        )
-        # what the quiet direction may have at most
-        front = BACKWARD * (quiet == "backward")
         load = float(np.abs(at.torque_Nm).max()) / 1000.0
-        units = {f"{front}amplitude_deg": 1.0, f"{front}{LOAD_PART}": load}
-        errors = [error * units[own] for key, error in claim.stderr.items() if (own := key.partition("[")[0]) in units]
-        times = high / max(low + SETTINGS.clearly * math.hypot(*errors), 1e-300)
-        if errors and times > SETTINGS.times_of_one_side:
-            found += f", at least {math.floor(min(times, SETTINGS.most_times))} times as high {loud} as {quiet}"
+        units = {"amplitude_deg": 1.0, LOAD_PART: load}
+        found += _louder_side(claim, rms(1.0, at.torque_Nm), rms(-1.0, at.torque_Nm), units, "high")
     return found
+
+
+def _louder_side(claim: Claim, forward: float, backward: float, units: dict[str, float], what: str) -> str:
+    """In which direction an effect is clearly more, and how many times; empty where it is in neither.
+
+    units: what the parameters of which a size is made are worth in it: their errors say how much the quiet direction
+    may have at most.
+    """
+    (low, quiet), (high, loud) = sorted([(forward, "forward"), (backward, "backward")])
+    front = BACKWARD * (quiet == "backward")
+    own = {f"{front}{key}": worth for key, worth in units.items()}
+    errors = [error * own[name] for key, error in claim.stderr.items() if (name := key.partition("[")[0]) in own]
+    times = high / max(low + SETTINGS.clearly * math.hypot(*errors), 1e-300)
+    if not errors or times <= SETTINGS.times_of_one_side:
+        return ""
+    return f", at least {math.floor(min(times, SETTINGS.most_times))} times as {what} {loud} as {quiet}"
 
 
 def _sidebands(effect: Effect, result: Reconciliation) -> str:

@@ -433,10 +433,18 @@ def _direction(target: FitData, r: ComplexArray) -> str:
 
 
 def _side(target: FitData, r: ComplexArray, noise: float) -> str:
-    """The direction that a residual (n,) is in, and whether the other has more of it than noise of this power."""
+    """The direction that a residual (n,) is in, and whether the other has more of it than noise of this power; whether
+    both have it with opposite signs.
+    """
     direction, rows = _direction(target, r), int(target.good.sum()) / 2
     if direction == "both":
-        return ""
+        # what is constant, or follows a condition, in each direction may turn between them, as what rubs does
+        pairs = pairs_of(target)
+        turned = -(r[pairs[:, 0]] * r[pairs[:, 1]].conj()).real
+        shared = SETTINGS.opposed * (np.abs(r[pairs]) ** 2).sum() / 2
+        return (
+            ", of the other sign backward" if len(pairs) >= SETTINGS.least_contrasts and turned.sum() > shared else ""
+        )
     is_quiet = _quietest_direction(target, r) < noise * (1.0 + SETTINGS.told / np.sqrt(rows))
     return f", {direction} only" if is_quiet else f", mostly {direction}"
 
