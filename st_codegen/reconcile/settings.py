@@ -692,6 +692,8 @@ class Settings:
     # --- the next measurement ---
     #: count; runs that are proposed at once
     most_next_runs: int = 12
+    #: count; numbers that are held of all points which are weighed: 160 MB
+    most_numbers_of_points: float = 2e7
     #: nats that one must add beside those before it: a volume of errors that is a twentieth smaller
     least_gain: float = 0.05
     #: count; runs that are proposed again where runs differ without a pattern: a spread of four is told to a third

@@ -1,6 +1,7 @@
 """The next measurement: where runs are proposed, what they are expected to give, and that they give it."""
 
 import csv
+import sys
 from dataclasses import astuple, replace
 from types import SimpleNamespace
 
@@ -15,7 +16,7 @@ from st_codegen.reconcile.core import reconcile_observations
 from st_codegen.reconcile.mistakes.single_runs import Mistake
 from st_codegen.reconcile.plan import questions
 from st_codegen.reconcile.plan.next_runs import NextRun, NextRuns, is_known, next_runs
-from st_codegen.reconcile.plan.points import _peak_speeds
+from st_codegen.reconcile.plan.points import _peak_speeds, rows_at
 from st_codegen.reconcile.plan.questions import Unknown, unexplained
 from st_codegen.reconcile.report.summary import next_runs_summary
 from st_codegen.reconcile.settings import SETTINGS
@@ -78,6 +79,18 @@ def test_proposals_stay_inside_what_was_measured_and_are_new(resonance, coarse):
         assert astuple(run.point) not in measured
         for value, column in zip(astuple(run.point), astuple(coarse)[1:], strict=True):
             assert column.min() <= value <= column.max()
+
+
+def test_no_more_points_are_weighed_than_memory_holds(resonance, monkeypatch):
+    """Of many findings each of 29,000 points took a matrix of 171 numbers squared: 6.3 GB, behind the whole search."""
+    module, seen = sys.modules[next_runs.__module__], []
+    monkeypatch.setattr(module, "rows_at", lambda points, final: seen.append(points) or rows_at(points, final))
+    every = next_runs(resonance)
+    monkeypatch.setattr(module, "SETTINGS", replace(SETTINGS, most_numbers_of_points=5e3))
+    fewer = next_runs(resonance)
+    coordinates = len(resonance.conclusions.final.prior)
+    assert 0 < len(seen[1]) * max(coordinates**2, 4 * len(resonance.data.orders)) <= 5e3
+    assert set(seen[1]) < set(seen[0]) and len(fewer.runs) == len(every.runs)
 
 
 def test_two_explanations_are_told_apart(coarse):

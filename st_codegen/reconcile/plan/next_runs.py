@@ -15,7 +15,7 @@ import numpy as np
 
 from st_codegen.campaign.conditions import CONDITION_COLUMNS, OperatingPoint
 from st_codegen.files.csv_tables import csv_text
-from st_codegen.reconcile.plan.points import points_of, rows_at
+from st_codegen.reconcile.plan.points import a_sample, points_of, rows_at
 from st_codegen.reconcile.plan.questions import (
     Name,
     Parameters,
@@ -92,6 +92,9 @@ def next_runs(result: Reconciliation) -> NextRuns:
     if not points:
         repeated = tuple(_repeats(result))
         return NextRuns(repeated, none_because="" if repeated else "every point between the measured ones was measured")
+    # a thousand coordinates at ten thousand points are more than memory holds
+    numbers = max(len(final.prior) ** 2, 4 * len(data.orders))
+    points = a_sample(points, int(SETTINGS.most_numbers_of_points / numbers))
     rows = rows_at(points, final)
     parameters = Parameters.of(final, rows)
     questions = [

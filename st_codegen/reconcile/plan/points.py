@@ -33,6 +33,12 @@ def points_of(result: Reconciliation, rivals: Sequence[RigModel]) -> list[Operat
     return sorted(set(inside))
 
 
+def a_sample(points: Sequence[OperatingPoint], most: int) -> list[OperatingPoint]:
+    """So many of the points at most (one at least), in their order; the same ones each time."""
+    chosen = np.sort(np.random.default_rng(0).permutation(len(points))[: max(most, 1)])
+    return [points[number] for number in chosen]
+
+
 def _between(values: FloatArray, count: int) -> FloatArray:
     """The levels and `count` points between neighbours; an even grid where values hardly repeat."""
     levels = np.unique(values)

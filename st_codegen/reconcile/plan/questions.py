@@ -53,9 +53,7 @@ class Parameters:
         size = np.sqrt(np.diag(precision)[free])
         self.precision = precision[own] / np.outer(size, size)
         self.first = np.linalg.inv(self.precision)
-        self.added = _information(final, rows)[(np.arange(len(rows.data) // 2)[:, None, None], *own)] / np.outer(
-            size, size
-        )
+        self.added = _information(final, rows)[:, free][:, :, free] / np.outer(size, size)
 
     @classmethod
     def of(cls, final: Fit, rows: Rows) -> Parameters | None:
