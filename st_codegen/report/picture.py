@@ -6,6 +6,7 @@ import io
 import re
 import textwrap
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 from st_codegen.errors import MissingExtraError
@@ -82,9 +83,12 @@ def figures(panels: Sequence[tuple[str, Draw]], *, columns: int = 2, size_cm: tu
 
 
 def panels(shown: Sequence[tuple[str, Draw]], *, size_cm: tuple[float, float] = (11, 7.5)) -> list[str]:
-    """Panels (title, draw) as an SVG each, which a page puts side by side where it is wide enough."""
-    letters = int(size_cm[0] * _LETTERS_PER_CM)
-    return [figures([(textwrap.fill(title, letters), draw)], columns=1, size_cm=size_cm) for title, draw in shown]
+    """Panels (title, draw) as an SVG each, which a page puts side by side where it is wide enough.
+
+    Titles end after four lines: longer ones, as of a hundred orders, would leave no room for the panel.
+    """
+    fill = partial(textwrap.fill, width=int(size_cm[0] * _LETTERS_PER_CM), max_lines=4, placeholder=" ..")
+    return [figures([(fill(title), draw)], columns=1, size_cm=size_cm) for title, draw in shown]
 
 
 def _show_as_they_are(axes: Any) -> None:

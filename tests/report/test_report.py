@@ -12,6 +12,7 @@ from lxml import etree
 pytest.importorskip("matplotlib")
 
 from st_codegen.report import PageSection, PageTable, figure, figures, page
+from st_codegen.report.picture import panels
 
 
 def draw(axes):
@@ -103,3 +104,12 @@ def test_dollar_signs_in_labels_are_text():
     picture = re.sub("<!--.*?-->", "", figure(draw, xlabel=odd, ylabel=odd, title=odd), flags=re.DOTALL)
     assert picture.count(odd) == 5
     assert "mathdefault" not in picture  # the exponents of the scale are still formulas
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_title_of_a_hundred_orders_leaves_room_for_its_panel():
+    """Axes collapsed to nothing, and Matplotlib said so in the terminal."""
+    (shown,) = panels(
+        [(", ".join(f"order {number} is changed at 1800 rpm" for number in range(100)), lambda axes: None)]
+    )
+    assert "order 0 is changed" in shown and "order 50 is" not in shown and ".." in shown
