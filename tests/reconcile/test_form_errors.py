@@ -232,7 +232,7 @@ def test_a_frequency_that_moves_by_less_than_its_error_is_not_said_to_move(two_s
 def test_a_wave_that_grows_with_the_load_is_said_with_its_growth(name, values, said):
     """One that a load alone makes was "of 0 deg", and explained most of the gap."""
     wave = catalogue()[name]({"amplitude_deg": 0.0, "phase_rad": 0.0} | values, Constants())
-    assert words(SimpleNamespace(piece=SimpleNamespace(effect=wave)), None).endswith(f": {said}")
+    assert words(SimpleNamespace(piece=SimpleNamespace(effect=wave), stderr={}), None).endswith(f": {said}")
 
 
 def test_a_gap_that_few_runs_carry_is_said_to_be_the_least():
