@@ -15,7 +15,7 @@ from st_codegen.campaign.conditions import CONDITION_COLUMNS
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.noise import estimate, middle_of
 from st_codegen.reconcile.data.observations import Observations
-from st_codegen.reconcile.mistakes.single_runs import AS_IS, Mistake
+from st_codegen.reconcile.mistakes.single_runs import AS_IS, Mistake, samples_off
 from st_codegen.reconcile.mistakes.votes import (
     PowerSums,
     enough_orders,
@@ -283,11 +283,8 @@ def _stored_from_their_end(data: Observations) -> Iterator[tuple[str, float, str
     """Conventions of curves whose TE was stored from its end beside an angle that was not: they are mirrored, and a
     sample off where the angle stands once at 0 and not at 360 deg, or the other way round.
     """
-    if data.samples == 0:
-        return
     for side, sign in (("forward", 1.0), ("backward", -1.0)):
-        for step in (-1.0, 1.0):
-            turn = np.exp(2j * np.pi * step * data.orders / data.samples)
+        for turn in samples_off(data):
             yield f" of {side} curves", sign, "stored from their end", partial(_mirrored, turn), "", 1.0
 
 

@@ -152,8 +152,7 @@ def _counted_back(data: Observations, rig: RigModel, seen: BoolArray) -> list[Mi
     """
     model, noise = expected_of(data, rig), noise_power(data)
     tells = seen & (np.abs(model - model.conj()) ** 2 > SETTINGS.loud_order * noise)
-    steps = (0.0, 1.0, -1.0) if data.samples else (0.0,)
-    turns = [np.exp(2j * np.pi * step * data.orders / max(data.samples, 1)) for step in steps]
+    turns = [np.ones(len(data.orders), np.complex128), *samples_off(data)]
     own, other, *mirrored = (
         np.where(tells, np.abs(data.values - known) ** 2 / np.maximum(noise, 1e-300), 0.0)
         for known in (model, -model, *(turn * model.conj() for turn in turns))
@@ -172,6 +171,11 @@ def _counted_back(data: Observations, rig: RigModel, seen: BoolArray) -> list[Mi
     shown = first_of([data.labels[row] for row in rows], 6, "; ")
     text = f"{said} to count the other way than its TE, by the phases of most orders: {shown}"
     return [Mistake("block", text, rows=tuple(map(int, rows)))]
+
+
+def samples_off(data: Observations) -> list[ComplexArray]:
+    """How orders turn, (K,), where TE is a sample before or behind its angle; none where the samples are not known."""
+    return [np.exp(2j * np.pi * step * data.orders / data.samples) for step in (1, -1) if data.samples]
 
 
 def _exchanged(data: Observations, rig: RigModel, seen: BoolArray) -> list[Mistake]:

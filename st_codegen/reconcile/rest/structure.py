@@ -293,8 +293,8 @@ def noise_within(target: FitData) -> FloatArray:
     if data.spectral_deg is not None:
         within = np.sqrt((data.spectral_deg[good] ** 2).mean(axis=0))
         within[_told_from_afar(data)] = np.inf
-        return np.where(told_beside(data), _noise_beside(target), within)
-    return _noise_beside(target)
+        return np.where(told_beside(data), _of_orders_beside(target), within)
+    return _of_orders_beside(target)
 
 
 def told_beside(data: Observations) -> BoolArray:
@@ -305,7 +305,7 @@ def told_beside(data: Observations) -> BoolArray:
     return np.asarray(high & _told_from_afar(data)[high].all())
 
 
-def _noise_beside(target: FitData) -> FloatArray:
+def _of_orders_beside(target: FitData) -> FloatArray:
     """RMS of one component of the noise of the orders beside each order, (K,); infinite of the mean, and of few."""
     data, good = target.data, target.good
     sizes, found = np.sqrt((target.sigma[good] ** 2).mean(axis=0)), np.full(len(data.orders), np.inf)

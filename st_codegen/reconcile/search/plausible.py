@@ -199,7 +199,8 @@ def law_holds(without: Fit, fitted: Fit, number: int) -> bool:
         own = np.isin(target.data.orders, piece.effect.orders)
         is_one = beats_waves(without, fitted, own, np.ones((len(target.data), 1)))
         is_one = is_one and is_where_it_moves(fitted, piece) and not _is_of_one_speed(fitted, piece)
-        is_one = is_one and lost_over_the_speed(fitted, piece.effect) > -1.0 and not _copies(without, fitted, piece)
+        is_one = is_one and lost_over_the_speed(fitted, piece.effect) > -1.0
+        is_one = is_one and not _is_a_sideband(without, fitted, piece)
         return is_one and leaves_less_than_two(fitted, number)
     if piece.effect.stage is not Stage.MODULATION:
         return True
@@ -222,7 +223,7 @@ def _is_of_one_speed(fitted: Fit, piece: Piece) -> bool:
     return is_of_one_speed(fitted.target, seen, piece.effect, sorted(others - {0, *piece.effect.orders}))
 
 
-def _copies(without: Fit, fitted: Fit, piece: Piece) -> bool:
+def _is_a_sideband(without: Fit, fitted: Fit, piece: Piece) -> bool:
     """Whether the loudest order of a resonance may as well be what one wave makes of another, at another frequency.
 
     A wave of j a turn, of an angle, turns one of order i by i times its size (rad): half of that, times the wave, is on
