@@ -34,7 +34,8 @@ RULE = (
 RULE_OF_GROWTH = (
     "Rule: an effect has grown where its size (of a stiffness its inverse) is larger than in the last reconciled "
     "campaign before, in the order of the file, by more than the limit, in standard errors of the difference; what "
-    "became smaller is not named. Where "
+    "became smaller is not named. Each parameter is judged by itself: a size and its growth with the load that each "
+    "stay within the limit are not named, however much they do together. Where "
     f"nothing grew, this names something in {FALSE_ALARM:.0%} of all fleets or fewer, if the standard errors are right "
     "and the errors of both campaigns normally distributed. What that campaign did not find has no such rate: it may "
     "have been there, too small to be found."
