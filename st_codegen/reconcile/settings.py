@@ -249,6 +249,11 @@ class Settings:
     label_gain: float = chosen(0.2, CATALOGUE)
     #: share of the runs: more wrong labels than that are something else
     most_labels: float = 0.2
+    #: chance; of as many runs that agree with the labels of others whose own are doubted, if they agree with any: a
+    #: wrong torque alone is rare already
+    labels_chance: float = 1e-3
+    #: count; product of places among the labels, beyond which nothing is told of several runs together
+    most_places: int = 10_000
 
     # --- noise ---
     #: count; runs that predict each other by a local plane: four unknowns, and enough left over for a median

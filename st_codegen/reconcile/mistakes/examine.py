@@ -385,10 +385,12 @@ def _column(found: _Common, of_medians: tuple[float, float]) -> tuple[list[Mista
     )
     if not is_told:
         return [], both
+    # runs with the label of another one make the mean run smaller, and not the median one
+    ratio = of_medians[0] / of_medians[1]
     if abs(np.log(forward)) > abs(np.log(backward)):
-        which, factor, both, wrong = "forward", forward / backward, backward, (forward / backward, 1.0)
+        which, factor, both, wrong = "forward", ratio, backward, (ratio, 1.0)
     else:
-        which, factor, both, wrong = "backward", backward / forward, forward, (1.0, backward / forward)
+        which, factor, both, wrong = "backward", 1 / ratio, forward, (1.0, 1 / ratio)
     return [Mistake("column_scale", _COLUMN.format(which, factor), _times(*wrong), remedy="divide by it")], both
 
 
@@ -419,8 +421,9 @@ def _median_run_has(of_medians: tuple[float, float], factor: float) -> bool:
 
     The mean of runs of which a few have the other sign is smaller, by a factor that no run has.
     """
-    forward, backward = np.log(np.maximum(of_medians, 1e-12))
-    own = float(forward - backward)
+    if min(of_medians) <= 0.0:
+        return False
+    own = float(np.log(of_medians[0] / of_medians[1]))
     return bool(abs(own - np.log(factor)) < abs(own))
 
 

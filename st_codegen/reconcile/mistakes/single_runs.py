@@ -5,11 +5,14 @@ The mistakes that touch all runs are looked for by `examine`.
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.noise import estimate
@@ -352,15 +355,20 @@ def _labels(asked: _Asked, rest: BoolArray) -> list[Mistake]:
     _, limit = _usual_and_limit(asked, rest)
     wrong: list[int] = []
     texts = []
-    runs = data.runs
-    for rows in runs:
+    runs, better = data.runs, dict[int, dict[int, float]]()
+    for number, rows in enumerate(runs):
         if not rest[rows].all() or loss[rows].min() < limit:
             continue
-        other = _other_label(asked, rows)
-        if other is None or other[0] > SETTINGS.label_gain * float(loss[rows].sum()):
+        losses = _by_label(asked, rows)
+        best = min(losses, key=losses.__getitem__, default=None)
+        if best is None or losses[best] > SETTINGS.label_gain * float(loss[rows].sum()):
             continue
-        row = other[1]
-        if not _most_agree(asked, rows, row) or _is_elsewhere(asked, rows, other):
+        if _most_agree(asked, rows, best):
+            better[number] = losses
+    passed_on = _passed_on(data, better)
+    for number, losses in better.items():
+        rows, row = runs[number], passed_on.get(number, min(losses, key=losses.__getitem__))
+        if _is_elsewhere(asked, rows, (losses[row], row), is_passed_on=number in passed_on):
             continue
         wrong += map(int, rows)
         texts.append(
@@ -370,6 +378,46 @@ def _labels(asked: _Asked, rest: BoolArray) -> list[Mistake]:
     if not wrong or len(texts) > SETTINGS.most_labels * len(runs):
         return []
     return [Mistake("labels", _seem(texts, "to carry the label of another run"), rows=tuple(wrong))]
+
+
+def _passed_on(data: Observations, better: Mapping[int, Mapping[int, float]]) -> dict[int, int]:
+    """Runs that agree with the label of another one that has a wrong label itself, and a row with that label.
+
+    None where so many may do so by chance: of runs whose torque was read wrong each may agree with any label, so that
+    the label of one other has any place among those that it agrees with, ordered by what they leave of it.
+    better: of each run whose label is doubted what it leaves under each label, by a row that carries it.
+    """
+    points, numbers, count = data.at.points, list(better), len(better)
+    own = {tuple(points[data.runs[number][0]].tolist()): i for i, number in enumerate(numbers)}
+    place, row_of = np.full((count, count), np.inf), np.zeros((count, count), np.int64)
+    for i, losses in enumerate(better.values()):
+        limit = min(losses.values()) + SETTINGS.order_gain
+        for rank, row in enumerate(sorted(losses, key=losses.__getitem__), start=1):
+            j = own.get(tuple(points[row].tolist()), i)
+            if j != i and losses[row] < limit:
+                place[i, j], row_of[i, j] = rank, row
+    chosen = linear_sum_assignment(np.log(np.minimum(place, 1e9)))
+    pairs = [(i, j) for i, j in zip(*chosen, strict=True) if np.isfinite(place[i, j])]
+    labels = min(map(len, better.values()), default=1)
+    product = math.prod(int(place[i, j]) for i, j in pairs)
+    if product > SETTINGS.most_places:
+        return {}
+    chance = _ways(count, len(pairs)) * _places(product, len(pairs)) / float(labels) ** len(pairs)
+    return {numbers[i]: int(row_of[i, j]) for i, j in pairs} if chance < SETTINGS.labels_chance else {}
+
+
+def _ways(count: int, pairs: int) -> int:
+    """In how many ways so many of some things can each point to another one, each to one of its own."""
+    terms = [math.comb(pairs, j) * math.perm(count - j, pairs - j) for j in range(pairs + 1)]
+    return math.comb(count, pairs) * (sum(terms[::2]) - sum(terms[1::2]))
+
+
+@cache
+def _places(product: int, count: int) -> int:
+    """How many lists of `count` whole numbers from 1 on have at most this product."""
+    if count < 2:
+        return product if count else 1
+    return sum(_places(product // first, count - 1) for first in range(1, product + 1))
 
 
 def _seem(texts: list[str], what: str) -> str:
@@ -398,18 +446,18 @@ def _most_agree(asked: _Asked, rows: IntArray, other: int) -> bool:
     return float(np.sort(gain)[:-1].sum()) > SETTINGS.order_gain
 
 
-def _is_elsewhere(asked: _Asked, rows: IntArray, other: tuple[float, int]) -> bool:
+def _is_elsewhere(asked: _Asked, rows: IntArray, other: tuple[float, int], *, is_passed_on: bool) -> bool:
     """Whether a run lies at another speed or torque than its label's, which is not that of any label either.
 
     other: the loss under the label of another row, and that row. A torque that is read wrong may be near that of
     another run, whose speed has no part in it. Where conditions have levels it is no chance that a run lies at another
-    one: there it must lie clearly between them.
+    one, nor where runs seem to have passed on their labels (`_passed_on`): there it must lie clearly between them.
     """
     at, (loss, row) = asked.data.at, other
     own = [_by_one_condition(asked, rows, key) for key in ("speed_rpm", "torque_Nm")]
     if min(own) < loss - SETTINGS.order_gain:
         return True
-    scatters = 2 * len(np.unique(at.torque_Nm)) >= len(asked.data.runs)
+    scatters = not is_passed_on and 2 * len(np.unique(at.torque_Nm)) >= len(asked.data.runs)
     is_torque = (at.speed_rpm[rows] == at.speed_rpm[row]).all() and (
         at.temperature_C[rows] == at.temperature_C[row]
     ).all()
@@ -429,8 +477,8 @@ def _by_one_condition(asked: _Asked, rows: IntArray, key: str) -> float:
     return float(found.min())
 
 
-def _other_label(asked: _Asked, rows: IntArray) -> tuple[float, int] | None:
-    """The least loss of a run under any label that has all of its directions, and a row that carries it."""
+def _by_label(asked: _Asked, rows: IntArray) -> dict[int, float]:
+    """The loss of a run under each label that has all of its directions, by a row that carries it."""
     at = asked.data.at
     of_each: list[dict[tuple[float, ...], tuple[float, int]]] = []
     for row in rows:
@@ -439,4 +487,4 @@ def _other_label(asked: _Asked, rows: IntArray) -> tuple[float, int] | None:
         points = zip(*(axis[same].tolist() for axis in at.axes), strict=True)
         of_each.append(dict(zip(points, zip(losses.tolist(), same.tolist(), strict=True), strict=True)))
     common = [point for point in of_each[0] if all(point in own for own in of_each)]
-    return min(((sum(own[point][0] for own in of_each), of_each[-1][point][1]) for point in common), default=None)
+    return {of_each[-1][point][1]: sum(own[point][0] for own in of_each) for point in common}
