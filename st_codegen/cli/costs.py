@@ -126,7 +126,7 @@ def limits_table(limits: Iterable[InputLimit]) -> Table | str:
     table = table_of(title, "model", "input", "magnitude")
     for limit in limits:
         table.add_row(limit.model, limit.feature, magnitude_text(limit))
-    return table if table.row_count else "no input is refused for its magnitude"
+    return table if table.row_count else "no model refuses an input for its magnitude"
 
 
 def magnitude_text(limit: InputLimit) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from st_codegen.errors import counted
+from st_codegen.errors import at_most, counted
 from st_codegen.live.controller import SOFT_PLC, UNKNOWN
 from st_codegen.proof.verify_report import ModelReport, guesses
 from st_codegen.report import PageSection, PageTable
@@ -37,8 +37,8 @@ class OtherBits:
     def __str__(self) -> str:
         reason = "or its EXP, LN, SIN .. are other ones" if self.is_open else "or its compiler computes in another way"
         return (
-            f"on {self.count:,} rows the controller's bits are not those of the same text run here, first on row "
-            f"{self.row} at {list(self.inputs)}: a constant was changed, {reason}"
+            f"on {counted(self.count, 'row')} the controller's bits are not those of the same text run here, first on "
+            f"row {self.row} at {list(self.inputs)}: a constant was changed, {reason}"
         )
 
 
@@ -148,10 +148,10 @@ def record_sections(report: LiveReport) -> tuple[str, list[PageSection]]:
     wrong = list(dict.fromkeys(name for name, _ in report.failures()))
     verdict = f"FAILED: {', '.join(wrong)}" if wrong else "All agree"
     summary = (
-        f"{verdict}: library and controller on a sample of {report.sent:,} rows, {report.at}, {report.address}"
-        f"{f' ({report.device})' if report.device else ''}, project {report.fingerprint}."
+        f"{verdict}: library and controller on a sample of {counted(report.sent, 'row')}, {report.at}, "
+        f"{report.address}{f' ({report.device})' if report.device else ''}, project {report.fingerprint}."
     )
-    rows = [(m.name, m.n, m.max_abs_err, m.bound, m.max_ulp, m.verdict) for m in report.models]
+    rows = [(m.name, m.n, m.max_abs_err, at_most(m.bound, 4), m.max_ulp, m.verdict) for m in report.models]
     strong = {(row, 5) for row, model in enumerate(report.models) if model.name in wrong}
     columns = ("model", "rows", "largest error", "allowed", "ulp", "result")
     text = "\n\n".join([*report.remarks(), *(f"{name}: {line}" for name, line in report.failures())])

@@ -48,8 +48,8 @@ BUILD_OPTIONS = {
     ),
     "self_check": BuildOption(
         bool,
-        "Blocks check their constants, a few in each call, and a row with a known answer in the first one: after "
-        "damage bValid stays FALSE. prove does not follow them.",
+        "Blocks check their constants, a few in each call, and in the first one a row whose answer is known, if there "
+        "is one: once they find damage, bValid stays FALSE. prove does not follow them.",
     ),
     "with_age": BuildOption(bool, "Blocks have the output nAge: the calls since their outputs were valid."),
     "outputs_per_cycle": BuildOption(

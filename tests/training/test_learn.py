@@ -10,7 +10,7 @@ import pytest
 from st_codegen.campaign.harmonic_table import HarmonicTable, joined
 from st_codegen.cli.train import _summary
 from st_codegen.driver import Evaluator, predict
-from st_codegen.errors import InputError
+from st_codegen.errors import InputError, at_least, at_most
 from st_codegen.ir.reference import evaluate
 from st_codegen.project.bundle import load
 from st_codegen.te.harmonics import Direction, Play, Quantity
@@ -111,6 +111,16 @@ def test_faulty_runs_are_found_and_good_ones_kept(table):
     assert np.array_equal(np.flatnonzero(found.rows), spoiled)
     assert 156 in found.orders[20]
     assert not faulty_runs(table.rows(np.arange(10))).rows.any()
+
+
+def test_where_more_runs_look_faulty_than_may_be_left_out_or_too_few_are_there_to_tell_it_is_said(table):
+    assert faulty_runs(table).not_judged == ""
+    spoiled = np.arange(0, len(table), 9)
+    found = faulty_runs(changed(table, spoiled, lambda c: c * (1.5 + 0.5 * np.arange(len(spoiled))[:, None] % 2)))
+    assert 0 < found.rows.sum() < len(spoiled)
+    assert found.not_judged.startswith("no more than 5% of the runs are taken for faulty, and there are others")
+    few = faulty_runs(table.rows(np.arange(10)))
+    assert "none was looked for" in few.not_judged
 
 
 @pytest.mark.parametrize(("orders", "by_speed"), [((0,), 5), ((1,), 5), ((0,), 12), ((0, 1), 5)])
@@ -529,5 +539,7 @@ def test_the_cost_is_that_of_the_models_that_are_written(table):
         assert limited.cost_us <= limit
         assert limited.choice.solutions[0].candidates[0].family == "DT"
         alone = replace(settings, candidates=settings.candidates[:1])
-        with pytest.raises(InputError, match=rf"from all runs .* take {free.cost_us:.1f} us .*{limit:.1f} us are"):
+        with pytest.raises(
+            InputError, match=rf"all runs .* take {at_most(free.cost_us, 4)} us .*{at_least(limit, 6)} us are"
+        ):
             learn(only, Direction.FORWARD, LearningPlan(alone, limit_us=limit), store, Backend(1))
