@@ -145,9 +145,9 @@ def verify_sections(
 def _proof_section(proof: ProveReport) -> PageSection:
     """The verdicts on the text for every input, and why some are no proof."""
     text = (
-        "The text was executed on all inputs at once. Proved: it gives the model's bits. Same expression: it computes "
-        "the model's operations one by one; how far that lies from the library at most is the bound, where one is "
-        "known. Never fails: no call of the block stops the controller. docs/proof.md says what is assumed."
+        "A proof executes the text on all inputs at once. Proved: it gives the model's bits. Same expression: it "
+        "computes the model's operations one by one; how far that lies from the library at most is the bound, where "
+        "one is known. Never fails: no call of the block stops the controller. docs/proof.md says what is assumed."
     )
     others = [sentence(result) for result in proof.results if not result.is_proved]
     strong = {(number, 2) for number, result in enumerate(proof.results) if not result.is_proved}

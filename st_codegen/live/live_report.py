@@ -46,8 +46,10 @@ class OtherBits:
 class LiveReport:
     """What was compared with what, by model and by block around models, and how long the calls took.
 
-    `rows` has, by block, the rows, and of how many leaves and splits in all how many have rows aimed at them. `differs`
-    has, by model or block, the rows with other bits than the text has here: a failure where nothing leaves them open.
+    `rows` has, by block, the rows, and of how many leaves and splits in all how many have rows aimed at them;
+    `untried_cells`: of a table, how many cells it has between thresholds where these are too many for a row each.
+    `differs` has, by model or block, the rows with other bits than the text has here: a failure where nothing leaves
+    them open.
     """
 
     address: str
@@ -56,6 +58,7 @@ class LiveReport:
     generated: str
     models: list[ModelReport] = field(default_factory=list)
     rows: dict[str, tuple[int, int, int]] = field(default_factory=dict)
+    untried_cells: dict[str, int] = field(default_factory=dict)
     differs: dict[str, OtherBits] = field(default_factory=dict)
     times: dict[str, BlockTimes] = field(default_factory=dict)
     seconds: float = 0.0
@@ -100,6 +103,11 @@ class LiveReport:
                 lines.append(f"{name}: {counted(rows, 'row')}, with rows aimed at {share} leaves and splits")
             else:
                 lines.append(f"{name}: {counted(rows, 'row')}")
+            if cells := self.untried_cells.get(name):
+                lines.append(
+                    f"{name}: {cells:,} cells between thresholds are too many for a row each, so that a changed number "
+                    "of the table may be one that no row meets"
+                )
         lines += [remark for model in self.models for remark in model.remarks]
         lines += filter(None, [guesses(self.models)])
         if self.device == SOFT_PLC:
