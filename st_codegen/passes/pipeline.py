@@ -1,4 +1,4 @@
-"""Models as the user gave them -> the models that are printed: every rewrite is exact to the bit.
+"""Models as the user gave them -> the models that are printed: exact to the bit, but for kernels.
 
 A lone model keeps its block. Models that are called together and whose tables fit together become one block, and one
 search serves them all.
