@@ -14,6 +14,7 @@ from rich.text import Text
 from st_codegen.cli.console import Number, console, say, table_of
 from st_codegen.cost.profile_files import DEFAULT, profile_names
 from st_codegen.errors import counted
+from st_codegen.files.number_text import percent
 
 if TYPE_CHECKING:
     from st_codegen.cost.report import ProjectCost, UnitPart
@@ -143,5 +144,5 @@ def _cells(parts: Sequence[UnitPart], total: float) -> list[str]:
         f"{sum(part.code_bytes for part in parts):,}",
         f"{sum(part.warm_us for part in parts):.1f}",
         f"{cold:.1f}",
-        f"{cold / total:.1%}",
+        percent(cold / total),
     ]

@@ -5,6 +5,8 @@ import pytest
 
 from st_codegen.driver import generate
 from st_codegen.errors import at_most
+from st_codegen.passes.choose import CallCost, PricedLayout
+from st_codegen.passes.pipeline import LayoutDecision
 from st_codegen.project.bundle import load
 from st_codegen.proof.prove.blocks import BlockProof, Limit
 from st_codegen.proof.verify import verify
@@ -150,3 +152,10 @@ def test_a_bound_that_is_printed_is_a_bound():
     assert "fOut stays within -1.000001 .. 1.000001" in limits.claims
     assert at_most(2.7e-15) == "2.7e-15"  # as it is written
     assert (at_most(float("inf")), at_most(0.0)) == ("inf", "0")
+
+
+def test_a_share_of_the_time_is_never_nothing():
+    """A forest as trained against its table: the time "falls to 0%"."""
+    times = (("table", 1.0), ("as trained", 900.0))
+    layouts = [PricedLayout(layout, None, CallCost(time)) for layout, time in times]
+    assert "falls to 0.112 % by" in LayoutDecision("m", "table", tuple(layouts), "as trained").change
