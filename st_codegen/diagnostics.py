@@ -125,8 +125,8 @@ DIAGNOSTICS = (
         "STC1102",
         "A file or folder cannot be written",
         "Where the result should go there is something else, such as a file in place of a folder.",
-        "Give another place with --out, or remove what is in the way. The program never removes files that it "
-        "did not write.",
+        "Give another place with --out, or remove what is in the way. Files that it did not write stay, but in "
+        "the folders that fleet keeps for each axis.",
         places=("files.folders", "files.text:make_folder", "files.text:whole_file", "emit.output"),
     ),
     Diagnostic(

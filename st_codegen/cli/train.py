@@ -46,7 +46,13 @@ Examples:
   st-codegen train harmonics.csv --backend dask --scheduler tcp://host:8786""",
 )
 @click.argument("campaign", type=PLACE)
-@click.option("-o", "--out", type=FOLDER, default=Path("models"), help="Folder of the bundle; st-codegen compiles it.")
+@click.option(
+    "-o",
+    "--out",
+    type=FOLDER,
+    default=Path("models"),
+    help="Folder of the bundle, in place of an earlier one; st-codegen compiles it.",
+)
 @click.option("--report", type=FILE, help="HTML page about what was learned.")
 @click.option(
     "--orders",

@@ -401,7 +401,28 @@ def test_a_bundle_replaces_only_a_bundle(lessons, tmp_path):
     first = sorted(path.name for path in (tmp_path / "new").iterdir())
     write_bundle(tmp_path / "new", head, learned[1].models)
     assert first != sorted(path.name for path in (tmp_path / "new").iterdir())
+    assert not {name for name in first if name != "bundle.toml"} & {path.name for path in (tmp_path / "new").iterdir()}
     assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
+
+
+def test_what_else_stands_in_the_folder_of_a_bundle_stays(lessons, tmp_path):
+    """The options of [build] and notes of the user's were removed by the next `train`."""
+    both, learned = lessons
+    head = bundle_head(both, "small", 81.0)
+    folder = tmp_path / "models"
+    write_bundle(folder, head, learned[0].models)
+    (folder / "st-codegen.toml").write_text('[build]\ntarget = ["iec"]\n')
+    (folder / "notes").mkdir()
+    (folder / "notes" / "first.txt").write_text("keep me")
+    write_bundle(folder, head, learned[1].models)
+    assert (folder / "st-codegen.toml").read_text().startswith("[build]")
+    assert (folder / "notes" / "first.txt").read_text() == "keep me"
+    assert all(model.source.file.rpartition("_")[2].startswith("backward") for model in load(folder).irs)
+    own = next(path.name for path in folder.iterdir() if path.name.startswith("A0"))
+    (folder / own.replace("backward", "forward")).write_text("mine")
+    with pytest.raises(InputError, match="was not written by this command, and a new file has its name"):
+        write_bundle(folder, head, learned[0].models)
+    assert (folder / own.replace("backward", "forward")).read_text() == "mine"
 
 
 @pytest.mark.thorough
