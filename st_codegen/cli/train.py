@@ -117,6 +117,8 @@ def command(
 
     if campaign.is_file():
         refuse_unused(f"on a harmonic table ({campaign})", "most_orders", "skip_bad", "cache")
+        if table_out is not None and table_out.exists() and table_out.samefile(campaign):
+            raise click.BadParameter(f"{table_out} is the measured table; give another file.", param_hint="'--table'")
     check_place(out)
     identifier(name, "--name")
     settings = only_exportable(settings, form)
