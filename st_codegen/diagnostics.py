@@ -392,7 +392,7 @@ DIAGNOSTICS = (
         "A fleet cannot be done",
         "fleet.toml has unknown keys, names that are no folders, or campaigns and rigs that are not there; or the "
         "folder of results holds something else.",
-        "The message lists every problem. The page on fleets has an example.",
+        "The message lists the problems. The page on fleets has an example.",
         places=("fleet",),
     ),
     Diagnostic(
