@@ -532,7 +532,8 @@ DIAGNOSTICS = (
         "STC2002",
         "The worst case does not fit into the cycle",
         "The estimated worst case of a cycle is longer than --cycle-us, or has no bound.",
-        "The table says who spends what. Use a smaller model, --layout table, --outputs-per-cycle, or a longer cycle.",
+        "The table says who spends what. Use a smaller model, a larger --table-limit, --relayout over files that are "
+        "there, --outputs-per-cycle for a bundle, or a longer cycle.",
     ),
     Diagnostic(
         "STC2004",

@@ -222,7 +222,8 @@ def _header(te: TransmissionError, both: bool) -> tuple[str, ...]:
         (
             f"The mean is taken apart: the play of {real(te.play.angle_deg)} deg belongs to the direction, the rest to "
             "the load. With bLoadGiven the load is fSignedLoad, and where the axis stands a change of its sign, "
-            "beyond fLoadChange, changes the direction before the speed does.",
+            "beyond fLoadChange, changes the direction before the speed does. Without it the sets change over "
+            "fBlendAngle_deg where that takes longer than fBlendTime_s.",
         )
         if te.play
         else ()
