@@ -125,8 +125,8 @@ DIAGNOSTICS = (
         "STC1102",
         "A file or folder cannot be written",
         "Where the result should go there is something else, such as a file in place of a folder.",
-        "Give another place with --out, or remove what is in the way. The program never removes files that it "
-        "did not write.",
+        "Give another place with --out, or remove what is in the way. Files that it did not write stay, but in "
+        "the folders that fleet keeps for each axis.",
         places=("files.folders", "files.text:make_folder", "files.text:whole_file", "emit.output"),
     ),
     Diagnostic(
@@ -392,7 +392,7 @@ DIAGNOSTICS = (
         "A fleet cannot be done",
         "fleet.toml has unknown keys, names that are no folders, or campaigns and rigs that are not there; or the "
         "folder of results holds something else.",
-        "The message lists every problem. The page on fleets has an example.",
+        "The message lists the problems. The page on fleets has an example.",
         places=("fleet",),
     ),
     Diagnostic(
@@ -532,7 +532,8 @@ DIAGNOSTICS = (
         "STC2002",
         "The worst case does not fit into the cycle",
         "The estimated worst case of a cycle is longer than --cycle-us, or has no bound.",
-        "The table says who spends what. Use a smaller model, --layout table, --outputs-per-cycle, or a longer cycle.",
+        "The table says who spends what. Use a smaller model, a larger --table-limit, --relayout over files that are "
+        "there, --outputs-per-cycle for a bundle, or a longer cycle.",
     ),
     Diagnostic(
         "STC2004",

@@ -6,6 +6,7 @@ so that one run reports all of them: see `Problems`. Each has a code, from the p
 
 from __future__ import annotations
 
+import decimal
 import difflib
 import importlib
 import re
@@ -37,6 +38,29 @@ def counted(number: int, one: str, many: str = "") -> str:
     ('1 model', '0 axes', '10,000 rows')
     """
     return f"{number:,} {one if number == 1 else many or f'{one}s'}"
+
+
+def at_most(bound: float, digits: int = 2) -> str:
+    """An upper bound in so many digits, rounded up: what is printed is a bound, too.
+
+    >>> at_most(1.0004, 3), at_most(0.25), at_most(-1.0004, 3), at_most(math.inf)
+    ('1.01', '0.25', '-1', 'inf')
+    """
+    return _rounded(bound, digits, decimal.ROUND_CEILING)
+
+
+def at_least(bound: float, digits: int = 2) -> str:
+    """A lower bound in so many digits, rounded down.
+
+    >>> at_least(1.0096, 3), at_least(-1.0004, 3)
+    ('1', '-1.01')
+    """
+    return _rounded(bound, digits, decimal.ROUND_FLOOR)
+
+
+def _rounded(bound: float, digits: int, rounding: str) -> str:
+    short = decimal.Context(prec=digits, rounding=rounding, Emin=-400).create_decimal(repr(float(bound)))
+    return f"{float(short):.{digits}g}"
 
 
 def closest(name: str, known: Iterable[str], alike: float = 0.6) -> str | None:

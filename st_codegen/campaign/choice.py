@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from st_codegen.campaign.orders import SIGNIFICANT, OrderFit
-from st_codegen.errors import InputError
+from st_codegen.errors import InputError, counted
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,10 @@ def choose_orders(
             why = f"{where}, but {size} is {relative:.2%} of the strongest (below {_LEAST_SIZE:.2%})"
             verdict = False
         elif chosen >= most:
-            verdict, why = False, f"{where}, {size}; {most} stronger orders are chosen already"
+            verdict, why = (
+                False,
+                f"{where}, {size}; {counted(most - 1, 'stronger one')} and the mean are chosen already",
+            )
         else:
             verdict, why = True, f"{where}; {size} is {relative:.1%} of the strongest"
         chosen += verdict

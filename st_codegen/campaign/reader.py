@@ -23,7 +23,7 @@ from st_codegen.campaign.harmonic_table import HarmonicTable
 from st_codegen.campaign.orders import BAND, OrderFit, Sums, curve_sums, fit_orders
 from st_codegen.campaign.spikes import LEAST_ROW, longest_row, repeated
 from st_codegen.campaign.sums_file import SumsFile
-from st_codegen.errors import InputError, Problems, counted, extra_package
+from st_codegen.errors import InputError, Problems, at_most, counted, extra_package
 from st_codegen.processes import Progress
 from st_codegen.te.harmonics import Direction
 
@@ -76,7 +76,7 @@ class Campaign:
         what, rows = ("sample", f", up to {row} in a row") if row >= LEAST_ROW else ("single sample", "")
         return (
             f"{counted(sum(counts), what)} of {counted(len(spiky), 'curve')}, at most {max(counts)} of one{rows}, "
-            f"up to {most:.2g} deg off those around them: {self._files(spiky)}"
+            f"up to {at_most(most)} deg off those around them: {self._files(spiky)}"
         )
 
     @property
@@ -87,8 +87,8 @@ class Campaign:
             return ""
         most = max(curve.sums.moved_deg for curve in moved)
         return (
-            f"the rounded angles of {counted(len(moved), 'curve')}, in whose place smooth ones stand, up to {most:.2g} "
-            f"deg off: {self._files(moved)}"
+            f"the rounded angles of {counted(len(moved), 'curve')}, in whose place smooth ones stand, up to "
+            f"{at_most(most)} deg off: {self._files(moved)}"
         )
 
     def _files(self, curves: Sequence[MeasuredCurve]) -> str:

@@ -86,9 +86,10 @@ def command(
 ) -> None:
     """Run rows of inputs through MODELS on a controller and compare its answers with the libraries'.
 
-    The rows are thresholds and their neighbours where they are reached, a row for each leaf and cell, special values,
-    and random ones. Every answer must be the library's, to the bit or within the derived bound. Exit code 0 when all
-    agree, 1 when not, 2 where the controller cannot be reached, is not in RUN or runs another project.
+    The rows are thresholds and their neighbours where they are reached, rows for leaves and cells (of large models not
+    for all, which is said), special values, and random ones. Every answer must be the library's, to the bit or within
+    the derived bound. Exit code 0 when all agree, 1 when not, 2 where the controller cannot be reached, is not in RUN
+    or runs another project.
     """
     from st_codegen.cost.profile import load_profile
     from st_codegen.live.compare import compare, generated_folder

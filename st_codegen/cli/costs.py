@@ -14,6 +14,7 @@ from rich.text import Text
 from st_codegen.cli.console import Number, console, say, table_of
 from st_codegen.cost.profile_files import DEFAULT, profile_names
 from st_codegen.errors import counted
+from st_codegen.files.number_text import percent
 
 if TYPE_CHECKING:
     from st_codegen.cost.report import ProjectCost, UnitPart
@@ -126,7 +127,7 @@ def limits_table(limits: Iterable[InputLimit]) -> Table | str:
     table = table_of(title, "model", "input", "magnitude")
     for limit in limits:
         table.add_row(limit.model, limit.feature, magnitude_text(limit))
-    return table if table.row_count else "no input is refused for its magnitude"
+    return table if table.row_count else "no model refuses an input for its magnitude"
 
 
 def magnitude_text(limit: InputLimit) -> str:
@@ -143,5 +144,5 @@ def _cells(parts: Sequence[UnitPart], total: float) -> list[str]:
         f"{sum(part.code_bytes for part in parts):,}",
         f"{sum(part.warm_us for part in parts):.1f}",
         f"{cold:.1f}",
-        f"{cold / total:.1%}",
+        percent(cold / total),
     ]

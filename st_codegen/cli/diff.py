@@ -118,9 +118,13 @@ def _lines(found: Review) -> list[str]:
     lines += [_sentence("", change) for change in found.project]
     for model in (*found.models, *found.around):
         lines += [_sentence(f"{model.name}: ", change) for change in model.facts]
-        if model.text_changed and not model.rows:
-            around = model in found.around
-            why = "other inputs or no range in common" if around else "not as many inputs or outputs as before"
+        if model.text_changed and not model.answered:
+            if model.rows:
+                why = f"none of {counted(model.rows, 'point')} that were tried is answered by both texts"
+            elif model in found.around:
+                why = "other inputs or no range in common"
+            else:
+                why = "not as many inputs or outputs as before"
             lines.append(f"{model.name}: {why}: its numbers were not compared")
         if model.rows_lost or model.rows_gained:
             lines.append(
@@ -128,7 +132,7 @@ def _lines(found: Review) -> list[str]:
                 f"{model.rows_gained:,} gained one"
             )
         lines += [f"{model.name}: {line}" for line in _label_lines(model)]
-        if model.changed and model.rows and not model.facts and not any(output.largest for output in model.outputs):
+        if model.changed and model.answered and not model.facts and not any(output.largest for output in model.outputs):
             lines.append(f"{model.name}: text changed, no output moved at {model.points}")
     counts = {kind: sum(1 for k in found.files.values() if k == kind) for kind in ("added", "removed", "changed")}
     files = [f"{count} {kind}" for kind, count in counts.items() if count]

@@ -242,7 +242,7 @@ def _explanation(bundle: Bundle, generated: Generated, target: Target, pricing: 
 
 def _show(found: Iterable[FileChange], limit: int, *, stat: bool) -> bool:
     """Print differences, `limit` lines of them (0: all) or a line for each file; whether there is any."""
-    files = lines = 0
+    files = lines = cut = 0
     for difference in found:
         files += 1
         if stat:
@@ -253,8 +253,9 @@ def _show(found: Iterable[FileChange], limit: int, *, stat: bool) -> bool:
             lines += 1
             if not limit or lines <= limit:
                 click.echo(inert(line.rstrip("\n")))
+        cut += bool(limit) and lines > limit
     if not stat and limit and lines > limit:
-        where = counted(files, "file")
+        where = counted(cut, "file")
         click.echo(f".. {counted(lines - limit, 'more line')} in {where}; --limit 0 shows all, --stat a line a file")
     return files > 0
 

@@ -64,7 +64,7 @@ def command(
     its angle takes the way of one task. The mean age is what fLead_s of the compensator should be, if the drive adds
     nothing.
     """
-    from st_codegen.te.latency import Exchange, TaskTiming, latency
+    from st_codegen.te.latency import LONGEST_LEAD_S, Exchange, TaskTiming, latency
 
     problems = Problems("latency")
     if slow is None and (slow_offset or slow_run):
@@ -95,4 +95,6 @@ def command(
     click.echo(f"delay: {new}" + "{:.1f} us of a new value, {:.1f} us in the mean, {:.1f} us at most".format(*times))
     click.echo(f"upper limit of the correction: {found.frequency_hz:.1f} Hz")
     click.echo(f"order {order} up to {found.output_speed_rpm(order):.1f} rpm at the output shaft")
-    click.echo(f"lead time for the compensator: fLead_s := {found.mean_us * 1e-6:.7f}")
+    lead_s = found.mean_us * 1e-6
+    takes = "" if lead_s <= LONGEST_LEAD_S else f", which it refuses: it takes {LONGEST_LEAD_S} at most"
+    click.echo(f"lead time for the compensator: fLead_s := {lead_s:.7f}{takes}")

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 from st_codegen.cli.costs import magnitude_text
 from st_codegen.cli.prove import VERDICT_COLUMNS, sentence, verdict_rows
 from st_codegen.emit.output import MANIFEST
-from st_codegen.errors import counted
+from st_codegen.errors import at_most, counted
 from st_codegen.files.number_text import percent
 from st_codegen.files.text import file_sha256, write_text
 from st_codegen.proof.review import tried_text
 from st_codegen.proof.runner import changes_by_hand, target_folders
+from st_codegen.proof.verify_report import but_for
 from st_codegen.report import COLOURS, PageSection, PageTable, figures, markdown, page
 from st_codegen.report.picture import panels
 
@@ -103,15 +104,6 @@ def _curves(title: str, curves: Iterable[Sweep]) -> list[str]:
 # --- verify
 
 
-def _but_for(report: VerifyReport) -> str:
-    """How many of the rows were not compared with the library, or leave more labels than one; empty for none."""
-    unjudged = sum(model.unbounded for model in report.models)
-    undecided = sum(model.open_rows for model in report.models)
-    parts = [f"{counted(unjudged, 'row')} without a bound, not judged"] if unjudged else []
-    parts += [f"{counted(undecided, 'row')} whose label rounding leaves open"] if undecided else []
-    return f", but for {' and '.join(parts)}" if parts else ""
-
-
 def verify_sections(
     report: VerifyReport, proof: ProveReport, bundle: Bundle, generated: Path
 ) -> tuple[str, list[PageSection]]:
@@ -120,12 +112,15 @@ def verify_sections(
     tried = sum(model.n for model in report.models)
     summary = (
         f"{'FAILED: ' + ', '.join(failed) if failed else 'All agree'}: library, reference and generated text on a "
-        f"sample of {tried:,} rows{_but_for(report)}."
+        f"sample of {tried:,} rows{but_for(report.models)}."
     )
     if report.over_budget:
         summary += f"\n\nThe cycle DOES NOT FIT: {', '.join(report.over_budget)}."
     summary += f"\n\nAsked of all inputs: {proof.summary}."
-    rows = [(m.name, m.n, m.max_abs_err, m.bound, m.max_ulp, m.verdict, ", ".join(m.targets)) for m in report.models]
+    rows = [
+        (m.name, m.n, m.max_abs_err, at_most(m.bound, 4), m.max_ulp, m.verdict, ", ".join(m.targets))
+        for m in report.models
+    ]
     columns = ("model", "rows", "largest error", "allowed", "ulp", "result", "targets")
     strong = {(row, 5) for row, model in enumerate(report.models) if not model.passed}
     remarks = [remark for model in report.models for remark in model.remarks]
@@ -150,9 +145,9 @@ def verify_sections(
 def _proof_section(proof: ProveReport) -> PageSection:
     """The verdicts on the text for every input, and why some are no proof."""
     text = (
-        "The text was executed on all inputs at once. Proved: it gives the model's bits. Same expression: it computes "
-        "the model's operations one by one; how far that lies from the library at most is the bound, where one is "
-        "known. Never fails: no call of the block stops the controller. docs/proof.md says what is assumed."
+        "A proof executes the text on all inputs at once. Proved: it gives the model's bits. Same expression: it "
+        "computes the model's operations one by one; how far that lies from the library at most is the bound, where "
+        "one is known. Never fails: no call of the block stops the controller. docs/proof.md says what is assumed."
     )
     others = [sentence(result) for result in proof.results if not result.is_proved]
     strong = {(number, 2) for number, result in enumerate(proof.results) if not result.is_proved}
@@ -190,7 +185,7 @@ def _cost_section(target: str, cost: ProjectCost, cycle_us: float | None) -> Pag
 def explain_sections(found: Sequence[Explanation]) -> tuple[str, list[PageSection]]:
     """The summary of what `--explain` says, and its sections: refused inputs once, layouts and times of each target."""
     limits = [(limit.model, limit.feature, magnitude_text(limit)) for limit in found[0].limits] if found else []
-    text, table = "No input is refused for its magnitude.", None
+    text, table = "No model refuses an input for its magnitude.", None
     if limits:
         text = "From these magnitudes on, bValid is FALSE and the outputs keep their last valid values."
         table = PageTable(("model", "input", "magnitude"), limits)

@@ -24,6 +24,7 @@ from st_codegen.cli.console import (
     say,
     table_of,
 )
+from st_codegen.errors import at_most
 from st_codegen.files.text import write_text
 
 if TYPE_CHECKING:
@@ -107,7 +108,7 @@ def verdict_rows(report: ProveReport) -> Iterator[tuple[str, ...]]:
     """The verdicts in words."""
     for result in report.results:
         counts = [f"{count:,}" if count else "" for count in (result.trees, result.boxes, result.operations)]
-        bound = f"{max(result.bound):.2g}" if result.bound else "no range known" if result.operations else ""
+        bound = at_most(max(result.bound)) if result.bound else "no range known" if result.operations else ""
         bound = "none known" if bound == "inf" else bound
         yield result.model, result.target, result.words, result.method, *counts, bound
 

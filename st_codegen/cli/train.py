@@ -46,7 +46,13 @@ Examples:
   st-codegen train harmonics.csv --backend dask --scheduler tcp://host:8786""",
 )
 @click.argument("campaign", type=PLACE)
-@click.option("-o", "--out", type=FOLDER, default=Path("models"), help="Folder of the bundle; st-codegen compiles it.")
+@click.option(
+    "-o",
+    "--out",
+    type=FOLDER,
+    default=Path("models"),
+    help="Folder of the bundle, in place of an earlier one; st-codegen compiles it.",
+)
 @click.option("--report", type=FILE, help="HTML page about what was learned.")
 @click.option(
     "--orders",
@@ -59,7 +65,9 @@ Examples:
 @click.option("--name", default="reducer", help="Name of the bundle.")
 @click.option("--format", "form", type=click.Choice(MODEL_FORMS), default=MODEL_FORMS[0], help="Model files.")
 @click.option(
-    "--limit-us", type=Number(min=0), help="Worst case of all models of one direction in microseconds (estimate)."
+    "--limit-us",
+    type=Number(min=0),
+    help="Worst case of all models of one direction in microseconds (a quick estimate; verify counts the text).",
 )
 @click.option("--test-share", type=Number(0.01, 0.9), default=0.2, help="Share of operating points kept for testing.")
 @click.option("--repeats", type=Whole(min=0), default=0, help="Further random splits.")
@@ -109,6 +117,8 @@ def command(
 
     if campaign.is_file():
         refuse_unused(f"on a harmonic table ({campaign})", "most_orders", "skip_bad", "cache")
+        if table_out is not None and table_out.exists() and table_out.samefile(campaign):
+            raise click.BadParameter(f"{table_out} is the measured table; give another file.", param_hint="'--table'")
     check_place(out)
     identifier(name, "--name")
     settings = only_exportable(settings, form)
@@ -199,7 +209,7 @@ def _summary(lesson: Lesson, faulty_are: str) -> Table:
         "" if faulty_are == "kept" or lesson.left_out == faulty else f" ({lesson.left_out} of all runs for the models)"
     )
     title = (
-        f"{lesson.direction}: worst case {lesson.cost_us:.0f} us (estimate for models as trained), "
+        f"{lesson.direction}: worst case {lesson.cost_us:.3g} us (a quick estimate; verify counts the text), "
         f"{counted(faulty, 'faulty run')} {faulty_are}{others}; errors at the operating points of "
         f"{counted(len(lesson.study.test), 'run')} that were kept apart"
     )

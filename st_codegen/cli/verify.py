@@ -57,7 +57,7 @@ Examples:
 @profile_option
 @entry_option
 @click.option("--json", "json_file", type=FILE, help="Write the report to this file.")
-@click.option("--html", type=FILE, help="Write a page, with a proof, to this file.")
+@click.option("--html", type=FILE, help="Write a page, with what prove says of the text, to this file.")
 @reading_options
 def command(
     given: GivenModels,

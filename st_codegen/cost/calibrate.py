@@ -19,7 +19,7 @@ import numpy as np
 
 from st_codegen.cost.profile import LARGEST_FACTOR, SMALLEST_FACTOR, Profile
 from st_codegen.cost.report import project_cost
-from st_codegen.errors import InputError, Problems
+from st_codegen.errors import InputError, Problems, at_most
 from st_codegen.files.csv_tables import RowError, read_csv
 from st_codegen.files.toml_text import toml_value
 from st_codegen.st.tree import Project
@@ -64,7 +64,8 @@ class Calibration:
         if (most := max(longer, default=1.0)) >= 1.0005:  # less is not seen in a tenth of a percent
             found.append(
                 f"{len(longer)} of {len(measurements)} measured times are longer than the model gives, by up to "
-                f"{most - 1.0:.1%}: a worst case by this profile is no bound, so leave at least as much of a budget"
+                f"{at_most(100.0 * (most - 1.0), 3)} %: a worst case by this profile is no bound, so divide a budget "
+                f"by {at_most(most, 4)} at least"
             )
         return found
 

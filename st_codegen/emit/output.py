@@ -25,7 +25,7 @@ from st_codegen.emit.render import RenderedFile
 from st_codegen.emit.targets import TARGETS
 from st_codegen.emit.traces import without_traces
 from st_codegen.errors import GeneratedCodeError, InputError, counted
-from st_codegen.files.folders import replace_folder
+from st_codegen.files.folders import link_file, replace_folder
 from st_codegen.files.temporary import temporary_folder
 from st_codegen.ir import ModelIR, OutputKind
 
@@ -304,7 +304,7 @@ def _keep_user_files(folder: Path, stage: Path) -> tuple[str, ...]:
                 )
             if not target.exists():
                 target.parent.mkdir(parents=True, exist_ok=True)
-                _link(path, target)
+                link_file(path, target)
         elif target.exists() and _same_content(path, target):
             shutil.copy2(path, target)  # with its traces and times, so that no tool reloads it
     return tuple(name for name in changed if os.path.lexists(folder / name))
@@ -387,11 +387,3 @@ def _lines(path: Path, *, provenance: bool) -> tuple[str, ...]:
 def _holds_user_files(path: Path, folder: Path, ours: set[str]) -> bool:
     inside = [p for p in path.rglob("*") if not p.is_dir() or p.is_symlink()]
     return not inside or any(p.relative_to(folder).as_posix() not in ours for p in inside)
-
-
-def _link(path: Path, target: Path) -> None:
-    """A second name for a file where the file system can, else a copy."""
-    try:
-        os.link(path, target, follow_symlinks=False)
-    except OSError:
-        shutil.copy2(path, target, follow_symlinks=False)

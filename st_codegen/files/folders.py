@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import ctypes
 import os
-from collections.abc import Mapping
+import shutil
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 from st_codegen.errors import InputError
@@ -37,6 +38,31 @@ def replace_folder(new: Path, folder: Path) -> None:
     except OSError:
         old.rename(folder)
         raise
+
+
+def link_file(path: str | Path, target: str | Path) -> None:
+    """A second name for a file where the file system can, else a copy."""
+    try:
+        os.link(path, target, follow_symlinks=False)
+    except OSError:
+        shutil.copy2(path, target, follow_symlinks=False)
+
+
+def keep_others(folder: Path, stage: Path, ours: Collection[str]) -> None:
+    """Bring what is in a folder, but for some names, into the one that is to replace it.
+
+    Raises InputError where a new file has the name of one of these.
+    """
+    for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+        target = stage / path.name
+        if path.name in ours:
+            continue
+        if os.path.lexists(target):
+            raise InputError(f"{path} was not written by this command, and a new file has its name: rename or move it")
+        if path.is_dir() and not path.is_symlink():
+            shutil.copytree(path, target, symlinks=True, copy_function=link_file)
+        else:
+            link_file(path, target)
 
 
 def write_texts(folder: Path, texts: Mapping[str, str], folders: Mapping[str, Path] | None = None) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from st_codegen.errors import counted
+from st_codegen.errors import at_most, counted
 from st_codegen.live.controller import SOFT_PLC, UNKNOWN
 from st_codegen.proof.verify_report import ModelReport, guesses
 from st_codegen.report import PageSection, PageTable
@@ -37,8 +37,8 @@ class OtherBits:
     def __str__(self) -> str:
         reason = "or its EXP, LN, SIN .. are other ones" if self.is_open else "or its compiler computes in another way"
         return (
-            f"on {self.count:,} rows the controller's bits are not those of the same text run here, first on row "
-            f"{self.row} at {list(self.inputs)}: a constant was changed, {reason}"
+            f"on {counted(self.count, 'row')} the controller's bits are not those of the same text run here, first on "
+            f"row {self.row} at {list(self.inputs)}: a constant was changed, {reason}"
         )
 
 
@@ -46,8 +46,10 @@ class OtherBits:
 class LiveReport:
     """What was compared with what, by model and by block around models, and how long the calls took.
 
-    `rows` has, by block, the rows, and of how many leaves and splits in all how many have rows aimed at them. `differs`
-    has, by model or block, the rows with other bits than the text has here: a failure where nothing leaves them open.
+    `rows` has, by block, the rows, and of how many leaves and splits in all how many have rows aimed at them;
+    `untried_cells`: of a table, how many cells it has between thresholds where these are too many for a row each.
+    `differs` has, by model or block, the rows with other bits than the text has here: a failure where nothing leaves
+    them open.
     """
 
     address: str
@@ -56,6 +58,7 @@ class LiveReport:
     generated: str
     models: list[ModelReport] = field(default_factory=list)
     rows: dict[str, tuple[int, int, int]] = field(default_factory=dict)
+    untried_cells: dict[str, int] = field(default_factory=dict)
     differs: dict[str, OtherBits] = field(default_factory=dict)
     times: dict[str, BlockTimes] = field(default_factory=dict)
     seconds: float = 0.0
@@ -100,6 +103,11 @@ class LiveReport:
                 lines.append(f"{name}: {counted(rows, 'row')}, with rows aimed at {share} leaves and splits")
             else:
                 lines.append(f"{name}: {counted(rows, 'row')}")
+            if cells := self.untried_cells.get(name):
+                lines.append(
+                    f"{name}: {cells:,} cells between thresholds are too many for a row each, so that a changed number "
+                    "of the table may be one that no row meets"
+                )
         lines += [remark for model in self.models for remark in model.remarks]
         lines += filter(None, [guesses(self.models)])
         if self.device == SOFT_PLC:
@@ -148,10 +156,10 @@ def record_sections(report: LiveReport) -> tuple[str, list[PageSection]]:
     wrong = list(dict.fromkeys(name for name, _ in report.failures()))
     verdict = f"FAILED: {', '.join(wrong)}" if wrong else "All agree"
     summary = (
-        f"{verdict}: library and controller on a sample of {report.sent:,} rows, {report.at}, {report.address}"
-        f"{f' ({report.device})' if report.device else ''}, project {report.fingerprint}."
+        f"{verdict}: library and controller on a sample of {counted(report.sent, 'row')}, {report.at}, "
+        f"{report.address}{f' ({report.device})' if report.device else ''}, project {report.fingerprint}."
     )
-    rows = [(m.name, m.n, m.max_abs_err, m.bound, m.max_ulp, m.verdict) for m in report.models]
+    rows = [(m.name, m.n, m.max_abs_err, at_most(m.bound, 4), m.max_ulp, m.verdict) for m in report.models]
     strong = {(row, 5) for row, model in enumerate(report.models) if model.name in wrong}
     columns = ("model", "rows", "largest error", "allowed", "ulp", "result")
     text = "\n\n".join([*report.remarks(), *(f"{name}: {line}" for name, line in report.failures())])

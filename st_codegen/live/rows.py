@@ -8,6 +8,7 @@ other inputs lie where the split, or the leaf, is reached.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -32,12 +33,14 @@ Step = tuple[Operator, bool, float]
 class ChosenRows:
     """Rows (n, features) for the models of one block; rows are aimed at `reached` of `constants` leaves and splits.
 
-    Categories, which are drawn at random, and ranges that limit inputs can send such a row elsewhere.
+    Categories, which are drawn at random, and ranges that limit inputs can send such a row elsewhere. `untried_cells`:
+    how many cells there are between thresholds, where these are too many to have a row each.
     """
 
     x: FloatArray
     reached: int
     constants: int
+    untried_cells: int = 0
 
 
 def comparison_rows(models: Sequence[ModelIR], rows: int, seed: int = 0) -> ChosenRows:
@@ -56,13 +59,14 @@ def comparison_rows(models: Sequence[ModelIR], rows: int, seed: int = 0) -> Chos
             break
         kept += aimed[number]
         reached += bool(aimed[number])
-    parts = [probe_rows(models[0], min(rows, _PROBES), seed), _cells(models)]
+    cells, untried = _cells(models)
+    parts = [probe_rows(models[0], min(rows, _PROBES), seed), cells]
     if kept:
         parts.append(np.array(kept))
     left = max(rows - sum(map(len, parts)), 0)
     lower, upper = operating_range(models[0])
     parts.append(lower + (upper - lower) * random.random((left, len(lower))))
-    return ChosenRows(np.vstack(parts), reached, len(aimed))
+    return ChosenRows(np.vstack(parts), reached, len(aimed), untried)
 
 
 def _thresholds(model: ModelIR) -> list[FloatArray]:
@@ -78,20 +82,22 @@ def _thresholds(model: ModelIR) -> list[FloatArray]:
     return [np.unique(np.concatenate(values)) for values in found]
 
 
-def _cells(models: Sequence[ModelIR]) -> FloatArray:
-    """A point inside of each cell between the thresholds of all models together; none where these are many."""
+def _cells(models: Sequence[ModelIR]) -> tuple[FloatArray, int]:
+    """A point inside of each cell between the thresholds of all models together; where these are many none, but how
+    many they are.
+    """
     lower, upper = operating_range(models[0])
-    axes, count = [], 1
+    axes = []
     for number, parts in enumerate(zip(*map(_thresholds, models), strict=True)):
         thresholds = np.unique(np.concatenate(parts))
         ends = np.concatenate([[lower[number]], thresholds, [upper[number]]])
         middles = np.unique(ends[:-1] + (ends[1:] - ends[:-1]) / 2)
         outside = [] if not len(thresholds) else [thresholds[0] - 1.0, thresholds[-1] + 1.0]
         axes.append(np.unique(np.concatenate([middles, outside])))
-        count *= len(axes[-1])
-        if count > _MOST_CELLS:
-            return np.zeros((0, len(lower)))
-    return np.array(list(itertools.product(*axes)))
+    count = math.prod(map(len, axes))
+    if count > _MOST_CELLS:
+        return np.zeros((0, len(lower))), count
+    return np.array(list(itertools.product(*axes))), 0
 
 
 def _aimed(model: ModelIR, random: np.random.Generator) -> Iterator[list[FloatArray]]:

@@ -1,6 +1,7 @@
-"""Which of several exact layouts of a model is generated.
+"""Which of several layouts of a model is generated.
 
-Every layout computes the same bits, so the choice is one of cost only. `simple_cost` is an estimate from the
+Every layout of trees computes the same bits, and a factored kernel lies within the bound of the model, so the choice is
+one of cost only. `simple_cost` is an estimate from the
 intermediate representation alone; any other function of a model may take its place (`CostFunction`), such as one that
 measures the emitted text.
 """

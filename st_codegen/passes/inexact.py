@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from st_codegen import ir
+from st_codegen.errors import at_most
 from st_codegen.ir import reference
 from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray, from_order, to_order
 from st_codegen.passes.jumps import largest_jump
@@ -63,7 +64,7 @@ def without_inexact_steps(model: ir.ModelIR) -> ir.ModelIR:
     except _StaysError:
         note = (
             "trees split behind an inexact step: where the number that a split compares lies within rounding of its "
-            f"threshold, the sum of the trees may be another one than the library's, by at most {jump:.3g}"
+            f"threshold, the sum of the trees may be another one than the library's, by at most {at_most(jump, 3)}"
         )
         return dataclasses.replace(model, source=dataclasses.replace(model.source, notes=(*model.source.notes, note)))
 

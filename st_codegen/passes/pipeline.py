@@ -1,4 +1,4 @@
-"""Models as the user gave them -> the models that are printed: every rewrite is exact to the bit.
+"""Models as the user gave them -> the models that are printed: exact to the bit, but for kernels.
 
 A lone model keeps its block. Models that are called together and whose tables fit together become one block, and one
 search serves them all.
@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
+from st_codegen.errors import at_most
 from st_codegen.ir import FactoredKernel, ModelIR, Rank, Source
 from st_codegen.passes import tables
 from st_codegen.passes.branches import as_branches
@@ -67,7 +68,7 @@ class LayoutDecision:
         why = "which these options and limits do not allow"
         if before is not None:
             share = self.candidates[0].cost.nanoseconds / before
-            why = f"whose time in the worst case falls to {share:.0%} by the prices that it was chosen by"
+            why = f"whose time in the worst case falls to {at_most(100.0 * share, 3)} % by the prices of that choice"
             if share > 1:
                 why = "with which all tables together would be larger than the limit"
         return f"{self.model}: new layout '{self.chosen}' for '{self.earlier}', {why}"

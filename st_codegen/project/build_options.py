@@ -32,7 +32,9 @@ def option_name(name: str) -> str:
 #: By their names in [build].
 BUILD_OPTIONS = {
     "with_tests": BuildOption(
-        bool, "Also write TcUnit suites that compare every block with the library's answers, and a task that runs them."
+        bool,
+        "Also write TcUnit suites that compare the blocks of models, and FB_TEPredict, with the library's answers, and "
+        "a task that runs them.",
     ),
     "with_configuration": BuildOption(
         bool, "For iec: write one file with programs that call the blocks and a CONFIGURATION that runs them."
@@ -48,10 +50,10 @@ BUILD_OPTIONS = {
     ),
     "self_check": BuildOption(
         bool,
-        "Blocks check their constants, a few in each call, and a row with a known answer in the first one: after "
-        "damage bValid stays FALSE. prove does not follow them.",
+        "Blocks check their constants, a few in each call, and in the first one a row whose answer is known, if there "
+        "is one: once they find damage, bValid stays FALSE. prove does not follow them.",
     ),
-    "with_age": BuildOption(bool, "Blocks have the output nAge: the calls since their outputs were valid."),
+    "with_age": BuildOption(bool, "Blocks of models have the output nAge: the calls since their outputs were valid."),
     "outputs_per_cycle": BuildOption(
         int,
         "Spread the models of a bundle over several calls of about equal cost, on average with so many outputs each. "
@@ -59,8 +61,8 @@ BUILD_OPTIONS = {
     ),
     "real": BuildOption(
         bool,
-        "For iec, plcopen, codesys: REAL instead of LREAL, for controllers that have no LREAL. What is lost is "
-        "computed and printed.",
+        "For iec, plcopen, codesys: REAL instead of LREAL, for controllers that have no LREAL. What may be "
+        "lost is computed and printed, or bounded by verify row by row.",
     ),
     "library_version": BuildOption(str, "With --project library: its version. Default: 1.0.0.0.", metavar="1.0.0.0"),
     "company": BuildOption(str, "With --project library: who offers it.", metavar="NAME"),
@@ -78,9 +80,9 @@ BUILD_OPTIONS = {
     "layout": BuildOption(
         str,
         "How trees are written: trees, as they were trained, to be read; ranked, as nodes that compare ranks, "
-        "which is faster; cut, the same, with deep trees cut into the cells of a coarse grid of the inputs, in fewer "
-        "steps and with more memory; ifs, as nested IFs, a model of one small tree; table, as their values in every "
-        "cell. With auto, and where what is asked for is impossible, whichever is cheapest.",
+        "which is faster where trees are many; cut, the same, with deep trees cut into the cells of a coarse grid of "
+        "the inputs, in fewer steps and with more memory; ifs, as nested IFs, a model of one small tree; table, as "
+        "their values in every cell. With auto, and where what is asked for is impossible, whichever is cheapest.",
         choices=LAYOUTS,
     ),
     "table_limit": BuildOption(

@@ -76,7 +76,9 @@ def model_report(
         return report
     lower, upper = operating_range(ir)
     inside = np.all((x >= lower) & (x <= upper), axis=1)
-    report.unanswered, report.nothing_compared = int(np.sum(inside & ~usable)), not np.any(usable)
+    report.refused, report.unanswered = int(np.sum(~usable)), int(np.sum(inside & ~usable))
+    report.nothing_compared = not np.any(usable)
+    report.none_inside = report.unanswered > 0 and not np.any(inside & usable)
     report.refused_where = refused_where(ir)
     _ask_to_refused(report, model, limited, ~usable & np.all(np.isfinite(limited), axis=1), inside)
     bound = np.where(usable[:, None], bounds.difference_bound(ir, limited), 0.0)
@@ -242,6 +244,7 @@ def block_report(check: BlockCheck, target: str) -> ModelReport:
     _compare(report, f"models and {target}", check.inputs, check.expected, check.got, check.bound)
     answered = np.all(np.isfinite(check.expected) & np.isfinite(check.got), axis=1)
     report.nothing_compared = not np.any(np.isfinite(check.expected) & np.isfinite(check.got))
+    report.refused = int(np.sum(~np.isfinite(check.expected).all(axis=1)))
     report.exact = bool(np.array_equal(check.expected, check.got, equal_nan=True))
     report.zero_signs = _other_zeros(check.expected, check.got)
     _measure(report, check.inputs, check.expected, check.got, answered)

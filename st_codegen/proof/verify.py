@@ -36,6 +36,8 @@ from st_codegen.proof.prove.range_bound import real_remarks
 from st_codegen.proof.runner import GeneratedCode, target_folders
 from st_codegen.proof.verify_report import ModelReport, VerifyReport, merged
 from st_codegen.proof.windows import window_checks
+from st_codegen.st.check.flow import all_reached
+from st_codegen.st.tree import PouKind
 from st_codegen.walkers.base import LoadedModel
 
 #: What trying a row on a tree takes about.
@@ -43,6 +45,8 @@ _SECONDS_A_ROW = 5e-7
 #: What proving takes for a tree, and for a node of it: `python benchmarks/prove.py 300 31` took 2.1 s of the processor,
 #: `python benchmarks/prove.py 50 1001` (2,001 nodes a tree) took 1.4 s.
 _SECONDS_A_TREE, _SECONDS_A_NODE = 6.5e-3, 1.1e-5
+#: What is no part of an application: it runs once, for `compare`, or for tests.
+_ASIDE = (SELF_TEST, PROGRAM, *TEST_TASK.programs)
 
 
 @dataclass(frozen=True)
@@ -111,7 +115,12 @@ def verify(
         for name, blocks, entries in made[task]
         if budget is not None
     }
-    notes = {name: note for name in targets if (note := arithmetic_of(name).note)}
+    around_models = [report.name for task in around for report in made[task]]
+    notes = {}
+    for name, code in targets.items():
+        run = [*around_models, *(block_of(code.folder, ir)[0] for ir in bundle.irs)]
+        if note := "; ".join(filter(None, (arithmetic_of(name).note, _not_run(code, run)))):
+            notes[name] = note
     notes |= real_remarks(bundle.irs)
     return VerifyReport(tuple(merged(reports)), notes, costs, None if budget is None else budget.cycle_us)
 
@@ -127,9 +136,22 @@ def cycle_cost(code: GeneratedCode, profile: Profile, entries: tuple[str, ...] =
     missing = [name for name in entries if name.upper() not in names]
     if missing:
         raise GeneratedCodeError(f"{code.folder}: no block {', '.join(missing)}")
-    aside = (SELF_TEST, PROGRAM, *TEST_TASK.programs)
-    tasks = tuple(name for name in code.task_programs if name.upper() in names and name not in aside)
-    return project_cost(code.project, profile, entries or tasks or None, aside)
+    tasks = tuple(name for name in code.task_programs if name.upper() in names and name not in _ASIDE)
+    return project_cost(code.project, profile, entries or tasks or None, _ASIDE)
+
+
+def _not_run(code: GeneratedCode, run: Iterable[str]) -> str:
+    """The blocks and programs of an application of which nothing was run; empty where all was."""
+    project, kinds = code.project, (PouKind.FUNCTION_BLOCK, PouKind.PROGRAM)
+    aside = {name.upper() for name in (*_ASIDE, *run)}
+    seen = set().union(*(all_reached(project, name.upper()) for name in run))
+    names = [
+        pou.name
+        for key, pou in project.pous.items()
+        if pou.kind in kinds and pou.body and key not in seen | aside
+        if not any(base.is_native for base in project.lineage(key))
+    ]
+    return f"nothing was run of {', '.join(names)}" if names else ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.cost.report import ProjectCost
-from st_codegen.errors import counted
+from st_codegen.errors import at_most, counted
 from st_codegen.files.html_text import html_table
 from st_codegen.ir import Label
 
@@ -58,7 +58,8 @@ class ModelReport:
     more than one label possible. The first of them are in `open_examples`.
 
     On `vague` rows of the operating range the bound of an output is larger than all that it spans on the rows there:
-    being within it says nothing. `unanswered` rows in that range the block refuses, where `refused_where` says. Of
+    being within it says nothing. `refused` rows, of any kind, the block refuses, so that the library's answers to them
+    were not compared. `unanswered` of them are in that range, where `refused_where` says; `none_inside`: all are. Of
     these the library was asked `asked`, and had an answer to `silent` all the same, the first at `silent_example` with
     the library's numbers. Of `refused_outside` rows of numbers outside that range the library was asked
     `asked_outside`, and answers `silent_outside`. `nothing_compared`: there was no row that the block takes.
@@ -82,7 +83,9 @@ class ModelReport:
     jump: float = 0.0
     jump_width: float = 0.0
     vague: int = 0
+    refused: int = 0
     unanswered: int = 0
+    none_inside: bool = False
     refused_where: str = ""
     asked: int = 0
     silent: int = 0
@@ -112,7 +115,7 @@ class ModelReport:
     @property
     def cells(self) -> tuple[str, ...]:
         """Name, rows, error, bound and units in the last place, for a table."""
-        return self.name, f"{self.n:,}", f"{self.max_abs_err:.2g}", f"{self.bound:.2g}", f"{self.max_ulp:,}"
+        return self.name, f"{self.n:,}", f"{self.max_abs_err:.2g}", at_most(self.bound), f"{self.max_ulp:,}"
 
     @property
     def not_judged(self) -> str:
@@ -140,6 +143,8 @@ class ModelReport:
                 f"the block refuses {counted(self.refused_outside, 'row')} of numbers outside the range of inputs: to "
                 f"{_of_them(answered, asked, self.refused_outside)} the library has an answer"
             )
+        if self.none_inside and not self.nothing_compared:
+            said.append("it takes no row in that range that was tried, so that the errors in the table are of none")
         if self.nothing_compared:
             said.append("it takes no row that was tried, so that nothing was compared: declare its ranges")
         return "; ".join(said)
@@ -151,8 +156,8 @@ class ModelReport:
         if self.jump:
             said.append(
                 f"{self.name}: trees split behind an inexact step; where the number that a split compares lies near "
-                f"the threshold, their sum may differ by up to {self.jump:.3g}; on the rows of the operating range "
-                f"that were tried, near is within {self.jump_width:.2g}"
+                f"the threshold, their sum may differ by up to {at_most(self.jump, 3)}; on the rows of the operating "
+                f"range that were tried, near is within {at_most(self.jump_width)}"
             )
         if self.open_rows:
             head = f"{self.name}: the bound leaves the label of {self.open_rows:,} of {self.n:,} rows open, such as"
@@ -248,6 +253,18 @@ def _of_them(some: int, asked: int, rows: int) -> str:
     else:
         known = "the one of them that it was asked" if asked == 1 else f"the {asked:,} of them that it was asked"
     return known if some == asked else f"{some:,} of {known}"
+
+
+def but_for(models: Iterable[ModelReport]) -> str:
+    """How many of all rows were not compared with the library, or leave more labels than one; empty for none."""
+    counts = {
+        "that a block refuses": "refused",
+        "without a bound, not judged": "unbounded",
+        "whose label rounding leaves open": "open_rows",
+    }
+    sums = {said: sum(getattr(model, name) for model in models) for said, name in counts.items()}
+    parts = [f"{counted(rows, 'row')} {said}" for said, rows in sums.items() if rows]
+    return f", but for {' and '.join(parts)}" if parts else ""
 
 
 def guesses(models: Iterable[ModelReport]) -> str:

@@ -24,11 +24,11 @@ from st_codegen.te.compensation.correction import SIGNED_LOAD
 from st_codegen.te.compensation.parts import names_of
 from st_codegen.te.compensation.programs import FAST_US, SIGNALS
 from st_codegen.te.harmonics import TransmissionError
+from st_codegen.te.latency import LONGEST_LEAD_S
 from st_codegen.te.purpose import Compensation, transmission_error
 
 _COMPENSATE = "FB_Compensator"
 PRG_FAST, PRG_SLOW = "PRG_FAST", "PRG_SLOW"
-_LONGEST_LEAD_S = 0.1
 #: Laws by name, as inputs of the blocks: Eq. 6; speed / 100 rpm below 100 rpm; full correction at all speeds.
 LAWS: dict[str, dict[str, Any]] = {
     "published": {"bPublishedLaw": True},
@@ -125,8 +125,8 @@ class EmittedCompensator:
 
         Raises InputError for a lead time, a form or a load that the generated code does not take.
         """
-        if not 0.0 <= lead_s <= _LONGEST_LEAD_S:
-            raise InputError(f"a lead of {lead_s * 1e6:g} us: the compensator takes 0 .. {_LONGEST_LEAD_S * 1e6:g} us")
+        if not 0.0 <= lead_s <= LONGEST_LEAD_S:
+            raise InputError(f"a lead of {lead_s * 1e6:g} us: the compensator takes 0 .. {LONGEST_LEAD_S * 1e6:g} us")
         settings = {"bEnable": True, "fLead_s": lead_s, **LAWS[law], **self._checked(inputs)}
         if load_given:
             if self.te.play is None:

@@ -304,7 +304,7 @@ def _refused(running: RunningCompensator) -> str:
     share = sum(running.refused.values()) / running.calls
     known = {code.value: code for code in TE_ERROR.all}
     reasons = "; ".join(f"{known[number].name}: {known[number].comment}" for number in sorted(running.refused))
-    return f"no correction in {percent(share)} of the calls ({reasons})"
+    return f"an error in {percent(share)} of the calls, by which the correction fades to zero ({reasons})"
 
 
 def outside(compensator: EmittedCompensator, plan: MotionPlan) -> str:

@@ -15,11 +15,12 @@ from st_codegen.rig.motion import CompensationCase, LoadSource, Rig, compare, le
 from st_codegen.rig.motion_files import MotionStudy
 from st_codegen.rig.profiles import MotionProfile, profile_named
 from st_codegen.rig.tasks import TaskForm
+from st_codegen.te.latency import LONGEST_LEAD_S
 from st_codegen.te.purpose import transmission_error
 
 #: `--lead auto`
 AUTO = -1.0
-_LONGEST_LEAD_US = 1e6
+_LONGEST_LEAD_US = LONGEST_LEAD_S * 1e6
 #: Inputs of the block that have an option of their own.
 _OWN_OPTIONS = {"fLead_s": "--lead", "fFullSpeed_rpm": "--law"}
 

@@ -25,6 +25,9 @@ from st_codegen.errors import InputError
 #: Fig. 7 of the paper: what its 1325.3 us have beyond whole cycles.
 PAPER_OUTPUT_US = 75.3
 
+#: What fLead_s of the compensator takes at most.
+LONGEST_LEAD_S = 0.1
+
 
 class Exchange(StrEnum):
     """When a task's results reach the next one."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from st_codegen.errors import InputError, counted
+from st_codegen.errors import InputError, at_least, at_most, counted
 from st_codegen.training.study import Solution, Study
 
 
@@ -41,8 +41,9 @@ def choose(study: Study, *, limit_us: float = math.inf) -> Choice:
     cheapest = sum(choices[-1].cost_us for choices in options)
     if cheapest > limit_us:
         raise InputError(
-            f"the cheapest models of the {counted(len(orders), 'order')} take {cheapest:.1f} us in the worst case, and "
-            f"{limit_us:.1f} us are allowed: model fewer orders, try cheaper families (DT, ET, MLP), or allow more"
+            f"the cheapest models of the {counted(len(orders), 'order')} take {at_most(cheapest, 4)} us in the "
+            f"worst case, and {at_least(limit_us, 6)} us are allowed: model fewer orders, try cheaper families (DT, "
+            "ET, MLP), or allow more"
         )
     taken = [0] * len(orders)
     while sum(choices[at].cost_us for choices, at in zip(options, taken, strict=True)) > limit_us:

@@ -1,9 +1,9 @@
 """A quick estimate of what a model costs on a small PLC in its worst case, to rank candidates of a search.
 
 It counts the operations of the intermediate representation along the longest path and prices them like code without
-registers across statements on an Atom of 1.91 GHz with cold caches. It is an upper estimate for models that the
-compiler keeps as they are; a tree ensemble that it turns into a table of cells costs less. The judge of the emitted
-text is `verify`, not this file.
+registers across statements on an Atom of 1.91 GHz with cold caches. What a block does beside the model's own sums, and
+the layout that the compiler chooses, are not in it: the text of small models takes several times as long. The judge of
+the emitted text is `verify`, not this file.
 """
 
 from __future__ import annotations

@@ -5,16 +5,17 @@ from __future__ import annotations
 import copy
 import os
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from st_codegen.errors import InputError, MissingExtraError, extra_package
-from st_codegen.files.folders import check_replaceable, replace_folder
+from st_codegen.files.folders import check_replaceable, keep_others, replace_folder
 from st_codegen.files.number_text import plain_number
 from st_codegen.files.temporary import temporary_folder
 from st_codegen.files.text import make_folder
+from st_codegen.files.toml_tables import read_toml
 from st_codegen.files.toml_text import table_lines
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.te.bundle_file import BUNDLE_FILE
@@ -69,7 +70,9 @@ class BundleHead:
 
 
 def write_bundle(folder: Path, head: BundleHead, models: Sequence[FittedModel], form: str = "native") -> None:
-    """Write a bundle; the folder appears complete or not at all, and replaces an earlier bundle as a whole.
+    """Write a bundle; the folder appears complete or not at all, and replaces an earlier bundle.
+
+    What else is in the folder stays: of an earlier bundle, its file and those that this names are replaced.
 
     form: `native` (LightGBM text, XGBoost JSON, skops for scikit-learn), `skops` for all, or `onnx` for all.
     Raises InputError where the folder holds something else, or a model cannot be saved in the form.
@@ -84,7 +87,22 @@ def write_bundle(folder: Path, head: BundleHead, models: Sequence[FittedModel], 
         stage.mkdir()
         files = {model.stem: save_model(model.estimator, stage, model.stem, form) for model in models}
         (stage / BUNDLE_FILE).write_text(bundle_text(head, models, files), encoding="utf-8", newline="\n")
+        keep_others(folder, stage, {BUNDLE_FILE, *_named(folder / BUNDLE_FILE)})
         replace_folder(stage, folder)
+
+
+def _named(bundle: Path) -> Iterator[str]:
+    """The texts of a bundle's harmonics, the names of their files among them; nothing where there is no bundle.
+
+    Files of [[term]] tables, which `train` never writes, are none of them.
+    """
+    pending = [read_toml(bundle).get("harmonic")] if bundle.is_file() else []
+    while pending:
+        value = pending.pop()
+        if isinstance(value, str):
+            yield value
+        elif isinstance(value, dict | list):
+            pending += value.values() if isinstance(value, dict) else value
 
 
 def check_place(folder: Path) -> None:

@@ -49,21 +49,26 @@ _LEAST_ROWS = 12
 
 @dataclass(frozen=True)
 class Faulty:
-    """rows: bool (n,), the faulty ones; score: float64 (n,), median relative error; orders: the ones off, by row."""
+    """rows: bool (n,), the faulty ones; score: float64 (n,), median relative error; orders: the ones off, by row.
+
+    not_judged: why there may be more of them; empty where all runs were judged.
+    """
 
     rows: BoolArray
     score: FloatArray
     orders: tuple[tuple[int, ...], ...]
+    not_judged: str = ""
 
 
 def faulty_runs(table: HarmonicTable) -> Faulty:
     """Judge the rows of one direction. Where there are few (under 4 for each order), none is called faulty."""
+    not_judged = ""
     count = len(table)
     rows, score = np.zeros(count, np.bool_), np.zeros(count)
     orders: list[tuple[int, ...]] = [()] * count
     if count < max(4 * len(table.orders), _LEAST_ROWS):
-        return Faulty(rows, score, tuple(orders))
-    while rows.sum() < _MOST * count:
+        return Faulty(rows, score, tuple(orders), "none was looked for, since there are too few runs to tell them")
+    while True:
         kept = np.flatnonzero(~rows)
         part = table.rows(kept)
         relative, owner = relative_errors(part)
@@ -73,9 +78,12 @@ def faulty_runs(table: HarmonicTable) -> Faulty:
         worst = int(np.argmax(beyond))
         if beyond[worst] <= 0.0:
             break
+        if rows.sum() >= _MOST * count:
+            not_judged = f"no more than {_MOST:.0%} of the runs are taken for faulty, and there are others that look so"
+            break
         rows[kept[worst]] = True
         orders[kept[worst]] = tuple(dict.fromkeys(map(int, owner[relative[worst] > _OFF])))
-    return Faulty(rows, score, tuple(orders))
+    return Faulty(rows, score, tuple(orders), not_judged)
 
 
 def relative_errors(table: HarmonicTable) -> tuple[FloatArray, npt.NDArray[np.intp]]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from st_codegen.campaign.harmonic_table import HarmonicTable
-from st_codegen.errors import InputError, Problems, counted
+from st_codegen.errors import InputError, Problems, at_least, at_most, counted
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.processes import Progress
 from st_codegen.te.bundle_file import LARGEST_PLAY
@@ -109,8 +109,10 @@ class Lesson:
         return errors_of(order, constant, truth).complex_mae
 
     def remarks(self) -> list[str]:
-        """The orders whose models are no better than a constant, and whether runs look like copies of others."""
+        """Orders whose models are no better than a constant, faulty runs not looked for, runs like copies of others."""
         found = [self._no_better()]
+        if self.faulty.not_judged:
+            found.append(f"{self.direction}, faulty runs: {self.faulty.not_judged}")
         if self.copied:
             found.append(
                 f"{self.direction}, {self.copied} of {counted(self.runs, 'run')}: the very numbers of a run at another "
@@ -233,9 +235,9 @@ def chosen_models(
             if not models:
                 raise
             raise InputError(
-                f"learned from all runs the cheapest models take {costs_us(models):.1f} us in the worst case, and "
-                f"{plan.limit_us:.1f} us are allowed: model fewer orders, try cheaper families (DT, ET, MLP), or allow "
-                "more"
+                f"learned from all runs the cheapest models take {at_most(costs_us(models), 4)} us in the worst case, "
+                f"and {at_least(plan.limit_us, 6)} us are allowed: model fewer orders, try cheaper families (DT, ET, "
+                "MLP), or allow more"
             ) from None
         models = tuple(model for s in choice.solutions for model in learned(s))
         if costs_us(models) <= plan.limit_us:

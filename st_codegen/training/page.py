@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from st_codegen.errors import counted
 from st_codegen.report import COLOURS, PageSection, PageTable, page
 from st_codegen.report.picture import panels as side_by_side
 from st_codegen.training.faulty import RULE
@@ -28,7 +29,7 @@ def training_page(name: str, measured: Measured, lessons: Sequence[Lesson]) -> s
         sections.append(PageSection("Left out", details="\n".join(measured.left_out)))
     for lesson in lessons:
         sections += [_models_section(lesson), _faulty_section(lesson), _pictures(lesson)]
-    summary = f"{len(measured.table)} curves, orders {', '.join(map(str, measured.table.orders))}."
+    summary = f"{counted(len(measured.table), 'curve')}, orders {', '.join(map(str, measured.table.orders))}."
     return page(f"Trained models: {name}", sections, summary=summary)
 
 
@@ -49,7 +50,7 @@ def _orders_section(measured: Measured) -> PageSection:
     columns = ("order", "chosen", "above the noise", "RMS, deg", "noise, deg", "share of the TE", "reason")
     text = "From the curves, the strongest first, behind the mean (order 0), which has no part in the shares."
     if len(rows) < len(measured.reasons):
-        text += f" {len(measured.reasons) - len(rows)} weaker ones are left out."
+        text += f" Left out: {counted(len(measured.reasons) - len(rows), 'weaker one')}."
     return PageSection("Orders", text, PageTable(columns, rows))
 
 
@@ -81,7 +82,7 @@ def _models_section(lesson: Lesson) -> PageSection:
         f"Chosen by cross-validation on {len(lesson.study.learn)} runs, errors on {len(lesson.study.test)} at "
         f"operating points that were kept apart. The models of the bundle were learned again from the runs of "
         f"both{but}, so that of themselves no error is known. Their worst case: "
-        f"{lesson.cost_us:.0f} us (an estimate for models as trained; a table of cells takes less). Of a constant: "
+        f"{lesson.cost_us:.3g} us (a quick estimate from the models alone; verify counts the text). Of a constant: "
         "what the mean of the runs that it was chosen on leaves at the points kept apart."
     )
     for remark in lesson.remarks():

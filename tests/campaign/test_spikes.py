@@ -162,7 +162,7 @@ def test_a_campaign_says_what_it_leaves_out_and_reads_the_same_again(tmp_path):
     cache = tmp_path / "kept.parquet"
     first, again = (read_campaign(made, jobs=1, cache=cache) for _ in range(2))
     assert first.spikes == again.spikes
-    assert first.spikes.startswith("10 single samples of 5 curves, at most 2 of one, up to 0.2 deg off those")
+    assert first.spikes.startswith("10 single samples of 5 curves, at most 2 of one, up to 0.21 deg off those")
     assert "100.0rpm/" in first.spikes or "100.0rpm100.0Nm25.0deg.csv" in first.spikes
     assert first.samples == 6 * 2 * 4000 and not read_campaign(clean, jobs=1).spikes
     tables = [one.table(one.fits(ORDERS)).coefficients for one in (first, again, read_campaign(clean, jobs=1))]
@@ -176,7 +176,7 @@ def test_of_samples_in_a_row_is_said_how_many(tmp_path):
     """One curve of twelve made the noise of all, and its order 1 was constant."""
     made = campaign(tmp_path / "made", lambda n, _: ([*range(700, 740)], 0.2) if n == 4 else ([], 0.0))
     found = read_campaign(made, jobs=1)
-    assert found.spikes.startswith("40 samples of 1 curve, at most 40 of one, up to 40 in a row, up to 0.2 deg off")
+    assert found.spikes.startswith("40 samples of 1 curve, at most 40 of one, up to 40 in a row, up to 0.21 deg off")
 
 
 def test_samples_in_a_row_are_counted_by_their_numbers(tmp_path):

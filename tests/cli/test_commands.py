@@ -209,7 +209,7 @@ def test_diff_says_in_words_what_changed():
         Change("layout", "trees", "table"),
     )
     models = (
-        ModelChange("te", facts, (OutputChange("y", 0.5, 0.1, {}),), 2000, 3, 1200, True),
+        ModelChange("te", facts, (OutputChange("y", 0.5, 0.1, {}),), 2000, 3, 1200, True, answered=797),
         ModelChange("same", (), (OutputChange("y", 0.0, 0.0, {}),), 2000, 0, 0, True, answered=2000),
         ModelChange("seldom", (), (), 2000, 0, 0, True, answered=0),
         ModelChange(
@@ -228,7 +228,7 @@ def test_diff_says_in_words_what_changed():
         "te: layout: trees -> table",
         "te: of 2,000 operating points, 3 lost their answer, 1,200 gained one",
         "same: text changed, no output moved at 2,000 points",
-        "seldom: text changed, no output moved at the 0 of 2,000 points that both texts answer",
+        "seldom: none of 2,000 points that were tried is answered by both texts: its numbers were not compared",
         "labels: another label at 25.0% of the 1,500 of 2,000 points that both texts answer: a -> b 25.0%",
         "files: 2 added",
     ]

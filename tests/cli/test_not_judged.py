@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 
 from st_codegen.driver import generate
+from st_codegen.errors import at_most
+from st_codegen.passes.choose import CallCost, PricedLayout
+from st_codegen.passes.pipeline import LayoutDecision
 from st_codegen.project.bundle import load
+from st_codegen.proof.prove.blocks import BlockProof, Limit
 from st_codegen.proof.verify import verify
 from st_codegen.proof.verify_report import ModelReport
 from tests.cli.helpers import run
@@ -115,3 +119,43 @@ def test_ranges_that_nobody_knows_are_said_to_be_guesses(tmp_path, capsys):
         assert run(*command) == 0
         for said in (capsys.readouterr().err, page.read_text(encoding="utf-8")):
             assert ("guessed from the model" in said) == is_guessed
+
+
+def test_rows_that_the_block_refuses_are_not_said_to_agree_and_a_range_without_any_answer_is_named(tmp_path, capsys):
+    """All rows in the range are refused: an error of 0 in the table is that of no row."""
+    skops = pytest.importorskip("skops.io")
+    from sklearn.linear_model import LinearRegression
+    from sklearn.pipeline import make_pipeline
+    from sklearn.preprocessing import SplineTransformer
+
+    x = np.linspace(0.0, 1.0, 50)[:, None]
+    model = make_pipeline(SplineTransformer(n_knots=4, extrapolation="error"), LinearRegression()).fit(x, x[:, 0])
+    folder = tmp_path / "models"
+    folder.mkdir()
+    skops.dump(model, folder / "m.skops")
+    (folder / "st-codegen.toml").write_text(RANGE.format(0, 10.0, 20.0) + 'outside = "flag"\n')
+    generate(load(folder), "iec", tmp_path / "out")
+    page = tmp_path / "page.html"
+    run("verify", folder, "--generated", tmp_path / "out", "-n", "300", "--html", page)
+    assert "takes no row in that range that was tried" in capsys.readouterr().err.replace("\n", " ")
+    (found,) = verify(load(folder), tmp_path / "out", rows=300).models
+    assert found.n > found.refused > found.unanswered > 0
+    assert f"but for {found.refused:,} rows that a block refuses." in page.read_text(encoding="utf-8")
+
+
+def test_a_bound_that_is_printed_is_a_bound():
+    """The last digit is rounded up: "allowed 1" of 1.04, or "stays within -1 .. 1", would say what was not derived."""
+    assert ModelReport("m", bound=1.04).cells[3] == "1.1"
+    jump = ModelReport("m", jump=1.0004, jump_width=1.04e-9)
+    assert "may differ by up to 1.01;" in jump.remarks[0] and jump.remarks[0].endswith("within 1.1e-09")
+    limits = BlockProof("FB", (Limit("fOut", -1.00000001, 1.00000001),), (), 1)
+    assert "fOut stays within -1.000001 .. 1.000001" in limits.claims
+    assert at_most(2.7e-15) == "2.7e-15"  # as it is written
+    assert (at_most(float("inf")), at_most(0.0)) == ("inf", "0")
+
+
+def test_a_share_of_the_time_is_never_nothing():
+    """A forest as trained against its table: the time "falls to 0%"."""
+    times = (("table", 1.0), ("as trained", 900.0))
+    layouts = [PricedLayout(layout, None, CallCost(time)) for layout, time in times]
+    assert "falls to 0.112 % by" in LayoutDecision("m", "table", tuple(layouts), "as trained").change

@@ -38,7 +38,7 @@ def test_explain_lists_the_inputs_that_are_refused(bundle_folder, tmp_path, caps
         assert run(models / name, "--target", "iec", "--out", tmp_path, "--explain") == 0
         text = capsys.readouterr().err
         if shown is None:
-            assert "no input is refused for its magnitude" in text
+            assert "no model refuses an input for its magnitude" in text
         else:
             assert re.search(rf"inputs that are refused: .*{name.split('.')[0]} .*f0 .*{re.escape(shown)}", text, re.S)
 

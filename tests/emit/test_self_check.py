@@ -116,6 +116,9 @@ def test_prove_takes_blocks_with_an_age_and_says_why_it_takes_none_that_check_th
     (aged,), (checked,) = (prove(bundle, tmp_path / folder).results for folder in ("age", "check"))
     assert aged.verdict is Verdict.PROVED
     assert checked.verdict is Verdict.NOT_PROVED and "the block checks itself (--self-check)" in checked.reason
+    texts = ["".join(path.read_text() for path in (tmp_path / kind).rglob("FB_[DL]*.st")) for kind in ("age", "check")]
+    assert ["verify and prove check it" in text for text in texts] == [name == "decision_tree.skops", False]
+    assert ("verify checks it" in texts[1]) == (name == "decision_tree.skops")
 
 
 def test_every_single_bit_of_a_number_changes_the_checksum():

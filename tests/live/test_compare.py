@@ -113,13 +113,27 @@ def test_a_constant_that_is_off_by_one_ulp_is_found_and_named(model_text, tmp_pa
         _one_is_found(tmp_path / "m", folder, there)
 
 
+def test_cells_of_a_table_that_are_too_many_for_a_row_each_are_named(model_text, tmp_path, monkeypatch):
+    """A number of the table that changed may then be one that no row meets: "all leaves and splits" is no answer."""
+    (tmp_path / "m").mkdir()
+    (tmp_path / "m" / "te.txt").write_text(model_text)
+    remarks = []
+    for layout, most in (("table", 20_000), ("table", 10), ("trees", 10)):
+        monkeypatch.setattr("st_codegen.live.rows._MOST_CELLS", most)
+        wishes = {"with_comparison": True, "options": Options(layout=Layout(layout)), "force": True}
+        folder = generate(tmp_path / "m", "twincat", tmp_path / layout, **wishes).folder
+        with Running(soft_plc(folder)) as running:
+            remarks.append("\n".join(compared(load(tmp_path / "m"), folder, running, rows=100).remarks()))
+    assert ["cells between thresholds are too many for a row each" in text for text in remarks] == [False, True, False]
+
+
 def _one_is_found(models, folder, there):
     with Running(soft_plc(there)) as running:
         report = compared(load(models), folder, running, rows=500)
     assert not report.passed
     other, (name, line) = report.failures()[:2]
     assert other[0] == name == "te"
-    assert re.match(r"on [\d,]+ rows the controller.s bits .* first on row \d+ at \[", other[1])
+    assert re.match(r"on (?:1 row|[\d,]+ rows) the controller.s bits .* first on row \d+ at \[", other[1])
     assert re.match(r"row \d+: reference and controller differ at \[", line)
     bits = report.differs["te"]
     assert (bits.count >= 1, bits.is_open) == (True, False)

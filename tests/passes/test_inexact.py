@@ -8,6 +8,7 @@ import pytest
 import st_codegen
 from st_codegen.emit.blocks.model import Limits, model_block
 from st_codegen.emit.targets import TARGETS
+from st_codegen.errors import at_most
 from st_codegen.ir import Activation, Comparison, Feature, Function, Operator, Scale, TreeEnsemble, reference
 from st_codegen.passes import inexact
 from st_codegen.passes.domain import limit_inputs
@@ -74,7 +75,7 @@ def test_a_function_that_goes_to_and_fro_stays_and_the_jump_is_stated(monkeypatc
     after = without_inexact_steps(before)
     assert after.ops == before.ops
     header = " ".join(" ".join(model_block(after, Limits(30_000)).header).split())
-    assert f"by at most {largest_jump(before):.3g}" in header
+    assert f"by at most {at_most(largest_jump(before), 3)}" in header
 
 
 def test_the_jump_holds_for_every_pair_of_sides():

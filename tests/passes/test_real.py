@@ -10,7 +10,7 @@ import pytest
 
 from st_codegen import generate, load, verify
 from st_codegen.emit.literals import real32
-from st_codegen.errors import GeneratedCodeError, InputError, TargetError, UnsupportedModelError
+from st_codegen.errors import GeneratedCodeError, InputError, TargetError, UnsupportedModelError, at_most
 from st_codegen.ir import (
     Aggregate,
     Comparison,
@@ -136,7 +136,7 @@ def test_the_text_is_of_real_numbers_and_is_verified_against_both(generated, lon
     assert "LREAL" not in code and "fSpeed_rpm : REAL;" in code and "fOut1 : REAL;" in code
     assert not (out / "iec" / "FB_SelfTest.st").exists()
     (bound,) = largest_loss(bundle.irs[0])
-    assert f"{bound:.3g} of its own" in " ".join(text.split())
+    assert f"{at_most(bound, 3)} of its own" in " ".join(text.split())
     report = verify(bundle, out, rows=500)
     (model,) = report.models
     assert report.passed and not model.exact
@@ -316,7 +316,7 @@ def test_the_header_has_the_bound_where_the_inputs_have_ranges(tmp_path):
     bundle = load(tmp_path, real=True, trust_pickle=True)
     generate(bundle, "iec", tmp_path / "out")
     (bound,) = largest_loss(bundle.irs[0])
-    assert f"in the declared range the outputs lie within {bound:.3g} of" in " ".join(
+    assert f"in the declared range the outputs lie within {at_most(bound, 3)} of" in " ".join(
         (tmp_path / "out/iec/FB_Sum.st").read_text().split()
     )
     (model,) = verify(bundle, tmp_path / "out", rows=2000).models

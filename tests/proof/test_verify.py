@@ -330,3 +330,13 @@ def test_a_block_that_one_target_need_not_have_to_the_bit_passes_with_both():
     exact, near = _block([[1.0]], [[1.0]], [[0.0]]), _block([[1.0]], [[1.1]], [[0.5]])
     (both,) = merged([exact, near])
     assert (both.passed, both.verdict) == (True, "within bound")
+
+
+def test_the_blocks_and_programs_of_which_nothing_was_run_are_named(bundle_folder, lone_folder, tmp_path):
+    generate(load(bundle_folder), "twincat", tmp_path / "bundle")
+    note = verify(load(bundle_folder), tmp_path / "bundle", rows=50).notes["twincat"]
+    named = set(note.removeprefix("nothing was run of ").split(", "))
+    assert {"FB_CompensatorFast", "FB_CompensatorSlow", "FB_LoadTorque", "FB_Experiment", "PRG_Main"} <= named
+    assert not named & {"FB_TEPredict", "FB_Compensator", "FB_Correction", "FB_HarmonicSum", "FB_SelfTest"}
+    generate(load(lone_folder), "twincat", tmp_path / "lone", with_tests=True, with_comparison=True)
+    assert verify(load(lone_folder), tmp_path / "lone", rows=50).notes == {}

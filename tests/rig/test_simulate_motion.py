@@ -211,7 +211,10 @@ def test_what_the_blocks_refused_and_what_nobody_knows_is_said(files, linear_fol
     with pytest.raises(SystemExit) as caught:
         main([*arguments(files, linear_folder, **changes), "--tasks", "one"])
     assert caught.value.code == 0
-    said = "no correction in 100.0% of the calls (PARAMETER: a limit, rate or time outside of its range)"
+    said = (
+        "an error in 100.0% of the calls, by which the correction fades to zero (PARAMETER: a limit, rate or time "
+        "outside of its range)"
+    )
     assert said in capsys.readouterr().err.replace("\n", " ")
     assert said in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     (row,) = json.loads((tmp_path / "out" / "motion.json").read_text())

@@ -6,7 +6,7 @@ import pytest
 from st_codegen.errors import InputError
 from st_codegen.st import Machine
 from st_codegen.te.harmonics import Direction
-from tests.te.projects import BOTH, ORDERS, RATIO, error_codes, loaded, parts
+from tests.te.projects import BOTH, ORDERS, RATIO, error_codes, loaded, parts, project, texts
 
 TARGETS = ["twincat", "iec"]
 POINT = {"fSpeed_rpm": 500.0, "fTorque_Nm": 300.0, "fTemperature_C": 30.0}
@@ -225,3 +225,35 @@ def test_reduction_ratios_that_are_none_are_refused(ratio):
 
     with pytest.raises(InputError, match="reduction ratio"):
         compensation(dataclasses.replace(described()[1], reduction_ratio=ratio))
+
+
+def header_of(block):
+    """The words of the comment above a block."""
+    (text,) = texts(project(), "iec").values()
+    return " ".join(text.partition(f"  {block}: ")[2].partition("*)")[0].split())
+
+
+def test_a_slow_slew_limit_makes_the_fading_longer_than_the_ramp_and_the_header_says_so():
+    block = compensator("iec")
+    full = steady(block)
+    for _ in range(RAMP + 20):
+        block(fSlewLimit_deg_s=1.0, fThetaOut_rad=np.nan)
+    assert abs(block["fCorrection_deg"]) == pytest.approx(abs(full) - (RAMP + 20) * CYCLE)
+    assert "slew limit, which makes ramp and fading longer where it is the slower one" in header_of("FB_Correction")
+
+
+def test_a_limit_of_the_load_that_is_lowered_is_reached_at_the_rate_and_the_header_says_so():
+    block = Machine(loaded("iec")).instance("FB_LoadTorque")
+    for _ in range(1000):
+        block(fTorque_Nm=1000.0, bEnable=True, fCycle_s=0.01)
+    block(fTorqueLimit_Nm=100.0)
+    assert block["fShaftTorque_Nm"] == 998.0
+    assert "a limit that is lowered below the present torque is reached at that rate" in header_of("FB_LoadTorque")
+
+
+def test_valid_is_false_also_where_all_inputs_are_usable_and_its_comment_does_not_deny_it():
+    block = compensator("iec", (Direction.FORWARD,), fSpeed_rpm=-500.0)
+    block()
+    assert (block["bValid"], block["eError"]) == (False, CODE["DIRECTION"])
+    (text,) = texts(project(), "iec").values()
+    assert "bValid : BOOL; (* nothing is wrong in this call, see eError *)" in text

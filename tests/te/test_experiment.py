@@ -7,7 +7,7 @@ import pytest
 
 from st_codegen.st import Machine
 from st_codegen.te.compensation.codes import EXPERIMENT_STATE, TE_ERROR
-from tests.te.projects import RATIO, loaded
+from tests.te.projects import RATIO, loaded, project, texts
 
 CYCLE = 0.01
 STATES = {code.value: code.name for code in EXPERIMENT_STATE.all}
@@ -201,6 +201,21 @@ def test_errors_in_any_step_take_torque_and_speed_to_zero(overrides, error):
         made.experiment["bStart"] = False
         run_to(made, "IDLE", 2)
         made.experiment["bStart"] = True
+
+
+def test_oil_that_is_too_warm_is_refused_at_the_start_only_as_the_comment_says():
+    made = rig()
+    made.experiment["bStart"] = True
+    run_to(made, "MEASURE")
+    made.overrides = {"fOil_C": 55.0}
+    run_to(made, "DONE")
+    assert made.experiment["eError"] == ERRORS["NONE"]
+    made.experiment["bStart"] = False
+    run_to(made, "IDLE", 3)
+    made.experiment["bStart"] = True
+    run_to(made, "FAILED", 10)
+    assert made.experiment["eError"] == ERRORS["TEMPERATURE"]
+    assert any("warmer than wanted at the start; not looked at" in text for text in texts(project(), "iec").values())
 
 
 @pytest.mark.parametrize(

@@ -102,6 +102,13 @@ def test_the_command_prints_the_papers_numbers(capsys):
     assert "fLead_s := 0.0014503" in printed
 
 
+def test_a_lead_that_the_compensator_refuses_is_not_advised(capsys):
+    assert run("--fast", "60000") == 0
+    assert "fLead_s := 0.1200000, which it refuses: it takes 0.1 at most" in capsys.readouterr().out
+    assert run("--fast", "50000") == 0
+    assert capsys.readouterr().out.endswith("fLead_s := 0.1000000\n")
+
+
 def test_the_command_prints_json(capsys):
     assert run("--fast", "250", "--bus", "0", "--json", "--order", "40") == 0
     numbers = json.loads(capsys.readouterr().out)

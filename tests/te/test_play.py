@@ -119,8 +119,17 @@ def test_with_a_given_load_the_sets_change_by_time_whatever_the_angle():
         for block in blocks:
             block(fSpeed_rpm=speed)
         assert blocks[0]["fTE_deg"] == blocks[1]["fTE_deg"] == blocks[2]["fTE_deg"]
-    comment = "(* output angle over which the sets change; 0, or bLoadGiven: by time, deg, 0.0 .. 10.0 *)"
+    comment = "(* least output angle over which the sets change; 0, or bLoadGiven: none, deg, 0.0 .. 10.0 *)"
     assert any(comment in text for text in texts(project(play=PLAY), "iec").values())
+
+
+def test_the_angle_makes_no_change_of_sets_faster_than_the_blend_time():
+    """As the comment says: it is the least angle."""
+    block = compensator(fBlendAngle_deg=1e-6, fBlendTime_s=1.0)
+    for speed in (30.0, *[-30.0] * 20):
+        block(fSpeed_rpm=speed)
+    share = 20 * CYCLE / 1.0
+    assert block["fTE_deg"] == pytest.approx((1 - share) * te(0, 1.0) + share * te(1, -1.0), abs=1e-13)
 
 
 @pytest.mark.parametrize(

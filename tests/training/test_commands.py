@@ -195,6 +195,16 @@ def test_refusals(tmp_path, capsys, arguments, message):
     assert not any(path.exists() for path in written)
 
 
+def test_the_measured_table_is_not_written_over(tmp_path, capsys):
+    """With --orders 0 it lost all other orders."""
+    table = tmp_path / "t.csv"
+    write_table(a_table(), table)
+    before = table.read_bytes()
+    said = refused(capsys, "train", table, "--orders", "0", "--table", table, "--out", tmp_path / "m", *FAST)
+    assert "is the measured table; give another file" in said
+    assert table.read_bytes() == before
+
+
 def test_tables_without_the_measured_data(tmp_path, capsys):
     message = " ".join(refused(capsys, "tables", tmp_path).split())
     assert "not part of this project" in message

@@ -10,7 +10,7 @@ import pytest
 from st_codegen.campaign.harmonic_table import HarmonicTable, joined
 from st_codegen.cli.train import _summary
 from st_codegen.driver import Evaluator, predict
-from st_codegen.errors import InputError
+from st_codegen.errors import InputError, at_least, at_most
 from st_codegen.ir.reference import evaluate
 from st_codegen.project.bundle import load
 from st_codegen.te.harmonics import Direction, Play, Quantity
@@ -111,6 +111,16 @@ def test_faulty_runs_are_found_and_good_ones_kept(table):
     assert np.array_equal(np.flatnonzero(found.rows), spoiled)
     assert 156 in found.orders[20]
     assert not faulty_runs(table.rows(np.arange(10))).rows.any()
+
+
+def test_where_more_runs_look_faulty_than_may_be_left_out_or_too_few_are_there_to_tell_it_is_said(table):
+    assert faulty_runs(table).not_judged == ""
+    spoiled = np.arange(0, len(table), 9)
+    found = faulty_runs(changed(table, spoiled, lambda c: c * (1.5 + 0.5 * np.arange(len(spoiled))[:, None] % 2)))
+    assert 0 < found.rows.sum() < len(spoiled)
+    assert found.not_judged.startswith("no more than 5% of the runs are taken for faulty, and there are others")
+    few = faulty_runs(table.rows(np.arange(10)))
+    assert "none was looked for" in few.not_judged
 
 
 @pytest.mark.parametrize(("orders", "by_speed"), [((0,), 5), ((1,), 5), ((0,), 12), ((0, 1), 5)])
@@ -391,7 +401,28 @@ def test_a_bundle_replaces_only_a_bundle(lessons, tmp_path):
     first = sorted(path.name for path in (tmp_path / "new").iterdir())
     write_bundle(tmp_path / "new", head, learned[1].models)
     assert first != sorted(path.name for path in (tmp_path / "new").iterdir())
+    assert not {name for name in first if name != "bundle.toml"} & {path.name for path in (tmp_path / "new").iterdir()}
     assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
+
+
+def test_what_else_stands_in_the_folder_of_a_bundle_stays(lessons, tmp_path):
+    """The options of [build] and notes of the user's were removed by the next `train`."""
+    both, learned = lessons
+    head = bundle_head(both, "small", 81.0)
+    folder = tmp_path / "models"
+    write_bundle(folder, head, learned[0].models)
+    (folder / "st-codegen.toml").write_text('[build]\ntarget = ["iec"]\n')
+    (folder / "notes").mkdir()
+    (folder / "notes" / "first.txt").write_text("keep me")
+    write_bundle(folder, head, learned[1].models)
+    assert (folder / "st-codegen.toml").read_text().startswith("[build]")
+    assert (folder / "notes" / "first.txt").read_text() == "keep me"
+    assert all(model.source.file.rpartition("_")[2].startswith("backward") for model in load(folder).irs)
+    own = next(path.name for path in folder.iterdir() if path.name.startswith("A0"))
+    (folder / own.replace("backward", "forward")).write_text("mine")
+    with pytest.raises(InputError, match="was not written by this command, and a new file has its name"):
+        write_bundle(folder, head, learned[0].models)
+    assert (folder / own.replace("backward", "forward")).read_text() == "mine"
 
 
 @pytest.mark.thorough
@@ -529,5 +560,7 @@ def test_the_cost_is_that_of_the_models_that_are_written(table):
         assert limited.cost_us <= limit
         assert limited.choice.solutions[0].candidates[0].family == "DT"
         alone = replace(settings, candidates=settings.candidates[:1])
-        with pytest.raises(InputError, match=rf"from all runs .* take {free.cost_us:.1f} us .*{limit:.1f} us are"):
+        with pytest.raises(
+            InputError, match=rf"all runs .* take {at_most(free.cost_us, 4)} us .*{at_least(limit, 6)} us are"
+        ):
             learn(only, Direction.FORWARD, LearningPlan(alone, limit_us=limit), store, Backend(1))

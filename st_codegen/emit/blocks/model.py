@@ -18,7 +18,7 @@ from st_codegen.emit.blocks.real_types import in_real_types
 from st_codegen.emit.blocks.self_check import CheckRow, add_self_check
 from st_codegen.emit.foreign_names import is_foreign
 from st_codegen.emit.literals import capitalised, check_text, harmless, identifier, real, unit_text
-from st_codegen.errors import InputError, Problems, errors_name
+from st_codegen.errors import InputError, Problems, at_most, errors_name
 from st_codegen.ir import (
     FLOAT32_OVERFLOW,
     Activation,
@@ -95,7 +95,7 @@ def _block(model: ModelIR, listing: Listing, extras: Extras) -> Block:
     results = _operations(model, listing, aged=extras.aged)
     if extras.self_check:
         remarks += [add_self_check(listing, results, extras.row)]
-    closing = real_lines(model, extras.lost) if model.is_real else ()
+    closing = real_lines(model, extras.lost) if model.is_real else (_equality(model, is_proved=not extras.self_check),)
     block = finished_block(model, inputs, outputs, listing, model_header(model, *closing, remarks=remarks))
     return in_real_types(block) if model.is_real else block
 
@@ -124,12 +124,12 @@ def real_lines(model: ModelIR, lost: Sequence[float]) -> tuple[str, ...]:
     elif only_trees:
         lines.append(
             "For inputs that are REAL numbers every split decides as in the library, and the outputs lie within "
-            f"{largest:.3g} of its own."
+            f"{at_most(largest, 3)} of its own."
         )
     elif numbers and np.isfinite(largest):
         lines.append(
             "For inputs that are REAL numbers in the declared range the outputs lie within "
-            f"{largest:.3g} of the library's."
+            f"{at_most(largest, 3)} of the library's."
         )
     elif numbers:
         lines.append("How far the outputs lie from the library's, verify bounds for each row that it tries.")
@@ -138,14 +138,19 @@ def real_lines(model: ModelIR, lost: Sequence[float]) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _equality(model: ModelIR) -> str:
-    """How far the text is to equal the library: what writes it does not know whether it does."""
+def _equality(model: ModelIR, *, is_proved: bool = True) -> str:
+    """How far the text is to equal the library: what writes it does not know whether it does.
+
+    is_proved: `prove` asks such blocks, too.
+    """
     if not model.exact:
         open_ = "" if model.classes is None else ", but for classes that it leaves open"
         return f"Written to equal the library within the bound that verify states{open_}."
     how = "bit for bit" if model.signs_zeros else "but perhaps for -0"
     comma = "" if model.signs_zeros else ","
-    return f"Written to equal the library{comma} {how}: verify and prove check it."
+    return (
+        f"Written to equal the library{comma} {how}: {'verify and prove check' if is_proved else 'verify checks'} it."
+    )
 
 
 def model_outputs(model: ModelIR) -> tuple[BlockVariable, ...]:

@@ -41,7 +41,7 @@ def self_test_block() -> Block:
     """The block, the same in every project of a dialect."""
     lines = [
         f"{SELF_TEST}: does this controller compute as the generated blocks assume?",
-        "It runs in its first call only, and stops nothing: call it once, or in each cycle. Where",
+        "It runs in its first call only: call it once, or in each cycle. Where",
         "bPassed stays FALSE, results may differ from the library by more than the headers of the",
         "blocks say. nFaults is the sum of the numbers of the assumptions that fail; one cause may",
         "show in several of them. That nothing is found is no proof.",

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from st_codegen.errors import at_least, at_most
 from st_codegen.ir import ModelIR
 from st_codegen.passes.domain import magnitudes
 from st_codegen.proof.prove.axis import NotProvedError
@@ -74,10 +75,12 @@ class BlockProof:
         """What holds in every call, in sentences."""
         near = [limit for limit in self.limits if max(-limit.lower, limit.upper) < _FAR]
         said = ["no call stops the controller or loops without a bound"]
-        said += [f"{limit.output} stays within {limit.lower:.7g} .. {limit.upper:.7g}" for limit in near]
+        said += [
+            f"{limit.output} stays within {at_least(limit.lower, 7)} .. {at_most(limit.upper, 7)}" for limit in near
+        ]
         said += [
             f"{slew.output} changes by at most {slew.step} in a call (and a rounding), which is at most "
-            f"{slew.largest:.7g}" + (f", towards a number within +-{slew.target}" if slew.target else "")
+            f"{at_most(slew.largest, 7)}" + (f", towards a number within +-{slew.target}" if slew.target else "")
             for slew in self.slews
         ]
         return tuple(said)

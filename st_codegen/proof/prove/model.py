@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from st_codegen import ir
+from st_codegen.errors import at_most
 from st_codegen.ir import reference
 from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray, bisected
 from st_codegen.ir.base import Elementwise
@@ -266,7 +267,9 @@ class Ensemble:
                 if isinstance(column, str):
                     reason = f"a tree compares what {column}: leaves are not followed there"
                     if jump:
-                        reason += f"; where rounding takes one past a threshold, a sum differs by up to {jump:.3g}"
+                        reason += (
+                            f"; where rounding takes one past a threshold, a sum differs by up to {at_most(jump, 3)}"
+                        )
                     raise NotProvedError(reason)
                 self._read(number, column, at)
 

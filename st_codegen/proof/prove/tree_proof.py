@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from st_codegen.errors import at_most
 from st_codegen.ir import ModelIR, Scale, Select, TreeEnsemble, reference
 from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray
 from st_codegen.passes.jumps import largest_jump
@@ -324,7 +325,7 @@ class TreeProof:
         linear = any(ensemble.op.linear is not None for ensemble in self.side.ensembles.values())
         operations, jump = len(parts_of(demand.outputs)), largest_jump(self.model)
         if inputs.computed and jump:
-            size = f"by up to {jump:.3g}" if np.isfinite(jump) else "by an amount of which no bound is known"
+            size = f"by up to {at_most(jump, 3)}" if np.isfinite(jump) else "by an amount of which no bound is known"
             claim = _BESIDE_A_THRESHOLD.format(size=size)
             unbounded = (np.inf,) * len(self.outputs)
             return Findings(method=TAIL, operations=operations, bound=unbounded, claims=(claim,))

@@ -22,6 +22,7 @@ from st_codegen.te.compensation.parts import (
     set_variables,
 )
 from st_codegen.te.harmonics import Play, TransmissionError
+from st_codegen.te.latency import LONGEST_LEAD_S
 
 #: Input speeds beyond this are no measurement, rpm.
 _LARGEST_SPEED = 1e6
@@ -44,10 +45,10 @@ def parameters(te: TransmissionError, cycle_s: str) -> tuple[BlockVariable, ...]
         boolean("bPublishedLaw", "TRUE: the law as published, FALSE: the continuous one", "FALSE"),
         lreal("fCorrectionLimit_deg", "largest correction, deg at the motor, 0.0 .. 360.0", "20.0"),
         lreal("fSlewLimit_deg_s", "fastest change of the correction, deg/s at the motor, 1.0 .. 1.0E6", "2000.0"),
-        lreal("fRampTime_s", "time from no to full correction and back, s, 0.0 .. 10.0", "0.5"),
+        lreal("fRampTime_s", "time from no to full correction and back, the slew limit apart, s, 0.0 .. 10.0", "0.5"),
         lreal("fHysteresis_rpm", "input speed that decides the direction, rpm, 0.0 .. 1.0E6", "2.0"),
         lreal("fBlendTime_s", "time from one direction's set to the other's, s, 0.0 .. 10.0", "0.1"),
-        lreal("fLead_s", "lead time: the angle is taken that much later, s, 0.0 .. 0.1", "0.0"),
+        lreal("fLead_s", f"lead time: the angle is taken that much later, s, 0.0 .. {LONGEST_LEAD_S}", "0.0"),
         lreal("fFullSpeed_rpm", "continuous law: full from this input speed up, rpm, 0.0 .. 1.0E6", "100.0"),
     )
 
@@ -62,7 +63,7 @@ def _load_inputs(te: TransmissionError, play: Play) -> tuple[BlockVariable, ...]
         lreal("fLoadChange", f"load from which its sign counts, {unit}, 0.0 .. 1.0E6", "5.0"),
         lreal(
             "fBlendAngle_deg",
-            "output angle over which the sets change; 0, or bLoadGiven: by time, deg, 0.0 .. 10.0",
+            "least output angle over which the sets change; 0, or bLoadGiven: none, deg, 0.0 .. 10.0",
             "0.0",
         ),
     )
@@ -80,7 +81,7 @@ def results() -> tuple[BlockVariable, ...]:
         lreal("fCorrection_deg", "to be added to the motor's reference, deg at the motor"),
         lreal("fWeight", "weight of the law at this speed, 0 .. 1"),
         boolean("bActive", "a correction is being applied"),
-        boolean("bValid", "all inputs were usable in this call"),
+        boolean("bValid", "nothing is wrong in this call, see eError"),
         error_output(),
     )
 
@@ -102,7 +103,7 @@ def _checks(te: TransmissionError) -> tuple[Check, ...]:
         check("fRampTime_s", 0.0, 10.0, parameter, "fRamp"),
         check("fHysteresis_rpm", 0.0, 1e6, parameter),
         check("fBlendTime_s", 0.0, 10.0, parameter),
-        check("fLead_s", 0.0, 0.1, parameter),
+        check("fLead_s", 0.0, LONGEST_LEAD_S, parameter),
         check("fFullSpeed_rpm", 0.0, 1e6, parameter),
         check("fCycle_s", 1e-6, 1.0, TE_ERROR["CYCLE_TIME"], "fCycle"),
         check("fSpeed_rpm", -_LARGEST_SPEED, _LARGEST_SPEED, point),
@@ -221,7 +222,8 @@ def _header(te: TransmissionError, both: bool) -> tuple[str, ...]:
         (
             f"The mean is taken apart: the play of {real(te.play.angle_deg)} deg belongs to the direction, the rest to "
             "the load. With bLoadGiven the load is fSignedLoad, and where the axis stands a change of its sign, "
-            "beyond fLoadChange, changes the direction before the speed does.",
+            "beyond fLoadChange, changes the direction before the speed does. Without it the sets change over "
+            "fBlendAngle_deg where that takes longer than fBlendTime_s.",
         )
         if te.play
         else ()
@@ -237,7 +239,8 @@ def _header(te: TransmissionError, both: bool) -> tuple[str, ...]:
         direction,
         *play,
         "After any error the correction fades to zero over the ramp time, with the last good value as its start; only "
-        "then, and with good inputs, does it ramp up again: there is no step in either.",
-        "The correction never exceeds its limit and never changes faster than its slew limit; a limit that is "
-        "lowered below the present correction is reached at the slew limit.",
+        "behind that time, and with good inputs, does it ramp up again.",
+        "The correction never changes faster than its slew limit, which makes ramp and fading longer where it is the "
+        "slower one; it goes to no more than its limit, and a limit that is lowered below the present correction is "
+        "reached at the slew limit.",
     )

@@ -40,7 +40,7 @@ def inputs() -> tuple[BlockVariable, ...]:
         lreal("fHomingSpeed_rpm", "largest input speed of the homing, rpm", "50.0"),
         lreal("fBacklashSpeed_rpm", "input speed that looks for the backlash, rpm", "1.0"),
         lreal("fAcceleration_rpm_s", "change of the input speed, rpm/s", "200.0"),
-        lreal("fOilBand_C", "the oil may be this much warmer than wanted, K", "2.0"),
+        lreal("fOilBand_C", "the oil may be this much warmer than wanted at the start; not looked at later, K", "2.0"),
         lreal("fWarmUpTimeOut_s", "longest warm-up, s", "7200.0"),
         lreal("fStepTimeOut_s", "longest other step beside its own motion, s", "120.0"),
     )

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from st_codegen.emit.blocks.listing import Block, BlockVariable, CodeSection
 from st_codegen.emit.blocks.model import header_lines
 from st_codegen.emit.literals import real
+from st_codegen.errors import at_most
 from st_codegen.te.compensation.addition_chain import ChainLink, addition_chain
 from st_codegen.te.compensation.parts import HARMONICS_TYPE, dint, lreal
 from st_codegen.te.harmonics import TransmissionError
@@ -59,7 +60,8 @@ def harmonic_sum_block(te: TransmissionError) -> Block:
                 f"Chain: {chain}",
                 f"Cost: 1 COS, 1 SIN, {len(cost.chain)} complex multiplications; in all {cost.multiplications} "
                 f"multiplications and {cost.additions} additions of LREAL.",
-                f"Error of each cosine and sine: below k * 4.0E-16, {largest * 4e-16:.1E} for order {largest}.",
+                "Error of each cosine and sine: below k * 4.0E-16, "
+                f"{at_most(largest * 4e-16).upper()} for order {largest}.",
                 "The angle is reduced to -pi/4 .. pi/4 first, so that many turns cost no accuracy.",
             )
         ),

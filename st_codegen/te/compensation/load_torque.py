@@ -28,8 +28,9 @@ def load_torque_block() -> Block:
             (
                 "FB_LoadTorque: torque of the loading motor for a torque at the slow shaft",
                 f"Reduction ratio of the loading side {real(LOAD_RATIO)}; losses of its reducer are not modelled.",
-                "The torque never exceeds its limit and changes at most at its rate. After bad inputs, and without "
-                "bEnable, it goes down to zero at that rate.",
+                "The torque changes at most at its rate and goes to no more than its limit; a limit that is lowered "
+                "below the present torque is reached at that rate. After bad inputs, and without bEnable, the torque "
+                "goes down to zero at that rate.",
             )
         ),
         inputs=(
