@@ -71,7 +71,7 @@ def test_inputs_of_such_names_are_renamed():
 @pytest.mark.parametrize(("name", "shown"), [("x]]>y", r"x\x5d]>y"), ("*) a", r"\x2a) a"), ("speed", "speed")])
 def test_a_feature_whose_name_would_end_a_comment_stands_escaped_in_the_header(name, shown):
     assert feature_text(Feature(name)) == shown
-    assert header_lines([f"Input 1: {feature_text(Feature(name))}"]) == (f"Input 1: {shown}",)
+    assert header_lines(f"Input 1: {feature_text(Feature(name))}") == (f"Input 1: {shown}",)
 
 
 def test_two_inputs_of_one_name_are_refused():

@@ -150,10 +150,8 @@ def _program(compared: Compared) -> Block:
     return Block(
         name=PROGRAM,
         header=header_lines(
-            (
-                f"{PROGRAM}: runs the rows of {LIST} and keeps outputs and times, for st-codegen compare",
-                "Not part of the application: its blocks are instances of its own, its task is the least urgent.",
-            )
+            f"{PROGRAM}: runs the rows of {LIST} and keeps outputs and times, for st-codegen compare",
+            "Not part of the application: its blocks are instances of its own, its task is the least urgent.",
         ),
         kind="PROGRAM",
         variables=(

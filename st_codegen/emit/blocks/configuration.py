@@ -71,7 +71,7 @@ def _calling(name: str, blocks: list[Block], header: tuple[str, ...]) -> Block:
         )
     return Block(
         name=name,
-        header=header_lines(header),
+        header=header_lines(*header),
         kind="PROGRAM",
         inputs=tuple(inputs),
         outputs=tuple(outputs),

@@ -319,7 +319,7 @@ def model_header(model: ModelIR, *closing: str, remarks: Iterable[str] = ()) -> 
     lines.extend(closing or (_equality(model),))
     if where := refused_where(model):
         lines.append(f"Where {where}, bValid is FALSE, even if the library goes on.")
-    return header_lines(lines)
+    return header_lines(*lines)
 
 
 def refused_where(model: ModelIR) -> str:
@@ -338,7 +338,7 @@ def refused_where(model: ModelIR) -> str:
     return ", or ".join(said)
 
 
-def header_lines(lines: Iterable[str]) -> tuple[str, ...]:
+def header_lines(*lines: str) -> tuple[str, ...]:
     """Lines of a header comment: harmless text, cut to the width of a line."""
     return tuple(
         part

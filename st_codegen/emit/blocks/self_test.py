@@ -49,7 +49,7 @@ def self_test_block() -> Block:
     lines += [f"{1 << bit}: {meaning}" for bit, (_, meaning) in enumerate(FAULTS)]
     return Block(
         name=SELF_TEST,
-        header=header_lines(lines),
+        header=header_lines(*lines),
         outputs=(
             BlockVariable("bDone", "BOOL", comment="the test has run"),
             BlockVariable("bPassed", "BOOL", comment="it has run, and found nothing"),

@@ -50,7 +50,7 @@ def with_tests(application: Application, vectors: Sequence[ReferenceVectors]) ->
     runner = Block(
         name="PRG_Test",
         header=header_lines(
-            ("PRG_Test: runs all suites; results appear in the error list of the development environment",)
+            "PRG_Test: runs all suites; results appear in the error list of the development environment"
         ),
         kind="PROGRAM",
         variables=instances,
@@ -67,7 +67,7 @@ def with_tests(application: Application, vectors: Sequence[ReferenceVectors]) ->
 def _self_test_suite() -> Block:
     return Block(
         name=f"{SELF_TEST}_Test",
-        header=header_lines((f"{SELF_TEST}_Test: what the equality of all other suites rests on",)),
+        header=header_lines(f"{SELF_TEST}_Test: what the equality of all other suites rests on"),
         extends="FB_TestSuite",
         variables=(BlockVariable("fbBlock", SELF_TEST, comment="what is tested"),),
         sections=(CodeSection("the test of the controller's arithmetic", "tcunit_self_test", {}),),
@@ -92,7 +92,7 @@ def _suite(vectors: ReferenceVectors, inputs: list[str]) -> Block:
         variables.append(BlockVariable("uNan", "U_LrealBits", comment="not a number"))
     return Block(
         name=f"FB_{vectors.name}_Test",
-        header=header_lines(header),
+        header=header_lines(*header),
         extends="FB_TestSuite",
         variables=tuple(variables),
         tables=(

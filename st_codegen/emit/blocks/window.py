@@ -64,12 +64,10 @@ def window_block(block: Block, window: Window) -> Block:
     )
     what = " and ".join(names) if count <= 3 else f"{names[0]} .. {names[-1]}"
     header = header_lines(
-        (
-            f"{block.name}{SUFFIX}: {block.name} on the last {window.length} samples of {what}",
-            "Each call with bShift takes one sample, which takes the place of the oldest, and computes the outputs.",
-            f"bValid is FALSE until {window.length} samples have come, and as long as the model has no answer.",
-            "bReset forgets all samples, before one is taken. Without bShift all outputs stay.",
-        )
+        f"{block.name}{SUFFIX}: {block.name} on the last {window.length} samples of {what}",
+        "Each call with bShift takes one sample, which takes the place of the oldest, and computes the outputs.",
+        f"bValid is FALSE until {window.length} samples have come, and as long as the model has no answer.",
+        "bReset forgets all samples, before one is taken. Without bShift all outputs stay.",
     )
     return Block(
         name=f"{block.name}{SUFFIX}",

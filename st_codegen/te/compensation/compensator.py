@@ -31,12 +31,10 @@ def compensator_block(te: TransmissionError) -> Block:
     return Block(
         "FB_Compensator",
         header_lines(
-            (
-                "FB_Compensator: correction of the motor's reference, for one task that does everything",
-                f"Bundle: {te.name}, reduction ratio {real(te.reduction_ratio)}",
-                "Motor reference = reduction ratio * theta_out + fCorrection_deg. The law, and what happens after bad "
-                "inputs, are described in FB_Correction; for two tasks see FB_CompensatorFast.",
-            )
+            "FB_Compensator: correction of the motor's reference, for one task that does everything",
+            f"Bundle: {te.name}, reduction ratio {real(te.reduction_ratio)}",
+            "Motor reference = reduction ratio * theta_out + fCorrection_deg. The law, and what happens after bad "
+            "inputs, are described in FB_Correction; for two tasks see FB_CompensatorFast.",
         ),
         inputs=(ANGLE, *operating_point(te), *given),
         outputs=(*results(), IN_RANGE),

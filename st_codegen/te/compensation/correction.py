@@ -119,7 +119,7 @@ def correction_block(te: TransmissionError) -> Block:
     names = ["NONE", "ANGLE", "OPERATING_POINT", "CYCLE_TIME", "PARAMETER", *([] if both else ["DIRECTION"])]
     return Block(
         "FB_Correction",
-        header_lines(_header(te, both)),
+        header_lines(*_header(te, both)),
         inputs=(
             lreal("fThetaOut_rad", "angle of the output shaft from its encoder, rad"),
             lreal("fSpeed_rpm", SIGNED_SPEED),

@@ -111,7 +111,7 @@ def experiment_block(te: TransmissionError) -> Block:
     }
     return Block(
         "FB_Experiment",
-        header_lines(_header()),
+        header_lines(*_header()),
         inputs=inputs(),
         outputs=outputs(),
         variables=_locals(),

@@ -53,17 +53,15 @@ def harmonic_sum_block(te: TransmissionError) -> Block:
     return Block(
         "FB_HarmonicSum",
         header_lines(
-            (
-                "FB_HarmonicSum: sum over k of aCosine[k] * cos(k * theta) - aSine[k] * sin(k * theta)",
-                f"Orders: {', '.join(map(str, te.orders))}",
-                "cos and sin of theta give those of all multiples by complex multiplication along an addition chain:",
-                f"Chain: {chain}",
-                f"Cost: 1 COS, 1 SIN, {len(cost.chain)} complex multiplications; in all {cost.multiplications} "
-                f"multiplications and {cost.additions} additions of LREAL.",
-                "Error of each cosine and sine: below k * 4.0E-16, "
-                f"{at_most(largest * 4e-16).upper()} for order {largest}.",
-                "The angle is reduced to -pi/4 .. pi/4 first, so that many turns cost no accuracy.",
-            )
+            "FB_HarmonicSum: sum over k of aCosine[k] * cos(k * theta) - aSine[k] * sin(k * theta)",
+            f"Orders: {', '.join(map(str, te.orders))}",
+            "cos and sin of theta give those of all multiples by complex multiplication along an addition chain:",
+            f"Chain: {chain}",
+            f"Cost: 1 COS, 1 SIN, {len(cost.chain)} complex multiplications; in all {cost.multiplications} "
+            f"multiplications and {cost.additions} additions of LREAL.",
+            "Error of each cosine and sine: below k * 4.0E-16, "
+            f"{at_most(largest * 4e-16).upper()} for order {largest}.",
+            "The angle is reduced to -pi/4 .. pi/4 first, so that many turns cost no accuracy.",
         ),
         inputs=(
             lreal("fTheta_rad", "angle of the output shaft, within +-1.0E9 rad"),

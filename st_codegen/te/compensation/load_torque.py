@@ -25,13 +25,11 @@ def load_torque_block() -> Block:
     return Block(
         "FB_LoadTorque",
         header_lines(
-            (
-                "FB_LoadTorque: torque of the loading motor for a torque at the slow shaft",
-                f"Reduction ratio of the loading side {real(LOAD_RATIO)}; losses of its reducer are not modelled.",
-                "The torque changes at most at its rate and goes to no more than its limit; a limit that is lowered "
-                "below the present torque is reached at that rate. After bad inputs, and without bEnable, the torque "
-                "goes down to zero at that rate.",
-            )
+            "FB_LoadTorque: torque of the loading motor for a torque at the slow shaft",
+            f"Reduction ratio of the loading side {real(LOAD_RATIO)}; losses of its reducer are not modelled.",
+            "The torque changes at most at its rate and goes to no more than its limit; a limit that is lowered "
+            "below the present torque is reached at that rate. After bad inputs, and without bEnable, the torque "
+            "goes down to zero at that rate.",
         ),
         inputs=(
             lreal("fTorque_Nm", "wanted torque at the slow shaft, N m"),

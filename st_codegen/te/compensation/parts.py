@@ -110,10 +110,8 @@ def within_function() -> Block:
     return Block(
         "F_IsWithin",
         header_lines(
-            (
-                "F_IsWithin: TRUE for a number within fLower .. fUpper; FALSE for what is no number.",
-                "NaN is recognised before anything is compared with it.",
-            )
+            "F_IsWithin: TRUE for a number within fLower .. fUpper; FALSE for what is no number.",
+            "NaN is recognised before anything is compared with it.",
         ),
         inputs=(
             lreal("fValue", "any 64 bits"),

@@ -23,7 +23,7 @@ def predict_block(te: TransmissionError) -> Block:
     ]
     return Block(
         "FB_TEPredict",
-        header_lines(_header(te)),
+        header_lines(*_header(te)),
         inputs=inputs,
         outputs=_outputs(te),
         variables=(

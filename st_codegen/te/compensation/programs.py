@@ -115,11 +115,9 @@ def main_program(te: TransmissionError) -> Block:
     return Block(
         "PRG_Main",
         header_lines(
-            (
-                "PRG_Main: prediction and correction in one task",
-                f"Bundle: {te.name}",
-                "To be called by one task with the cycle time CYCLE_S, in place of PRG_Fast and PRG_Slow.",
-            )
+            "PRG_Main: prediction and correction in one task",
+            f"Bundle: {te.name}",
+            "To be called by one task with the cycle time CYCLE_S, in place of PRG_Fast and PRG_Slow.",
         ),
         inputs=compensation_inputs(te),
         outputs=compensation_outputs(),
@@ -139,11 +137,9 @@ def slow_program(te: TransmissionError) -> Block:
     return Block(
         "PRG_Slow",
         header_lines(
-            (
-                "PRG_Slow: coefficients at the operating point, for PRG_Fast",
-                f"Bundle: {te.name}",
-                "To be called by the slow task; one that is late or stops lets the correction of PRG_Fast fade out.",
-            )
+            "PRG_Slow: coefficients at the operating point, for PRG_Fast",
+            f"Bundle: {te.name}",
+            "To be called by the slow task; one that is late or stops lets the correction of PRG_Fast fade out.",
         ),
         variables=(BlockVariable("fbSlow", "FB_CompensatorSlow", comment="models"),),
         sections=(_call("fbSlow", arguments, "coefficients"),),
@@ -167,11 +163,9 @@ def fast_program(te: TransmissionError) -> Block:
     return Block(
         "PRG_Fast",
         header_lines(
-            (
-                "PRG_Fast: correction from the coefficients of PRG_Slow",
-                f"Bundle: {te.name}",
-                "To be called by the fast task with the cycle time CYCLE_S, in place of PRG_Main.",
-            )
+            "PRG_Fast: correction from the coefficients of PRG_Slow",
+            f"Bundle: {te.name}",
+            "To be called by the fast task with the cycle time CYCLE_S, in place of PRG_Main.",
         ),
         variables=(BlockVariable("fbFast", "FB_CompensatorFast", comment="harmonic sum and correction"),),
         constants=(cycle_constant(FAST_US),),
@@ -195,11 +189,9 @@ def experiment_program() -> Block:
     return Block(
         "PRG_Experiment",
         header_lines(
-            (
-                "PRG_Experiment: measurements of the transmission error, and the torque of the loading side",
-                "To be called by a task with the cycle time CYCLE_S. While bBusy is TRUE the motor follows "
-                "fMotorSpeed_rpm, without correction.",
-            )
+            "PRG_Experiment: measurements of the transmission error, and the torque of the loading side",
+            "To be called by a task with the cycle time CYCLE_S. While bBusy is TRUE the motor follows "
+            "fMotorSpeed_rpm, without correction.",
         ),
         inputs=experiment_inputs(),
         outputs=experiment_outputs(),

@@ -66,12 +66,10 @@ def _program() -> Block:
     return Block(
         PROGRAM,
         header_lines(
-            (
-                f"{PROGRAM}: keeps the samples of a measurement for st-codegen record",
-                "To be called after PRG_Experiment by the same task.",
-                "A measurement whose client is silent for fAliveTimeOut_s is aborted, so that nothing goes on moving "
-                "when a connection is lost.",
-            )
+            f"{PROGRAM}: keeps the samples of a measurement for st-codegen record",
+            "To be called after PRG_Experiment by the same task.",
+            "A measurement whose client is silent for fAliveTimeOut_s is aborted, so that nothing goes on moving "
+            "when a connection is lost.",
         ),
         variables=(
             dint("nLeft", "cycles until the next sample"),

@@ -68,13 +68,11 @@ def slow_block(te: TransmissionError) -> Block:
     return Block(
         "FB_CompensatorSlow",
         header_lines(
-            (
-                "FB_CompensatorSlow: coefficients at the operating point, for FB_CompensatorFast in another task",
-                f"Bundle: {te.name}",
-                "Writes the buffer that is not read, and publishes its number when the set is whole. This relies on "
-                "stores of aligned numbers of 32 and 64 bits being whole and in order, as on x86.",
-                "A set is published with every call, also one that says why it must not be used.",
-            )
+            "FB_CompensatorSlow: coefficients at the operating point, for FB_CompensatorFast in another task",
+            f"Bundle: {te.name}",
+            "Writes the buffer that is not read, and publishes its number when the set is whole. This relies on "
+            "stores of aligned numbers of 32 and 64 bits being whole and in order, as on x86.",
+            "A set is published with every call, also one that says why it must not be used.",
         ),
         inputs=operating_point(te),
         outputs=(
@@ -122,14 +120,12 @@ def fast_block(te: TransmissionError) -> Block:
     return Block(
         "FB_CompensatorFast",
         header_lines(
-            (
-                "FB_CompensatorFast: correction of the motor's reference from the coefficients of FB_CompensatorSlow",
-                f"Bundle: {te.name}, reduction ratio {real(te.reduction_ratio)}",
-                "Motor reference = reduction ratio * theta_out + fCorrection_deg. The law, and what happens after bad "
-                "inputs, are described in FB_Correction.",
-                "A set that the slow task changed while it was copied is left alone: the last whole one stays in use, "
-                "until it is older than fAgeLimit_s.",
-            )
+            "FB_CompensatorFast: correction of the motor's reference from the coefficients of FB_CompensatorSlow",
+            f"Bundle: {te.name}, reduction ratio {real(te.reduction_ratio)}",
+            "Motor reference = reduction ratio * theta_out + fCorrection_deg. The law, and what happens after bad "
+            "inputs, are described in FB_Correction.",
+            "A set that the slow task changed while it was copied is left alone: the last whole one stays in use, "
+            "until it is older than fAgeLimit_s.",
         ),
         inputs=(
             ANGLE,
