@@ -36,12 +36,7 @@ _LEAST_SIZE = 0.01
 _LEAST_CURVES = 0.25
 
 
-def choose_orders(
-    fits: Sequence[OrderFit],
-    *,
-    most: int = 20,
-    always: Sequence[int] = (0,),
-) -> tuple[OrderReason, ...]:
+def choose_orders(fits: Sequence[OrderFit], *, most: int = 20, always: Sequence[int] = (0,)) -> tuple[OrderReason, ...]:
     """Judge every order that stands above the noise somewhere; the strongest first, the mean ahead of all.
 
     An order is chosen where it is above the noise in `_LEAST_CURVES` (a share) of the curves and its root mean square

@@ -9,14 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from st_codegen.cli.choices import EVALUATORS
-from st_codegen.cli.console import (
-    FILE,
-    PLACE,
-    GivenModels,
-    models_options,
-    outputs_option,
-    reading_options,
-)
+from st_codegen.cli.console import FILE, PLACE, GivenModels, models_options, outputs_option, reading_options
 from st_codegen.files.text import write_text
 
 if TYPE_CHECKING:
@@ -49,13 +42,7 @@ Examples:
 )
 @outputs_option
 @reading_options
-def command(
-    given: GivenModels,
-    source: Path,
-    result: Path,
-    engine: str,
-    outputs: Collection[OutputKind],
-) -> None:
+def command(given: GivenModels, source: Path, result: Path, engine: str, outputs: Collection[OutputKind]) -> None:
     """Predict MODELS for the rows of a table. A row that a model does not take gives nan.
 
     A classifier gives the library's own labels, and further outputs beside them.

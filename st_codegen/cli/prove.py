@@ -51,11 +51,7 @@ Examples:
     help="Write what was proved to this file, for checker/check_certificate.py.",
 )
 @reading_options
-def command(
-    given: GivenModels,
-    generated: Path,
-    certificate_file: Path | None,
-) -> None:
+def command(given: GivenModels, generated: Path, certificate_file: Path | None) -> None:
     """Prove that the generated text computes what MODELS demand, for every float64 input.
 
     The text is executed on intervals and boxes of inputs, which together are all inputs: NaN, infinities, denormals and

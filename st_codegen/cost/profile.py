@@ -110,13 +110,7 @@ def _profile(file: TomlTable, name: str, text: str) -> Profile:
             table.number(key, 1.0, low=SMALLEST_FACTOR, high=LARGEST_FACTOR) for key in ("compute", "memory")
         )
     return Profile(
-        name,
-        MappingProxyType(machine),
-        MappingProxyType(cycles),
-        compute,
-        memory,
-        MappingProxyType(sources),
-        text,
+        name, MappingProxyType(machine), MappingProxyType(cycles), compute, memory, MappingProxyType(sources), text
     )
 
 

@@ -18,15 +18,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.campaign.conditions import CONDITION_COLUMNS, OperatingPoint
-from st_codegen.campaign.curves import (
-    CONDITIONS_FILE,
-    MOST_GAP_DEG,
-    Curve,
-    Run,
-    largest_gap,
-    run_paths,
-    write_run,
-)
+from st_codegen.campaign.curves import CONDITIONS_FILE, MOST_GAP_DEG, Curve, Run, largest_gap, run_paths, write_run
 from st_codegen.emit.output import COMPARISON, read_manifest
 from st_codegen.errors import GeneratedCodeError, InputError, Problems, counted
 from st_codegen.files.csv_tables import csv_text
@@ -50,10 +42,7 @@ _LEAST_SPAN_DEG = 355.0
 _CYCLE_S = SLOW_US * 1e-6
 _STATES = {code.value: code for code in EXPERIMENT_STATE.all}
 _ERRORS = {code.value: code for code in TE_ERROR.all}
-_RING = (
-    *(Signal(f"{LIST}.{name}", length=SAMPLES) for name in KEPT),
-    Signal(f"{LIST}.bBackward", "|b1", SAMPLES),
-)
+_RING = (*(Signal(f"{LIST}.{name}", length=SAMPLES) for name in KEPT), Signal(f"{LIST}.bBackward", "|b1", SAMPLES))
 
 
 @dataclass(frozen=True)

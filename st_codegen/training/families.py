@@ -251,30 +251,21 @@ FAMILIES: dict[str, Family] = {
             "random forest",
             _sklearn("ensemble", "RandomForestRegressor", one_thread=True),
             {"max_depth": 14, "min_samples_split": 3, "n_estimators": 90},
-            (
-                {"max_depth": 14, "min_samples_split": 3, "n_estimators": 90},
-                {"n_estimators": 100, "max_features": 2},
-            ),
+            ({"max_depth": 14, "min_samples_split": 3, "n_estimators": 90}, {"n_estimators": 100, "max_features": 2}),
         ),
         Family(
             "DT",
             "decision tree",
             _sklearn("tree", "DecisionTreeRegressor"),
             {"max_depth": 16, "min_samples_split": 6},
-            (
-                {"min_samples_leaf": 2},
-                {"min_samples_leaf": 2, "criterion": "absolute_error"},
-            ),
+            ({"min_samples_leaf": 2}, {"min_samples_leaf": 2, "criterion": "absolute_error"}),
         ),
         Family(
             "ET",
             "extra tree",
             _sklearn("tree", "ExtraTreeRegressor"),
             {"max_depth": 15, "min_samples_split": 5},
-            (
-                {"min_samples_leaf": 2},
-                {"min_samples_split": 4, "max_features": None},
-            ),
+            ({"min_samples_leaf": 2}, {"min_samples_split": 4, "max_features": None}),
         ),
         Family(
             "ERT",
@@ -338,13 +329,6 @@ FAMILIES: dict[str, Family] = {
             robust_units=True,
             forms=("native", "skops"),
         ),
-        Family(
-            "ELM",
-            "extreme learning machine",
-            _elm,
-            {"neurons": 250},
-            ({"neurons": 250},),
-            forms=(),
-        ),
+        Family("ELM", "extreme learning machine", _elm, {"neurons": 250}, ({"neurons": 250},), forms=()),
     )
 }

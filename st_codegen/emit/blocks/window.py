@@ -77,10 +77,7 @@ def window_block(block: Block, window: Window) -> Block:
             BlockVariable("bShift", "BOOL", comment="take a sample"),
             BlockVariable("bReset", "BOOL", comment="forget all samples"),
         ),
-        outputs=(
-            *results,
-            BlockVariable("nSamples", "DINT", comment=f"samples that are kept, up to {window.length}"),
-        ),
+        outputs=(*results, BlockVariable("nSamples", "DINT", comment=f"samples that are kept, up to {window.length}")),
         variables=tuple(listing.variables.values()),
         sections=tuple(listing.sections),
     )

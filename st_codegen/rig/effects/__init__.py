@@ -15,14 +15,7 @@ from typing import Any
 
 from st_codegen.campaign.conditions import Conditions
 from st_codegen.errors import InputError
-from st_codegen.rig.effects.base import (
-    Constants,
-    Effect,
-    Form,
-    Phasor,
-    Scalar,
-    Stage,
-)
+from st_codegen.rig.effects.base import Constants, Effect, Form, Phasor, Scalar, Stage
 
 __all__ = ["Catalogue", "Conditions", "Constants", "Effect", "Form", "Phasor", "Scalar", "Stage", "catalogue"]
 

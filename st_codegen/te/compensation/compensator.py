@@ -43,10 +43,7 @@ def compensator_block(te: TransmissionError) -> Block:
             BlockVariable("fbCorrection", "FB_Correction", comment="law, fading and limits"),
             BlockVariable("eSet", TE_ERROR.type, comment="whether the harmonics may be used"),
         ),
-        sections=(
-            predict_section(te),
-            *correction_sections(te, given, "fbPredict"),
-        ),
+        sections=(predict_section(te), *correction_sections(te, given, "fbPredict")),
         codes=TE_ERROR.some("NONE", "OPERATING_POINT", "NO_PREDICTION"),
     )
 

@@ -38,10 +38,7 @@ def with_recorder(application: Application) -> Application:
         for task in application.tasks
     )
     return dataclasses.replace(
-        application,
-        globals=(*application.globals, _signals()),
-        blocks=(*application.blocks, _program()),
-        tasks=tasks,
+        application, globals=(*application.globals, _signals()), blocks=(*application.blocks, _program()), tasks=tasks
     )
 
 
@@ -81,11 +78,7 @@ def _program() -> Block:
         ),
         constants=(cycle_constant(SLOW_US), dint("RING", "samples of the ring", str(SAMPLES))),
         sections=(
-            CodeSection(
-                "samples",
-                "record_samples",
-                {"list": LIST, "experiment": EXPERIMENT_SIGNALS, "kept": KEPT},
-            ),
+            CodeSection("samples", "record_samples", {"list": LIST, "experiment": EXPERIMENT_SIGNALS, "kept": KEPT}),
             CodeSection(
                 "the client is there",
                 "record_alive",

@@ -13,15 +13,7 @@ import numpy as np
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import AnyArray, BoolArray, FloatArray, IntArray
 from st_codegen.walkers.onnx.file import GraphNode, checked_length
-from st_codegen.walkers.onnx.forest import (
-    MAX_ID,
-    Forest,
-    Mode,
-    NumberType,
-    check_range,
-    read_aggregate,
-    target_count,
-)
+from st_codegen.walkers.onnx.forest import MAX_ID, Forest, Mode, NumberType, check_range, read_aggregate, target_count
 
 
 def read_ensemble(attributes: GraphNode, number_type: NumberType) -> Forest:

@@ -15,15 +15,7 @@ from numpy.typing import NDArray
 from st_codegen.errors import InputError, UnsupportedModelError, counted
 from st_codegen.ir import Aggregate, BoolArray, FloatArray, IntArray
 from st_codegen.walkers.onnx.file import GraphNode, checked_length
-from st_codegen.walkers.onnx.forest import (
-    MAX_ID,
-    Forest,
-    Mode,
-    NumberType,
-    check_range,
-    read_aggregate,
-    target_count,
-)
+from st_codegen.walkers.onnx.forest import MAX_ID, Forest, Mode, NumberType, check_range, read_aggregate, target_count
 
 _MODES_BY_NAME = {f"BRANCH_{mode.name}": mode for mode in list(Mode)[:6]} | {"LEAF": Mode.LEAF}
 

@@ -23,10 +23,7 @@ def _tags(wire_type: int) -> bytes:
 
 
 _VARINT = rb"[\x80-\xff]{0,9}+[\x00-\x7f]"
-_NUMBERS = re.compile(
-    b"(?:" + _tags(0) + _VARINT + b"|" + _tags(5) + b".{4}|" + _tags(1) + b".{8})++",
-    re.DOTALL,
-)
+_NUMBERS = re.compile(b"(?:" + _tags(0) + _VARINT + b"|" + _tags(5) + b".{4}|" + _tags(1) + b".{8})++", re.DOTALL)
 _ONE_VARINT = re.compile(_VARINT)
 _LENGTHS = {1: 8, 5: 4}
 

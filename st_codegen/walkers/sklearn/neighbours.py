@@ -306,11 +306,7 @@ _KERNELS = tuple(
 _TRUSTED_KERNELS = tuple(f"sklearn.gaussian_process.kernels.{name}" for name in _KERNELS)
 
 
-@walks(
-    "GaussianProcessRegressor",
-    trusts=_TRUSTED_KERNELS,
-    finite=True,
-)
+@walks("GaussianProcessRegressor", trusts=_TRUSTED_KERNELS, finite=True)
 def walk_gaussian_process(fitted: Fitted, builder: GraphBuilder, value: int) -> Estimated:
     """Kernels with the training rows, weighted (`gaussian_process/_gpr.py: predict`): the mean, and the deviation."""
     vectors = fitted.floats("X_train_", (None, builder.width(value)))
