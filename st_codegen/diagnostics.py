@@ -141,9 +141,8 @@ DIAGNOSTICS = (
         "STC1201",
         "This kind of model is not supported",
         "The file holds a class, an operator or an option that cannot be written as Structured Text here.",
-        "st-codegen models lists what is supported. The message names what is near: often another class of the "
-        "same library, "
-        "or another option of the same class, gives nearly the same model.",
+        "st-codegen models lists what is supported. The message names what is near: often another class of the same "
+        "library, or another option of the same class, gives nearly the same model.",
         places=("walkers", "beckhoff_ml.model"),
         kinds=("UnsupportedModelError",),
     ),
@@ -181,9 +180,8 @@ DIAGNOSTICS = (
         "STC1206",
         "The library refuses the model",
         "The library of the model gives an error where it should predict. So there is nothing to compare with.",
-        "Load the model in Python and call predict: you should see the same error. Save the model again with "
-        "this version of "
-        "the library.",
+        "Load the model in Python and call predict: you should see the same error. Save the model again with this "
+        "version of the library.",
         kinds=("LibraryRefusesError",),
     ),
     Diagnostic(
@@ -223,9 +221,8 @@ DIAGNOSTICS = (
     Diagnostic(
         "STC1301",
         "A name cannot be used in Structured Text",
-        "The name of a model, feature or output has letters that the language does not allow, is a reserved "
-        "word, is too long, "
-        "or is taken by something else.",
+        "The name of a model, feature or output has letters that the language does not allow, is a reserved word, is "
+        "too long, or is taken by something else.",
         "Rename it, or give it another name in st-codegen.toml: st-codegen init writes a first one.",
         places=(
             "emit.literals",
@@ -516,9 +513,8 @@ DIAGNOSTICS = (
         "The numbers differ",
         "For at least one input, library, reference and generated text give different results, by more than is "
         "allowed.",
-        "If a generated file was changed by hand, or the model is newer than the code: generate again. "
-        "Otherwise please report "
-        "it, with the input that the message names.",
+        "If a generated file was changed by hand, or the model is newer than the code: generate again. Otherwise "
+        "please report it, with the input that the message names.",
     ),
     Diagnostic(
         "STC2003",

@@ -170,9 +170,8 @@ def _check_samples(project: RecordedProject, runs: Sequence[PlannedRun], recordi
         most = int(60.0 * project.ratio / speed / _CYCLE_S)
         if most < recording.samples:
             problems.add(
-                f"{speed:g} rpm: a revolution has {most:,} samples at most, one each cycle of "
-                f"{_CYCLE_S * 1e6:g} us, and "
-                f"{recording.samples:,} are wanted: ask for fewer (--samples), or measure slower"
+                f"{speed:g} rpm: a revolution has {most:,} samples at most, one each cycle of {_CYCLE_S * 1e6:g} us, "
+                f"and {recording.samples:,} are wanted: ask for fewer (--samples), or measure slower"
             )
     problems.raise_if_any()
 

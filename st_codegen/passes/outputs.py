@@ -31,8 +31,7 @@ def with_outputs(model: ModelIR, wanted: Collection[OutputKind]) -> tuple[ModelI
         )
         raise InputError(
             f"model '{model.name}': the block of {model.source.model_class} gives no {' and no '.join(missing)}; it "
-            f"has: {known}"
-            f"{limit if OutputKind.DEVIATION in missing else ''}"
+            f"has: {known}{limit if OutputKind.DEVIATION in missing else ''}"
         )
     if not model.kinds:
         return model, np.arange(len(model.outputs), dtype=np.int32)

@@ -146,8 +146,7 @@ class Axis:
             longest = min(2.0 / frequency, 2.0 / decay if decay else math.inf)
             raise InputError(
                 f"axis.step_s = {p.step_s:g} s is unstable: the coupling swings at {frequency / 2 / math.pi:.0f} Hz "
-                f"and needs steps "
-                f"below {longest:.3g} s; make the step shorter or the coupling softer"
+                f"and needs steps below {longest:.3g} s; make the step shorter or the coupling softer"
             )
 
     def _check_loops(self) -> None:

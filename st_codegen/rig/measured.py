@@ -40,8 +40,7 @@ class _Flank:
             speed, torque, temperature = (level[index] for level, index in zip(levels, first, strict=True))
             raise InputError(
                 f"the grid of speeds, torques and temperatures lacks {missing} of its {math.prod(sizes)} points, the "
-                "first "
-                f"of them {speed:g} rpm, {torque:g} N m, {temperature:g} degC; measure them, or leave their "
+                f"first of them {speed:g} rpm, {torque:g} N m, {temperature:g} degC; measure them, or leave their "
                 "levels out"
             )
         runs = np.zeros(sizes, np.int64)

@@ -22,10 +22,8 @@ _POINTS = 1500
 #: What the error after compensation is, as the page says it.
 _MEANING = (
     "Error before: theta_out - theta_in / ratio of the motion without compensation, as the encoders show it (Eq. 1). "
-    "Error after: theta_out of "
-    "the compensated motion against the same theta_in / ratio, so the drive's own lag, which both have, is in "
-    "neither. 'Full' counts only the "
-    "time in which the law's weight is 1."
+    "Error after: theta_out of the compensated motion against the same theta_in / ratio, so the drive's own lag, which "
+    "both have, is in neither. 'Full' counts only the time in which the law's weight is 1."
 )
 
 

@@ -102,8 +102,7 @@ def _feature_order(model: ModelIR, features: tuple[Feature, ...]) -> list[int]:
     if len(names) != len(given):
         raise InputError(
             f"model '{model.name}' takes {counted(len(names), 'feature')} ({', '.join(names)}), the bundle has "
-            f"{len(given)} "
-            f"({', '.join(given)})"
+            f"{len(given)} ({', '.join(given)})"
         )
     if set(names) == set(given):
         return [given.index(name) for name in names]

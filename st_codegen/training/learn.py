@@ -139,8 +139,7 @@ def check_learnable(table: HarmonicTable) -> None:
         if (points := operating_points(table.direction(direction))) < LEAST_POINTS:
             problems.add(
                 f"{counted(points, 'operating point')} in one direction, {direction}: at least {LEAST_POINTS} are "
-                "needed to learn "
-                "from"
+                "needed to learn from"
             )
     if standing := int((table.speed_rpm <= 0.0).sum()):
         problems.add(

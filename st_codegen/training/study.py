@@ -142,8 +142,7 @@ def study(
     if (points := operating_points(learn)) < _LEAST_POINTS:
         raise InputError(
             f"{counted(points, 'operating point')} left to learn from, and at least {_LEAST_POINTS} are needed: keep "
-            "fewer "
-            "for testing, or measure more"
+            "fewer for testing, or measure more"
         )
     groups, tasks = tasks_of(learn, test, settings, learn.orders)
     done = run_tasks(tasks, store, backend, progress)

@@ -94,8 +94,7 @@ def add_self_check(listing: Listing, results: Sequence[ArrayElement], row: Check
     first = "the first call computes a row whose answer is known, too" if row is not None else "no row is computed"
     return (
         f"Self-check: CRC-32 of all {values['last'] + 1} constants in {counted(calls, 'call')}, {SLICE} in each; "
-        f"{first}. "
-        "Once it finds damage, bValid stays FALSE."
+        f"{first}. Once it finds damage, bValid stays FALSE."
     )
 
 

@@ -65,9 +65,8 @@ def _steps(node: GraphNode, rank: int, kernel: Sequence[int]) -> tuple[list[int]
     whole = [*given, *strides, *dilations]
     if len(whole) != 3 * rank or len(pads) != 2 * rank or min(whole) < 1 or min(pads) < 0 or max(whole + pads) > 2**16:
         raise InputError(
-            f"kernel_shape {given}, strides {strides}, dilations {dilations}, pads {pads} "
-            f"for {counted(rank, 'dimension')}; "
-            "the model file is damaged"
+            f"kernel_shape {given}, strides {strides}, dilations {dilations}, pads {pads} for "
+            f"{counted(rank, 'dimension')}; the model file is damaged"
         )
     return given, strides, dilations, pads
 

@@ -321,9 +321,8 @@ def _encoded_numbers(call: NodeCall) -> Tensor:
     keys, values, default = (_listed(call.node, word) for word in ("keys", "values", "default"))
     if not len(keys) or len(keys) != len(values) or len(default) != 1 or keys.dtype != tensor.dtype or tensor.given:
         raise UnsupportedModelError(
-            f"{counted(len(keys), 'key')} of {keys.dtype} and "
-            f"{counted(len(values), 'value')} for numbers of {tensor.dtype}; "
-            "lists of numbers of one length are supported, and keys of the type of what is read"
+            f"{counted(len(keys), 'key')} of {keys.dtype} and {counted(len(values), 'value')} for numbers of "
+            f"{tensor.dtype}; lists of numbers of one length are supported, and keys of the type of what is read"
         )
     if not np.all(np.isfinite(keys)):
         raise UnsupportedModelError("NaN or infinity among the keys; impute them before")

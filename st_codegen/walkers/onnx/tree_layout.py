@@ -263,9 +263,8 @@ def _leaf_values(forest: Forest, flat: Preorder) -> tuple[FloatArray, IntArray]:
         return leaf_value, target
     if rows * n_targets > MAX_LEAF_VALUES:
         raise UnsupportedModelError(
-            f"{counted(rows, 'leaf', 'leaves')} with {counted(n_targets, 'number')} each: at most "
-            f"{MAX_LEAF_VALUES} leaf values; "
-            "export one model for each target"
+            f"{counted(rows, 'leaf', 'leaves')} with {counted(n_targets, 'number')} each: at most {MAX_LEAF_VALUES} "
+            "leaf values; export one model for each target"
         )
     largest = float(np.finfo(forest.number_type).max)
     neutral = {ir.Aggregate.SUM: 0.0, ir.Aggregate.MINIMUM: largest, ir.Aggregate.MAXIMUM: -largest}[forest.aggregate]

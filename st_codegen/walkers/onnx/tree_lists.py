@@ -91,9 +91,8 @@ def numbers(attributes: GraphNode, name: str, number_type: NumberType, *counts: 
         raise InputError(f"both {name} and {name}_as_tensor are given; keep one of them")
     if tensor.dtype != number_type or tensor.ndim != 1:
         raise UnsupportedModelError(
-            f"{name}_as_tensor is {tensor.dtype} of {counted(tensor.ndim, 'dimension')} for "
-            f"{np.dtype(number_type)} inputs; "
-            "onnxruntime takes a vector of the type of the input only"
+            f"{name}_as_tensor is {tensor.dtype} of {counted(tensor.ndim, 'dimension')} for {np.dtype(number_type)} "
+            "inputs; onnxruntime takes a vector of the type of the input only"
         )
     checked_length(name, len(tensor), *counts)
     return tensor.astype(np.float64)

@@ -99,9 +99,8 @@ def loads(data: bytes, *, binary: bool) -> BoosterModel:
     n_outputs = max(parameters.integer("num_class", 0), parameters.integer("num_target", 0, default=1), 1)
     if max(n_features, n_outputs) > MAX_COLUMNS:
         raise UnsupportedModelError(
-            f"{parameters.path}num_feature, num_target: "
-            f"{counted(n_features, 'feature')} and {counted(n_outputs, 'output')}; "
-            f"more than {MAX_COLUMNS} are not supported"
+            f"{parameters.path}num_feature, num_target: {counted(n_features, 'feature')} and "
+            f"{counted(n_outputs, 'output')}; more than {MAX_COLUMNS} are not supported"
         )
     booster = learner.section("gradient_booster")
     kind = booster.text("name")
