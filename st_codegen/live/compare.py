@@ -223,10 +223,9 @@ def compare(
     """Run at least `rows` rows through each block of models on the controller and compare with the library.
 
     Rows are those of `rows.comparison_rows`; blocks around models (`Purpose.checks`) have as many as `verify` tries.
-    `connect` makes the connection; it is asked after the libraries have their
-    process (`proof.isolated`), since a copy of a process with a connection would share it. Raises
-    ControllerError where the controller is not in RUN, has another
-    project, or is lost on the way.
+    `connect` makes the connection; it is asked after the libraries have their process (`proof.isolated`), since a copy
+    of a process with a connection would share it. Raises ControllerError where the controller is not in RUN, has
+    another project, or is lost on the way.
     """
     project = compared_project(folder, bundle, block)
     text = GeneratedCode(folder)

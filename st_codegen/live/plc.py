@@ -81,8 +81,7 @@ class SoftPlc:
 
     `cycle_us` is the cycle time of programs that no task calls (all of them, where a target has no tasks). `speed` is
     how many times faster than the clock of this machine it runs; 0: as fast as it can. `optimised` code takes longer to
-    compile. Raises InputError where there is
-    nothing to run.
+    compile. Raises InputError where there is nothing to run.
     """
 
     def __init__(

@@ -5,9 +5,8 @@ Mechanics: two masses on the coupling. The reducer ties the output to its fast s
     theta_out = theta_in / ratio + TE(theta_out),    g = d theta_out / d theta_in = 1 / (ratio * (1 - TE')),
 
 so that what stands at the output acts on the fast shaft as the inertia J_in + J_out g^2, with the term -J_out g g'
-w_in^2 of Lagrange's equation. Integrated by velocity Verlet. TE = Re sum c_k exp(i k theta_out), with one set of c_k
-in each direction; at a
-reversal the output stands still until the difference of their means is travelled (a play).
+w_in^2 of Lagrange's equation. Integrated by velocity Verlet. TE = Re sum c_k exp(i k theta_out), with one set of c_k in
+each direction; at a reversal the output stands still until the difference of their means is travelled (a play).
 """
 
 from __future__ import annotations
