@@ -28,7 +28,7 @@ from st_codegen.training import shared
 from st_codegen.training.export import FittedModel, write_bundle
 from st_codegen.training.families import candidates
 from st_codegen.training.learn import LearningPlan, bundle_head, learn
-from st_codegen.training.search import Backend
+from st_codegen.training.search import Fitting
 from st_codegen.training.store import FitStore
 from st_codegen.training.study import SearchSettings
 
@@ -107,13 +107,13 @@ def compared(runs: int, families: tuple[str, ...]) -> None:
     points = shared.held_out_points(tables, plan.test_share, 0)
     started = time.process_time()
     with FitStore(None) as store:
-        lesson = shared.learn_shared(tables, plan, points, store, Backend(1))
+        lesson = shared.learn_shared(tables, plan, points, Fitting(store))
         seconds = time.process_time() - started
         with_type = {name: left(list(lesson.models), lesson.corrections[name], fresh[name]) for name in tables}
         own, own_bytes, taken, asked = {}, 0, 0, 0
         for name, table in tables.items():
             try:
-                alone = float(shared.own_errors(table, plan, points, store, Backend(1)).mean())
+                alone = float(shared.own_errors(table, plan, points, Fitting(store)).mean())
                 asked += 1
                 taken += float(lesson.errors[name].mean()) <= alone
             except shared.InputError:  # none of its runs is held out in a direction
@@ -126,7 +126,7 @@ def compared(runs: int, families: tuple[str, ...]) -> None:
                 ]
                 own[name] = float(np.concatenate(errors).mean())
             else:
-                models = [m for d in Direction for m in learn(table, d, plan, store, Backend(1)).models]
+                models = [m for d in Direction for m in learn(table, d, plan, Fitting(store)).models]
                 own[name] = left(models, (), fresh[name])
                 own_bytes += table_bytes(models, table)
         type_bytes = table_bytes(list(lesson.models), next(iter(tables.values())))

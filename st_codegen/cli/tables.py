@@ -59,6 +59,7 @@ def command(
     from st_codegen.campaign.harmonic_table import read_table
     from st_codegen.training.learn import LearningPlan
     from st_codegen.training.paper import compare, read_paper
+    from st_codegen.training.search import Fitting
     from st_codegen.training.store import FitStore
     from st_codegen.training.tables import write_tables
 
@@ -71,7 +72,7 @@ def command(
     plan = LearningPlan(settings, repeats=repeats)
     table, paper = read_table(data / TABLE), read_paper(data / ERRORS, data / PREDICTIONS)
     with FitStore(work) as store, progress_bar("fits", quiet=quiet) as progress:
-        comparison = compare(table, paper, plan, store, where, progress)
+        comparison = compare(table, paper, plan, Fitting(store, where, progress))
     for path in write_tables(comparison, out):
         if not quiet:
             console.print(f"{path}")

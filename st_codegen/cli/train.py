@@ -113,6 +113,7 @@ def command(
     from st_codegen.training.learn import LearningPlan, bundle_head, check_learnable, learn, only_exportable
     from st_codegen.training.measured import measured_table
     from st_codegen.training.page import training_page
+    from st_codegen.training.search import Fitting
     from st_codegen.training.store import FitStore
 
     if campaign.is_file():
@@ -135,7 +136,7 @@ def command(
     with FitStore(work) as store:
         for direction in measured.table.directions():
             with progress_bar(f"{direction}: fits", quiet=quiet) as progress:
-                lessons.append(learn(measured.table, direction, plan, store, where, progress))
+                lessons.append(learn(measured.table, direction, plan, Fitting(store, where, progress)))
     head = bundle_head(joined([lesson.learned_from for lesson in lessons]), name, reduction_ratio)
     write_bundle(out, head, [model for lesson in lessons for model in lesson.models], form)
     if table_out:

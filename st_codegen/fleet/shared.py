@@ -32,7 +32,7 @@ from st_codegen.threads import one_thread
 from st_codegen.training.export import bundle_text, write_bundle
 from st_codegen.training.learn import LearningPlan, bundle_head
 from st_codegen.training.measured import Measured, measured_table
-from st_codegen.training.search import LEARNERS, Backend, spread, versions
+from st_codegen.training.search import LEARNERS, Backend, Fitting, spread, versions
 from st_codegen.training.shared import held_out_points, learn_shared
 from st_codegen.training.store import FitStore
 
@@ -185,7 +185,7 @@ def _learned(axes: Sequence[FleetAxis], tables: dict[str, HarmonicTable], folder
     options = axes[0].options
     points = held_out_points(tables, options.test_share, options.seed)
     with FitStore(None) as store:
-        lesson = learn_shared(tables, axis_plan(options), points, store, Backend(1))
+        lesson = learn_shared(tables, axis_plan(options), points, Fitting(store))
     ends = np.concatenate([rows.conditions for rows in lesson.learned_from.values()])
     ranges = np.stack([ends.min(axis=0), ends.max(axis=0)], 1)
     ratios = {axis.name: _ratio(axis) for axis in axes}

@@ -40,7 +40,7 @@ from st_codegen.rig.model import read_rig
 from st_codegen.threads import one_thread
 from st_codegen.training.export import write_bundle
 from st_codegen.training.learn import LEAST_POINTS, bundle_head, learn
-from st_codegen.training.search import LEARNERS, Backend, versions
+from st_codegen.training.search import LEARNERS, Fitting, versions
 from st_codegen.training.shared import own_errors
 from st_codegen.training.store import FitStore
 from st_codegen.training.study import operating_points
@@ -175,7 +175,7 @@ class _Stages:
         return read_rig(self.axis.rig)
 
     def _train(self) -> dict[str, Any]:
-        plan, alone = axis_plan(self.options), Backend(1)
+        plan = axis_plan(self.options)
         measured = axis_table(self.axis)
         table = measured.table
         left_out = {"left_out": list(measured.left_out)}
@@ -183,7 +183,7 @@ class _Stages:
             shared = self._shared(self.shared, table, store) if self.shared is not None else {}
             if shared.get("shared", {}).get("taken"):
                 return left_out | shared
-            lessons = [learn(table, direction, plan, store, alone) for direction in table.directions()]
+            lessons = [learn(table, direction, plan, Fitting(store)) for direction in table.directions()]
         learned_from = joined([lesson.learned_from for lesson in lessons])
         head = bundle_head(learned_from, self.axis.name, self._rig.constants.reduction_ratio)
         models = [model for lesson in lessons for model in lesson.models]
@@ -205,7 +205,7 @@ class _Stages:
         found: dict[str, Any] = {"taken": False, "why_not": part.error}
         if not part.error:
             try:
-                own = float(own_errors(table, axis_plan(self.options), part.points, store, Backend(1)).mean())
+                own = float(own_errors(table, axis_plan(self.options), part.points, Fitting(store)).mean())
             except InputError as error:
                 return {"shared": found | {"why_not": str(error)}}
             few = min(operating_points(table.direction(one)) for one in table.directions()) < LEAST_POINTS

@@ -16,8 +16,7 @@ from st_codegen.campaign.harmonic_table import HarmonicTable
 from st_codegen.ir.arrays import BoolArray, FloatArray
 from st_codegen.training.faulty import Faulty
 from st_codegen.training.learn import predictions
-from st_codegen.training.search import Backend, fold_numbers
-from st_codegen.training.store import FitStore
+from st_codegen.training.search import Fitting, fold_numbers
 from st_codegen.training.study import SearchSettings, Solution
 
 _FOLDS = 5
@@ -41,8 +40,7 @@ def gains(
     faulty: Faulty,
     solutions: Sequence[Solution],
     settings: SearchSettings,
-    store: FitStore,
-    backend: Backend,
+    fitting: Fitting,
 ) -> dict[int, Gain]:
     """The gain by order, for the models that were chosen; empty where no run is faulty."""
     if not faulty.rows.any():
@@ -54,7 +52,7 @@ def gains(
         truth = train.rows(asked)
         for row, left_out in enumerate((np.zeros_like(faulty.rows), faulty.rows)):
             learn_from = train.rows((fold != number) & ~left_out)
-            found = predictions(learn_from, truth.conditions, solutions, settings, store, backend)
+            found = predictions(learn_from, truth.conditions, solutions, settings, fitting)
             for order, predicted in found.items():
                 error[order][row, asked] = np.abs(predicted - truth.column(order))
     near = near_to(train, faulty.rows) & ~faulty.rows

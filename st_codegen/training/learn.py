@@ -11,7 +11,6 @@ import numpy as np
 from st_codegen.campaign.harmonic_table import HarmonicTable
 from st_codegen.errors import InputError, Problems, at_least, at_most, counted
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
-from st_codegen.processes import Progress
 from st_codegen.te.bundle_file import LARGEST_PLAY
 from st_codegen.te.harmonics import Direction
 from st_codegen.threads import one_thread
@@ -21,8 +20,7 @@ from st_codegen.training.errors import Errors, errors_of
 from st_codegen.training.export import BundleHead, FittedModel
 from st_codegen.training.families import FAMILIES, Learner, family_named
 from st_codegen.training.faulty import Faulty, faulty_runs
-from st_codegen.training.search import LEARNERS, Backend, FitOutcome, FitTask, point_numbers, run_tasks
-from st_codegen.training.store import FitStore
+from st_codegen.training.search import LEARNERS, FitOutcome, FitTask, Fitting, point_numbers
 from st_codegen.training.study import SearchSettings, Solution, Study, operating_points, study
 from st_codegen.training.targets import combined, learned_values
 
@@ -179,26 +177,19 @@ def split_rows(table: HarmonicTable, plan: LearningPlan) -> BoolArray:
     return np.array([point in wanted for point in points])
 
 
-def learn(
-    table: HarmonicTable,
-    direction: Direction,
-    plan: LearningPlan,
-    store: FitStore,
-    backend: Backend,
-    progress: Progress | None = None,
-) -> Lesson:
+def learn(table: HarmonicTable, direction: Direction, plan: LearningPlan, fitting: Fitting) -> Lesson:
     """Learn one direction of a table. Raises InputError (too few points, nothing fits the cost limit)."""
     rows = table.direction(direction)
     is_test = split_rows(rows, plan)
     train, test = rows.rows(~is_test), rows.rows(is_test)
     faulty = faulty_runs(train)
     good = train if plan.keep_faulty else train.rows(~faulty.rows)
-    searched = study(good, test, plan.settings, store, backend, progress=progress)
+    searched = study(good, test, plan.settings, fitting)
     every = rows if plan.keep_faulty else rows.rows(~faulty_runs(rows).rows)
     choice, models = chosen_models(searched, every, direction, plan)
     errors = {s.order: errors_of(s.order, s.test, test.column(s.order)) for s in choice.solutions}
     costs = {s.order: costs_us(model for model in models if model.order == s.order) for s in choice.solutions}
-    intervals = repeated(rows, choice, plan, store, backend, progress) if plan.repeats else {}
+    intervals = repeated(rows, choice, plan, fitting) if plan.repeats else {}
     return Lesson(direction, faulty, train, searched, choice, errors, models, every, costs, intervals, copies(rows))
 
 
@@ -264,12 +255,7 @@ def fitted(
 
 
 def repeated(
-    rows: HarmonicTable,
-    choice: Choice,
-    plan: LearningPlan,
-    store: FitStore,
-    backend: Backend,
-    progress: Progress | None = None,
+    rows: HarmonicTable, choice: Choice, plan: LearningPlan, fitting: Fitting
 ) -> dict[int, ConfidenceInterval]:
     """Complex MAE of the chosen solutions over random splits, faulty runs found anew in each training part."""
     tests, tasks, share = [], [], 0.0
@@ -282,7 +268,7 @@ def repeated(
         share = max(share, len(test) / len(good))
         for solution in choice.solutions:
             tasks += _tasks(good, test.conditions, solution, plan.settings)
-    outcomes = iter(run_tasks(tasks, store, backend, progress))
+    outcomes = iter(fitting.outcomes(tasks))
     errors: dict[int, list[float]] = {solution.order: [] for solution in choice.solutions}
     for test in tests:
         for solution in choice.solutions:
@@ -296,12 +282,11 @@ def predictions(
     x: FloatArray,
     solutions: Sequence[Solution],
     settings: SearchSettings,
-    store: FitStore,
-    backend: Backend,
+    fitting: Fitting,
 ) -> dict[int, ComplexArray]:
     """What solutions predict at x (points, 3) when they are fitted on these rows, by order."""
     tasks = [task for solution in solutions for task in _tasks(learn_from, x, solution, settings)]
-    outcomes = iter(run_tasks(tasks, store, backend))
+    outcomes = iter(replace(fitting, progress=None).outcomes(tasks))
     return {solution.order: _combined(solution, outcomes) for solution in solutions}
 
 

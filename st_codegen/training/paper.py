@@ -20,7 +20,6 @@ from st_codegen.campaign.harmonic_table import HarmonicTable, read_table
 from st_codegen.errors import Problems
 from st_codegen.files.csv_tables import read_csv
 from st_codegen.ir.arrays import ComplexArray
-from st_codegen.processes import Progress
 from st_codegen.te.harmonics import Direction
 from st_codegen.training.choice import Choice, choose
 from st_codegen.training.errors import Errors, errors_of
@@ -35,8 +34,7 @@ from st_codegen.training.learn import (
     repeated,
     split_rows,
 )
-from st_codegen.training.search import Backend
-from st_codegen.training.store import FitStore
+from st_codegen.training.search import Fitting
 from st_codegen.training.study import SearchSettings, Study, study
 from st_codegen.training.targets import Coordinates
 
@@ -122,14 +120,7 @@ class PaperComparison:
         return min(rows, key=lambda row: row.ours_mae)
 
 
-def compare(
-    table: HarmonicTable,
-    paper: PaperErrors,
-    plan: LearningPlan,
-    store: FitStore,
-    backend: Backend,
-    progress: Progress | None = None,
-) -> PaperComparison:
+def compare(table: HarmonicTable, paper: PaperErrors, plan: LearningPlan, fitting: Fitting) -> PaperComparison:
     """Search on the paper's training points, predict its test points, and set the authors' errors beside.
 
     The test points of the plan are replaced by the authors' own. Raises InputError where these are not in the table.
@@ -142,11 +133,11 @@ def compare(
     train, test = rows.rows(~is_test), rows.rows(is_test)
     faulty = faulty_runs(train)
     good = train.rows(~faulty.rows)
-    searched = study(good, test, settings, store, backend, progress=progress)
+    searched = study(good, test, settings, fitting)
     bare = SearchSettings(authors_candidates(names), 0, settings.seed, (Coordinates.POLAR,), turned=False)
-    theirs = study(train, test, bare, store, backend, progress=progress)
+    theirs = study(train, test, bare, fitting)
     choice = choose(searched)
-    again = predictions(train, test.conditions, choice.solutions, settings, store, backend)
+    again = predictions(train, test.conditions, choice.solutions, settings, fitting)
     with_faulty = {order: errors_of(order, predicted, test.column(order)) for order, predicted in again.items()}
     order_of_test = _same_points(paper.predictions, test)
     theirs_at_test = paper.predictions.rows(order_of_test)
@@ -162,8 +153,8 @@ def compare(
         {s.order: errors_of(s.order, s.test, test.column(s.order)) for s in choice.solutions},
         {k: errors_of(k, theirs_at_test.column(k), test.column(k)) for k in test.orders},
         with_faulty,
-        gains(train, faulty, choice.solutions, settings, store, backend),
-        repeated(rows, choice, replace(plan, test_points=None), store, backend, progress) if repeats else {},
+        gains(train, faulty, choice.solutions, settings, fitting),
+        repeated(rows, choice, replace(plan, test_points=None), fitting) if repeats else {},
         dict(_reconstructions(choice, theirs_at_test, test)),
     )
 

@@ -144,27 +144,31 @@ class Backend:
             yield
 
 
-def run_tasks(
-    tasks: Sequence[FitTask], store: FitStore, backend: Backend, progress: Progress | None = None
-) -> tuple[FitOutcome, ...]:
-    """The outcomes of all tasks, in their order; what the store has is not run again, what is finished goes into it."""
-    keys = [task.key for task in tasks]
-    outcomes: dict[str, FitOutcome] = {}
-    missing: dict[str, FitTask] = {}
-    for key, task in zip(keys, tasks, strict=True):
-        known = store.get(key)
-        if known is not None:
-            outcomes[key] = FitOutcome(*known)
-        else:
-            missing.setdefault(key, task)
-    done = len(tasks) - len(missing)
-    for key, outcome in spread(run_task, missing, backend):
-        store.put(key, outcome.folds, outcome.test, outcome.cost_us)
-        outcomes[key] = outcome
-        done += 1
-        if progress:
-            progress(done, len(tasks), missing[key].name)
-    return tuple(outcomes[key] for key in keys)
+@dataclass(frozen=True)
+class Fitting:
+    """Where fits run, where finished ones are kept, and who is told of each."""
+
+    store: FitStore
+    backend: Backend = Backend()
+    progress: Progress | None = None
+
+    def outcomes(self, tasks: Sequence[FitTask]) -> tuple[FitOutcome, ...]:
+        """Those of all tasks, in their order; what the store has is not run again, what is finished goes into it."""
+        keys = [task.key for task in tasks]
+        found: dict[str, FitOutcome] = {}
+        missing: dict[str, FitTask] = {}
+        for key, task in zip(keys, tasks, strict=True):
+            known = self.store.get(key)
+            if known is not None:
+                found[key] = FitOutcome(*known)
+            else:
+                missing.setdefault(key, task)
+        for done, (key, outcome) in enumerate(spread(run_task, missing, self.backend), len(tasks) - len(missing) + 1):
+            self.store.put(key, outcome.folds, outcome.test, outcome.cost_us)
+            found[key] = outcome
+            if self.progress:
+                self.progress(done, len(tasks), missing[key].name)
+        return tuple(found[key] for key in keys)
 
 
 def spread(

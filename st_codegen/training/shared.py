@@ -20,8 +20,7 @@ from st_codegen.te.harmonics import AxisCorrection, Direction
 from st_codegen.training.export import FittedModel
 from st_codegen.training.faulty import faulty_runs
 from st_codegen.training.learn import LEAST_POINTS, LearningPlan, chosen_models, learn
-from st_codegen.training.search import Backend
-from st_codegen.training.store import FitStore
+from st_codegen.training.search import Fitting
 from st_codegen.training.study import operating_points, study
 from st_codegen.training.targets import mean_direction
 
@@ -64,9 +63,7 @@ def squared_errors(orders: tuple[int, ...], predicted: ComplexArray, truth: Comp
     return np.asarray((np.abs(predicted - truth) ** 2 * weight).sum(axis=1), np.float64)
 
 
-def own_errors(
-    table: HarmonicTable, plan: LearningPlan, points: FloatArray, store: FitStore, backend: Backend
-) -> FloatArray:
+def own_errors(table: HarmonicTable, plan: LearningPlan, points: FloatArray, fitting: Fitting) -> FloatArray:
     """What models of the axis alone leave on the same held-out runs, as in `SharedLesson.errors`.
 
     Of an axis with too few runs for models, what the average of its training runs leaves. Raises InputError where
@@ -82,14 +79,14 @@ def own_errors(
         if operating_points(rows) < LEAST_POINTS:
             predicted = np.broadcast_to(rows.coefficients[~is_test].mean(axis=0), test.coefficients.shape)
         else:
-            lesson = learn(table, direction, replace(plan, test_points=test.conditions), store, backend)
+            lesson = learn(table, direction, replace(plan, test_points=test.conditions), fitting)
             predicted = np.stack([solution.test for solution in lesson.choice.solutions], axis=1)
         found.append(squared_errors(rows.orders, predicted, test.coefficients))
     return np.concatenate(found)
 
 
 def learn_shared(
-    tables: Mapping[str, HarmonicTable], plan: LearningPlan, points: FloatArray, store: FitStore, backend: Backend
+    tables: Mapping[str, HarmonicTable], plan: LearningPlan, points: FloatArray, fitting: Fitting
 ) -> SharedLesson:
     """Learn on the runs of all axes but those at the points. Raises InputError where axes differ in orders or
     directions, nothing is left to learn from, or nothing fits the cost limit."""
@@ -102,7 +99,7 @@ def learn_shared(
     errors: dict[str, list[FloatArray]] = {name: [] for name in tables}
     for direction in directions.pop():
         parts = {name: _Part.of(table.direction(direction), plan, points) for name, table in tables.items()}
-        own_models, own = _learned(parts, direction, plan, store, backend)
+        own_models, own = _learned(parts, direction, plan, fitting)
         models += own_models
         for name, (correction, error) in own.items():
             corrections[name] += correction
@@ -168,7 +165,7 @@ def _corrections(tables: Sequence[HarmonicTable], direction: Direction) -> list[
 
 
 def _learned(
-    parts: Mapping[str, _Part], direction: Direction, plan: LearningPlan, store: FitStore, backend: Backend
+    parts: Mapping[str, _Part], direction: Direction, plan: LearningPlan, fitting: Fitting
 ) -> tuple[list[FittedModel], dict[str, tuple[tuple[AxisCorrection, ...], FloatArray]]]:
     """One direction: models, and by axis its corrections and its errors."""
     corrections = _corrections([part.train for part in parts.values()], direction)
@@ -180,7 +177,7 @@ def _learned(
     train, test, every = (
         together([getattr(part, kind) for part in parts.values()]) for kind in ("train", "test", "every")
     )
-    choice, models = chosen_models(study(train, test, plan.settings, store, backend), every, direction, plan)
+    choice, models = chosen_models(study(train, test, plan.settings, fitting), every, direction, plan)
     ends = np.cumsum([0, *(len(part.test) for part in parts.values())])
     found = {}
     for number, (name, part) in enumerate(parts.items()):

@@ -10,11 +10,9 @@ import numpy as np
 from st_codegen.campaign.harmonic_table import HarmonicTable
 from st_codegen.errors import InputError, counted
 from st_codegen.ir.arrays import ComplexArray
-from st_codegen.processes import Progress
 from st_codegen.training.errors import Errors, errors_of
 from st_codegen.training.families import Learner
-from st_codegen.training.search import Backend, FitOutcome, FitTask, run_tasks
-from st_codegen.training.store import FitStore
+from st_codegen.training.search import FitOutcome, FitTask, Fitting
 from st_codegen.training.targets import Coordinates, combined, kinds, learned_values
 
 #: LightGBM takes no larger seed, scikit-learn none below 0.
@@ -126,15 +124,7 @@ def operating_points(table: HarmonicTable) -> int:
     return len(np.unique(table.conditions, axis=0))
 
 
-def study(
-    learn: HarmonicTable,
-    test: HarmonicTable,
-    settings: SearchSettings,
-    store: FitStore,
-    backend: Backend,
-    *,
-    progress: Progress | None = None,
-) -> Study:
+def study(learn: HarmonicTable, test: HarmonicTable, settings: SearchSettings, fitting: Fitting) -> Study:
     """Search one direction: learn from some rows, predict others. Both tables have the rows of one direction.
 
     Raises InputError where there are too few operating points to learn from.
@@ -145,7 +135,7 @@ def study(
             "fewer for testing, or measure more"
         )
     groups, tasks = tasks_of(learn, test, settings, learn.orders)
-    done = run_tasks(tasks, store, backend, progress)
+    done = fitting.outcomes(tasks)
     outcomes, start, width = {}, 0, len(settings.candidates)
     for order, kind in groups:
         quantities = len(kind.quantities(order))

@@ -34,7 +34,7 @@ from st_codegen.training.learn import (
 )
 from st_codegen.training.page import _models_section
 from st_codegen.training.paper import reconstruction
-from st_codegen.training.search import Backend, fold_numbers
+from st_codegen.training.search import Fitting, fold_numbers
 from st_codegen.training.store import FitStore
 from st_codegen.training.study import SearchSettings, Solution, study
 from st_codegen.training.tables import _gain_section
@@ -63,7 +63,7 @@ def lessons():
     both = joined([a_table(noise=1e-6), a_table(backward=True, noise=1e-6)])
     with FitStore(None) as store:
         return both, [
-            learn(both, direction, LearningPlan(SETTINGS, repeats=2), store, Backend(1)) for direction in Direction
+            learn(both, direction, LearningPlan(SETTINGS, repeats=2), Fitting(store)) for direction in Direction
         ]
 
 
@@ -157,8 +157,8 @@ def test_the_gain_of_leaving_faulty_runs_out(table):
     )  # fmt: skip
     faulty = Faulty(rows, np.zeros(len(bad)), ((),) * len(bad))
     with FitStore(None) as store:
-        found = gains(bad, faulty, [solution], SETTINGS, store, Backend(1))[156]
-        assert gains(bad, replace(faulty, rows=rows & False), [solution], SETTINGS, store, Backend(1)) == {}
+        found = gains(bad, faulty, [solution], SETTINGS, Fitting(store))[156]
+        assert gains(bad, replace(faulty, rows=rows & False), [solution], SETTINGS, Fitting(store)) == {}
     assert found.near_without < 0.9 * found.near_with
     share = near_to(bad, rows).sum() / len(bad)
     assert share < 0.5
@@ -215,7 +215,7 @@ def test_that_nothing_was_learned_is_said():
         SETTINGS, candidates=tuple(c for c in SETTINGS.candidates if c.family == "DT") or SETTINGS.candidates[:1]
     )
     with FitStore(None) as store:
-        lesson = learn(rows, rows.directions()[0], LearningPlan(settings), store, Backend(1))
+        lesson = learn(rows, rows.directions()[0], LearningPlan(settings), Fitting(store))
     noise = sound.orders[2]
     assert lesson.test_errors[noise].complex_mae >= lesson.constant_mae(noise)
     assert lesson.remarks()[0].startswith(f"forward, order {noise} of ")
@@ -229,7 +229,7 @@ def test_parts_are_chosen_where_phases_wrap():
     coefficients[:, 2] = 1e-3 * np.exp(1j * table.torque_Nm / 200)
     turning = replace(table, coefficients=coefficients).only([39])
     with FitStore(None) as store:
-        searched = study(turning, turning, SearchSettings(FEW[:1], 3), store, Backend(1))
+        searched = study(turning, turning, SearchSettings(FEW[:1], 3), Fitting(store))
     (solution,) = choose(searched).solutions
     polar = next(s for s in searched.solutions(39) if s.kind is Coordinates.POLAR)
     assert solution.kind is Coordinates.PARTS
@@ -252,7 +252,7 @@ def test_the_choice_keeps_the_cost_limit(lessons):
 
 def test_what_cannot_be_compiled_is_not_chosen(table):
     with FitStore(None) as store:
-        searched = study(table, table, SearchSettings((Learner("ELM", {"neurons": 20}),), 3), store, Backend(1))
+        searched = study(table, table, SearchSettings((Learner("ELM", {"neurons": 20}),), 3), Fitting(store))
     with pytest.raises(InputError, match="none of the families that were tried can be compiled"):
         choose(searched)
 
@@ -324,7 +324,7 @@ def test_ranges_are_those_of_the_runs_learned_from():
     direction = rows.directions()[0]
     settings = replace(SETTINGS, candidates=SETTINGS.candidates[:1])
     with FitStore(None) as store:
-        lesson = learn(rows, direction, LearningPlan(settings), store, Backend(1))
+        lesson = learn(rows, direction, LearningPlan(settings), Fitting(store))
     assert bundle_head(lesson.learned_from, "small", 81.0).ranges[0, 1] < speed[fastest]
 
 
@@ -334,8 +334,8 @@ def test_a_faulty_run_among_those_kept_apart_is_not_one_of_the_training_part():
     kept_apart = np.flatnonzero(split_rows(sound, LearningPlan(settings)))
     rows = changed(sound, kept_apart[3:4], lambda c: c + 0.05 * np.where(np.array(ORDERS) == 0, 1.0, 1.0 + 1.0j))
     with FitStore(None) as store:
-        lesson = learn(rows, Direction.FORWARD, LearningPlan(settings), store, Backend(1))
-        kept = learn(rows, Direction.FORWARD, LearningPlan(settings, keep_faulty=True), store, Backend(1))
+        lesson = learn(rows, Direction.FORWARD, LearningPlan(settings), Fitting(store))
+        kept = learn(rows, Direction.FORWARD, LearningPlan(settings, keep_faulty=True), Fitting(store))
     assert (lesson.faulty.rows.sum(), lesson.left_out, kept.left_out) == (0, 1, 0)
     assert "0 faulty runs left out (1 of all runs for the models);" in _summary(lesson, "left out").title
     assert "runs of both but 1 that is faulty where" in _models_section(lesson).text
@@ -366,7 +366,7 @@ def test_runs_with_the_numbers_of_another_one_are_told():
     assert copies(joined([sound, sound])) == 0
     settings = replace(SETTINGS, candidates=SETTINGS.candidates[1:2])
     with FitStore(None) as store:
-        lesson = learn(rows, Direction.FORWARD, LearningPlan(settings), store, Backend(1))
+        lesson = learn(rows, Direction.FORWARD, LearningPlan(settings), Fitting(store))
     assert f"forward, 3 of {len(rows)} runs: the very numbers of a run at another" in lesson.remarks()[-1]
 
 
@@ -440,7 +440,7 @@ def test_onnx(table, tmp_path, family, params):
     params = params or {"scaled": True, "hidden_layer_sizes": (6,), "solver": "lbfgs", "max_iter": 50}
     settings = SearchSettings((Learner(family, params),), folds=2)
     with FitStore(None) as store:
-        lesson = learn(table.only([0, 39]), Direction.FORWARD, LearningPlan(settings), store, Backend(1))
+        lesson = learn(table.only([0, 39]), Direction.FORWARD, LearningPlan(settings), Fitting(store))
     write_bundle(tmp_path / "models", bundle_head(table, "small", 81.0), lesson.models, "onnx")
     bundle = load(tmp_path / "models")
     for model, loaded in zip(sorted(lesson.models, key=lambda m: m.stem), bundle.models, strict=True):
@@ -526,11 +526,11 @@ def test_runs_at_one_operating_point_are_kept_apart_together(table):
 def test_more_folds_than_points_leave_each_point_out_once(table):
     few = table.rows(np.arange(12))
     with FitStore(None) as store:
-        searched = study(few, few, SearchSettings(FEW[1:2], folds=100), store, Backend(1))
+        searched = study(few, few, SearchSettings(FEW[1:2], folds=100), Fitting(store))
     (outcome,) = searched.outcomes[0, Coordinates.POLAR][0]
     assert np.isfinite(outcome.folds).all()
     with FitStore(None) as store, pytest.raises(InputError, match="9 operating points left to learn from"):
-        study(table.rows(np.arange(9)), few, SETTINGS, store, Backend(1))
+        study(table.rows(np.arange(9)), few, SETTINGS, Fitting(store))
 
 
 def test_numbers_that_libraries_cannot_square_are_refused(table):
@@ -552,15 +552,15 @@ def test_the_cost_is_that_of_the_models_that_are_written(table):
     settings = SearchSettings((Learner("ERT", {"n_estimators": 8}), Learner("DT", {"max_depth": 2})), folds=3)
     only = table.only([0])
     with FitStore(None) as store:
-        free = learn(only, Direction.FORWARD, LearningPlan(settings), store, Backend(1))
+        free = learn(only, Direction.FORWARD, LearningPlan(settings), Fitting(store))
         assert free.cost_us == sum(worst_case_us(model.estimator) for model in free.models)
         limit = (free.cost_us + free.choice.cost_us) / 2
         assert free.choice.cost_us < limit < free.cost_us
-        limited = learn(only, Direction.FORWARD, LearningPlan(settings, limit_us=limit), store, Backend(1))
+        limited = learn(only, Direction.FORWARD, LearningPlan(settings, limit_us=limit), Fitting(store))
         assert limited.cost_us <= limit
         assert limited.choice.solutions[0].candidates[0].family == "DT"
         alone = replace(settings, candidates=settings.candidates[:1])
         with pytest.raises(
             InputError, match=rf"all runs .* take {at_most(free.cost_us, 4)} us .*{at_least(limit, 6)} us are"
         ):
-            learn(only, Direction.FORWARD, LearningPlan(alone, limit_us=limit), store, Backend(1))
+            learn(only, Direction.FORWARD, LearningPlan(alone, limit_us=limit), Fitting(store))

@@ -15,7 +15,7 @@ from st_codegen.errors import InputError
 from st_codegen.training import search
 from st_codegen.training.cost import worst_case_us
 from st_codegen.training.families import FAMILIES, Learner, candidates, family_named
-from st_codegen.training.search import Backend, FitTask, fold_numbers, run_task, run_tasks, spread
+from st_codegen.training.search import Backend, FitTask, Fitting, fold_numbers, run_task, spread
 from st_codegen.training.store import FitStore
 from st_codegen.walkers.objects import from_estimator
 from tests.training.conftest import a_table
@@ -109,19 +109,19 @@ def test_out_of_fold_predictions_never_saw_their_row():
 def test_two_processes_and_any_order_give_the_same_bits():
     tasks = the_tasks()
     with FitStore(None) as store:
-        alone = run_tasks(tasks, store, Backend(1))
+        alone = Fitting(store).outcomes(tasks)
     with FitStore(None) as store:
-        together = run_tasks(tasks[::-1], store, Backend(2))[::-1]
+        together = Fitting(store, Backend(2)).outcomes(tasks[::-1])[::-1]
     assert same(alone, together)
 
 
 def test_finished_fits_are_not_fitted_again(tmp_path, monkeypatch):
     tasks = the_tasks()
     with FitStore(tmp_path / "fits.sqlite") as store:
-        first = run_tasks(tasks[:2], store, Backend(1))
+        first = Fitting(store).outcomes(tasks[:2])
     monkeypatch.setattr("st_codegen.training.search.run_task", lambda task: pytest.fail(task.name))
     with FitStore(tmp_path / "fits.sqlite") as store:
-        assert same(first, run_tasks(tasks[:2], store, Backend(1)))
+        assert same(first, Fitting(store).outcomes(tasks[:2]))
 
 
 def test_what_decides_a_result_is_in_its_key():
@@ -158,7 +158,7 @@ def run(task):
     return slow(task)
 search.run_task = run
 with FitStore(Path(sys.argv[1])) as store:
-    search.run_tasks(the_tasks(), store, search.Backend(1))
+    search.Fitting(store).outcomes(the_tasks())
 """
 
 
@@ -172,10 +172,10 @@ def test_killed_and_resumed(tmp_path):
     ran = []
     with FitStore(path) as store:
         assert [store.get(task.key) is not None for task in tasks] == [True, True, False]
-        resumed = run_tasks(tasks, store, Backend(1), lambda done, total, name: ran.append((done, total, name)))
+        resumed = Fitting(store, Backend(1), lambda done, total, name: ran.append((done, total, name))).outcomes(tasks)
     assert ran == [(3, 3, "LGBM")]
     with FitStore(None) as store:
-        assert same(resumed, run_tasks(tasks, store, Backend(1)))
+        assert same(resumed, Fitting(store).outcomes(tasks))
 
 
 def test_no_scheduler_answers(monkeypatch):
@@ -183,7 +183,7 @@ def test_no_scheduler_answers(monkeypatch):
     monkeypatch.setattr(search, "TIMEOUT", "1s")
     backend = Backend(1, "tcp://127.0.0.1:1")
     with FitStore(None) as store, pytest.raises(InputError, match="no Dask scheduler answers"):
-        run_tasks(the_tasks(), store, backend)
+        Fitting(store, backend).outcomes(the_tasks())
 
 
 @pytest.mark.slow
@@ -192,7 +192,7 @@ def test_a_dask_worker_is_killed_and_nothing_is_lost():
     distributed = pytest.importorskip("distributed")
     tasks = the_tasks(tuple(Learner("ERT", {"n_estimators": n}) for n in range(40, 64)))
     with FitStore(None) as store:
-        alone = run_tasks(tasks, store, Backend(1))
+        alone = Fitting(store).outcomes(tasks)
     killed = []
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, memory_limit=0
@@ -204,7 +204,7 @@ def test_a_dask_worker_is_killed_and_nothing_is_lost():
                 os.kill(killed[0], signal.SIGKILL)
 
         with FitStore(None) as store:
-            spread = run_tasks(tasks, store, Backend(1, cluster.scheduler_address), kill)
+            spread = Fitting(store, Backend(1, cluster.scheduler_address), kill).outcomes(tasks)
     assert killed
     assert same(alone, spread)
 
