@@ -15,50 +15,38 @@ from st_codegen.passes.domain import limit_inputs
 from st_codegen.passes.inexact import without_inexact_steps
 from st_codegen.project.bundle import READERS, Bundle, Reading, check_names
 from st_codegen.project.purpose import ANSWERS
-from st_codegen.te.bundle_file import BUNDLE_FILE, OutputReference, read_description
+from st_codegen.te.bundle_file import BUNDLE_FILE, read_description
 from st_codegen.te.check import PREDICT, predicted
-from st_codegen.te.harmonics import HarmonicOutput, TransmissionError
+from st_codegen.te.harmonics import HarmonicOutput
 from st_codegen.te.purpose import Compensation
 from st_codegen.walkers.base import LoadedModel, Predictor
 
 
 def read_bundle(path: Path, reading: Reading) -> Bundle:
     """The bundle that a `bundle.toml` describes. Raises one InputError that lists everything that is wrong."""
-    description = read_description(path)
+    described = read_description(path)
     problems = Problems(str(path))
-    files = {Path(reference.file).stem: path.parent / reference.file for reference in description.references}
+    files = {Path(output.model).stem: path.parent / output.model for output in described.outputs}
     check_names({files[name].name: name for name in sorted(files)}, problems)
     problems.raise_if_any()
     loaded = reading.models({name: files[name] for name in sorted(files)}, problems)
-    features = _with_training_data(description.features, loaded.values())
+    features = _with_training_data(described.features, loaded.values())
     models = {name: _for_bundle(model, features, problems) for name, model in loaded.items()}
-    outputs = tuple(_output(reference, models, problems) for reference in description.references)
+    outputs = tuple(_output(output, models, problems) for output in described.outputs)
     problems.raise_if_any()
-    te = TransmissionError(
-        name=description.name,
-        features=features,
-        speed_feature=description.speed_feature,
-        reduction_ratio=description.reduction_ratio,
-        orders=description.orders,
-        directions=description.directions,
-        outputs=outputs,
-        tasks=description.tasks,
-        play=description.play,
-        corrections=description.corrections,
-    )
+    te = dataclasses.replace(described, features=features, outputs=outputs)
     return Bundle(tuple(models.values()), Compensation(te))
 
 
-def _output(reference: OutputReference, models: dict[str, LoadedModel], problems: Problems) -> HarmonicOutput:
-    name = Path(reference.file).stem
-    if name in models and not 0 <= reference.output < len(models[name].ir.outputs):
+def _output(output: HarmonicOutput, models: dict[str, LoadedModel], problems: Problems) -> HarmonicOutput:
+    """An output with the name of its model in place of that of its file."""
+    name = Path(output.model).stem
+    if name in models and not 0 <= output.output < len(models[name].ir.outputs):
         problems.add(
-            f"order {reference.order} {reference.direction}: output {reference.output} of '{reference.file}', "
+            f"order {output.order} {output.direction}: output {output.output} of '{output.model}', "
             f"which has {len(models[name].ir.outputs)} (counted from 0)"
         )
-    return HarmonicOutput(
-        reference.direction, reference.order, reference.quantity, name, reference.output, reference.added
-    )
+    return dataclasses.replace(output, model=name)
 
 
 def _for_bundle(model: LoadedModel, features: tuple[Feature, ...], problems: Problems) -> LoadedModel:

@@ -42,14 +42,14 @@ sine = {file = "structural_resonance_forward.onnx", output = 1}
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from st_codegen.emit.literals import identifier
 from st_codegen.errors import InputError, Problems
 from st_codegen.files.toml_tables import TomlTable, read_toml, shown
 from st_codegen.ir import Feature
-from st_codegen.te.harmonics import AxisCorrection, Direction, Play, Quantity
+from st_codegen.te.harmonics import AxisCorrection, Direction, HarmonicOutput, Play, Quantity, TransmissionError
 
 BUNDLE_FILE = "bundle.toml"
 #: A play beyond this is no play of a gear, deg at the output.
@@ -58,44 +58,20 @@ LARGEST_PLAY = 10.0
 LARGEST_FACTOR, LARGEST_TURN_RAD, LARGEST_OFFSET_DEG = 100.0, 6.3, 360.0
 
 
-@dataclass(frozen=True)
-class OutputReference:
-    """A model named in a [[harmonic]] or [[term]] (`added`) table: `file`, or `{file, output}`."""
+def read_description(path: Path) -> TransmissionError:
+    """What a `bundle.toml` describes; its outputs name files in place of models.
 
-    direction: Direction
-    order: int
-    quantity: Quantity
-    file: str
-    output: int
-    added: bool = False
-
-
-@dataclass(frozen=True)
-class Description:
-    """The checked contents of a `bundle.toml`; `references` in the order of directions and orders."""
-
-    name: str
-    reduction_ratio: float
-    speed_feature: int
-    directions: tuple[Direction, ...]
-    orders: tuple[int, ...]
-    features: tuple[Feature, ...]
-    references: tuple[OutputReference, ...]
-    tasks: int = 1
-    play: Play | None = None
-    corrections: tuple[AxisCorrection, ...] = ()
-
-
-def read_description(path: Path) -> Description:
-    """Read a `bundle.toml`. Raises one InputError that lists every problem."""
+    Raises one InputError that lists every problem.
+    """
     problems = Problems(str(path))
     with TomlTable(read_toml(path), "", problems) as file:
-        description = _description(file)
+        described = _described(file)
     problems.raise_if_any()
-    return description
+    return TransmissionError(**described)
 
 
-def _description(file: TomlTable) -> Description:
+def _described(file: TomlTable) -> dict[str, Any]:
+    """The parts of a TransmissionError; what is wrong with them is noted."""
     with file.table("bundle", required=True) as bundle:
         name = bundle.text("name")
         bundle.text("description", "")
@@ -116,11 +92,20 @@ def _description(file: TomlTable) -> Description:
     if speed and speed not in named:
         bundle.note(f"speed_feature = '{speed}' is none of the features ({', '.join(named)})")
     harmonics, corrections = _harmonics(file, orders, directions)
-    references = harmonics + _terms(file, orders, directions)
-    _check_files(references, file.problems)
-    number = named.index(speed) if speed in named else 0
-    play = _play(file, named, speed, orders, directions) if "play" in file else None
-    return Description(name, ratio, number, directions, orders, features, references, tasks, play, corrections)
+    outputs = harmonics + _terms(file, orders, directions)
+    _check_files(outputs, file.problems)
+    return {
+        "name": name,
+        "features": features,
+        "speed_feature": named.index(speed) if speed in named else 0,
+        "reduction_ratio": ratio,
+        "orders": orders,
+        "directions": directions,
+        "outputs": outputs,
+        "tasks": tasks,
+        "play": _play(file, named, speed, orders, directions) if "play" in file else None,
+        "corrections": corrections,
+    }
 
 
 def _play(
@@ -156,12 +141,12 @@ def _features(file: TomlTable) -> tuple[Feature, ...]:
 
 def _harmonics(
     file: TomlTable, orders: Sequence[int], directions: Sequence[Direction]
-) -> tuple[tuple[OutputReference, ...], tuple[AxisCorrection, ...]]:
+) -> tuple[tuple[HarmonicOutput, ...], tuple[AxisCorrection, ...]]:
     """The references of all [[harmonic]] tables, in the order of directions and orders; each must be complete.
 
     With the corrections of those that have one.
     """
-    found: dict[tuple[Direction, int], tuple[OutputReference, ...]] = {}
+    found: dict[tuple[Direction, int], tuple[HarmonicOutput, ...]] = {}
     corrections: list[AxisCorrection] = []
     for table in file.tables("harmonic", required=True):
         with table:
@@ -193,9 +178,9 @@ def _correction(table: TomlTable, direction: Direction, order: int) -> list[Axis
     ]
 
 
-def _terms(file: TomlTable, orders: Sequence[int], directions: Sequence[Direction]) -> tuple[OutputReference, ...]:
+def _terms(file: TomlTable, orders: Sequence[int], directions: Sequence[Direction]) -> tuple[HarmonicOutput, ...]:
     """The references of all [[term]] tables, in the order of the file."""
-    found: tuple[OutputReference, ...] = ()
+    found: tuple[HarmonicOutput, ...] = ()
     for table in file.tables("term"):
         with table:
             direction, order = _direction_and_order(table)
@@ -219,7 +204,7 @@ def _references(
     complete: Sequence[set[Quantity]],
     *,
     added: bool = False,
-) -> tuple[OutputReference, ...]:
+) -> tuple[HarmonicOutput, ...]:
     """The models that a table names; `complete`: the sets of quantities of which it must have one."""
     files = {quantity: _file(table, quantity) for quantity in known if quantity in table}
     table.declare(*known)
@@ -227,7 +212,7 @@ def _references(
         wanted = " or ".join(" and ".join(sorted(pair)) for pair in complete)
         table.note(f"order {order} needs {wanted}, it has {' and '.join(sorted(files)) or 'none'}")
     return tuple(
-        OutputReference(direction, order, quantity, file, output, added)
+        HarmonicOutput(direction, order, quantity, file, output, added)
         for quantity, (file, output) in sorted(files.items())
     )
 
@@ -251,12 +236,13 @@ def _complete(order: int) -> list[set[Quantity]]:
     return [{Quantity.AMPLITUDE, Quantity.PHASE}, {Quantity.COSINE, Quantity.SINE}]
 
 
-def _check_files(references: Sequence[OutputReference], problems: Problems) -> None:
+def _check_files(references: Sequence[HarmonicOutput], problems: Problems) -> None:
     """A file is named by its stem, and stands in the bundle's folder."""
     files: dict[str, str] = {}
     for reference in references:
-        if Path(reference.file).name != reference.file:
-            problems.add(f"file '{reference.file}': model files stand beside {BUNDLE_FILE}, without a path")
-        stem = Path(reference.file).stem
-        if files.setdefault(stem, reference.file) != reference.file:
-            problems.add(f"'{files[stem]}' and '{reference.file}' give two models of the name {stem}")
+        file = reference.model
+        if Path(file).name != file:
+            problems.add(f"file '{file}': model files stand beside {BUNDLE_FILE}, without a path")
+        stem = Path(file).stem
+        if files.setdefault(stem, file) != file:
+            problems.add(f"'{files[stem]}' and '{file}' give two models of the name {stem}")
