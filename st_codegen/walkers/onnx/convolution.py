@@ -263,14 +263,20 @@ def _average_pool(call: NodeCall) -> Operand:
     image, window, at, inside = _windows(call)
     walk, channels = call.walk, image.shape[0]
     counts = np.full(len(at), at.shape[1]) if call.node.integer("count_include_pad") else np.sum(inside, axis=1)
+    sums = _window_sums(walk, image, window)
+    return _divided(walk, sums, np.tile(counts, channels), image, (1, channels, *window.places))
+
+
+def _window_sums(walk: GraphWalk, image: Tensor, window: _Window) -> int:
+    """For each channel and place the sum of what lies in the window, of zeros where that is outside."""
     wide = padded(walk, image, window)
+    channels, size = wide.shape[0], wide.shape[1] * wide.shape[2]
     rows, columns = _grid(window)
     at = rows * wide.shape[2] + columns
     check_size([channels, len(at)])
-    starts = np.ravel(np.arange(channels)[:, None] * wide.shape[1] * wide.shape[2] + at[:, 0])
+    starts = np.ravel(np.arange(channels)[:, None] * size + at[:, 0])
     ones = np.ones((1, at.shape[1]))
-    op = SlidingLinear((walk.settle(wide),), ones, np.zeros(1), starts, at[0], image.precision)
-    return _divided(walk, walk.builder.add(op), np.tile(counts, channels), image, (1, channels, *window.places))
+    return walk.builder.add(SlidingLinear((walk.settle(wide),), ones, np.zeros(1), starts, at[0], image.precision))
 
 
 def _divided(walk: GraphWalk, sums: int, counts: AnyArray, image: Tensor, shape: tuple[int, ...]) -> Tensor:
@@ -285,18 +291,12 @@ def _divided(walk: GraphWalk, sums: int, counts: AnyArray, image: Tensor, shape:
 def _norm_pool(call: NodeCall) -> Operand:
     """The root of the sum of powers of magnitudes in each window, of zeros where it lies outside."""
     image, power = image_of(call.walk, call.computed()), call.node.integer("p", 2)
-    window, walk, channels = window_of(call, call.computed().shape[2:], ()), call.walk, image.shape[0]
+    window, walk = window_of(call, call.computed().shape[2:], ()), call.walk
     if not 1 <= power <= _MAX_NORM:
         raise UnsupportedModelError(f"p is {power}; 1 to {_MAX_NORM} are supported")
     sizes = apply_activation(walk, image, Function.ABS)
     powers = sizes if power == 1 else apply_activation(walk, sizes, Function.POWER, float(power))
-    wide = padded(walk, powers, window)
-    rows, columns = _grid(window)
-    at = rows * wide.shape[2] + columns
-    check_size([channels, len(at)])
-    starts = np.ravel(np.arange(channels)[:, None] * wide.shape[1] * wide.shape[2] + at[:, 0])
-    op = SlidingLinear((walk.settle(wide),), np.ones((1, at.shape[1])), np.zeros(1), starts, at[0], image.precision)
-    sums = walk.computed(op, (1, channels, *window.places), image.dtype)
+    sums = walk.computed(_window_sums(walk, powers, window), (1, image.shape[0], *window.places), image.dtype)
     root = float(np.float32(1.0) / np.float32(power))  # as the library has it (core/providers/cpu/nn/pool_functors.h)
     return sums if power == 1 else apply_activation(walk, sums, Function.POWER, root)
 

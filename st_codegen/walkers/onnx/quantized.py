@@ -61,11 +61,11 @@ def _spread(call: NodeCall, number: int, what: str, shape: tuple[int, ...]) -> F
     return np.broadcast_to(array.astype(np.float64).reshape(lengths), shape)
 
 
-def _scale(call: NodeCall, number: int, shape: tuple[int, ...]) -> FloatArray:
-    operand = call.required(number)
+def _scale(call: NodeCall, shape: tuple[int, ...]) -> FloatArray:
+    operand = call.required(1)
     if operand.dtype != FLOAT32:
         raise UnsupportedModelError(f"a scale of {operand.dtype}; float is supported")
-    found = _spread(call, number, "the scale", shape)
+    found = _spread(call, 1, "the scale", shape)
     if not np.all((found > 0) & np.isfinite(found)):
         raise UnsupportedModelError("a scale that is not above 0")
     return found
@@ -87,7 +87,7 @@ def _quantize(call: NodeCall) -> Operand:
     if call.node.integer("output_dtype") or call.node.integer("precision"):
         raise UnsupportedModelError("output_dtype or precision; give the type by a zero point")
     dtype = _small(np.dtype(np.uint8) if zero is None else zero.dtype)
-    scale = _scale(call, 1, operand.shape)
+    scale = _scale(call, operand.shape)
     moved = _spread(call, 2, "the zero point", operand.shape)
     if isinstance(operand, ConstantOperand):
         check_size(operand.shape, MAX_FOLDED)
@@ -109,7 +109,7 @@ def _dequantize(call: NodeCall) -> Operand:
     _small(require_same_type(operand), _SUMS)
     if call.node.integer("output_dtype"):
         raise UnsupportedModelError("output_dtype; float is what a scale of float gives")
-    scale, zero = _scale(call, 1, operand.shape), _spread(call, 2, "the zero point", operand.shape)
+    scale, zero = _scale(call, operand.shape), _spread(call, 2, "the zero point", operand.shape)
     if isinstance(operand, ConstantOperand):
         check_size(operand.shape, MAX_FOLDED)
         return ConstantOperand((operand.array - zero).astype(np.float32) * scale.astype(np.float32))
@@ -149,9 +149,9 @@ def _quantize_by_range(call: NodeCall) -> Result:
     return found, step.moved(lambda array: array.reshape(())), zero.moved(lambda array: array.reshape(()))
 
 
-def _sums(call: NodeCall, a: int, a_zero: int, b: int, b_zero: int) -> Tensor:
+def _sums(call: NodeCall, b: int, b_zero: int) -> Tensor:
     """The sums of products of integers with constant ones, each less its zero point."""
-    left, walk = require_tensor(call.required(a)), call.walk
+    left, walk = require_tensor(call.required()), call.walk
     weights = call.constant(b, "the second matrix")
     eight, _ = (np.dtype(np.uint8), np.dtype(np.int8)), require_same_type(left)
     if weights is None or weights.dtype not in eight or left.dtype not in eight or weights.ndim != 2:
@@ -168,20 +168,20 @@ def _sums(call: NodeCall, a: int, a_zero: int, b: int, b_zero: int) -> Tensor:
     if 255.0 * np.max(np.sum(np.abs(own), axis=0)) >= 2.0**31:
         raise UnsupportedModelError("sums of more than 31 bits")
     walk.charge(own.size)
-    total = walk.builder.linear(_moved(call, left, a_zero), own.T, order=ir.SummationOrder.SEQUENTIAL)
+    total = walk.builder.linear(_moved(call, left), own.T, order=ir.SummationOrder.SEQUENTIAL)
     return walk.computed(total, (*left.shape[:-1], weights.shape[1]), _SUMS)
 
 
-def _moved(call: NodeCall, tensor: Tensor, number: int) -> int:
+def _moved(call: NodeCall, tensor: Tensor) -> int:
     """Integers less their zero point, which may be computed."""
-    walk, moved = call.walk, call.optional(number)
+    walk, moved = call.walk, call.optional(2)
     value = walk.settle(tensor)
     if isinstance(moved, Tensor):
         row = moved.moved(lambda array: np.broadcast_to(np.ravel(array), tensor.size))
         return walk.builder.combine(value, "-", walk.settle(row))
     if moved is None:
         return value
-    numbers = call.constant(number, "the zero point")
+    numbers = call.constant(2, "the zero point")
     if numbers is None or numbers.size != 1:
         raise UnsupportedModelError("a zero point for each row; one for all is supported")
     return walk.builder.scale(value, "-", float(numbers.ravel()[0])) if np.any(numbers) else value
@@ -202,12 +202,12 @@ def _check_pairs(weights: AnyArray) -> None:
 
 @operator("MatMulInteger", 10)
 def _integer_product(call: NodeCall) -> Operand:
-    return _sums(call, 0, 2, 1, 3)
+    return _sums(call, 1, 3)
 
 
-def _convolution_sums(call: NodeCall, a: int, a_zero: int, b: int, b_zero: int, bias: int | None) -> Tensor:
+def _convolution_sums(call: NodeCall, b: int, b_zero: int, bias: int | None) -> Tensor:
     """The sums of products of an image of integers and a constant kernel, each less its zero point, and the bias."""
-    tensor, walk, kernel = require_tensor(call.required(a)), call.walk, call.constant(b, "the kernel")
+    tensor, walk, kernel = require_tensor(call.required()), call.walk, call.constant(b, "the kernel")
     eight, _ = (np.dtype(np.uint8), np.dtype(np.int8)), require_same_type(tensor)
     if kernel is None or kernel.dtype not in eight or tensor.dtype not in eight or kernel.ndim != len(tensor.shape):
         raise UnsupportedModelError("slides a kernel over other than integers of 8 bits; both have to be such")
@@ -221,7 +221,7 @@ def _convolution_sums(call: NodeCall, a: int, a_zero: int, b: int, b_zero: int, 
     added = np.zeros(1) if given is None else np.abs(given.astype(np.float64))
     if 255.0 * np.max(np.sum(np.abs(own), axis=tuple(range(1, own.ndim)))) + np.max(added) >= 2.0**31:
         raise UnsupportedModelError("sums of more than 31 bits")
-    image = image_of(walk, walk.computed(_moved(call, tensor, a_zero), tensor.shape, tensor.dtype))
+    image = image_of(walk, walk.computed(_moved(call, tensor), tensor.shape, tensor.dtype))
     window = window_of(call, tensor.shape[2:], kernel.shape[2:])
     groups = call.node.integer("group", 1)
     found = convolved(walk, padded(walk, image, window), own, given, groups, window, integers=True)
@@ -230,18 +230,18 @@ def _convolution_sums(call: NodeCall, a: int, a_zero: int, b: int, b_zero: int, 
 
 @operator("ConvInteger", 10)
 def _integer_convolution(call: NodeCall) -> Operand:
-    return _convolution_sums(call, 0, 2, 1, 3, None)
+    return _convolution_sums(call, 1, 3, None)
 
 
 @operator("QLinearConv", 10)
 def _quantized_convolution(call: NodeCall) -> Operand:
-    totals = _convolution_sums(call, 0, 2, 3, 5, 8)
+    totals = _convolution_sums(call, 3, 5, 8)
     return _requantized(call, totals, 1)
 
 
 @operator("QLinearMatMul", 10, 21)
 def _quantized_product(call: NodeCall) -> Operand:
-    totals = _sums(call, 0, 2, 3, 5)
+    totals = _sums(call, 3, 5)
     return _requantized(call, totals, len(totals.shape) - 1)
 
 
