@@ -500,14 +500,11 @@ class Unit:
         w.begin(inside)
         if rounds is not None:
             self._check_rounds(rounds, statement.position)
-        outer = self._counters.get(statement.variable)
         self._counters[statement.variable] = now
         self._loops.append((following, done))
         self._statements(statement.body)
         self._loops.pop()
-        self._counters.pop(statement.variable)
-        if outer is not None:
-            self._counters[statement.variable] = outer
+        self._counters.pop(statement.variable)  # no loop inside has the same one: that would assign it
         w.jump(following)
         w.begin(following)
         w.line(f"store {kind} {w.value(f'add {kind} {now}, {step}')}, ptr {slot}")
