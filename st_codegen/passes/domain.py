@@ -60,9 +60,10 @@ def limit_inputs(model: ir.ModelIR) -> ir.ModelIR:
     ranges = [_widest(candidate) for candidate in candidates]
     best = max(range(count), key=lambda number: min(ranges[number], _WIDE))
     if not ranges[best]:
+        double, single = _LARGEST[ir.Precision.FLOAT64], _LARGEST[ir.Precision.FLOAT32]
         raise InputError(
-            f"model '{model.name}': its numbers are so large that a result beyond {_LARGEST[ir.Precision.FLOAT64]:g} "
-            "is possible for inputs of magnitude 1; check the training data and scale the target"
+            f"model '{model.name}': its numbers are so large that a result beyond {double:g}, or one in float32 beyond "
+            f"{single:g}, is possible for inputs of magnitude 1; check the training data and scale the target"
         )
     needed = np.full(len(model.features), ranges[best])
     chosen = _raised(candidates[best], needed)

@@ -13,6 +13,7 @@ from sklearn import (
     gaussian_process,
     impute,
     linear_model,
+    multiclass,
     multioutput,
     naive_bayes,
     neighbors,
@@ -145,6 +146,10 @@ REFUSED = {
                 X, LABELS
             ),
             "ClassifierChain by the predict_log_proba",
+        ),
+        "OneVsOneClassifier of regressors": (
+            lambda: multiclass.OneVsOneClassifier(linear_model.Ridge()).fit(X, THREE),
+            "Ridge gives numbers where classes are needed",
         ),
         "DummyClassifier that draws at random": (
             lambda: dummy.DummyClassifier(strategy="stratified").fit(X, TWO),

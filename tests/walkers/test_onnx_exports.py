@@ -197,6 +197,24 @@ def test_distances_by_an_operator_of_onnxruntime(tmp_path, name, tensor_type):
         np.testing.assert_allclose(reference.evaluate(loaded.ir, ROWS)[:, 0], model.predict(ROWS), rtol=1e-5, atol=1e-5)
 
 
+def test_a_distance_that_onnxruntime_does_not_know(tmp_path):
+    model = KNeighborsRegressor(3, metric="manhattan").fit(X[:60], SINGLE[:60])
+    exported = skl2onnx.to_onnx(model, X[:1], options={id(model): {"optim": "cdist"}})
+    with pytest.raises(UnsupportedModelError, match="the metric manhattan, which onnxruntime refuses; skl2onnx writes"):
+        build.load(exported, tmp_path)
+
+
+@pytest.mark.parametrize("name", ["scaler", "shares"])
+def test_integers_are_rounded_to_float32_by_scalers(tmp_path, name):
+    large = 2**24 + np.arange(-3, 5)
+    x = np.column_stack([large, -large, large % 3])
+    model = {"scaler": MaxAbsScaler(), "shares": Normalizer("l1")}[name].fit(x)
+    exported = skl2onnx.convert_sklearn(model, initial_types=[("X", Int64TensorType([None, 3]))])
+    loaded = build.load(exported, tmp_path)
+    assert assert_equal_bits(loaded, x + 0.5).shape == (8, 3)  # the fractions are cut off
+    assert "integer inputs are read without fractions that they may have: X" in loaded.ir.source.notes
+
+
 @pytest.mark.parametrize("labels", [np.array(["low", "middle", "high"]), np.arange(3)])
 def test_a_list_of_the_labels_as_an_output_is_left_out(tmp_path, labels):
     """`output_class_labels=True` of the exporter."""

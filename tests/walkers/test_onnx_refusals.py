@@ -211,10 +211,10 @@ def test_a_branch_that_gives_a_list_of_tensors_is_not_called_damaged(tmp_path):
 
 def test_integers_without_a_cast_are_refused(tmp_path):
     inputs = [info("X", (None, 2), TensorProto.INT64)]
-    scaler = helper.make_node("Scaler", ["X"], ["Y"], name="s", domain="ai.onnx.ml", offset=[0.0], scale=[1.0])
-    message = refused(graph_model([scaler], inputs, [info("Y", None)]), tmp_path)
+    cut = helper.make_node("Binarizer", ["X"], ["Y"], name="b", domain="ai.onnx.ml", threshold=0.5)
+    message = refused(graph_model([cut], inputs, [info("Y", None)]), tmp_path)
     assert (
-        "node 's' (Scaler, opset 3): reads integers; cast them to float, or export the model with float inputs"
+        "node 'b' (Binarizer, opset 3): reads integers; cast them to float, or export the model with float inputs"
         in message
     )
     plain = graph_model([helper.make_node("Identity", ["X"], ["Y"])], inputs, [info("Y", None, TensorProto.INT64)])

@@ -283,6 +283,27 @@ def test_rows_of_a_table_by_computed_positions(tmp_path, axis, elem_type):
         assert not np.isfinite(reference.evaluate(loaded.ir, [[0.0, beyond]])).any()
 
 
+def test_an_embedding_counts_negative_positions_from_the_end(tmp_path):
+    """As tf2onnx writes Keras' Embedding: a choice between a position and one that is a length more, by products."""
+    table, length = constant("table", np.random.default_rng(1).normal(size=(6, 2))), constant("length", 6, np.int32)
+    nodes = [
+        helper.make_node("Cast", ["X"], ["I"], to=TensorProto.INT32),
+        helper.make_node("Add", ["I", "length"], ["end"]),
+        helper.make_node("Cast", ["I"], ["F"], to=FLOAT),
+        helper.make_node("Less", ["F", "zero"], ["is_below"]),
+        helper.make_node("Not", ["is_below"], ["is_not"]),
+        *(helper.make_node("Cast", [f"is_{way}"], [way], to=TensorProto.INT32) for way in ("below", "not")),
+        helper.make_node("Mul", ["end", "below"], ["one"]),
+        helper.make_node("Mul", ["I", "not"], ["other"]),
+        helper.make_node("Add", ["one", "other"], ["place"]),
+        helper.make_node("Gather", ["table", "place"], ["Y"]),
+    ]
+    loaded = loaded_graph(tmp_path, nodes, [table, length, constant("zero", 0.0)], shape=(None, 2))
+    x = np.array(np.meshgrid(np.arange(-6.0, 6.0), [-6.0, 2.75, 5.5])).reshape(2, -1).T
+    assert len(np.unique(assert_equal_bits(loaded, x), axis=0)) == 6 * 3
+    assert not np.isfinite(reference.evaluate(loaded.ir, [[0.0, 2147483520.0], [0.0, 6.0]])).any()
+
+
 def test_a_batch_whose_rows_are_positions_is_tried_with_positions(tmp_path):
     """Random numbers are positions in no list, and a graph that mixed the rows of a batch passed untried."""
     nodes = [

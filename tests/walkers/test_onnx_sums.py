@@ -9,7 +9,7 @@ from onnx import helper
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import reference
 from tests.walkers import onnx_builders as build
-from tests.walkers.onnx_builders import assert_within_bound, constant, graph_model, info, rows
+from tests.walkers.onnx_builders import FLOAT, assert_within_bound, constant, graph_model, info, rows
 
 pytestmark = pytest.mark.usefixtures("tried_in_place")
 RNG = np.random.default_rng(0)
@@ -27,6 +27,7 @@ def node(op_type, *inputs, **attributes):
     return helper.make_node(op_type, [*inputs], ["Y"], **attributes)
 
 
+WEIGHTED = RNG.normal(size=(4, 3))[:3]
 WEIGHTS = constant("W", RNG.normal(size=(4, 3)))
 CASES = {
     "a product of computed matrices": [
@@ -103,6 +104,33 @@ def test_the_state_that_a_recurrent_layer_starts_with_may_be_a_constant_times_we
     ones = constant("H", np.ones((1, 4)))
     with pytest.raises(UnsupportedModelError, match="in an order that is open"):
         build.load(whole(*nodes, initializers=[ones, bias, WEIGHTS]), tmp_path)
+
+
+def test_the_state_that_a_loop_starts_with_may_be_multiplied_by_gemm(tmp_path):
+    """tf2onnx writes the cells of layers for a batch of 1 so."""
+    parts = [constant("H", np.zeros((3, 1))), constant("B", [0.5, -1.0, 2.0]), constant("V", WEIGHTED)]
+    nodes = [helper.make_node("Gemm", ["H", "V", "B"], ["Q"], transA=1, transB=1), node("Add", "X", "Q")]
+    assert_equal(whole(*nodes, initializers=parts), tmp_path)
+    nodes[0] = helper.make_node("Gemm", ["H", "V", "B"], ["Q"], transA=1, transB=1, beta=0.5)
+    with pytest.raises(UnsupportedModelError, match="multiplies constants, and then by beta"):
+        build.load(whole(*nodes, initializers=parts), tmp_path)
+
+
+@pytest.mark.parametrize("name", ["ReduceProd", "ReduceSum", "ReduceMax", "ReduceMin", "CumSum"])
+def test_lengths_are_reduced_in_whole_numbers(tmp_path, name):
+    """tf2onnx writes the shapes of the parts of an Einsum so."""
+    last = [constant("axis", 0, np.int64)] if name == "CumSum" else []
+    found = {"ReduceProd": [6], "ReduceSum": [6], "ReduceMax": [3], "ReduceMin": [1], "CumSum": [1, 3, 6]}[name]
+    nodes = [
+        helper.make_node(name, ["lengths", *(one.name for one in last)], ["n"]),
+        helper.make_node("Cast", ["n"], ["N"], to=FLOAT),
+        node("Mul", "X", "N"),
+    ]
+    model = whole(*nodes, initializers=[constant("lengths", [1, 2, 3], np.int64), *last])
+    assert_equal(model, tmp_path)
+    x = rows(6).astype(np.float32)
+    wanted = (x.reshape(-1, 2, 3) * np.array(found, np.float32)).reshape(x.shape)
+    assert np.array_equal(build.load(model, tmp_path).predict(x.astype(np.float64)), wanted)
 
 
 @pytest.mark.parametrize(

@@ -66,7 +66,7 @@ class NodeCall:
         return require_float(require_tensor(self.walk.numbered(self.required(number))))
 
     def floating(self) -> Tensor:
-        """The first input as floating-point numbers: classifiers cast integers to float32 themselves."""
+        """The first input as floating-point numbers: classifiers and scalers cast integers to float32 themselves."""
         tensor = require_tensor(self.walk.numbered(self.required()))
         whole = tensor.dtype in INTEGERS and not tensor.given
         return self.walk.as_type(tensor, FLOAT32) if whole else require_float(tensor)

@@ -48,7 +48,7 @@ _KERNELS = {
 
 @operator("Scaler", 1, domain=_DOMAIN)
 def _scaler(call: NodeCall) -> Operand:
-    tensor = one_row(call.computed())
+    tensor = one_row(call.floating())
     result: Operand = tensor
     offset = call.node.floats("offset", 1, tensor.size)
     for numbers, code in (
@@ -61,7 +61,7 @@ def _scaler(call: NodeCall) -> Operand:
 
 @operator("Normalizer", 1, domain=_DOMAIN)
 def _normalizer(call: NodeCall) -> Operand:
-    tensor = one_row(call.computed())
+    tensor = one_row(call.floating())
     name = call.node.text("norm", "MAX")
     if name not in ("MAX", "L1", "L2"):
         raise UnsupportedModelError(f"norm {name}: known are MAX, L1, L2")

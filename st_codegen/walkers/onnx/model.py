@@ -145,11 +145,12 @@ def _inputs(graph: onnx.GraphProto, problems: Problems) -> list[GraphInput]:
 _WHOLE = {
     **dict.fromkeys(("Gather", "ArrayFeatureExtractor"), slice(1, None)),
     **dict.fromkeys(("TreeEnsembleClassifier", "LinearClassifier", "SVMClassifier"), slice(1)),
+    **dict.fromkeys(("Scaler", "Normalizer"), slice(1)),
 }
 
 
 def _reads_integers(graph: onnx.GraphProto) -> bool:
-    """Whether an encoder has integers as keys, inputs are positions, or classifiers read them: these are integers."""
+    """Whether an encoder has integers as keys, inputs are positions, or classifiers or scalers read them."""
     read = {name for node in graph.node for name in node.input[_WHOLE.get(node.op_type, slice(0))]}
     if not read.isdisjoint(info.name for info in graph.input):
         return True

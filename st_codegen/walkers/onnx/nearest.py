@@ -98,7 +98,9 @@ def _distances(call: NodeCall) -> Operand:
     if rows is None or rows.dtype != tensor.dtype or rows.ndim != 2 or tensor.shape != (1, rows.shape[1]):
         raise UnsupportedModelError("distances of other than one row to a constant matrix of its type")
     if metric not in ("euclidean", "sqeuclidean"):
-        raise InputError(f"the metric {printable(metric)} is not known; the model file is damaged")
+        raise UnsupportedModelError(
+            f"the metric {printable(metric)}, which onnxruntime refuses; skl2onnx writes this one without optim='cdist'"
+        )
     walk, wide = call.walk, rows.astype(np.float64)
     squares = walk.settle_finite(operators.product_of(walk, tensor, tensor))
     own = np.sum(wide**2, axis=1)

@@ -36,7 +36,7 @@ from st_codegen.walkers.onnx.operands import (
     require_tensor,
     together,
 )
-from st_codegen.walkers.onnx.ranges import stays_below
+from st_codegen.walkers.onnx.ranges import keep_below
 
 #: Operations that one Softmax of a matrix may become: one a row.
 _MAX_SHARES = 64
@@ -54,7 +54,7 @@ def _arithmetic(call: NodeCall) -> Operand:
 
 
 def _of_integers(walk: GraphWalk, code: ir.Operator, pair: list[Operand]) -> Operand:
-    """Sums and products of computed integers, as long as these stay small enough for a double."""
+    """Sums and products of computed integers; those that leave their type or a double have no answer."""
     dtype = pair[0].dtype
     if code is ir.Operator.DIVIDE or any(side.dtype != dtype for side in pair):
         raise UnsupportedModelError("divides computed integers, or mixes types of them; cast them to float")
@@ -66,11 +66,7 @@ def _of_integers(walk: GraphWalk, code: ir.Operator, pair: list[Operand]) -> Ope
     ]
     found = require_tensor(combined(walk, code, *sides))
     walk.builder.open_zeros |= code is ir.Operator.MULTIPLY  # of integers 0 has no sign
-    if not stays_below(walk.builder, found, 2.0 ** (31 if dtype == np.int32 else 53)):
-        raise UnsupportedModelError(
-            "computes with integers of which it is not known that they stay small; cast to float"
-        )
-    return replace(found, dtype=dtype)
+    return replace(keep_below(walk, found, 2.0**31 if dtype == np.int32 else _WHOLE), dtype=dtype)
 
 
 @operator("Sum Mean", 6, 8, 13)
@@ -269,8 +265,10 @@ def total_of_last(walk: GraphWalk, tensor: Tensor, count: int) -> Tensor:
 
 @operator("Gemm", 7, 9, 11, 13)
 def _gemm(call: NodeCall) -> Operand:
+    left, right = call.required(), call.required(1)
+    if isinstance(left, ConstantOperand) and isinstance(right, ConstantOperand):
+        return _gemm_of_constants(call, left, right)
     tensor = call.computed()
-    right = call.required(1)
     if not isinstance(right, ConstantOperand):
         raise UnsupportedModelError("both factors are computed; one of them has to be constant weights")
     weights = _matrix(right, tensor)
@@ -292,6 +290,19 @@ def _gemm(call: NodeCall) -> Operand:
     product = apply_linear(call.walk, row, weights, np.zeros(len(weights)), shape)
     scaled = combined(call.walk, ir.Operator.MULTIPLY, product, ConstantOperand(np.array(alpha, row.dtype)))
     return combined(call.walk, ir.Operator.ADD, scaled, ConstantOperand(bias.astype(row.dtype)))
+
+
+def _gemm_of_constants(call: NodeCall, left: ConstantOperand, right: ConstantOperand) -> Operand:
+    """Constants, as the states are with which a loop begins; what is added to their product may be computed."""
+    sides = (("transA", left), ("transB", right))
+    found = _matrix_product(
+        call.walk, *(one.moved(np.transpose) if call.node.integer(key) else one for key, one in sides)
+    )
+    added = call.optional(2)
+    for factor, operand in (("alpha", found), ("beta", added)):
+        if operand is not None and call.node.number(factor, 1.0) != 1.0:
+            raise UnsupportedModelError(f"multiplies constants, and then by {factor}; fold constants when exporting")
+    return found if added is None else combined(call.walk, ir.Operator.ADD, found, added)
 
 
 def _gemm_sum(call: NodeCall, row: Tensor, weights: FloatArray, added: Tensor, alpha: float) -> Operand:
@@ -432,7 +443,8 @@ def _clip(call: NodeCall) -> Operand:
 def _reduction(call: NodeCall) -> Operand:
     name, given = call.node.op_type, call.required()
     limits = as_between(given) if name == "ReduceSum" else None
-    tensor = given if isinstance(given, PickedOperand) else limits or call.computed()
+    lengths = given if isinstance(given, ConstantOperand) and given.dtype in INTEGERS and name in _OF_LENGTHS else None
+    tensor = given if isinstance(given, PickedOperand) else lengths or limits or call.computed()
     by_input = call.node.version >= (13 if name == "ReduceSum" else 18)
     axes = call.integers(1, "axes") if by_input else call.node.integers("axes").tolist()
     rank, none = len(tensor.shape), not axes and call.node.integer("noop_with_empty_axes")
@@ -450,7 +462,11 @@ def _reduction(call: NodeCall) -> Operand:
     group = np.broadcast_to(np.arange(math.prod(groups)).reshape(groups), tensor.shape).ravel()
     order = np.argsort(group, kind="stable")
     rows = tensor.moved(lambda array: np.ravel(array)[order].reshape(math.prod(groups), -1))
-    found = sum_of(rows) if isinstance(rows, BetweenOperand) else _REDUCTIONS[name](call.walk, rows)
+    found: Operand
+    if isinstance(rows, ConstantOperand):
+        found = rows.moved(lambda array: _OF_LENGTHS[name](array, axis=1, dtype=array.dtype))
+    else:
+        found = sum_of(rows) if isinstance(rows, BetweenOperand) else _REDUCTIONS[name](call.walk, rows)
     return found.moved(lambda array: array.reshape(kept))
 
 
@@ -533,5 +549,14 @@ _REDUCTIONS: dict[str, Callable[[GraphWalk, Tensor], Tensor]] = {
     "ReduceLogSumExp": _log_sum_exp,
     "ReduceLogSum": lambda walk, rows: apply_activation(walk, total_of(walk, rows), ir.Function.LOG),
 }
+#: Reductions of whole numbers that are constants, such as lengths: sums and products in any order.
+_OF_LENGTHS: dict[str, Callable[..., AnyArray]] = {
+    "ReduceSum": np.add.reduce,
+    "ReduceProd": np.multiply.reduce,
+    "ReduceMax": np.maximum.reduce,
+    "ReduceMin": np.minimum.reduce,
+}
+
+
 #: Reductions that are a function of a number where they are of this number alone.
 _FUNCTIONS_OF_ONE = frozenset({"ReduceSumSquare", "ReduceL1", "ReduceL2", "ReduceLogSumExp", "ReduceLogSum"})

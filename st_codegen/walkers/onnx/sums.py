@@ -7,7 +7,7 @@ import numpy as np
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import Operator
 from st_codegen.walkers.onnx.graph import NodeCall, operator
-from st_codegen.walkers.onnx.operands import Operand, axis_of, require_tensor
+from st_codegen.walkers.onnx.operands import INTEGERS, ConstantOperand, Operand, axis_of, require_tensor
 from st_codegen.walkers.onnx.operators import apply_linear, combined, total_of_last
 
 
@@ -41,12 +41,17 @@ def _laid(operand: Operand, term: str, order: str) -> Operand:
 
 @operator("CumSum", 11, 14)
 def _cumulative_sum(call: NodeCall) -> Operand:
-    tensor, chosen = call.computed(), call.integers(1, "axis") or []
+    given, chosen = call.required(), call.integers(1, "axis") or []
+    tensor = given if isinstance(given, ConstantOperand) and given.dtype in INTEGERS else call.computed()
     if len(chosen) != 1:
         raise InputError(f"the axis is {chosen}, expected one; the model file is damaged")
     axis = axis_of(chosen[0], len(tensor.shape))
     rows = tensor.moved(lambda array: np.moveaxis(array, axis, -1))
     weights = np.tri(rows.shape[-1], k=-1 if call.node.integer("exclusive") else 0)
     weights = weights.T if call.node.integer("reverse") else weights
-    found = apply_linear(call.walk, rows, weights, np.zeros(len(weights)), rows.shape)
+    found: Operand
+    if isinstance(rows, ConstantOperand):
+        found = rows.moved(lambda array: array @ weights.T.astype(array.dtype))  # both count modulo the same power of 2
+    else:
+        found = apply_linear(call.walk, rows, weights, np.zeros(len(weights)), rows.shape)
     return found.moved(lambda array: np.moveaxis(array, -1, axis))

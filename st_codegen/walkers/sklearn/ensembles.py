@@ -92,7 +92,8 @@ def _probability(part: Classified, estimator: Any) -> int:
 
 def _response(part: Classified, estimator: Any, builder: GraphBuilder) -> int:
     """The score that says how much an estimator is for its second class (`_predict_binary`)."""
-    if hasattr(estimator, "decision_function"):
+    scores_alone = part.decision is not None and part.probability is None  # a regressor's
+    if scores_alone or hasattr(estimator, "decision_function"):
         if part.decision is None or builder.width(part.decision) != 1:
             raise UnsupportedModelError(f"{type(estimator).__name__} gives no single score, which the whole needs")
         return part.decision
@@ -252,9 +253,16 @@ def _is_constant(estimator: Any) -> bool:
 
 
 def _one_of_the_rest(estimator: Any, builder: GraphBuilder, value: int, low: int = 0) -> Classified:
-    """A classifier of a class against the rest (`multiclass.py: _fit_binary`), whose lower label is `low`."""
+    """A classifier of a class against the rest (`multiclass.py: _fit_binary`), whose lower label is `low`.
+
+    Of a regressor the number is the score (`_predict_binary`).
+    """
     if not _is_constant(estimator):
-        return walk_classifier(estimator, builder, value)
+        walked = walk_any(estimator, builder, value)
+        if isinstance(walked, Classified):
+            return walked
+        number = walked.mean if isinstance(walked, Estimated) else walked
+        return Classified((low, 1), above(builder, number, 0.5), decision=number)
     answer = Fitted(estimator).integers("y_", (1,), low=low, high=1).astype(np.float64)
     score = constants(builder, value, answer)
     probability = constants(builder, value, np.hstack([1.0 - answer, answer])) if low == 0 else None
