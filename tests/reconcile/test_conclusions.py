@@ -441,6 +441,23 @@ def test_play_and_a_transmission_that_is_softer_at_low_loads_are_told_apart_wher
     assert is_a_knee(final, final.state.pieces[-1]) is not is_play
 
 
+@pytest.mark.parametrize("is_play", [True, False])
+def test_play_of_the_rig_that_changed_and_one_beside_which_the_load_makes_more_are_told_apart(is_play):
+    """A power of the load beside the rig's own play was another play, and another stiffness, without any doubt."""
+    loads = np.array([0, 20, 40, 60, 80, 120, 180, 260, 400, 600, 900.0])
+    axes = np.meshgrid([300.0, 900.0, 1500.0], [*-loads[1:], *loads], [25.0, 35.0], [1.0, -1.0])
+    at = Conditions.of(*(axes[i].ravel() for i in (3, 0, 1, 2)))
+    play = effect("backlash", gap_arcmin=0.6, seating_torque_Nm=70.0)
+    data = observed(RigModel(effects=(*RIG.effects, play)), at)
+    more = 6e-4 * (
+        np.tanh(at.torque_Nm / 70.0) if is_play else np.sign(at.torque_Nm) * np.abs(at.torque_Nm / 900) ** 0.5
+    )
+    data = replace(data, values=data.values - (at.sign * more)[:, None] * (data.orders == 0))
+    target = FitData(data, np.full(data.values.shape, SIGMA), np.ones(len(at), bool), groups_of(at))
+    final = fit(target, State(RIG, 0.0, tuple(piece_of(one, added=False, origin=one) for one in (*RIG.effects, play))))
+    assert is_a_knee(final, final.state.pieces[-1]) is not is_play
+
+
 @pytest.mark.parametrize(
     ("speeds", "orders", "seldom"),
     [

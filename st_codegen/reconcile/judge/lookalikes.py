@@ -69,7 +69,7 @@ def left_of_a_smoothing(final: Fit, piece: Piece) -> frozenset[str]:
 
 def is_a_knee(final: Fit, piece: Piece) -> bool:
     """Whether a twist that is softer at low loads does as well as play: the torques at which that is taken up are few,
-    or straight lines with knees, or a power of the load, leave no more of the mean."""
+    or straight lines with knees, or a power of the load, leave no more of the mean, also beside the rig's own play."""
     seating = piece.effect.values.get("seating_torque_Nm")
     if not isinstance(seating, float):
         return False
@@ -90,16 +90,18 @@ def is_a_knee(final: Fit, piece: Piece) -> bool:
     columns = np.stack([sign, np.ones(len(sign)), *laws], axis=1)
     scaled = columns / np.abs(columns).max(axis=0, initial=1e-300)
     # fits are those of as few rows as there are columns, whatever the number of samples
-    corner = np.linalg.qr(np.column_stack([scaled, twist]) / sigma[:, None]).R
+    beside = twist if piece.added else twist - final.explained(piece.own)[good, 0].real
+    corner = np.linalg.qr(np.column_stack([scaled, twist, beside]) / sigma[:, None]).R
 
-    def left(*law: int) -> float:
+    def left(*law: int, of: int = -2) -> float:
         """The loss with a twist that is a sum of laws of the load beside what is in proportion to it, a zero, and dry
-        friction."""
-        wanted = corner[:, -1]
+        friction; of -1: of the twist beside the rig's own play."""
+        wanted = corner[:, of]
         return float(((wanted - made_of(corner[:, [0, 1, 2, *law]], wanted)) ** 2).sum())
 
     play, knees_at = left(3), range(4 + len(powers), columns.shape[1])
-    others = [*map(left, range(4, columns.shape[1])), *(left(*two) for two in combinations(knees_at, 2))]
+    laws_at = [*((law,) for law in range(4, columns.shape[1])), *combinations(knees_at, 2)]
+    others = [left(*law, of=of) for law in laws_at for of in ((-2,) if piece.added else (-2, -1))]
     # what neither explains is as much noise to both
     unit = max(1.0, min(play, *others) / len(sign))
     return min(others) < play + SETTINGS.as_good * unit
@@ -420,10 +422,11 @@ def doubted(
     unsure = {one.after.name for one in retuned if SOMETHING_ELSE in one.alternatives}
     unsure |= {claim.piece.effect.name for claim in claims if SOMETHING_ELSE in claim.alternatives}
     if "backlash" in unsure:
-        # above the load that takes play up it is dry friction's twin: what is no play is no such friction either
-        twin = "the play beside it may be something else"
-        claims = [claim.in_doubt(twin) if claim.piece.effect.name == "friction_windup" else claim for claim in claims]
-        retuned = [replace(one, is_open=one.is_open or one.after.name == "friction_windup") for one in retuned]
+        # above the load that takes play up it is dry friction's twin: what is no play is no such friction either, and
+        # of a transmission that is softer at low loads the stiffness makes up for what the play has too much
+        twin, twins = "the play beside it may be something else", ("friction_windup", "torsional_compliance")
+        claims = [claim.in_doubt(twin) if claim.piece.effect.name in twins else claim for claim in claims]
+        retuned = [replace(one, is_open=one.is_open or one.after.name in twins) for one in retuned]
     offset_is_open = found.offset_changed and 0 in moved
     return replace(found, claims=tuple(claims), retuned=tuple(retuned), offset_is_open=offset_is_open)
 
