@@ -429,6 +429,8 @@ class Settings:
     # --- what lies around ---
     #: factor; power of one of many random waves over their mean: exponential, so that one in 8,000 is so large
     stands_out: float = 9.0
+    #: count; orders on a side of one whose median says what most have there: of two it is the louder one's half
+    least_on_a_side: int = 3
     #: orders to each side that are alike where structure is broad: a bump of 6 deg fades within ten
     around_order: int = 20
     #: orders to each side of a line of samples over time, from and to: those beside it hold what leaks of it where the
