@@ -11,7 +11,7 @@ from itertools import combinations, product
 
 import numpy as np
 
-from st_codegen.ir.arrays import ComplexArray, IntArray
+from st_codegen.ir.arrays import ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.fit.fitting import Fit
 from st_codegen.reconcile.fit.normal import made_of
 from st_codegen.reconcile.fit.state import Piece
@@ -198,6 +198,34 @@ def may_be_another_power(final: Fit, piece: Piece) -> bool:
     return best < own + SETTINGS.as_good * max(1.0, min(own, best) / max(2.0 * wanted.size, 1.0))
 
 
+def may_be_another_drag(final: Fit, piece: Piece) -> bool:
+    """Whether friction whose part with the speed is new, or another one, follows another power of the speed as well.
+
+    Oil that is churned takes more than in proportion to the speed, a film of it less. That power stands beside a dry
+    part, and the friction that the rig has, and falls with the oil temperature as an exponential of any rate.
+    """
+    data, good = final.target.data, final.target.good
+    if piece.effect.name != "friction_windup" or data.angle_rad is not None or data.orders[0] != 0:
+        return False
+    change = final.explained(piece.effect) if piece.added else final.shown_change(piece)
+    sigma, at = final.target.sigma[good, 0], data.at.rows(np.flatnonzero(good))
+    left = final.residual[good, 0].real / sigma
+    wanted = left + change[good, 0].real / sigma
+    warmer = at.temperature_C - piece.effect.constants.reference_temperature_C
+
+    def lost(*laws: FloatArray) -> float:
+        """The loss with a sum of laws that turn with the direction."""
+        design = np.stack(laws, axis=1) * (at.sign / sigma)[:, None]
+        return float(((wanted - made_of(design, wanted)) ** 2).sum())
+
+    dry, films = np.ones(len(wanted)), product(SETTINGS.powers_of_a_drag, SETTINGS.decays)
+    drags = ((at.speed_rpm / at.speed_rpm.max()) ** power * np.exp(-decay * warmer) for power, decay in films)
+    held, best, alone = float((left**2).sum()), min(lost(dry, drag) for drag in drags), lost(dry)
+    # what neither explains is as much noise to both; where the dry part alone does as well, it is what changed
+    clear = SETTINGS.as_good * max(1.0, min(held, best) / len(wanted))
+    return best < held + clear < alone
+
+
 def may_be_of_a_law(final: Fit, piece: Piece) -> bool:
     """Whether a change of an effect is so small that a law of the conditions would make it, and leave unseen the rest.
 
@@ -248,7 +276,10 @@ def by_order_alone(final: Fit, piece: Piece) -> bool:
 
 
 #: Tests of a finding of a fit: whether something else may look like it, be it missing or changed; and of changes alone.
-LOOK_ALIKES = (is_a_knee, may_be_friction, may_be_time, may_be_of_the_turn, by_order_alone, may_be_another_power)
+LOOK_ALIKES = (
+    is_a_knee, may_be_friction, may_be_time, may_be_of_the_turn, by_order_alone, may_be_another_power,
+    may_be_another_drag,
+)  # fmt: skip
 OF_CHANGES = (*LOOK_ALIKES, gains_one_sideband, may_be_of_a_law)
 
 
