@@ -218,7 +218,7 @@ def may_be_another_drag(final: Fit, piece: Piece) -> bool:
         design = np.stack(laws, axis=1) * (at.sign / sigma)[:, None]
         return float(((wanted - made_of(design, wanted)) ** 2).sum())
 
-    dry, films = np.ones(len(wanted)), product(SETTINGS.powers_of_a_drag, SETTINGS.decays)
+    dry, films = np.ones(len(wanted)), product(SETTINGS.powers_of_a_drag, SETTINGS.decays_of_a_drag)
     drags = ((at.speed_rpm / at.speed_rpm.max()) ** power * np.exp(-decay * warmer) for power, decay in films)
     held, best, alone = float((left**2).sum()), min(lost(dry, drag) for drag in drags), lost(dry)
     # what neither explains is as much noise to both; where the dry part alone does as well, it is what changed
