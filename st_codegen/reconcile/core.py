@@ -28,6 +28,7 @@ from st_codegen.reconcile.rest.structure import (
     floors,
     is_lacking,
     loud_and_foreign,
+    scatter_of_a_table,
     scatter_of_encoder,
     scatter_within_turns,
 )
@@ -190,6 +191,7 @@ def _result(
             *examined.untold,
             *scatter_of_encoder(target, after),
             *scatter_within_turns(target, after),
+            *scatter_of_a_table(target, [one.order for one in left]),
             *wander_over_runs(target, after, [one.order for one in left]),
         ),
         unseen_curves=unseen.curves,

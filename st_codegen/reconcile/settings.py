@@ -434,6 +434,8 @@ class Settings:
     # --- what lies around ---
     #: factor; power of one of many random waves over their mean: exponential, so that one in 8,000 is so large
     stands_out: float = 9.0
+    #: count; orders on a side of one whose median says what most have there
+    least_on_a_side: int = 3
     #: orders to each side that are alike where structure is broad: a bump of 6 deg fades within ten
     around_order: int = 20
     #: orders to each side of a line of samples over time, from and to: those beside it hold what leaks of it where the
@@ -531,6 +533,10 @@ class Settings:
     knees_tried: int = 12
     #: powers of the load that a twist may follow: contact is between a half and one
     powers_of_a_load: tuple[float, ...] = chosen((0.5, 2 / 3, 0.75, 0.9), OTHERS)
+    #: powers of the speed that drag may follow: a film of oil below one, oil that is churned up to two
+    powers_of_a_drag: tuple[float, ...] = (0.5, 2 / 3, 1.25, 1.5, 1.75, 2.0)
+    #: logarithm; what it may lose a kelvin of oil temperature: gear oils lose 0.03 to 0.05
+    decays_of_a_drag: tuple[float, ...] = (0.0, 0.01, 0.02, 0.025, 0.03, 0.035, 0.04, 0.045, 0.05, 0.06, 0.08)
     #: powers of the load that else a mesh order may follow: contact of lines and points, and what grows faster
     powers_of_a_mesh: tuple[float, ...] = (0.5, 2 / 3, 1.5, 2.0)
     #: factor; a law that is nothing at one end of a condition and grows in proportion to it is a constant, and what

@@ -62,6 +62,16 @@ def test_conditions_in_another_unit_are_asked_about_and_read_so(said):
         assert getattr(right, key) == pytest.approx(getattr(data.at, key), abs=1e-9)
 
 
+def test_torques_that_never_act_may_be_another_unit_or_none():
+    """Of an arm whose load turns its sign within the turn, or a brake that was off, they were "in N mm"."""
+    at = grid()
+    unloaded = observed(RICH, replace(at, torque_Nm=np.zeros(len(at))), sigma=1e-5)
+    text = asked(replace(unloaded, at=at))
+    assert "the torques seem to be none that the gear carries in the mean of a turn (a brake that is off" in text
+    assert "or in N mm:" in text
+    assert "torques seem to be in N mm:" in asked(observed(RICH, at).under(torque_Nm=1e3 * at.torque_Nm))
+
+
 @pytest.mark.parametrize("said", [said for said in READINGS if "other sign" in said or "shaft" in said])
 def test_orders_that_noise_hides_refuse_no_reading(said):
     """Its noise was a fiftieth of the mesh at most: torques of the other sign were three meshes that had turned."""

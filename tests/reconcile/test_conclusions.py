@@ -18,6 +18,7 @@ from st_codegen.reconcile.judge.lookalikes import (
     doubted,
     extrapolates,
     is_a_knee,
+    may_be_another_drag,
     may_be_another_power,
     may_be_of_a_law,
     of_its_order,
@@ -438,6 +439,43 @@ def test_play_and_a_transmission_that_is_softer_at_low_loads_are_told_apart_wher
     target = FitData(data, np.full(data.values.shape, sigma), np.ones(len(at), bool), groups_of(at))
     pieces = [piece_of(one, added=False, origin=one).held() for one in RIG.effects]
     final = fit(target, State(RIG, 0.0, (*pieces, piece_of(play, added=True))))
+    assert is_a_knee(final, final.state.pieces[-1]) is not is_play
+
+
+@pytest.mark.parametrize(("power", "dry", "is_another"), [(1.7, 0.0, True), (1.0, 0.0, False), (None, 0.05, False)])
+def test_drag_that_grows_faster_than_the_speed_may_be_no_friction_of_the_rig(power, dry, is_another):
+    """Churned oil was a viscosity that falls by 0.0251 +- 0.0004 a kelvin, for 0.0384, and a film of oil, undoubted."""
+    axes = np.meshgrid(
+        [200.0, 500.0, 900.0, 1400.0, 2000.0, 2500.0], [0.0, 100.0, 300.0], [10.0, 35.0, 60.0], [1.0, -1.0]
+    )
+    at = Conditions.of(*(axes[i].ravel() for i in (3, 0, 1, 2)))
+    rubs = effect("friction_windup", coulomb_arcmin=0.2, viscous_arcmin_per_krpm=0.03, viscosity_decay_per_K=0.035)
+    data = observed(RigModel(effects=(*RIG.effects, rubs)), at)
+    thin = 0.0 if power is None else (at.speed_rpm / 1000) ** power * np.exp(-0.0384 * (at.temperature_C - 30.0))
+    more = at.sign * (0.06 * thin + dry) / 60
+    data = replace(data, values=data.values - more[:, None] * (data.orders == 0))
+    target = FitData(data, np.full(data.values.shape, SIGMA), np.ones(len(at), bool), groups_of(at))
+    pieces = [piece_of(one, added=False, origin=one).held() for one in RIG.effects]
+    of_films = {"stribeck_arcmin": 0.01, "stribeck_speed_rpm": 500.0} if power == 1.7 else {}
+    free = piece_of(rubs.with_values({**rubs.values, **of_films}), added=False, origin=rubs)
+    final = fit(target, State(RIG, 0.0, (*pieces, free)), steps=SETTINGS.long_steps)
+    assert may_be_another_drag(final, final.state.pieces[-1]) is is_another
+
+
+@pytest.mark.parametrize("is_play", [True, False])
+def test_play_of_the_rig_that_changed_and_one_beside_which_the_load_makes_more_are_told_apart(is_play):
+    """A power of the load beside the rig's own play was another play, and another stiffness, without any doubt."""
+    loads = np.array([0, 20, 40, 60, 80, 120, 180, 260, 400, 600, 900.0])
+    axes = np.meshgrid([300.0, 900.0, 1500.0], [*-loads[1:], *loads], [25.0, 35.0], [1.0, -1.0])
+    at = Conditions.of(*(axes[i].ravel() for i in (3, 0, 1, 2)))
+    play = effect("backlash", gap_arcmin=0.6, seating_torque_Nm=70.0)
+    data = observed(RigModel(effects=(*RIG.effects, play)), at)
+    more = 6e-4 * (
+        np.tanh(at.torque_Nm / 70.0) if is_play else np.sign(at.torque_Nm) * np.abs(at.torque_Nm / 900) ** 0.5
+    )
+    data = replace(data, values=data.values - (at.sign * more)[:, None] * (data.orders == 0))
+    target = FitData(data, np.full(data.values.shape, SIGMA), np.ones(len(at), bool), groups_of(at))
+    final = fit(target, State(RIG, 0.0, tuple(piece_of(one, added=False, origin=one) for one in (*RIG.effects, play))))
     assert is_a_knee(final, final.state.pieces[-1]) is not is_play
 
 

@@ -12,6 +12,7 @@ from click.testing import CliRunner
 from st_codegen.campaign.harmonic_table import HarmonicTable, write_table
 from st_codegen.cli.main import cli
 from st_codegen.errors import InputError
+from st_codegen.reconcile.core import reconcile_observations
 from st_codegen.reconcile.data.chances import f_tail, false_discoveries
 from st_codegen.reconcile.data.checks import check_units
 from st_codegen.reconcile.data.noise import estimate
@@ -62,6 +63,19 @@ RIG = RigModel(
                backward_amplitude_deg=5e-4, backward_phase_rad=-1.0),
     )
 )  # fmt: skip
+
+
+@pytest.mark.parametrize("spectral_deg", [None, SIGMA])
+def test_an_order_of_a_table_that_is_another_in_each_run_is_said_to_be(spectral_deg):
+    """A cage of 33.4 waves a turn, of another phase in each run, was noise, and not a word said so."""
+    data, random = observed(RIG, grid(), (0, 1, 2, 3, 33, 39, 40, 78)), np.random.default_rng(1)
+    turned = 10 * SIGMA * np.exp(2j * np.pi * random.random(len(data)))
+    seen = None if spectral_deg is None else np.full(data.values.shape, spectral_deg)
+    data = replace(data, values=data.values + turned[:, None] * (data.orders == 33), spectral_deg=seen)
+    result = reconcile_observations(RIG, data, KNOWN)
+    said = [text for text in result.cannot_show if "order 33 differs from run to run by" in text]
+    assert len(said) == (seen is None)
+    assert bool(result.unexplained) == (seen is not None)
 
 
 def started(rig, data):

@@ -83,6 +83,30 @@ def test_a_structure_with_two_states_is_two_resonances(two_states):
     assert two_states.held_out.before > 1e-4
 
 
+def test_a_slope_may_have_a_constant_beside_it_that_is_too_small_for_a_name():
+    """The slope took up what it could of the constant, and was off by seven of its errors."""
+    at = grid(np.arange(300, 1701, 200.0), [0.0, 100.0, 300.0, 600.0, 900.0], [25.0, 35.0])
+    added = {80: (2.6e-6 + 1.2e-5 * at.torque_Nm / 1000) * np.exp(0.4j)}
+    result = reconciled(wave("cycloid_tooth_error", 39, 2e-4, 2.0), at, [0, 39, 40, 78, 80], added)
+    (claim,) = result.conclusions.claims
+    assert claim.piece.effect.name == "load_dependent_mesh"
+    for key in ("slope_deg_per_kNm", "backward_slope_deg_per_kNm"):
+        assert claim.piece.effect.values[key] == pytest.approx(1.2e-5, abs=2.0 * claim.stderr[key])
+        assert claim.stderr[key] < 6e-6
+
+
+def test_a_mode_whose_damping_falls_with_the_oil_is_one_at_all_temperatures():
+    """Two states of the structure were said, of 42.0 Hz each, above and below 42.5 degC."""
+    at = grid(np.arange(300, 1701, 100.0), [0.0, 900.0], [20.0, 35.0, 50.0])
+    damping = np.interp(at.temperature_C, [20.0, 35.0, 50.0], [0.043, 0.028, 0.017])
+    added = {156: 2e-4 / damping * np.exp(2.7j) * by_force(at, 156, 42.0, damping)}
+    result = reconciled(wave("cycloid_tooth_error", 156, 2e-4, 2.0), at, [0, 39, 40, 78, 156], added)
+    (claim,) = result.conclusions.claims
+    assert not {"above_C", "below_C"} & claim.piece.effect.values.keys()
+    assert claim.piece.effect.scalar("frequency_Hz") == pytest.approx(42.0, abs=0.2)
+    assert result.verdict != "explained"
+
+
 def test_a_peak_between_few_speeds_has_a_name():
     """Parameters without a level are those of one linear step: a size times a size that both move would be neither."""
     at = grid(np.arange(200, 1701, 100.0), [0.0, 1200.0], [25.0])

@@ -301,6 +301,8 @@ def test_heights_of_a_resonance_are_said_at_loads_and_directions_of_both():
     assert _heights(claim, follows, at) == (
         ", on a line over the load 0.003 deg high at 1000 N m and 0.001 deg at 0 N m (of all its orders)"
     )
+    unsure = SimpleNamespace(stderr={"slope_deg_per_kNm[156]": 2e-3})
+    assert _heights(unsure, follows, at) == "", "0.0089 and 0.014 deg were told of 0.0059 and 0.0256, with no error"
     signed = replace(at, torque_Nm=np.where(sign > 0, -500.0, 500.0))
     assert "0.002 deg high at 500 N m and 0 deg at -500 N m" in _heights(claim, follows, signed)
     assert _heights(claim, follows, replace(at, torque_Nm=np.full(12, 300.0))) == ""

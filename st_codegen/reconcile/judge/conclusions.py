@@ -10,7 +10,7 @@ import numpy as np
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.state import OFFSET, Piece, State
 from st_codegen.reconcile.judge.claims import SOMETHING_ELSE, Claim, Conclusions, Other, Retuned
-from st_codegen.reconcile.judge.errors import standard_errors
+from st_codegen.reconcile.judge.errors import standard_errors, with_the_other_half
 from st_codegen.reconcile.judge.lookalikes import (
     FEW,
     KNEE,
@@ -211,9 +211,14 @@ def _retuned(
     others = (*_as_good(smaller, larger, number, known), *rivals)
     before, piece = joint.state.pieces[number].own, final.state.pieces[number]
     names = {one.reading.name for one in wrong if number in one.instead_of} | corrections_left(final, piece)
-    errors = standard_errors(joint, number, final, wrong)
+    errors = standard_errors(joint, number, final, _otherwise(joint, final, number, known, wrong))
     is_open = any(looks_alike(final, piece) for looks_alike in OF_CHANGES)
     return Retuned(before, piece.effect, errors, p, others, is_open, tuple(sorted(names)))
+
+
+def _otherwise(joint: Fit, final: Fit, number: int, known: Catalogue, wrong: Sequence[Misread]) -> list[Fit]:
+    """Fits in which a piece has other numbers, though nobody knows whether they hold."""
+    return [*(one.best for one in wrong), *with_the_other_half(joint, final, number, known)]
 
 
 def gone(joint: Fit, found: Conclusions) -> tuple[Retuned, ...]:
@@ -235,7 +240,8 @@ def _claim(
     piece, few = final.state.pieces[number], final.target.data.few_points
     others, peaks = _as_good(standing.without, joint, number, known), _peaks(final, piece)
     names = sorted({other.name for other in others} - {piece.effect.name} | in_place_of_a_move(final, number))
-    stderr = _with_errors_of_form(final, piece, standard_errors(joint, number, final, wrong), peaks)
+    errors = standard_errors(joint, number, final, _otherwise(joint, final, number, known, wrong))
+    stderr = _with_errors_of_form(final, piece, errors, peaks)
     knee, starts = is_a_knee(final, piece), may_be_a_start(final, piece.effect)
     of_speed = may_be_of_the_speed(final, piece)
     speeds = OF_SPEED if len(piece.effect.orders) > 1 else OF_ONE_ORDER

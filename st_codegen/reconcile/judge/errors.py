@@ -6,21 +6,22 @@ confidently wrong.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 
 import numpy as np
 
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.data.noise import estimate
-from st_codegen.reconcile.fit.fitting import Fit
+from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.target import by_place
-from st_codegen.reconcile.judge.misread import Misread, covariance_of_corrections
+from st_codegen.reconcile.judge.misread import covariance_of_corrections
 from st_codegen.reconcile.rest.lasting import power_of_mean
 from st_codegen.reconcile.rest.structure import floors, is_lacking
+from st_codegen.reconcile.search.candidates import Search
 from st_codegen.reconcile.search.states import in_forms_as_good
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Conditions, Form
+from st_codegen.rig.effects import Catalogue, Conditions, Form, Stage
 
 
 @lru_cache(maxsize=4)
@@ -78,14 +79,33 @@ def _root_of_kernel(at: Conditions) -> FloatArray:
     return found
 
 
-def standard_errors(
-    joint: Fit, number: int, final: Fit | None = None, wrong: Sequence[Misread] = ()
-) -> dict[str, float]:
+def with_the_other_half(joint: Fit, final: Fit, number: int, known: Catalogue) -> Iterator[Fit]:
+    """The fits in which a wave has beside it what is rather there than not, though too small for a name.
+
+    A mesh order has a constant part and one that grows with the load: where one of them stands alone, it takes up what
+    it can of the other, be that missing or a part of the rig that is held.
+    """
+    order = final.state.pieces[number].effect.touched_orders()
+    if len(order) != 1 or 0 in order or final.target.data.angle_rad is not None:
+        return
+    finder = Search(known, final, stages=(Stage.ADDITIVE,), touching=order)
+    missing = [c for c in finder.ranked() if c.number != number and c.piece.effect.touched_orders() == order]
+    states = [candidate.put_into(final.state) for candidate in missing[:1]]
+    for i, piece in enumerate(joint.state.pieces):
+        if i != number and piece.effect.touched_orders() == order and not final.state.pieces[i].free:
+            states.append(final.state.replaced(i, piece))
+    for state in states:
+        both = fit(final.target, state, steps=SETTINGS.quick_steps)
+        if both.loss < final.loss - finder.penalty * (len(both.prior) - len(final.prior)):
+            yield both
+
+
+def standard_errors(joint: Fit, number: int, final: Fit | None = None, others: Sequence[Fit] = ()) -> dict[str, float]:
     """Standard errors of the free keys of a piece, from the covariance of the joint fit; lists: `key[order]`.
 
     final: the fit with what did not change held, by which corrections of the data are told, and other forms of the
-    piece that do as well. wrong: what may be read wrong, of which nobody knows whether it is: the coordinates would be
-    others then.
+    piece that do as well. others: fits with what may be there as well, or read wrong, of which nobody knows whether it
+    is: the coordinates would be others then.
     """
     piece, place = joint.state.pieces[number], joint.state.slices()[number]
     # what looks like a step may be noise that wanders, and of a step the size is another one on both sides
@@ -97,7 +117,7 @@ def standard_errors(
         kept = is_lacking(final.target, final.residual)
         own_orders = np.isin(final.target.data.orders, piece.effect.touched_orders())
         held = [joint] if (kept & own_orders).any() else []
-        for fitted in (*held, *(one.best for one in wrong), *in_forms_as_good(final, number)):
+        for fitted in (*held, *others, *in_forms_as_good(final, number)):
             other = fitted.state.pieces[number]
             if other.coordinates() == piece.coordinates():
                 moved = other.vector() - final.state.pieces[number].vector()

@@ -11,7 +11,7 @@ from itertools import combinations, product
 
 import numpy as np
 
-from st_codegen.ir.arrays import ComplexArray, IntArray
+from st_codegen.ir.arrays import ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.fit.fitting import Fit
 from st_codegen.reconcile.fit.normal import made_of
 from st_codegen.reconcile.fit.state import Piece
@@ -69,7 +69,7 @@ def left_of_a_smoothing(final: Fit, piece: Piece) -> frozenset[str]:
 
 def is_a_knee(final: Fit, piece: Piece) -> bool:
     """Whether a twist that is softer at low loads does as well as play: the torques at which that is taken up are few,
-    or straight lines with knees, or a power of the load, leave no more of the mean."""
+    or straight lines with knees, or a power of the load, leave no more of the mean, also beside the rig's own play."""
     seating = piece.effect.values.get("seating_torque_Nm")
     if not isinstance(seating, float):
         return False
@@ -90,16 +90,18 @@ def is_a_knee(final: Fit, piece: Piece) -> bool:
     columns = np.stack([sign, np.ones(len(sign)), *laws], axis=1)
     scaled = columns / np.abs(columns).max(axis=0, initial=1e-300)
     # fits are those of as few rows as there are columns, whatever the number of samples
-    corner = np.linalg.qr(np.column_stack([scaled, twist]) / sigma[:, None]).R
+    beside = twist if piece.added else twist - final.explained(piece.own)[good, 0].real
+    corner = np.linalg.qr(np.column_stack([scaled, twist, beside]) / sigma[:, None]).R
 
-    def left(*law: int) -> float:
+    def left(*law: int, of: int = -2) -> float:
         """The loss with a twist that is a sum of laws of the load beside what is in proportion to it, a zero, and dry
-        friction."""
-        wanted = corner[:, -1]
+        friction; of -1: of the twist beside the rig's own play."""
+        wanted = corner[:, of]
         return float(((wanted - made_of(corner[:, [0, 1, 2, *law]], wanted)) ** 2).sum())
 
     play, knees_at = left(3), range(4 + len(powers), columns.shape[1])
-    others = [*map(left, range(4, columns.shape[1])), *(left(*two) for two in combinations(knees_at, 2))]
+    laws_at = [*((law,) for law in range(4, columns.shape[1])), *combinations(knees_at, 2)]
+    others = [left(*law, of=of) for law in laws_at for of in ((-2,) if piece.added else (-2, -1))]
     # what neither explains is as much noise to both
     unit = max(1.0, min(play, *others) / len(sign))
     return min(others) < play + SETTINGS.as_good * unit
@@ -196,6 +198,34 @@ def may_be_another_power(final: Fit, piece: Piece) -> bool:
     return best < own + SETTINGS.as_good * max(1.0, min(own, best) / max(2.0 * wanted.size, 1.0))
 
 
+def may_be_another_drag(final: Fit, piece: Piece) -> bool:
+    """Whether friction whose part with the speed is new, or another one, follows another power of the speed as well.
+
+    Oil that is churned takes more than in proportion to the speed, a film of it less. That power stands beside a dry
+    part, and the friction that the rig has, and falls with the oil temperature as an exponential of any rate.
+    """
+    data, good = final.target.data, final.target.good
+    if piece.effect.name != "friction_windup" or data.angle_rad is not None or data.orders[0] != 0:
+        return False
+    change = final.explained(piece.effect) if piece.added else final.shown_change(piece)
+    sigma, at = final.target.sigma[good, 0], data.at.rows(np.flatnonzero(good))
+    left = final.residual[good, 0].real / sigma
+    wanted = left + change[good, 0].real / sigma
+    warmer = at.temperature_C - piece.effect.constants.reference_temperature_C
+
+    def lost(*laws: FloatArray) -> float:
+        """The loss with a sum of laws that turn with the direction."""
+        design = np.stack(laws, axis=1) * (at.sign / sigma)[:, None]
+        return float(((wanted - made_of(design, wanted)) ** 2).sum())
+
+    dry, films = np.ones(len(wanted)), product(SETTINGS.powers_of_a_drag, SETTINGS.decays_of_a_drag)
+    drags = ((at.speed_rpm / at.speed_rpm.max()) ** power * np.exp(-decay * warmer) for power, decay in films)
+    held, best, alone = float((left**2).sum()), min(lost(dry, drag) for drag in drags), lost(dry)
+    # what neither explains is as much noise to both; where the dry part alone does as well, it is what changed
+    clear = SETTINGS.as_good * max(1.0, min(held, best) / len(wanted))
+    return best < held + clear < alone
+
+
 def may_be_of_a_law(final: Fit, piece: Piece) -> bool:
     """Whether a change of an effect is so small that a law of the conditions would make it, and leave unseen the rest.
 
@@ -246,7 +276,10 @@ def by_order_alone(final: Fit, piece: Piece) -> bool:
 
 
 #: Tests of a finding of a fit: whether something else may look like it, be it missing or changed; and of changes alone.
-LOOK_ALIKES = (is_a_knee, may_be_friction, may_be_time, may_be_of_the_turn, by_order_alone, may_be_another_power)
+LOOK_ALIKES = (
+    is_a_knee, may_be_friction, may_be_time, may_be_of_the_turn, by_order_alone, may_be_another_power,
+    may_be_another_drag,
+)  # fmt: skip
 OF_CHANGES = (*LOOK_ALIKES, gains_one_sideband, may_be_of_a_law)
 
 
@@ -420,10 +453,11 @@ def doubted(
     unsure = {one.after.name for one in retuned if SOMETHING_ELSE in one.alternatives}
     unsure |= {claim.piece.effect.name for claim in claims if SOMETHING_ELSE in claim.alternatives}
     if "backlash" in unsure:
-        # above the load that takes play up it is dry friction's twin: what is no play is no such friction either
-        twin = "the play beside it may be something else"
-        claims = [claim.in_doubt(twin) if claim.piece.effect.name == "friction_windup" else claim for claim in claims]
-        retuned = [replace(one, is_open=one.is_open or one.after.name == "friction_windup") for one in retuned]
+        # above the load that takes play up it is dry friction's twin: what is no play is no such friction either, and
+        # of a transmission that is softer at low loads the stiffness makes up for what the play has too much
+        twin, twins = "the play beside it may be something else", ("friction_windup", "torsional_compliance")
+        claims = [claim.in_doubt(twin) if claim.piece.effect.name in twins else claim for claim in claims]
+        retuned = [replace(one, is_open=one.is_open or one.after.name in twins) for one in retuned]
     offset_is_open = found.offset_changed and 0 in moved
     return replace(found, claims=tuple(claims), retuned=tuple(retuned), offset_is_open=offset_is_open)
 

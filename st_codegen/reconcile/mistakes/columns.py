@@ -32,6 +32,8 @@ from st_codegen.rig.model import RigModel
 _UNIT = (
     "the {}{} seem to be {}: with that the rig predicts every order on which it matters, and as they are it does not"
 )
+#: what torques are of which the data show nothing: a unit that makes them tiny does no better than no load
+_NO_LOAD = "none that the gear carries in the mean of a turn (a brake that is off, an arm whose load turns its sign)"
 _TAKEN_OFF = (
     "hardly anything is left of {} in the runs, where the rig has {:.2g} deg RMS: {} seems to have been taken off the "
     "curves"
@@ -69,7 +71,11 @@ def other_conditions(data: Observations, rig: RigModel) -> list[Mistake]:
             beside = _noise_beside(data, noise, data.values - plain, data.values - read)
             gain = _gain(data, beside, plain, read)
             if gain > best[0]:
-                said = _UNIT.format(column, "" if rows.all() else _of_runs(data, rows), text)
+                unloaded = rig.coefficients(replace(data.at, torque_Nm=np.zeros(len(data))), orders)
+                without = _gain(data, beside, plain, np.where(rows[:, None], unloaded, plain))
+                is_none = column == "torques" and without > gain - SETTINGS.order_gain
+                what = f"{_NO_LOAD}, or {text}" if is_none else text
+                said = _UNIT.format(column, "" if rows.all() else _of_runs(data, rows), what)
                 corrected = partial(_with_conditions, changed, rows)
                 best = (gain, [Mistake("conditions", said, corrected, remedy="read them so")])
     return best[1]

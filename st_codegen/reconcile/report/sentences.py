@@ -477,7 +477,7 @@ def _where_measured(effect: StructuralResonance, at: Conditions) -> str:
 def _heights(claim: Claim, effect: StructuralResonance, at: Conditions) -> str:
     """How high the orders of a resonance are together at the lowest and the largest load, and in each direction.
 
-    Empty where loads and directions are alike.
+    Empty where loads and directions are alike, or the growth with the load is not clearly more than its error.
     """
 
     def rms(sign: float, loads: FloatArray) -> float:
@@ -487,7 +487,11 @@ def _heights(claim: Claim, effect: StructuralResonance, at: Conditions) -> str:
 
     found, signs = "", np.unique(at.sign)
     least, most = float(at.torque_Nm.min()), float(at.torque_Nm.max())
-    if LOAD_PART in effect.values and least < most:
+    keys = [key for key in (LOAD_PART, BACKWARD + LOAD_PART) if key in effect.values]
+    sides = [key == BACKWARD + LOAD_PART for key in keys]
+    growth = math.hypot(*(abs(size) for side in sides for size in effect.complex_values(LOAD_PART, side)))
+    error = math.hypot(*(claim.stderr.get(f"{key}[{order}]", 0.0) for key in keys for order in effect.orders))
+    if growth > SETTINGS.clearly * error and least < most:
         sizes = [
             math.sqrt(np.mean([rms(sign, np.full(len(at), load)) ** 2 for sign in signs])) for load in (least, most)
         ]

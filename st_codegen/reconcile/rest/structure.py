@@ -7,7 +7,7 @@ runs. Decisions are made on cut residuals, so that single wild runs make no stru
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -539,3 +539,29 @@ def scatter_within_turns(target: FitData, residual: ComplexArray) -> tuple[str, 
         f"the lowest orders differ from run to run by up to {times:.2g} times the noise within curves, "
         "as where TE wanders within a turn, or jumps in some of them: it counts as noise; look at single curves",
     )
+
+
+def scatter_of_a_table(target: FitData, left: Collection[int]) -> tuple[str, ...]:
+    """What is said of orders of a table whose runs differ by far more than those of most orders below and above do.
+
+    A table has no noise between its orders to tell what differs without a pattern from noise: a wave of no whole number
+    of periods a turn, of another size and phase in each run, looks like it. Noise that falls or rises with the order is
+    louder than others on one side alone. left: orders that are unexplained.
+    """
+    data, found = target.data, list[str]()
+    if data.spectral_deg is not None or data.angle_rad is not None or not target.good.any():
+        return ()
+    power = (target.sigma[target.good] ** 2).mean(axis=0)
+    waves = data.orders > 0
+    for k in np.flatnonzero((data.orders > SETTINGS.wander_orders) & ~np.isin(data.orders, list(left))):
+        sides = [power[waves & side] for side in (data.orders < data.orders[k], data.orders > data.orders[k])]
+        if min(map(len, sides)) < SETTINGS.least_on_a_side:
+            continue
+        times = power[k] / max(*(float(np.median(side)) for side in sides), 1e-300)
+        if times > SETTINGS.stands_out:
+            found.append(
+                f"order {data.orders[k]} differs from run to run by {np.sqrt(times):.2g} times what most orders below "
+                "and above it do, without a pattern over the conditions that was found: it counts as noise; look at "
+                "curves"
+            )
+    return tuple(found)

@@ -137,8 +137,19 @@ def _split(current: Fit, number: int) -> Fit | None:
     place = found.state.slices()[new]
     evidence = judge(current, found, list(range(place.start, place.stop)), new)
     both = [found.state.pieces[i] for i in (number, new)]
+    if not _have_their_own_frequencies(*(one.effect for one in both)):
+        return None
     sound = all(is_a_peak(one) and not bounds_met(one) for one in both) and at_nobodys_expense(current, found, new)
     return found if evidence.passed and sound else None
+
+
+def _have_their_own_frequencies(one: Effect, other: Effect) -> bool:
+    """Whether two states differ by more than half the width of the narrower peak.
+
+    Else one structure's damping, or height, may have changed with the oil.
+    """
+    apart = abs(one.scalar("frequency_Hz") / other.scalar("frequency_Hz") - 1.0)
+    return apart > min(effect.scalar("damping_ratio") for effect in (one, other))
 
 
 def in_one_piece(joint: Fit) -> Fit | None:
