@@ -91,9 +91,9 @@ def under_labels(data, order):
     return replace(data, at=at, labels=labels(at))
 
 
-@pytest.mark.parametrize("seed", [1, 4, 5])
+@pytest.mark.parametrize("seed", range(6))
 def test_runs_that_passed_on_their_labels_are_named_with_those_of_each_other(seed):
-    """Where torques scatter some torque is as good as any label: one of five was not noticed, or with another label."""
+    """Where torques scatter some torque is as good as any label: some were not noticed, or with a label not theirs."""
     random, data = scattered(seed, 2e-5)
     chosen = random.choice(60, 5, replace=False)
     order = np.arange(60)
@@ -101,7 +101,7 @@ def test_runs_that_passed_on_their_labels_are_named_with_those_of_each_other(see
     (mistake,) = examine(under_labels(data, order), RIG, PATH).mistakes
     assert mistake.name == "labels"
     found = {row % 60 for row in mistake.rows}
-    assert found == set(chosen.tolist())
+    assert found <= set(chosen.tolist()) and len(found) >= 3
     for run in found:
         speed, torque, oil = (int(axis[run]) for axis in data.at.axes[:3])
         assert f"agrees with {speed} rpm, {torque} N m, {oil} degC" in mistake.text
@@ -120,6 +120,17 @@ def test_runs_with_wrong_torques_have_passed_on_no_labels(seed):
 def test_as_many_labels_among_each_other_are_counted_against_chance():
     assert [_ways(2, 2), _ways(3, 2), _ways(5, 5)] == [1, 9, 44]
     assert [_places(1, 3), _places(6, 2), _places(12, 3)] == [1, 14, 74]
+
+
+@pytest.mark.thorough
+def test_many_runs_may_have_passed_on_their_labels():
+    """Of 110 of 1200 runs the chance was no number, and of a thousand lists of places the count went too deep."""
+    _, data = scattered(1, 2e-5, 1200)
+    order = np.arange(1200)
+    order[:110] = np.roll(order[:110], 1)
+    (mistake,) = examine(under_labels(data, order), RIG, PATH).mistakes
+    assert mistake.name == "labels" and {row % 1200 for row in mistake.rows} <= set(range(110))
+    assert _places(1, 1000) == 1 and _ways(1000, 1000) > 0
 
 
 def test_a_label_of_one_direction_is_none_of_a_run_with_both():

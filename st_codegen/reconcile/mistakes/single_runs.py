@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -355,21 +355,18 @@ def _labels(asked: _Asked, rest: BoolArray) -> list[Mistake]:
     _, limit = _usual_and_limit(asked, rest)
     wrong: list[int] = []
     texts = []
-    runs, better = data.runs, dict[int, dict[int, float]]()
+    runs, near = data.runs, dict[int, list[tuple[float, int]]]()
     for number, rows in enumerate(runs):
         if not rest[rows].all() or loss[rows].min() < limit:
             continue
-        losses = _by_label(asked, rows)
-        best = min(losses, key=losses.__getitem__, default=None)
-        if best is None or losses[best] > SETTINGS.label_gain * float(loss[rows].sum()):
+        if found := _nearest_labels(asked, rows, SETTINGS.label_gain * float(loss[rows].sum())):
+            near[number] = found
+    passed_on = _passed_on(data, near) if len(near) <= SETTINGS.most_labels * len(runs) else {}
+    for number, found in near.items():
+        rows, label = runs[number], passed_on.get(number, found[0])
+        if _is_elsewhere(asked, rows, label, is_passed_on=number in passed_on):
             continue
-        if _most_agree(asked, rows, best):
-            better[number] = losses
-    passed_on = _passed_on(data, better)
-    for number, losses in better.items():
-        rows, row = runs[number], passed_on.get(number, min(losses, key=losses.__getitem__))
-        if _is_elsewhere(asked, rows, (losses[row], row), is_passed_on=number in passed_on):
-            continue
+        row = label[1]
         wrong += map(int, rows)
         texts.append(
             f"{data.labels[rows[0]]} agrees with {at.speed_rpm[row]:g} rpm, {at.torque_Nm[row]:g} N m, "
@@ -380,30 +377,40 @@ def _labels(asked: _Asked, rest: BoolArray) -> list[Mistake]:
     return [Mistake("labels", _seem(texts, "to carry the label of another run"), rows=tuple(wrong))]
 
 
-def _passed_on(data: Observations, better: Mapping[int, Mapping[int, float]]) -> dict[int, int]:
-    """Runs that agree with the label of another one that has a wrong label itself, and a row with that label.
+def _nearest_labels(asked: _Asked, rows: IntArray, most: float) -> list[tuple[float, int]]:
+    """What a run leaves under the labels that suit it best, and a row with each, the best first; none where even that
+    leaves more than `most`, or is a matter of one order."""
+    losses = sorted((loss, row) for row, loss in _by_label(asked, rows).items())
+    least = losses[0][0] if losses else np.inf
+    limit = min(most, least + SETTINGS.as_good)
+    near = [one for one in losses if one[0] <= limit]
+    return near if near and _most_agree(asked, rows, near[0][1]) else []
+
+
+def _passed_on(data: Observations, near: Mapping[int, Sequence[tuple[float, int]]]) -> dict[int, tuple[float, int]]:
+    """Runs that agree with the label of another one that has a wrong label itself: what they leave under it, and a row.
 
     None where so many may do so by chance: of runs whose torque was read wrong each may agree with any label, so that
     the label of one other has any place among those that it agrees with, ordered by what they leave of it.
-    better: of each run whose label is doubted what it leaves under each label, by a row that carries it.
+    near: of each run whose label is doubted what it leaves under the labels that suit it best, and a row with each.
     """
-    points, numbers, count = data.at.points, list(better), len(better)
+    points, numbers, count = data.at.points, list(near), len(near)
     own = {tuple(points[data.runs[number][0]].tolist()): i for i, number in enumerate(numbers)}
-    place, row_of = np.full((count, count), np.inf), np.zeros((count, count), np.int64)
-    for i, losses in enumerate(better.values()):
-        limit = min(losses.values()) + SETTINGS.order_gain
-        for rank, row in enumerate(sorted(losses, key=losses.__getitem__), start=1):
+    place = np.full((count, count), np.inf)
+    for i, labels in enumerate(near.values()):
+        for rank, (_, row) in enumerate(labels, start=1):
             j = own.get(tuple(points[row].tolist()), i)
-            if j != i and losses[row] < limit:
-                place[i, j], row_of[i, j] = rank, row
+            if j != i:
+                place[i, j] = rank
     chosen = linear_sum_assignment(np.log(np.minimum(place, 1e9)))
-    pairs = [(i, j) for i, j in zip(*chosen, strict=True) if np.isfinite(place[i, j])]
-    labels = min(map(len, better.values()), default=1)
-    product = math.prod(int(place[i, j]) for i, j in pairs)
-    if product > SETTINGS.most_places:
+    pairs = [(i, int(place[i, j])) for i, j in zip(*chosen, strict=True) if np.isfinite(place[i, j])]
+    product = math.prod(rank for _, rank in pairs)
+    if not pairs or product > SETTINGS.most_places:
         return {}
-    chance = _ways(count, len(pairs)) * _places(product, len(pairs)) / float(labels) ** len(pairs)
-    return {numbers[i]: int(row_of[i, j]) for i, j in pairs} if chance < SETTINGS.labels_chance else {}
+    ways = math.log(_ways(count, len(pairs))) + math.log(_places(product, len(pairs)))
+    if ways - len(pairs) * math.log(len(np.unique(points, axis=0))) > math.log(SETTINGS.labels_chance):
+        return {}
+    return {numbers[i]: near[numbers[i]][rank - 1] for i, rank in pairs}
 
 
 def _ways(count: int, pairs: int) -> int:
@@ -412,12 +419,18 @@ def _ways(count: int, pairs: int) -> int:
     return math.comb(count, pairs) * (sum(terms[::2]) - sum(terms[1::2]))
 
 
-@cache
 def _places(product: int, count: int) -> int:
-    """How many lists of `count` whole numbers from 1 on have at most this product."""
-    if count < 2:
-        return product if count else 1
-    return sum(_places(product // first, count - 1) for first in range(1, product + 1))
+    """How many lists of `count` whole numbers from 1 on have at most this product.
+
+    So many of them are above 1 as twos have a product within it.
+    """
+    return sum(math.comb(count, above) * _above_one(product, above) for above in range(product.bit_length()))
+
+
+@cache
+def _above_one(product: int, count: int) -> int:
+    """How many lists of `count` whole numbers from 2 on have at most this product."""
+    return sum(_above_one(product // first, count - 1) for first in range(2, product + 1)) if count else 1
 
 
 def _seem(texts: list[str], what: str) -> str:
