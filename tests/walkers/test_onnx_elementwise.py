@@ -6,7 +6,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from onnx import TensorProto, helper
+from onnx import TensorProto, helper, numpy_helper
 
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import reference
@@ -733,6 +733,18 @@ def test_arithmetic_of_integers(tmp_path, to):
     large = 2.0 ** (29 if to == TensorProto.INT32 else 51)  # -2 of it is half of what there is, -3 is more
     answered = np.isfinite(reference.evaluate(loaded.ir, [[large, 0.0, 0.0], [4 * large, 0.0, 0.0]])).all(axis=1)
     assert answered.tolist() == [True, False]
+
+
+def test_whole_numbers_that_a_double_does_not_hold_are_refused(tmp_path):
+    """2**53 + 1 was taken for 2**53, and what was left of it called exact."""
+    nodes = [
+        helper.make_node("Cast", ["X"], ["I"], to=INT64),
+        helper.make_node("Add", ["I", "large"], ["J"]),
+        helper.make_node("Cast", ["J"], ["Y"], to=TensorProto.FLOAT),
+    ]
+    constants = [numpy_helper.from_array(np.array([2**53 + 1]), "large")]
+    with pytest.raises(UnsupportedModelError, match=r"whole numbers from 2\*\*53 on"):
+        build.load(graph_model(nodes, [info("X", (None, 3))], [info("Y", (None, 3))], constants), tmp_path)
 
 
 def test_computed_numbers_that_do_not_fit_integers_have_no_answer(tmp_path):

@@ -116,6 +116,27 @@ def test_the_state_that_a_loop_starts_with_may_be_multiplied_by_gemm(tmp_path):
         build.load(whole(*nodes, initializers=parts), tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("name", "numbers", "dtype"),
+    [
+        ("ReduceProd", [70000, 70000], np.int32),
+        ("ReduceSum", [2**31 - 1, 10], np.int32),
+        ("ReduceProd", [2**40, 2**40], np.int64),
+        ("ReduceProd", [3**17, 3**18], np.int64),
+        ("ReduceSum", [2**53 + 1, 2**40, -(2**53)], np.int64),
+        ("ReduceMax", [], np.int64),
+    ],
+)
+def test_lengths_that_onnxruntime_may_round_or_clip_are_refused(tmp_path, name, numbers, dtype):
+    nodes = [
+        helper.make_node(name, ["L"], ["N"], keepdims=0),
+        helper.make_node("Cast", ["N"], ["F"], to=FLOAT),
+        node("Add", "X", "F"),
+    ]
+    with pytest.raises(UnsupportedModelError, match=rf"{name} of (whole numbers that leaves|no number)"):
+        build.load(whole(*nodes, initializers=[constant("L", numbers, dtype)]), tmp_path)
+
+
 @pytest.mark.parametrize("name", ["ReduceProd", "ReduceSum", "ReduceMax", "ReduceMin", "CumSum"])
 def test_lengths_are_reduced_in_whole_numbers(tmp_path, name):
     """tf2onnx writes the shapes of the parts of an Einsum so."""

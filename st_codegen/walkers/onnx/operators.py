@@ -58,6 +58,10 @@ def _of_integers(walk: GraphWalk, code: ir.Operator, pair: list[Operand]) -> Ope
     dtype = pair[0].dtype
     if code is ir.Operator.DIVIDE or any(side.dtype != dtype for side in pair):
         raise UnsupportedModelError("divides computed integers, or mixes types of them; cast them to float")
+    if any(
+        isinstance(side, ConstantOperand) and (np.abs(side.array.astype(np.float64)) >= _WHOLE).any() for side in pair
+    ):
+        raise UnsupportedModelError("calculates with whole numbers from 2**53 on, which LREAL does not hold")
     sides = [
         side.moved(lambda array: array.astype(np.float64))
         if isinstance(side, ConstantOperand)
@@ -464,10 +468,26 @@ def _reduction(call: NodeCall) -> Operand:
     rows = tensor.moved(lambda array: np.ravel(array)[order].reshape(math.prod(groups), -1))
     found: Operand
     if isinstance(rows, ConstantOperand):
-        found = rows.moved(lambda array: _OF_LENGTHS[name](array, axis=1, dtype=array.dtype))
+        found = rows.moved(lambda array: _of_lengths(name, array))
     else:
         found = sum_of(rows) if isinstance(rows, BetweenOperand) else _REDUCTIONS[name](call.walk, rows)
     return found.moved(lambda array: array.reshape(kept))
+
+
+def _of_lengths(name: str, array: AnyArray) -> AnyArray:
+    """Rows of whole numbers, (n, m), reduced to one each. Raises where onnxruntime may round, clip or have no answer.
+
+    It adds and multiplies integers in other types (core/providers/cpu/reduction/reduction_ops.h), which hold what stays
+    below 2**53, and below 2**31 of INT32.
+    """
+    reduce = _OF_LENGTHS[name]
+    if not array.shape[1] and name in ("ReduceMax", "ReduceMin"):
+        raise UnsupportedModelError(f"{name} of no number has no answer")
+    with np.errstate(over="ignore", invalid="ignore"):
+        size = reduce(np.abs(array.astype(np.float64)), axis=1)
+    if not (size < (2.0**31 if array.dtype == np.int32 else _WHOLE)).all():
+        raise UnsupportedModelError(f"{name} of whole numbers that leaves INT32, or 2**53 in INT64")
+    return np.asarray(reduce(array, axis=1, dtype=array.dtype))
 
 
 def _mean_of_picked(walk: GraphWalk, picked: PickedOperand, divides: bool) -> Tensor:
