@@ -43,8 +43,8 @@ def counted(number: int, one: str, many: str = "") -> str:
 def at_most(bound: float, digits: int = 2) -> str:
     """An upper bound in so many digits, rounded up: what is printed is a bound, too.
 
-    >>> at_most(1.0004, 3), at_most(0.25), at_most(-1.0004, 3), at_most(math.inf)
-    ('1.01', '0.25', '-1', 'inf')
+    >>> at_most(1.0004, 3), at_most(0.25), at_most(-1.0004, 3), at_most(12341.0), at_most(float("inf"))
+    ('1.01', '0.25', '-1', '13000', 'inf')
     """
     return _rounded(bound, digits, decimal.ROUND_CEILING)
 
@@ -60,7 +60,7 @@ def at_least(bound: float, digits: int = 2) -> str:
 
 def _rounded(bound: float, digits: int, rounding: str) -> str:
     short = decimal.Context(prec=digits, rounding=rounding, Emin=-400).create_decimal(repr(float(bound)))
-    return f"{float(short):.{digits}g}"
+    return f"{float(short):.{15 if abs(short) < 1_000_000 else digits}g}"
 
 
 def closest(name: str, known: Iterable[str], alike: float = 0.6) -> str | None:

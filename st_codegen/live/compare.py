@@ -240,7 +240,7 @@ def compare(
                 continue
             chosen: ChosenRows = comparison_rows([model.ir for model in own], rows, seed)
             report.rows[name] = (len(chosen.x), chosen.reached, chosen.constants)
-            if any(project.models[model.ir.name]["layout"] == "table" for model in own):
+            if any(project.models[model.ir.name].get("layout") == "table" for model in own):
                 report.untried_cells[name] = chosen.untried_cells
             for model in own:
                 found = model_report(model, chosen.x, {"controller": live})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import os
 import zipfile
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -92,22 +93,23 @@ def write_bundle(folder: Path, head: BundleHead, models: Sequence[FittedModel], 
 
 
 def _named(bundle: Path) -> Iterator[str]:
-    """The texts of a bundle's harmonics, the names of their files among them; nothing where there is no bundle.
+    """The files of a bundle's harmonics; nothing where there is no bundle. Raises InputError where it is no TOML.
 
     Files of [[term]] tables, which `train` never writes, are none of them.
     """
-    pending = [read_toml(bundle).get("harmonic")] if bundle.is_file() else []
-    while pending:
-        value = pending.pop()
-        if isinstance(value, str):
-            yield value
-        elif isinstance(value, dict | list):
-            pending += value.values() if isinstance(value, dict) else value
+    harmonics = read_toml(bundle).get("harmonic") if bundle.is_file() else None
+    for harmonic in harmonics if isinstance(harmonics, list) else ():
+        for quantity in Quantity:
+            value = harmonic.get(quantity.value) if isinstance(harmonic, dict) else None
+            file = value.get("file") if isinstance(value, dict) else value
+            if isinstance(file, str):
+                yield file
 
 
 def check_place(folder: Path) -> None:
-    """Raise InputError where a bundle would replace something else."""
+    """Raise InputError where a bundle would replace something else, or one of which nobody can tell its files."""
     check_replaceable(folder)
+    deque(_named(folder / BUNDLE_FILE), maxlen=0)
     if folder.exists() and any(folder.iterdir()) and not (folder / BUNDLE_FILE).is_file():
         raise InputError(f"{folder} exists and is no bundle: name another folder")
 

@@ -41,7 +41,7 @@ _LENGTHS = {False: (170.0, 500.0, 10.0), True: (40.0, 400.0, 8.0)}
 _HIGH_ORDER = 100
 #: variance of the scatter in units of the function's
 _SCATTER = 0.05
-#: no more than this part of the rows is taken out
+#: from this part of the rows on no further one is taken out
 _MOST = 0.05
 #: rows of one speed that are enough to tell their own scatter
 _LEAST_ROWS = 12
@@ -79,7 +79,7 @@ def faulty_runs(table: HarmonicTable) -> Faulty:
         if beyond[worst] <= 0.0:
             break
         if rows.sum() >= _MOST * count:
-            not_judged = f"no more than {_MOST:.0%} of the runs are taken for faulty, and there are others that look so"
+            not_judged = f"of {count} no more than {rows.sum()} are taken out, and there are others that look so"
             break
         rows[kept[worst]] = True
         orders[kept[worst]] = tuple(dict.fromkeys(map(int, owner[relative[worst] > _OFF])))

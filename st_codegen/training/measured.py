@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -54,7 +55,8 @@ def measured_table(
             stack.enter_context(where.configured())
         read = read_campaign(campaign, skip_bad=skip_bad, band=band, jobs=jobs, cache=cache, progress=progress)
     always = (0,) if orders is None else tuple(orders)
-    reasons = choose_orders(read.fits((), progress), most=most, always=always)
+    # how many there may be is no reason where they are given
+    reasons = choose_orders(read.fits((), progress), most=most if orders is None else sys.maxsize, always=always)
     if orders is None:
         chosen = [reason.order for reason in reasons if reason.chosen]
     else:
