@@ -72,6 +72,8 @@ class Settings:
     samples_that_tell: int = 500
     #: s; by how much a column of a recording may be late: between one sample and what nobody fails to see
     delays_s: tuple[float, float] = (0.004, 4.0)
+    #: samples over which a speed is read from an angle with noise, or from a clock that jitters
+    samples_of_rate: int = chosen(15, UNRECORDED)
     #: factor; a step of an angle, or a wait between samples, that is so many times the others is a jump, or a gap
     jump: float = 3.0
     #: turns by which steps beside each other may differ where an angle begins anew: what it speeds up by

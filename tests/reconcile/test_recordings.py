@@ -815,3 +815,15 @@ def test_a_sideband_that_nothing_tells_is_not_said():
     claims = [SimpleNamespace(piece=piece, stderr={"lower_deg": 1e-5, "upper_deg": 1e-5})]
     said = _sidebands(effect, SimpleNamespace(conclusions=SimpleNamespace(claims=claims)))
     assert said == "order 117 stands beside mesh order 120 as a sideband of the carrier does, at constant size"
+
+
+def test_a_clock_that_jitters_makes_no_speed_of_another_unit(tmp_path):
+    """The rate from one sample to the next is larger in the mean: "0.86 times the rate, in another unit"."""
+    rig = recorded(tmp_path / "r.csv")
+    (r,) = read_recordings([tmp_path / "r.csv"])
+    jitter = 4e-4 * np.random.default_rng(0).uniform(-1.0, 1.0, len(r.time_s))
+    check_recordings([replace(r, time_s=r.time_s + jitter)], rig, tmp_path)
+    for factor in (1 / 81.0, 2.0):
+        other = replace(r.at, speed_rpm=factor * r.at.speed_rpm)
+        with pytest.raises(InputError, match=f"speed_rpm is {factor:.4g} times the rate"):
+            check_recordings([replace(r, at=other)], rig, tmp_path)

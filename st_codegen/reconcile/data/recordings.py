@@ -49,6 +49,12 @@ class Recording:
         """The samples at which the axis moves, (n,): standstill says nothing of the direction, and little else."""
         return np.asarray(self.at.speed_rpm > SETTINGS.standstill * self.at.speed_rpm.max())
 
+    @property
+    def starts(self) -> IntArray:
+        """The samples with which the recording begins, and those after each gap: what was before is not known."""
+        waits = np.diff(self.time_s)
+        return np.concatenate([[0], 1 + np.flatnonzero(waits > SETTINGS.jump * np.median(waits))])
+
     def rows(self, index: IntArray) -> Recording:
         """The samples of an index array."""
         angles = {name: angle[index] for name, angle in self.angles.items()}
@@ -108,13 +114,17 @@ def _columns(path: Path) -> dict[str, FloatArray]:
 
 def speed_of(angles: Mapping[str, FloatArray], time_s: FloatArray) -> FloatArray:
     """The rate of the fast side, deg/s (n,): of the reference, else of a measured angle over some samples."""
-    smooth = next(angles[name] for name in ("theta_ref", "theta_in", "theta_mot") if name in angles)
-    speed: FloatArray = np.gradient(smooth, time_s)
+    speed: FloatArray = np.gradient(reference_of(angles), time_s)
     return speed if "theta_ref" in angles else _smoothed(speed)
 
 
+def reference_of(angles: Mapping[str, FloatArray]) -> FloatArray:
+    """The angle of the fast side that tells the speed: the reference, else a measured one."""
+    return next(angles[name] for name in ("theta_ref", "theta_in", "theta_mot") if name in angles)
+
+
 def _smoothed(values: FloatArray) -> FloatArray:
-    count = 15
+    count = SETTINGS.samples_of_rate
     kernel = np.ones(count) / count
     return np.convolve(np.pad(values, count // 2, mode="edge"), kernel, mode="valid")[: len(values)]
 

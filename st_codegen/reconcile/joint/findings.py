@@ -175,9 +175,9 @@ def _part(result: JointResult, name: str) -> JointFinding | None:
     if negative or _is_below_nothing(result, name):
         return None
     remark = ""
-    slow, fast = np.quantile(np.abs(result.rows.speed), (0.1, 0.9))
-    if name in _POWERS and fast < JOINT.speeds * slow:
-        return _near_one_speed(result, float(fast))
+    slow, fast = map(float, np.quantile(np.abs(result.rows.speed), (0.1, 0.9)))
+    if name in _POWERS and (fast < JOINT.speeds * slow or _driving(result)):
+        return _near_one_speed(result, fast) if fast < JOINT.speeds * slow else _not_apart(result, slow, fast)
     if name == "dry_friction":
         slowest, fastest = np.quantile(np.abs(result.rows.speed), (0.02, 0.98))
         remark = f"read between {digits(slowest, 2)} and {digits(fastest, 2)} rad/s; at standstill it is not seen"
@@ -196,13 +196,39 @@ def _part(result: JointResult, name: str) -> JointFinding | None:
 _POWERS = {"dry_friction": 0, "viscous_friction": 1, "square_friction": 2}
 
 
+def _driving(result: JointResult) -> list[str]:
+    """Forms over speed that surely drive the joint: together with others they make a curve that none of them has."""
+    values = {name: result.chosen.value(name) for name in result.chosen.names() if name in _POWERS}
+    return [name for name, (value, error) in values.items() if value < 0 and _is_told(name, value, error)]
+
+
+def _at(result: JointResult, speed: float) -> tuple[float, float]:
+    """Friction at a speed (rad/s) by its forms over speed together, and its standard error, N m."""
+    names = set(result.chosen.names()) & _POWERS.keys()
+    parts = [speed ** _POWERS[name] * np.array(result.chosen.value(name)) for name in names]
+    # what one form takes from another leaves the sum as it is
+    return float(sum(part[0] for part in parts)), float(np.sqrt(sum(part[1] ** 2 for part in parts)))
+
+
+def _not_apart(result: JointResult, slow: float, fast: float) -> JointFinding:
+    """All of friction over speed together where a form of it has the wrong sign: no other one is what it is called."""
+    text, parameters = [], dict[str, Value]()
+    for key, speed in (("slow", slow), ("fast", fast)):
+        value, error = _at(result, speed)
+        text.append(f"{number(value, error, 'Nm')} at {digits(speed, 2)} rad/s")
+        parameters |= {f"{key}_rad_s": (speed, None, "rad/s"), f"{key}_friction_Nm": (value, error, "Nm")}
+    how = (
+        f"how much of it is dry, and how it changes with the speed, is not told: {_INSTEAD[_driving(result)[0]]} "
+        "beside it has the wrong sign, so that the curve is another one"
+    )
+    share = float(result.chosen.of(set(_POWERS)).var() / result.rows.torque.var())
+    return JointFinding("friction", f"friction of {' and '.join(text)}", parameters, (), how, share)
+
+
 def _near_one_speed(result: JointResult, speed: float) -> JointFinding:
     """All of friction together where the speed hardly varied: its forms look alike there."""
     names = set(result.chosen.names()) & _POWERS.keys()
-    parts = {name: speed ** _POWERS[name] * np.array(result.chosen.value(name)) for name in names}
-    value = float(sum(part[0] for part in parts.values()))
-    # what one form takes from another leaves the sum as it is
-    error = float(np.sqrt(sum(part[1] ** 2 for part in parts.values())))
+    value, error = _at(result, speed)
     how = "the speed hardly varied: how much of it is dry and how much rises with speed is not told"
     share = float(result.chosen.of(names).var() / result.rows.torque.var())
     text = f"friction of {number(value, error, 'Nm')} near {digits(speed, 2)} rad/s"
@@ -381,10 +407,12 @@ def measurement(result: JointResult) -> list[str]:
     found = list(result.notes)
     if result.late_s:
         way = "later" if result.late_s > 0 else "earlier"
+        least, most = sorted(abs(one) * 1e3 for one in result.as_late_s)
+        span = f" ({digits(least, 3)} to {digits(most, 3)} ms do as well)" if most > least else ""
         _, after, floor = result.gap
         rest = ", or what stays unexplained" if after > JOINT.noise * floor else ""
         found.append(
-            f"tau{result.joint} is as if {digits(abs(result.late_s) * 1e3, 3)} ms {way} than the motion, and is "
+            f"tau{result.joint} is as if {digits(abs(result.late_s) * 1e3, 3)} ms {way} than the motion{span}, and is "
             f"shifted by as much: a delay, a filter, or an elasticity between encoder and drive{rest}"
         )
     if (told := explained(result)) < JOINT.unrelated:

@@ -36,7 +36,8 @@ from st_codegen.reconcile.joint.waves import ANGLE, TorqueWave, columns, find_wa
 class JointResult:
     """What one joint's torque is made of; without its name where it is the only one.
 
-    late_s: how much later than the motion the torque is, as far as a shift tells; outliers: rows left out; told_to_Hz:
+    late_s: how much later than the motion the torque is, as far as a shift tells; as_late_s: the least and the most of
+    what does as well; outliers: rows left out; told_to_Hz:
     up to where the motion explains the torque; is_rigid: whether all of that is a rigid joint's; unseen_mode: the
     inertia is not one at all frequencies.
     """
@@ -47,6 +48,7 @@ class JointResult:
     waves: tuple[TorqueWave, ...]
     mode: JointMode | None
     late_s: float
+    as_late_s: tuple[float, float]
     outliers: int
     told_to_Hz: float | None
     is_rigid: bool
@@ -133,7 +135,7 @@ def _joint(recordings: list[JointRecording], joint: str, accept: Collection[str]
     # a ripple shakes the joint as a mode does; waves over time may be those of the motion itself
     ripples = [wave for wave in seen if wave[0] == ANGLE]
     kernel, unseen = _below_mode(recordings, joint, rows, acting.columns, ripples)
-    shift = _shift(recordings, joint, kernel, acting.columns, seen)
+    shift, alike = _shift(recordings, joint, kernel, acting.columns, seen)
     rows = rows_of(recordings, joint, shift, kernel, acting.columns) or rows
     rows, outliers = without_outliers(rows)
     chosen, waves = choose(rows, acting.moves), list[TorqueWave]()
@@ -146,9 +148,11 @@ def _joint(recordings: list[JointRecording], joint: str, accept: Collection[str]
     kept = tuple(wave for wave in waves if wave.gain.part.name in chosen.names())
     rest = chosen.of(set(chosen.names())) - chosen.fit.values[0] * rows.acceleration
     mode, most, rigid = _mode(recordings, joint, rows, rest, shift)
-    late = shift * recordings[0].step_s
+    late, *as_late = (one * recordings[0].step_s for one in (shift, min(alike), max(alike)))
     unseen = unseen and mode is None
-    return JointResult(joint, rows, chosen, kept, mode, late, outliers, most, rigid, unseen, tuple(notes))
+    return JointResult(
+        joint, rows, chosen, kept, mode, late, (as_late[0], as_late[1]), outliers, most, rigid, unseen, tuple(notes)
+    )
 
 
 def _rich(rows: JointRows, seen: Sequence[tuple[str, float]] = ()) -> list[TorquePart]:
@@ -244,8 +248,11 @@ def _shift(
     kernel_s: float,
     acting: Sequence[int],
     seen: Sequence[tuple[str, float]],
-) -> int:
-    """Samples by which the torque is late: the shift whose model predicts best, if it surely does so better."""
+) -> tuple[int, list[int]]:
+    """Samples by which the torque is late: the shift whose model predicts best, if it surely does so better.
+
+    With all shifts around it whose models do not surely predict worse.
+    """
     most = int(min(JOINT.most_shift_s / recordings[0].step_s, JOINT.most_shift))
     fits: dict[int, FloatArray] = {}
     base = rows_of(recordings, joint, 0, kernel_s, acting)
@@ -267,7 +274,7 @@ def _shift(
         if best == before:
             break
     if not fits:
-        return 0
+        return 0, [0]
     far = rows_of(recordings, joint, best, kernel_s, acting)
     if abs(best) > most and far is not None:
         # so late a torque makes waves that are none
@@ -276,7 +283,16 @@ def _shift(
     best = tried([0, *range(best - step + 1, best + step)])
     saved = fits[0] - fits[best]
     sure = surely(saved, fits[0]) and (saved > 0).mean() >= JOINT.most
-    return best if sure and saved.sum() > JOINT.share * fits[0].sum() else 0
+    if not sure or saved.sum() <= JOINT.share * fits[0].sum():
+        return 0, [0]
+    alike = [best]
+    for way in (-1, 1):
+        while (farther := alike[-1 if way > 0 else 0] + way) and abs(farther) < JOINT.farthest * most:
+            tried([farther])
+            if farther not in fits or surely(fits[farther] - fits[best], fits[farther]):
+                break
+            alike = sorted([*alike, farther])
+    return best, alike
 
 
 def _mode(

@@ -9,14 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray
 from st_codegen.reconcile.data.chances import chi_square_tail
 from st_codegen.reconcile.data.noise import MEDIAN_1
-from st_codegen.reconcile.data.recordings import Recording, speed_of
+from st_codegen.reconcile.data.recordings import Recording, speed_of, step_of
 from st_codegen.reconcile.fit.state import Piece
 from st_codegen.reconcile.judge.claims import SOMETHING_ELSE, Claim, Conclusions, Retuned
 from st_codegen.reconcile.outcome import Gap
@@ -62,13 +62,14 @@ class _Told:
     """What samples (n,) tell of the sizes of named columns (n, p) beside others (n, q).
 
     A column that the others make is not told: its size is not a number, and its error has no end. parts: of its
-    recording in which each sample lies, (n,).
+    recording in which each sample lies, (n,). rounded_deg: RMS of what the samples are rounded by.
     """
 
     named: FloatArray
     beside: FloatArray
     samples: FloatArray
     parts: IntArray
+    rounded_deg: float
 
     @cached_property
     def values(self) -> FloatArray:
@@ -84,7 +85,9 @@ class _Told:
     def noise(self) -> float:
         """Standard deviation of a sample's noise, deg."""
         # neither is below the noise: a wave that is fast beside the samples bends them, and what has no column is left
-        return max(min(_noise(self.rest), _rms(self.rest)), SETTINGS.least_noise_deg)
+        shown = min(_noise(self.rest), _rms(self.rest))
+        # samples that stay on a step for a while hide how far it is
+        return max(shown, self.rounded_deg, SETTINGS.least_noise_deg)
 
     @cached_property
     def stderr(self) -> FloatArray:
@@ -142,13 +145,15 @@ def _sizes(named: FloatArray, beside: FloatArray, samples: FloatArray) -> tuple[
 class _Samples:
     """Samples of a link, deg (n,), and columns that may make them: of the numbers of its effect, and of others.
 
-    named (n, p); beside (n, q), that of a zero first; file: of each sample, (n,).
+    named (n, p); beside (n, q), that of a zero first; file: of each sample, (n,); rounded_deg: RMS of what they are
+    rounded by.
     """
 
     values: FloatArray
     named: FloatArray
     beside: FloatArray
     file: IntArray
+    rounded_deg: float
 
     @property
     def zeros(self) -> FloatArray:
@@ -158,11 +163,12 @@ class _Samples:
     @cached_property
     def told(self) -> _Told:
         """What they tell where the angles have the same zeros in all recordings."""
-        return _Told(self.named, self.beside, self.values, self._parts)
+        return _Told(self.named, self.beside, self.values, self._parts, self.rounded_deg)
 
     def may_be_zeros(self, known: FloatArray) -> bool:
         """Whether a number that changed is not told to have done so where each recording has zeros of its own."""
-        apart = _Told(self.named, np.hstack([self.beside, self.zeros[:, 1:]]), self.values, self._parts)
+        beside = np.hstack([self.beside, self.zeros[:, 1:]])
+        apart = _Told(self.named, beside, self.values, self._parts, self.rounded_deg)
         return bool((self.told.are_off(known) & ~apart.are_off(known)).any())
 
     @property
@@ -176,6 +182,12 @@ def _files(recordings: Sequence[Recording]) -> IntArray:
     return np.repeat(np.arange(len(recordings)), [len(r.time_s) for r in recordings])
 
 
+def _rounded(recordings: Sequence[Recording], *names: str) -> float:
+    """RMS of what the difference of two angles is rounded by, deg."""
+    steps = np.array([[step_of(r.angles[name]) for name in names] for r in recordings])
+    return float(np.sqrt((steps**2).sum(axis=1).mean() / 12.0))
+
+
 def servo_link(recordings: Sequence[Recording], rig: RigModel) -> Link | None:
     """theta_ref -> theta_mot: is there a lag that the rig does not have?"""
     usable = [r for r in recordings if {"theta_ref", "theta_mot"} <= r.angles.keys()]
@@ -186,16 +198,20 @@ def servo_link(recordings: Sequence[Recording], rig: RigModel) -> Link | None:
 
     def left(lag: float) -> FloatArray:
         effect = ControlLag({"lag_ms": lag}, rig.constants, check=False)
-        return np.concatenate(
-            [r.angles["theta_mot"] - effect.motor_angle(r.time_s, r.angles["theta_ref"]) for r in usable]
-        )
+        return np.concatenate([_left_of_lag(r, effect) for r in usable])
 
     # where the reference and the encoder have their zeros is no lag
     lag = _least(lambda x: float(left(x).var()), start)
     first, best, step = left(start), left(lag), 0.01 * lag + 1e-3
     slope = (best - left(lag + step))[:, None] / step
     # near the best lag the angles are straight over it: of all of it but what stays
-    samples = _Samples(best + slope[:, 0] * lag, slope, np.ones((len(best), 1)), _files(usable))
+    samples = _Samples(
+        best + slope[:, 0] * lag,
+        slope,
+        np.ones((len(best), 1)),
+        _files(usable),
+        _rounded(usable, "theta_ref", "theta_mot"),
+    )
     known, change = np.array([start]), None
     if samples.told.are_off(known).any():
         effect = ControlLag({"lag_ms": lag}, rig.constants, check=False)
@@ -203,6 +219,19 @@ def servo_link(recordings: Sequence[Recording], rig: RigModel) -> Link | None:
         change = _Change(effect, np.array([lag]), best, stderr, samples.may_be_zeros(known))
     ratio = rig.constants.reduction_ratio
     return _judged(samples, _Rig(own, known, first, ControlLag.title, _SERVO, ratio), change)
+
+
+def _left_of_lag(r: Recording, effect: ControlLag) -> FloatArray:
+    """What a lag leaves of theta_mot, deg (n,): how far behind it was where the recording begins is not known."""
+    left = r.angles["theta_mot"] - effect.motor_angle(r.time_s, r.angles["theta_ref"])
+    lag = effect.scalar("lag_ms") / 1000
+    if lag <= 0:
+        return left
+    for first, last in pairwise([*r.starts, len(left)]):
+        fades = np.exp(-(r.time_s[first:last] - r.time_s[first]) / lag)
+        zero = np.ones(last - first)
+        left[first:last] -= fades * np.nan_to_num(_sizes(fades[:, None], zero[:, None], left[first:last])[0])
+    return left
 
 
 def coupling_link(recordings: Sequence[Recording], rig: RigModel) -> Link | None:
@@ -239,7 +268,8 @@ def _of_coupling(recordings: Sequence[Recording], ratio: float) -> _Samples:
     sign, torque = (np.concatenate([getattr(r.at, name) for r in moving]) for name in ("sign", "torque_Nm"))
     named = np.stack([-sign * np.rad2deg(torque / ratio), -sign / 120.0], axis=1)
     waves = [wave(times * np.deg2rad(motor)) for times in (1, 2) for wave in (np.cos, np.sin)]
-    return _Samples(fast - motor, named, np.stack([np.ones(len(motor)), speed, *waves], axis=1), _files(moving))
+    beside = np.stack([np.ones(len(motor)), speed, *waves], axis=1)
+    return _Samples(fast - motor, named, beside, _files(moving), _rounded(recordings, "theta_mot", "theta_in"))
 
 
 def _change_of_coupling(samples: _Samples, known: FloatArray, rig: RigModel) -> _Change | None:

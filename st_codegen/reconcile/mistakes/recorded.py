@@ -14,7 +14,15 @@ import numpy as np
 
 from st_codegen.errors import InputError, Problems
 from st_codegen.ir.arrays import FloatArray
-from st_codegen.reconcile.data.recordings import FAST, Recording, error_of, expected_error, speed_of, turned, with_motor
+from st_codegen.reconcile.data.recordings import (
+    FAST,
+    Recording,
+    error_of,
+    expected_error,
+    reference_of,
+    turned,
+    with_motor,
+)
 from st_codegen.reconcile.mistakes.columns import readings
 from st_codegen.reconcile.mistakes.single_runs import AS_IS
 from st_codegen.reconcile.settings import SETTINGS
@@ -141,11 +149,18 @@ def _other_motor(r: Recording) -> list[str]:
 
 def _other_speed(r: Recording) -> list[str]:
     """Whether speed_rpm is the rate of the fast side's angle."""
-    derived = np.abs(speed_of(r.angles, r.time_s)) / 6.0
     if min(float(np.ptp(angle)) for name, angle in r.angles.items() if name in FAST) < _TURN_DEG:
         return []
+    # over some samples: a clock that jitters makes the rate from one to the next another one in the mean
+    count = SETTINGS.samples_of_rate
+    waits, middle = np.diff(r.time_s), (r.at.speed_rpm[1:] + r.at.speed_rpm[:-1]) / 2.0
+    over = r.time_s[count:] - r.time_s[:-count]
+    travelled = np.concatenate([[0.0], np.cumsum(waits * middle)])
+    given = (travelled[count:] - travelled[:-count]) / over
+    angle = reference_of(r.angles)
+    derived = np.abs(angle[count:] - angle[:-count]) / over / 6.0
     moves = derived > SETTINGS.fast_enough * derived.max()
-    factor = float(np.median(r.at.speed_rpm[moves]) / np.median(derived[moves]))
+    factor = float(np.median(given[moves]) / np.median(derived[moves]))
     if abs(factor - 1) < SETTINGS.one_rate:
         return []
     return [f"speed_rpm is {factor:.4g} times the rate of the fast side over t: one of them is in another unit"]

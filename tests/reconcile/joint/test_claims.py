@@ -232,6 +232,25 @@ def test_the_bend_of_another_law_is_not_called_the_square_of_the_speed(tmp_path)
         assert any("friction over speed is bent" in text for text in signatures(result))
 
 
+def test_forms_of_which_one_drives_the_joint_are_not_named(tmp_path):
+    """Of three speeds square, viscous and dry friction make any curve: 8.6 +- 0.1 N m of 6 N m were "dry"."""
+    random, t = np.random.default_rng(0), np.arange(0.0, 40.0, 1e-3)
+    levels = np.repeat([0.2, -0.2, 0.5, -0.5, 1.0, -1.0, 0.2, -0.2, 0.5, -0.5], 4000)
+    v = np.convolve(np.pad(levels, 100, mode="edge"), np.hanning(202)[1:-1] / np.hanning(202).sum(), "same")[100:-100]
+    friction = np.sign(v) * (6.0 + 4.0 * np.exp(-np.abs(v) / 0.2)) + 4.0 * v
+    q = np.cumsum(v) * 1e-3
+    tau = 1.2 * np.gradient(v, 1e-3) + 12.0 * np.cos(q) + friction + 0.05 * random.standard_normal(len(t))
+    (joint,) = report({"t": t, "q": q, "dq": v, "tau": tau}, tmp_path)
+    assert any("wrong sign" in text for text in joint["unexplained"])
+    found = named(joint)
+    assert not {"dry_friction", "viscous_friction", "square_friction"} & set(found)
+    values = {key: value["value"] for key, value in found["friction"]["parameters"].items()}
+    for key in ("slow", "fast"):
+        speed, error = values[f"{key}_rad_s"], found["friction"]["parameters"][f"{key}_friction_Nm"]["stderr"]
+        truth = 6.0 + 4.0 * np.exp(-speed / 0.2) + 4.0 * speed
+        assert abs(values[f"{key}_friction_Nm"] - truth) < 2 * error < 1.0
+
+
 def two_joints(**columns):
     """A second joint beside one that moves."""
     found = {("t" if key == "t" else f"{key}1"): value for key, value in plain().items()}
