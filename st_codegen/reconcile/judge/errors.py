@@ -85,8 +85,9 @@ def with_the_other_half(joint: Fit, final: Fit, number: int, known: Catalogue) -
     A mesh order has a constant part and one that grows with the load: where one of them stands alone, it takes up what
     it can of the other, be that missing or a part of the rig that is held.
     """
-    order = final.state.pieces[number].effect.touched_orders()
-    if len(order) != 1 or 0 in order or final.target.data.angle_rad is not None:
+    effect = final.state.pieces[number].effect
+    order, is_wave = effect.touched_orders(), effect.stage is Stage.ADDITIVE
+    if not is_wave or len(order) != 1 or 0 in order or final.target.data.angle_rad is not None:
         return
     finder = Search(known, final, stages=(Stage.ADDITIVE,), touching=order)
     missing = [c for c in finder.ranked() if c.number != number and c.piece.effect.touched_orders() == order]

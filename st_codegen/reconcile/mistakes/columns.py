@@ -71,13 +71,15 @@ def other_conditions(data: Observations, rig: RigModel) -> list[Mistake]:
             beside = _noise_beside(data, noise, data.values - plain, data.values - read)
             gain = _gain(data, beside, plain, read)
             if gain > best[0]:
-                unloaded = rig.coefficients(replace(data.at, torque_Nm=np.zeros(len(data))), orders)
-                without = _gain(data, beside, plain, np.where(rows[:, None], unloaded, plain))
-                is_none = column == "torques" and without > gain - SETTINGS.order_gain
-                what = f"{_NO_LOAD}, or {text}" if is_none else text
+                what, remedy = text, "read them so"
+                if column == "torques":
+                    unloaded = rig.coefficients(replace(data.at, torque_Nm=np.zeros(len(data))), orders)
+                    without = _gain(data, beside, plain, np.where(rows[:, None], unloaded, plain))
+                    if without > gain - SETTINGS.order_gain:
+                        what, remedy = f"{_NO_LOAD}, or {text}", f"read them {text}, which leaves no less than none"
                 said = _UNIT.format(column, "" if rows.all() else _of_runs(data, rows), what)
                 corrected = partial(_with_conditions, changed, rows)
-                best = (gain, [Mistake("conditions", said, corrected, remedy="read them so")])
+                best = (gain, [Mistake("conditions", said, corrected, remedy=remedy)])
     return best[1]
 
 

@@ -424,7 +424,7 @@ def _median_run_has(of_medians: tuple[float, float], factor: float) -> bool:
     if min(of_medians) <= 0.0:
         return False
     own = float(np.log(of_medians[0] / of_medians[1]))
-    return bool(abs(own - np.log(factor)) < abs(own))
+    return bool(abs(own) > np.log(SETTINGS.column_factor) and abs(own - np.log(factor)) < abs(own))
 
 
 def _of_median_runs(data: Observations, rig: RigModel, loud: BoolArray, found: _Common) -> tuple[float, float]:

@@ -135,10 +135,10 @@ def _split(current: Fit, number: int) -> Fit | None:
         better = better and is_a_peak(one) and not bounds_met(one)
         return moved if better and leaves_less_than_two(moved, number) else None
     place = found.state.slices()[new]
-    evidence = judge(current, found, list(range(place.start, place.stop)), new)
     both = [found.state.pieces[i] for i in (number, new)]
     if not _have_their_own_frequencies(*(one.effect for one in both)):
         return None
+    evidence = judge(current, found, list(range(place.start, place.stop)), new)
     sound = all(is_a_peak(one) and not bounds_met(one) for one in both) and at_nobodys_expense(current, found, new)
     return found if evidence.passed and sound else None
 
