@@ -13,7 +13,7 @@ import pytest
 from st_codegen.campaign.curves import Curve
 from st_codegen.campaign.orders import curve_sums
 from st_codegen.errors import InputError
-from st_codegen.reconcile.data.hum import without_hums, without_waves_between
+from st_codegen.reconcile.data.hum import Hum, without_hums, without_waves_between
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs, rows_that_tell
 from st_codegen.reconcile.data.ramps import ramp_deg
 from st_codegen.reconcile.mistakes import sensors
@@ -590,6 +590,33 @@ def test_a_missing_effect_does_not_hide_a_mistake():
     rig = RIG.with_effects(effect for effect in RIG.effects if effect.name != "torsional_compliance")
     with pytest.raises(InputError, match="--accept direction"):
         examine(exchanged(measured()), rig, PATH)
+
+
+@pytest.mark.parametrize("mistake", ["column", "sign", "home", "homes of runs"])
+def test_what_two_orders_do_not_show_is_not_said_of_all(mistake):
+    """It was "in all orders", or of "every order", where two were as the rig has them."""
+    data = measured()
+    wrong = {
+        "column": column(data, 1.5),
+        "sign": replace(data, values=-data.values),
+        "home": turned(data, 1.15),
+        "homes of runs": replace(
+            data, values=np.where((data.number_of_run % 9 == 0)[:, None], turned(data, 2.9).values, data.values)
+        ),
+    }[mistake]
+    values = wrong.values.copy()
+    values[:, -2:] = data.values[:, -2:]
+    with pytest.raises(InputError) as asked:
+        examine(replace(data, values=values), RIG, PATH)
+    said = str(asked.value)
+    assert "in all orders" not in said and "every order k is turned" not in said
+    assert "in most orders" in said if mistake == "column" else "all orders together come nearer to the rig" in said
+
+
+def test_other_curves_are_spoken_of_where_there_are_some():
+    """A hum in 4 of 4 curves was "weaker in others"."""
+    said = [Hum(50.0, 1e-3, (seen, 4), np.zeros(5)).text for seen in (3, 4)]
+    assert ["in others it is weaker" in text for text in said] == [True, False]
 
 
 def test_a_factor_on_one_column_is_seen_beside_wrong_labels():

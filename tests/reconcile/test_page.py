@@ -77,6 +77,26 @@ def test_each_finding_says_what_is_next(result, page):
         assert html.escape(finding.todo) in page
 
 
+def test_a_share_near_all_is_no_power_of_ten(result):
+    """99.6 % of the gap was "1e+02 %"."""
+    most = replace(result, unexplained=(replace(result.unexplained[0], share=0.996),))
+    text = report_page(most)
+    assert "more than 99 %" in text and "e+02 %" not in text
+
+
+def test_held_out_levels_are_those_that_can_be_left_out(result):
+    """Of a temperature that never varied it said that each was predicted by parameters fitted without it."""
+    text = report_page(replace(result, unseen_curves=0))
+    assert "left out in turn and predicted by parameters fitted without them, where the others tell these" in text
+
+
+def test_bounds_of_gaps_are_rounded_as_bounds(result):
+    gap = replace(result.held_out, after=0.00123999, noise_floor=0.000123456)
+    few = replace(result, held_out=gap, untested=("torque",))
+    assert few.floor_is_bound and few.held_out_is_bound
+    assert "-> at least 0.00123 deg RMS, noise floor at most 0.000124 deg" in summary(few)
+
+
 def test_a_gap_well_above_the_floor_has_its_reason(result, page):
     text = left_text(result)
     size = result.held_out.after / result.held_out.noise_floor

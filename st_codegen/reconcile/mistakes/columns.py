@@ -30,7 +30,8 @@ from st_codegen.rig.effects import Conditions
 from st_codegen.rig.model import RigModel
 
 _UNIT = (
-    "the {}{} seem to be {}: with that the rig predicts every order on which it matters, and as they are it does not"
+    "the {}{} seem to be {}: with that nearly all is gone that the rig leaves of the orders on which it matters, taken "
+    "together"
 )
 _TAKEN_OFF = (
     "hardly anything is left of {} in the runs, where the rig has {:.2g} deg RMS: {} seems to have been taken off the "
