@@ -329,10 +329,11 @@ def _models(update: Update) -> PageSection:
     columns = ["order", "effects", "in the bundle", "RMS before, deg", "after, deg", ""]
     text = "Measured minus what the bundle predicts, over all good runs, before and after. "
     if update.verified is not None:
-        exact = sum(model.exact for model in update.verified.models)
+        exact, blocks = sum(model.exact for model in update.verified.models), len(update.verified.models)
+        others = "" if exact == blocks else ", the others within a derived bound"
         text += (
-            f"The new bundle was compiled for {update.target}; models, reference and text agree in all "
-            f"{counted(len(update.verified.models), 'block')} ({exact} bit for bit, the others within a derived bound)."
+            f"The new bundle was compiled for {update.target}; on the rows that were tried models, reference and text "
+            f"agree in each of {counted(blocks, 'block')} ({exact} bit for bit{others})."
         )
     return PageSection("The models for the controller", text, PageTable(columns, rows))
 
