@@ -395,7 +395,7 @@ def plain(effect: Effect, result: Reconciliation) -> str:
 
 def _compliance(effect: Effect, result: Reconciliation) -> str:
     stiffness = effect.scalar("stiffness_Nm_per_arcmin")
-    twist = float(result.data.at.torque_Nm.max()) / stiffness
+    twist = float(np.abs(result.data.at.torque_Nm).max()) / stiffness
     return (
         f"the transmission twists under load: {stiffness:.0f} N m per arcmin, {twist:.1f} arcmin at the largest torque"
     )
@@ -455,9 +455,14 @@ def _lifted(
         with_it = np.abs(model.coefficients(rows, [order])).mean()
         alone = np.abs(without.coefficients(rows, [order])).mean()
         is_lifted = alone > 1e-7 and with_it > SETTINGS.lifted * alone
-        lifted = f"raised {with_it / alone:.0f}-fold" if is_lifted else "changed"
+        lifted = f"raised {_times(with_it / alone)}-fold" if is_lifted else "changed"
         parts.append(f"order {order} is {lifted} at {speed:g} rpm")
     return parts
+
+
+def _times(factor: float) -> str:
+    """A factor in words: 1.5 is not twice."""
+    return f"{factor:.1f}" if factor < 1.95 else f"{factor:.0f}"
 
 
 def _between_loads(effect: StructuralResonance, at: Conditions, frequency: float) -> str:
