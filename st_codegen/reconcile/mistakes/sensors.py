@@ -31,14 +31,14 @@ _BY_DIRECTION = (
     "that depend on the load agree with the others on it"
 )
 _OWN_TORQUES = (
-    "the torques of the runs seem to be read wrong, each by its own, by up to {:.0f} N m and {:.0f} N m RMS: most "
+    "torques seem to be read wrong by amounts that differ from run to run, up to {:.0f} N m and {:.0f} N m RMS: most "
     "orders that depend on the load agree with the others on it"
 )
 _BY_A_LAW = (
     "; by how much is a smooth function of the torque: a sensor that is not linear does so, and so does a machine in "
     "which all that depends on the load follows another law than the rig's, and then --accept as_is is right"
 )
-_OWN_BY_DIRECTION = _OWN_TORQUES.replace("each by its own", "each by its own and forward by another than backward")
+_OWN_BY_DIRECTION = _OWN_TORQUES.replace("run to run", "run to run and between forward and backward")
 _TAKE_OWN = "take the torques that the orders tell (what the load does to all orders alike cannot be seen then)"
 #: part of what orders tell of a response below which rounding is what is left of it
 _DIGITS = 1e-12
