@@ -43,7 +43,7 @@ def counted(number: int, one: str, many: str = "") -> str:
 def at_most(bound: float, digits: int = 2) -> str:
     """An upper bound in so many digits, rounded up: what is printed is a bound, too.
 
-    >>> at_most(1.0004, 3), at_most(0.25), at_most(-1.0004, 3), at_most(math.inf)
+    >>> at_most(1.0004, 3), at_most(0.25), at_most(-1.0004, 3), at_most(float("inf"))
     ('1.01', '0.25', '-1', 'inf')
     """
     return _rounded(bound, digits, decimal.ROUND_CEILING)

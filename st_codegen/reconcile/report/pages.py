@@ -327,7 +327,7 @@ def _models(update: Update) -> PageSection:
         for d in update.decisions
     ]
     columns = ["order", "effects", "in the bundle", "RMS before, deg", "after, deg", ""]
-    text = "Measured minus what the bundle predicts, over all good runs, before and after. "
+    text = "Measured minus what the bundle predicts, over all good runs inside its ranges, before and after. "
     if update.verified is not None:
         exact, blocks = sum(model.exact for model in update.verified.models), len(update.verified.models)
         others = "" if exact == blocks else ", the others within a derived bound"
