@@ -352,8 +352,8 @@ DIAGNOSTICS = (
         "STC1601",
         "A measured curve or a table of harmonics cannot be used",
         "A file of a campaign lacks columns or samples, has numbers that are not finite, or does not say its "
-        "conditions.",
-        "The message has file and line. --skip-bad leaves bad files out. The page on training shows the form.",
+        "conditions; or a table lacks an order that is asked for.",
+        "The message says where. --skip-bad leaves bad files out. The page on training shows the form.",
         places=("campaign",),
     ),
     Diagnostic(
@@ -366,7 +366,8 @@ DIAGNOSTICS = (
     Diagnostic(
         "STC1603",
         "Training cannot start or go on",
-        "Orders, families or folds do not fit the data, or kept work is of another run.",
+        "Orders, families or folds do not fit the data, kept work is of another run, or the scheduler of a cluster "
+        "does not answer.",
         "Follow the message; st-codegen train --help has examples.",
         places=("training", "cli.train", "cli.training", "cli.tables"),
     ),
@@ -380,8 +381,10 @@ DIAGNOSTICS = (
     Diagnostic(
         "STC1605",
         "Measured data cannot be compared with the rig",
-        "The data lack conditions or columns, or nothing in them can be compared with the rig model.",
-        "The page on reconcile says which forms of data are read.",
+        "The data lack conditions or columns, nothing in them can be compared with the rig model, or they look "
+        "measured or labelled in a way that has to be answered first.",
+        "Where the message names --accept or --scale, answer with it. The page on reconcile says which forms of data "
+        "are read, and what is asked.",
         places=("reconcile", "cli.reconcile"),
     ),
     Diagnostic(

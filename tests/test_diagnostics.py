@@ -137,6 +137,11 @@ def test_the_command_line_shows_the_code_and_explains_it(lone_folder, tmp_path, 
     assert diagnostic("STC1501").cure in " ".join(text.split())
     assert run("explain", "STC1005") == 0
     assert "'st-codegen[lightgbm]'" in capsys.readouterr().out  # in one line: it is to be copied
+    # questions of reconcile were "no overlap", and an order that a table lacks had "file and line"
+    assert run("explain", "STC1605") == 0
+    assert "--accept" in capsys.readouterr().out
+    assert run("explain", "STC1601") == 0
+    assert "The message has file and line" not in capsys.readouterr().out
     assert run("explain", "STC7777") == 2
     assert run("verify", "--no-such-option") == 2
     assert "STC1001" in capsys.readouterr().err

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from decimal import ROUND_CEILING, Decimal
+from itertools import count
 from typing import TYPE_CHECKING
 
 import click
@@ -14,7 +16,7 @@ from rich.text import Text
 from st_codegen.cli.console import Number, console, say, table_of
 from st_codegen.cost.profile_files import DEFAULT, profile_names
 from st_codegen.errors import counted
-from st_codegen.files.number_text import percent
+from st_codegen.files.number_text import percent, plain_number
 
 if TYPE_CHECKING:
     from st_codegen.cost.report import ProjectCost, UnitPart
@@ -73,17 +75,29 @@ def print_budget(target: str, cost: ProjectCost, cycle_us: float | None) -> None
 
 def print_verdict(target: str, cost: ProjectCost, cycle_us: float | None) -> None:
     """One line: the worst case, and whether it fits."""
-    times = f"{cost.warm_us:.1f} us with warm caches, {cost.cold_us:.1f} us with cold ones"
+    times = times_text(cost, cycle_us)
     if cost.unbounded:
         times = f"no bound; what has none counted once: {times}"
     line = Text(f"{target}: {times} on {cost.profile.name}")
     if cycle_us is not None:
-        line.append(f", budget {cycle_us:g} us: ")
+        line.append(f", budget {plain_number(cycle_us)} us: ")
         fits = cost.fits(cycle_us)
         line.append(cost.profile.judged(fits=fits), "green" if fits else "bold red")
     say(line)
     if not cost.profile.is_calibrated:
         console.print(f"{cost.profile.name} was not calibrated: the times are estimates (st-codegen calibrate)")
+
+
+def times_text(cost: ProjectCost, cycle_us: float | None = None) -> str:
+    """Both times; the worst case is rounded up, but not beyond a budget that it fits into."""
+    most = math.inf if cycle_us is None or cost.cold_us > cycle_us else cycle_us
+    digits = next(n for n in count(1) if float(_up(cost.cold_us, n)) <= most)
+    return f"{cost.warm_us:.1f} us with warm caches, {_up(cost.cold_us, digits)} us with cold ones"
+
+
+def _up(time_us: float, digits: int) -> str:
+    """A time rounded up to so many digits behind the point."""
+    return f"{Decimal(repr(float(time_us))).quantize(Decimal(1).scaleb(-digits), ROUND_CEILING):f}"
 
 
 def cost_table(title: str, parts: Sequence[UnitPart]) -> Table:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import asdict
 
 import click
@@ -90,11 +91,16 @@ def command(
         }
         click.echo(json.dumps({**asdict(found), **more}, indent=1))
         return
-    new = f"{found.best_us:.1f} to " if found.best_us < found.slowest_us else ""
+    new = f"{found.best_us:.10g} to " if found.best_us < found.slowest_us else ""
     times = (found.slowest_us, found.mean_us, found.worst_us)
-    click.echo(f"delay: {new}" + "{:.1f} us of a new value, {:.1f} us in the mean, {:.1f} us at most".format(*times))
-    click.echo(f"upper limit of the correction: {found.frequency_hz:.1f} Hz")
-    click.echo(f"order {order} up to {found.output_speed_rpm(order):.1f} rpm at the output shaft")
+    click.echo(f"delay: {new}" + "{:.10g} us of a new value, {:.7g} us in the mean, {:.10g} us at most".format(*times))
+    click.echo(f"upper limit of the correction: {_down(found.frequency_hz)} Hz")
+    click.echo(f"order {order} up to {_down(found.output_speed_rpm(order))} rpm at the output shaft")
     lead_s = found.mean_us * 1e-6
     takes = "" if lead_s <= LONGEST_LEAD_S else f", which it refuses: it takes {LONGEST_LEAD_S} at most"
     click.echo(f"lead time for the compensator: fLead_s := {lead_s:.7f}{takes}")
+
+
+def _down(limit: float) -> str:
+    """A limit rounded down: what is printed can be reached."""
+    return f"{math.floor(round(10.0 * limit, 6)) / 10.0:.1f}"

@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from st_codegen.cli.costs import magnitude_text
+from st_codegen.cli.costs import magnitude_text, times_text
 from st_codegen.cli.prove import VERDICT_COLUMNS, sentence, verdict_rows
 from st_codegen.emit.output import MANIFEST
 from st_codegen.errors import at_most, counted
-from st_codegen.files.number_text import percent
+from st_codegen.files.number_text import percent, plain_number
 from st_codegen.files.text import file_sha256, write_text
 from st_codegen.proof.review import tried_text
 from st_codegen.proof.runner import changes_by_hand, target_folders
@@ -158,11 +158,11 @@ def _proof_section(proof: ProveReport) -> PageSection:
 def _cost_section(target: str, cost: ProjectCost, cycle_us: float | None) -> PageSection:
     parts = cost.parts[:_MOST_PARTS]
     rows = [(p.unit, p.total_operations, p.table_bytes, p.warm_us, p.cold_us) for p in parts]
-    text = f"{cost.warm_us:.1f} us with warm caches, {cost.cold_us:.1f} us with cold ones on {cost.profile.name}."
+    text = f"{times_text(cost, cycle_us)} on {cost.profile.name}."
     if cost.unbounded:
         text += f" This is no bound; what has none was counted once: {'; '.join(cost.unbounded)}."
     if cycle_us is not None:
-        text += f" Budget: {cycle_us:g} us: it {cost.profile.judged(fits=cost.fits(cycle_us))}."
+        text += f" Budget: {plain_number(cycle_us)} us: it {cost.profile.judged(fits=cost.fits(cycle_us))}."
     if len(parts) < len(cost.parts):
         text += f" Of {len(cost.parts)} units the {len(parts)} slowest are listed."
     if not cost.profile.is_calibrated:

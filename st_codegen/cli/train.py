@@ -118,8 +118,10 @@ def command(
 
     if campaign.is_file():
         refuse_unused(f"on a harmonic table ({campaign})", "most_orders", "skip_bad", "cache")
-        if table_out is not None and table_out.exists() and table_out.samefile(campaign):
-            raise click.BadParameter(f"{table_out} is the measured table; give another file.", param_hint="'--table'")
+    for option, file in (("--table", table_out), ("--report", report)):
+        if file is not None and _is_measured(file, campaign):
+            what = f"is the measured table {campaign}" if campaign.is_file() else f"lies among the curves of {campaign}"
+            raise click.BadParameter(f"{file} {what}; give another file.", param_hint=f"'{option}'")
     check_place(out)
     identifier(name, "--name")
     settings = only_exportable(settings, form)
@@ -147,6 +149,12 @@ def command(
         click.echo(json.dumps([_facts(lesson) for lesson in lessons], indent=1))
     if not quiet:
         _print(lessons, head, out, "kept" if keep_faulty else "left out")
+
+
+def _is_measured(file: Path, campaign: Path) -> bool:
+    """Whether a file is the measured table, or would be read as one of the curves, or replace one."""
+    inside = file.resolve().is_relative_to(campaign.resolve())
+    return inside or (file.exists() and file.samefile(campaign))
 
 
 def _print(lessons: list[Lesson], head: BundleHead, out: Path, faulty_are: str) -> None:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from scipy.special import fdtri, gammainccinv, gammaincinv
 
-from st_codegen.errors import InputError, Problems
+from st_codegen.errors import InputError, Problems, at_most
 from st_codegen.files.csv_tables import RowError, header_of, read_csv
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.data.checks import check_units
@@ -129,10 +129,9 @@ def read_spectrum(path: Path) -> Spectrum:
     for sign in spectrum.signs or [1.0]:
         own = spectrum.above_zero(sign)
         if len(own) < least or not any(own.values()):
-            what = (
-                f"{len(own)} orders above 0 are too few" if len(own) < least else "sizes that are all 0 are too small"
-            )
-            problems.add(f"{_WORDS[sign]}: {what} for a floor; list all that were measured, at least {least}")
+            few = f"too few orders above 0 for a floor ({len(own)})"
+            what = few if len(own) < least else "sizes that are all 0 are too small for a floor"
+            problems.add(f"{_WORDS[sign]}: {what}; list all that were measured, at least {least}")
     problems.raise_if_any()
     return spectrum
 
@@ -367,10 +366,12 @@ def _signature(order: int, result: SpectrumResult) -> str:
 
 def spectrum_summary(result: SpectrumResult) -> str:
     """The findings as a few lines."""
-    sizes = " and ".join(f"{least:.2g} deg {_WORDS[sign]}" for sign, least in result.least.items())
+    sizes = " and ".join(f"{at_most(least)} deg {_WORDS[sign]}" for sign, least in result.least.items())
     lines = [
         f"Orders that the rig lacks and that are larger than {sizes}, which noise like that of the quiet orders "
         f"reaches in at most one of {1 / SETTINGS.spectrum_chance:g} spectra:"
+        + " none"
+        * (not (result.named or result.unexplained))
     ]
     for one in sorted(result.named, key=lambda one: (one.name, one.order)):
         also = f" (or {', '.join(one.others)})" if one.others else ""

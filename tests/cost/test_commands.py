@@ -43,6 +43,13 @@ def test_explain_lists_the_inputs_that_are_refused(bundle_folder, tmp_path, caps
             assert re.search(rf"inputs that are refused: .*{name.split('.')[0]} .*f0 .*{re.escape(shown)}", text, re.S)
 
 
+def _times_said(capsys):
+    """The worst case and the budget of the verdict."""
+    text = " ".join(capsys.readouterr().err.split())
+    found = re.search(r"([\d.]+) us with cold ones on .*, budget ([\d.]+) us", text)
+    return float(found[1]), float(found[2])
+
+
 def test_verify_fails_with_a_table_when_a_cycle_does_not_fit(bundle_folder, generated, tmp_path, capsys):
     verify = ["verify", bundle_folder, "--generated", generated, "--rows", 50]
     report = tmp_path / "report.json"
@@ -65,9 +72,13 @@ def test_verify_fails_with_a_table_when_a_cycle_does_not_fit(bundle_folder, gene
     assert content["passed"] is False
     assert content["costs"]["twincat"]["cycle_us"] == 1
     assert all(model["passed"] for model in content["models"].values())
-    # one block alone
+    # one block alone; a time that is over its budget was shown as the budget itself
     assert run(*verify, "--cycle-us", block["cold_us"] + 0.01, "--entry", "FB_TEPredict") == 0
+    cold, budget = _times_said(capsys)
+    assert block["cold_us"] <= cold <= budget == block["cold_us"] + 0.01
     assert run(*verify, "--cycle-us", block["cold_us"] - 0.01, "--entry", "FB_TEPredict") == 1
+    cold, budget = _times_said(capsys)
+    assert cold >= block["cold_us"] > budget
     # without a budget nothing can be exceeded
     assert run(*verify) == 0
 

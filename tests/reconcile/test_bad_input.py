@@ -191,6 +191,13 @@ def test_a_channel_that_is_dead_is_no_column_of_another_scale(tmp_path, rig):
     refused(tmp_path, path, "TE is 0 in all runs: a dead channel?")
 
 
+def test_a_table_of_zeros_is_not_said_to_have_other_orders(tmp_path, rig):
+    """It had "no overlap with the rig", beside two lists of the same orders."""
+    path = measured(tmp_path / "h.csv", rig, grid(), 0.0)
+    refused(tmp_path, path, "TE is 0 in all curves")
+    assert "no overlap" not in reconcile(tmp_path, path)[1]
+
+
 @pytest.mark.filterwarnings("error")
 def test_curves_over_the_angle_of_the_fast_shaft_are_refused(tmp_path, rig):
     """81 turns in a curve of 400 samples tell no order above the mean: "a defect of st-codegen", an IndexError."""

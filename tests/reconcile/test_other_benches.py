@@ -176,11 +176,13 @@ def test_a_few_waves_that_meet_are_no_bump():
 STARTS = {
     "as large as the speed, over the way": (
         lambda way, time: -2.5e-3 * AT.sign[:, None] * (AT.speed_rpm[:, None] / 1800) * np.exp(-way / 20.0),
-        "settles behind the start of each curve, by up to 0.0025 deg at first, and is down to 1/e of that some 20 deg",
+        "settles behind the start of each curve, by up to 0.0025 deg at first in nine of ten, and is down to 1/e of "
+        "that some 20 deg",
     ),
     "alike, over the time": (
         lambda way, time: 2e-3 * np.exp(-time / 0.05),
-        "settles behind the start of each curve, by up to 0.0022 deg at first, and is down to 1/e of that some 0.05 s",
+        "settles behind the start of each curve, by up to 0.0022 deg at first in nine of ten, and is down to 1/e of "
+        "that some 0.05 s",
     ),
     "rings": (
         lambda way, time: 2e-3 * np.exp(-time / 0.08) * np.cos(2 * np.pi * 18.0 * time + 0.5),

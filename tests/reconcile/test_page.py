@@ -14,7 +14,7 @@ from st_codegen.reconcile.report.findings import findings, share_text
 from st_codegen.reconcile.report.output import report
 from st_codegen.reconcile.report.pages import report_page
 from st_codegen.reconcile.report.ranking import outcome, ranking_section
-from st_codegen.reconcile.report.sentences import between_text, left_text
+from st_codegen.reconcile.report.sentences import _compliance, _times, between_text, left_text
 from st_codegen.reconcile.report.summary import summary
 from st_codegen.reconcile.rest.unexplained import of_a_hum, signatures
 from st_codegen.reconcile.result import OrderGap
@@ -75,6 +75,40 @@ def test_each_finding_says_what_is_next(result, page):
     for finding in findings(result, next_runs(result)):
         assert finding.todo
         assert html.escape(finding.todo) in page
+
+
+def test_a_share_near_all_is_no_power_of_ten(result):
+    """99.6 % of the gap was "1e+02 %"."""
+    most = replace(result, unexplained=(replace(result.unexplained[0], share=0.996),))
+    text = report_page(most)
+    assert "more than 99 %" in text and "e+02 %" not in text
+
+
+def test_held_out_levels_are_those_that_can_be_left_out(result):
+    """Of a temperature that never varied it said that each was predicted by parameters fitted without it."""
+    text = report_page(replace(result, unseen_curves=0))
+    assert "left out in turn and predicted by parameters fitted without them, where the others tell these" in text
+
+
+def test_the_largest_torque_may_pull_the_other_way(result):
+    """Of -1800 to 200 N m it was the twist by 200 N m, a tenth of what the machine had."""
+    soft = effect("torsional_compliance", stiffness_Nm_per_arcmin=450.0)
+    at = result.data.at
+    pulled = replace(at, torque_Nm=at.torque_Nm / at.torque_Nm.max() * 2000.0 - 1800.0)
+    assert "4.0 arcmin at the largest torque" in _compliance(
+        soft, replace(result, data=replace(result.data, at=pulled))
+    )
+
+
+def test_half_as_much_again_is_not_twice():
+    assert [_times(factor) for factor in (1.51, 1.94, 1.96, 7.4, 132.0)] == ["1.5", "1.9", "2", "7", "132"]
+
+
+def test_bounds_of_gaps_are_rounded_as_bounds(result):
+    gap = replace(result.held_out, after=0.00123999, noise_floor=0.000123456)
+    few = replace(result, held_out=gap, untested=("torque",))
+    assert few.floor_is_bound and few.held_out_is_bound
+    assert "-> at least 0.00123 deg RMS, noise floor at most 0.000124 deg" in summary(few)
 
 
 def test_a_gap_well_above_the_floor_has_its_reason(result, page):

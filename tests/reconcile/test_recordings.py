@@ -225,11 +225,11 @@ def test_a_mean_that_wanders_has_few_waves_and_none_of_what_lies_between_two_fil
     assert jumps.shape[1] == 2 and np.isfinite(_slow(np.zeros(3000), np.ones(3000), files)).all()
 
 
-def _left_of_two_recordings(wave, last=1):
-    """A target of two recordings of 6 turns, and a residual: noise of 1e-4 deg that lasts over samples, and a wave."""
+def _left_of_two_recordings(wave, last=1, turns=6):
+    """A target of two recordings, and a residual: noise of 1e-4 deg that lasts over samples, and a wave."""
     random, count = np.random.default_rng(1), 3000
     noise = np.convolve(random.standard_normal(2 * count + last - 1), np.ones(last) / np.sqrt(last), "valid")
-    angle = np.tile(np.linspace(0.0, 12.0 * np.pi, count), 2)
+    angle = np.tile(np.linspace(0.0, 2.0 * np.pi * turns, count), 2)
     phase = np.repeat([0.3, 2.0], count)
     samples = 1e-4 * noise + 5e-4 * (np.cos(wave * angle + phase) if wave else 0.0)
     at = Conditions.of(np.ones(2 * count), 600.0, 400.0, 30.0)
@@ -245,6 +245,13 @@ def test_a_wave_between_two_orders_is_found_once_and_by_its_own_number(wave):
     (one,) = lines_in_samples(*_left_of_two_recordings(wave))
     assert one.periods == pytest.approx(wave, abs=0.01) and f"about {wave:.1f} periods a turn" in one.text
     assert one.rms_deg == pytest.approx(5e-4 / np.sqrt(2), rel=0.02)
+
+
+@pytest.mark.thorough
+def test_a_wave_that_does_not_come_back_has_no_whole_number_of_periods():
+    """One of 23.04 was "a wave of about 23.0 periods a turn: it does not come back after a turn"."""
+    (one,) = lines_in_samples(*_left_of_two_recordings(23.04, turns=36))
+    assert "about 23.04 periods a turn" in one.text
 
 
 @pytest.mark.parametrize("last", [1, 4, 20, 100])
@@ -569,7 +576,11 @@ def test_where_few_samples_hold_what_is_left_is_said():
     # of a gap that is the servo's or the coupling's the reducer's samples say nothing
     assert said(spikes, of_links=0.1) == ""
     bump = left + 5e-3 * np.exp(-0.5 * ((np.rad2deg(angle) % 360.0 - 120.0) / 1.0) ** 2)
-    assert "of 120 deg of the output" in said(bump)
+    assert "of 120.0 deg of the output" in said(bump)
+    # one sample at 124.22 deg was "within 0 deg of 124 deg"
+    found = re.search(r"within ([\d.]+) deg of ([\d.]+) deg", said(left + 0.3 * (angle == angle[207])))
+    reach, place = map(float, found.groups())
+    assert abs(np.rad2deg(angle[207]) - place) <= reach
 
 
 @pytest.mark.thorough

@@ -201,8 +201,20 @@ def test_the_measured_table_is_not_written_over(tmp_path, capsys):
     write_table(a_table(), table)
     before = table.read_bytes()
     said = refused(capsys, "train", table, "--orders", "0", "--table", table, "--out", tmp_path / "m", *FAST)
-    assert "is the measured table; give another file" in said
+    assert f"is the measured table {table}; give another file" in said
+    said = refused(capsys, "train", table, "--orders", "0", "--report", table, "--out", tmp_path / "m", *FAST)
+    assert f"is the measured table {table}; give another file" in said
     assert table.read_bytes() == before
+
+
+@pytest.mark.parametrize("option", ["--table", "--report"])
+def test_nothing_is_written_among_measured_curves(tmp_path, capsys, option):
+    """The harmonic table stood there as a curve without conditions, and the next training was refused."""
+    campaign = tmp_path / "campaign"
+    campaign.mkdir()
+    said = refused(capsys, "train", campaign, option, campaign / "deeper" / "h.csv", "--out", tmp_path / "m", *FAST)
+    assert "lies among the curves of" in said
+    assert not any(campaign.iterdir())
 
 
 def test_tables_without_the_measured_data(tmp_path, capsys):

@@ -161,7 +161,7 @@ REFUSED = {
         ),
     },
     "LightGBM": {
-        "classifiers and rankers with `pred_early_stop`": (lambda: lightgbm(pred_early_stop=True), "pred_early_stop"),
+        "models with `pred_early_stop`": (lambda: lightgbm(pred_early_stop=True), "pred_early_stop"),
     },
     "XGBoost": {
         "what `dump_model` and `save_config` write": (

@@ -86,7 +86,7 @@ def test_equality_tests_of_two_features_cannot_share_a_child(tmp_path):
 
 
 ENSEMBLE_REFUSALS = {
-    "post_transform 2: 1 is LOGISTIC and 2 SOFTMAX to onnxruntime": {"post_transform": 2},
+    "post_transform 2: only 0 is compiled .1 is LOGISTIC and 2 SOFTMAX to onnxruntime": {"post_transform": 2},
     "aggregate_function 9: known are": {"aggregate_function": 9},
     "nodes_modes: 9 is not a known mode": {"nodes_modes": build.constant("modes", [9], np.uint8)},
     "nodes_modes is int64, expected uint8": {"nodes_modes": build.constant("modes", [0], np.int64)},

@@ -467,7 +467,8 @@ def test_quantiles_of_one_number(x, tmp_path):
         (RobustScaler(quantile_range=(0, 100), unit_variance=True), X, "RobustScaler divides by 0"),
         (HistGradientBoostingRegressor(max_iter=3), INFINITE, "a split at -infinity, as training data with infinities"),
         (SplineTransformer(extrapolation="continue"), X, "extrapolation='continue'"),
-        (SplineTransformer(), X * [1.0, 0.0, 1.0], "column 1 has knots that are equal or fall, as a constant column"),
+        (SplineTransformer(), X * [1.0, 0.0, 1.0], "column 1 has knots that are equal or fall, .*: leave it out$"),
+        (SplineTransformer(knots="quantile"), (X > 1.5) * 1.0, "leave it out, or take fewer n_knots or knots='uni"),
         (
             cluster.AffinityPropagation(max_iter=1, damping=0.95, random_state=0),
             X,

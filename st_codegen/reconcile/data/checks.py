@@ -50,7 +50,9 @@ def check(data: Observations, rig: RigModel, path: Path) -> None:
             f"{counted(len(wrong), 'curve')} with a temperature that no oil has, the first is {data.labels[wrong[0]]} "
             f"with {data.at.temperature_C[wrong[0]]:g} degC: an error code? Correct it or leave these curves out"
         )
-    if not set(data.orders.tolist()) & set(rig.orders()) or not np.abs(data.values).any():
+    if not np.abs(data.values).any():
+        problems.add("TE is 0 in all curves: a dead channel? There is nothing to compare with the rig")
+    elif not set(data.orders.tolist()) & set(rig.orders()):
         problems.add(
             f"no overlap with the rig: measured are the orders {listed(data.orders.tolist())}, the rig has "
             f"{listed(list(rig.orders()))}; nothing can be compared"

@@ -79,9 +79,10 @@ class Hum:
                 "another drive, or a resonance that lifts many orders; too few curves show it by themselves, and it "
                 "was not taken out"
             )
+        others = " (in others it is weaker, or outside of the orders that were looked at)" if seen < of else ""
         return (
             f"a wave of {self.frequency_Hz:.4g} Hz whatever the speed, {self._size_text} in {seen} of {of} "
-            "curves (in others it is weaker, or outside of the orders that were looked at): it does not turn with the "
+            f"curves{others}: it does not turn with the "
             "machine, as the mains or another drive would make it; it was taken out of these curves"
         )
 

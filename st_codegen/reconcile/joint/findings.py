@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from st_codegen.errors import at_least
 from st_codegen.reconcile.joint.parts import KINDS, OTHERS, OVER_SPEED, RIGID, crossed
 from st_codegen.reconcile.joint.run import JointResult
 from st_codegen.reconcile.joint.settings import JOINT
@@ -465,7 +466,7 @@ def cannot_show(result: JointResult) -> list[str]:
         fewest = JOINT.least_waves * 2 * np.pi / float(np.ptp(rows.angle))
         found.append(f"waves of fewer than {digits(fewest, 2)} per revolution")
     found.append(f"what changes faster than about {digits(0.2 / rows.kernel_s, 2)} Hz, other than an elasticity")
-    found.append(f"standstill, and speeds below {digits(float(np.abs(rows.speed).min()), 2)} rad/s")
+    found.append(f"standstill, and speeds below {at_least(float(np.abs(rows.speed).min()))} rad/s")
     found.append("a torque constant that is off: all sizes in N m are off by the same factor")
     return found
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from st_codegen.errors import at_most
 from st_codegen.reconcile.joint.findings import digits, friction_curve
 from st_codegen.reconcile.joint.parts import KINDS
 from st_codegen.reconcile.joint.run import JointResult
@@ -38,7 +39,7 @@ def joint_summary(content: Mapping[str, Any]) -> str:
         gap = joint["gap"]["held_out"]
         lines.append(
             f"Gap on held-out stretches: rigid joint {digits(gap['before'], 3)} -> {digits(gap['after'], 3)} N m RMS, "
-            f"noise floor at most {digits(gap['noise_floor'], 3)} N m"
+            f"noise floor at most {digits(float(at_most(gap['noise_floor'], 3)), 3)} N m"
         )
         lines += [f"Cannot be shown: {text}" for text in joint["cannot_show"]]
     return "\n".join(lines)

@@ -30,7 +30,8 @@ from st_codegen.rig.effects import Conditions
 from st_codegen.rig.model import RigModel
 
 _UNIT = (
-    "the {}{} seem to be {}: with that the rig predicts every order on which it matters, and as they are it does not"
+    "the {}{} seem to be {}: with that nearly all is gone that the rig leaves of the orders on which it matters, taken "
+    "together"
 )
 #: what torques are of which the data show nothing: a unit that makes them tiny does no better than no load
 _NO_LOAD = "none that the gear carries in the mean of a turn (a brake that is off, an arm whose load turns its sign)"

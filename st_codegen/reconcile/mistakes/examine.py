@@ -468,17 +468,18 @@ _DIRECTION = (
     "forward and backward seem to be exchanged: each direction of the data agrees with the other one of the rig"
 )
 _HOME = (
-    "the zero of the angle (home) seems shifted: every order k is turned by k times {:.2f} deg, which no effect does"
+    "the zero of the angle (home) seems shifted: with every order k turned back by k times {:.2f} deg all orders "
+    "together come nearer to the rig, and no effect turns them so"
 )
 _TURN = "turn all orders back"
-_SIGN = "TE{} has the opposite sign of the rig's in all orders"
+_SIGN = "TE{} seems to have the opposite sign of the rig's: with that turned all orders together come nearer to the rig"
 #: of forward and of backward curves: a TE of distances, |theta_out| - |theta_in| / tau, has the other sign backward
 _SIGNS_OF_BOTH = [np.array([[a], [b]]) for a, b in ((1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0))]
-_COLUMN = "the {} column is {:.3g} times what the other one lets expect, in all orders"
+_COLUMN = "the {} column is {:.3g} times what the other one lets expect, in most orders"
 
 _ZEROS = (
-    "{} of {} runs have a zero of the angle (home) of their own, by up to {:.2f} deg: every order k is turned by k "
-    "times that in such a run, which no effect does"
+    "{} of {} runs seem to have a zero of the angle (home) of their own, by up to {:.2f} deg: with every order k of "
+    "such a run turned back by k times its own all orders together come nearer to the rig, and no effect turns them so"
 )
 _DRIFT = (
     "TE does not come back to where the turn began{}, by up to {:.2g} deg, by another amount in each run: something "

@@ -31,41 +31,41 @@ _BY_DIRECTION = (
     "that depend on the load agree with the others on it"
 )
 _OWN_TORQUES = (
-    "the torques of the runs seem to be read wrong, each by its own, by up to {:.0f} N m and {:.0f} N m RMS: most "
+    "torques seem to be read wrong by amounts that differ from run to run, up to {:.0f} N m and {:.0f} N m RMS: most "
     "orders that depend on the load agree with the others on it"
 )
 _BY_A_LAW = (
     "; by how much is a smooth function of the torque: a sensor that is not linear does so, and so does a machine in "
     "which all that depends on the load follows another law than the rig's, and then --accept as_is is right"
 )
-_OWN_BY_DIRECTION = _OWN_TORQUES.replace("each by its own", "each by its own and forward by another than backward")
+_OWN_BY_DIRECTION = _OWN_TORQUES.replace("run to run", "run to run and between forward and backward")
 _TAKE_OWN = "take the torques that the orders tell (what the load does to all orders alike cannot be seen then)"
 #: part of what orders tell of a response below which rounding is what is left of it
 _DIGITS = 1e-12
 _LOW_PASS = (
-    "TE seems to have passed a low pass of {:.3g} Hz: every order is smaller and later, the faster it is the more"
+    "TE seems to have passed a low pass of {:.3g} Hz: most orders are smaller and later, the faster they are the more"
 )
 _FILTER = (
-    "TE seems to have passed a filter: what is left of every order depends on its frequency alone, most at {:.3g} Hz, "
+    "TE seems to have passed a filter: what is left of most orders depends on the frequency alone, most at {:.3g} Hz, "
     "where it is {:.2g} times as large and {:.0f} deg ahead"
 )
 _UNDO = "undo it, as far as the orders tell it"
 _OVER_ANGLE = (
-    "TE seems to have passed a filter over the angle, as a resampling or a smoothing is: what is left of every order "
-    "depends on its number alone, at all speeds alike, most at order {:.0f}, where it is {:.2g} times as large and "
+    "TE seems to have passed a filter over the angle, as a resampling or a smoothing is: what is left of most orders "
+    "depends on their number alone, at all speeds alike, most at order {:.0f}, where it is {:.2g} times as large and "
     "{:.0f} deg ahead"
 )
 _MEAN = (
-    "each value of TE{} seems to be a mean over {:.3g} deg of the angle: every order is smaller, the higher it is the "
-    "more, at all speeds alike"
+    "each value of TE{} seems to be a mean over {:.3g} deg of the angle: most orders are smaller, the higher they are "
+    "the more, at all speeds alike"
 )
 _HIDDEN_AXIS = (
     "in this noise an angle that is read wrong by up to {:.2g} deg once a turn may not show: its sidebands are too "
     "small"
 )
 _AXIS = (
-    "the angle seems to be read wrong by {} a turn: every order k has sidebands that grow with k in all runs, "
-    "as an encoder off centre makes them, or all parts of the gear off centre alike"
+    "the angle seems to be read wrong by {} a turn: most orders k have sidebands that grow with k in the mean of the "
+    "runs, as an encoder off centre makes them, or all parts of the gear off centre alike"
 )
 
 

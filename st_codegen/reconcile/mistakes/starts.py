@@ -22,8 +22,8 @@ from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.model import RigModel
 
 _TEXT = (
-    "TE {does} behind the start of each curve, by up to {size:.2g} deg at first, and is down to 1/e of that "
-    "some {later}: something settles while the turn begins"
+    "TE {does} behind the start of each curve, by up to {size:.2g} deg at first in nine of ten, and is down to 1/e of "
+    "that some {later}: something settles while the turn begins"
 )
 #: one turn a curve tells no difference
 _PLACE = ", or is struck, each time it passes the angle at which all curves begin"

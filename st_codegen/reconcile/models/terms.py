@@ -54,7 +54,7 @@ class Decision:
     """An order that the findings change: whether it enters the bundle, and why not.
 
     new: the bundle has no such order yet. before_deg, after_deg: RMS of measured - bundle of this order over all good
-    runs (None where the order was not measured).
+    runs inside the bundle's ranges (None where the order was not measured).
     """
 
     order: int

@@ -59,7 +59,7 @@ class Narrowed:
 
 @dataclass(frozen=True)
 class NextRuns:
-    """The proposed runs, best first; how much they are expected to narrow; why there are none."""
+    """The proposed runs, as they were chosen; how much they are expected to narrow; why there are none."""
 
     runs: tuple[NextRun, ...] = ()
     narrowed: tuple[Narrowed, ...] = ()

@@ -12,7 +12,7 @@ import numpy as np
 from st_codegen.reconcile.data.observations import rms_deg
 from st_codegen.reconcile.judge.claims import SOMETHING_ELSE, Claim, Retuned
 from st_codegen.reconcile.report.output import parameters_of
-from st_codegen.reconcile.report.sentences import form_text, plain, words
+from st_codegen.reconcile.report.sentences import form_text, plain, whole_percent, words
 from st_codegen.reconcile.result import Reconciliation
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect, Stage
@@ -149,9 +149,7 @@ def share_text(finding: Finding, *, first: bool) -> str:
     own = finding.own_gap
     if finding.share is not None and (finding.share >= SETTINGS.much or own is None):
         of = "the gap" if first else "what the larger findings leave"
-        rounded = round(100 * finding.share)
-        share = "more than 99" if rounded == 100 and finding.share < 1.0 else str(rounded) if rounded else "less than 1"
-        return f"it explains {share} % of {of}"
+        return f"it explains {whole_percent(finding.share)} % of {of}"
     if own is None:
         return ""
     before, after = (f"{gap:.2g}" for gap in own)

@@ -22,6 +22,7 @@ from st_codegen.reconcile.report.sentences import (
     taken_back_text,
     together_text,
     verdict_text,
+    whole_percent,
 )
 from st_codegen.reconcile.rest.unexplained import Signature
 from st_codegen.reconcile.result import OrderGap, Reconciliation
@@ -136,8 +137,9 @@ def _gap(result: Reconciliation) -> PageSection:
     how = (
         f"Held out: {counted(result.unseen_curves, 'curve')} that neither the search nor the fit has seen."
         if result.unseen_curves
-        else "Held out: every speed, torque and temperature was predicted once by parameters fitted without it; which "
-        "effects there are was decided with all of them."
+        else "Held out: levels of speed, of torque and of temperature were left out in turn and predicted by "
+        "parameters fitted without them, where the others tell these; the condition with the largest gap counts, or "
+        "the fitted runs where none is told. Which effects there are was decided with all of them."
     )
     text = "The gap is the RMS difference between model and measurement over the angle and all good runs. " + how
     text += f" {reason}" if (reason := left_text(result)) else ""
@@ -215,7 +217,7 @@ def _order_of(one: Signature) -> int | str:
 def _unexplained(result: Reconciliation) -> PageSection | None:
     if not result.unexplained:
         return None
-    rows = [[_order_of(s), s.rms_deg, f"{100 * s.share:.2g} %", s.direction, s.text] for s in result.unexplained]
+    rows = [[_order_of(s), s.rms_deg, f"{whole_percent(s.share)} %", s.direction, s.text] for s in result.unexplained]
     text = "Parts that stand above the noise and that no effect of the catalogue explains: by their signature."
     text += f" {together}" if (together := together_text(result)) else ""
     shown = panels(unexplained_panels(result))
@@ -279,7 +281,10 @@ def _next_runs(ahead: NextRuns) -> PageSection:
         for number, run in enumerate(ahead.runs, 1)
     ]  # fmt: skip
     columns = ["", "speed, rpm", "torque, N m", "oil, degC", "this run"]
-    text = "Both directions each, the most telling first; next_runs.csv lists them as conditions of a campaign."
+    text = (
+        "Both directions each, in the order in which they were chosen; next_runs.csv lists them as conditions of a "
+        "campaign."
+    )
     if ahead.narrowed:
         best = min(ahead.narrowed, key=lambda n: n.then / n.now if n.now else 1.0)
         text += (
@@ -322,12 +327,13 @@ def _models(update: Update) -> PageSection:
         for d in update.decisions
     ]
     columns = ["order", "effects", "in the bundle", "RMS before, deg", "after, deg", ""]
-    text = "Measured minus what the bundle predicts, over all good runs, before and after. "
+    text = "Measured minus what the bundle predicts, over all good runs inside its ranges, before and after. "
     if update.verified is not None:
-        exact = sum(model.exact for model in update.verified.models)
+        exact, blocks = sum(model.exact for model in update.verified.models), len(update.verified.models)
+        others = "" if exact == blocks else ", the others within a derived bound"
         text += (
-            f"The new bundle was compiled for {update.target}; models, reference and text agree in all "
-            f"{counted(len(update.verified.models), 'block')} ({exact} bit for bit, the others within a derived bound)."
+            f"The new bundle was compiled for {update.target}; on the rows that were tried models, reference and text "
+            f"agree in each of {counted(blocks, 'block')} ({exact} bit for bit{others})."
         )
     return PageSection("The models for the controller", text, PageTable(columns, rows))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from st_codegen.reconcile.report.sentences import whole_percent
 from st_codegen.reconcile.result import Reconciliation
 from st_codegen.reconcile.search.candidates import Candidate
 from st_codegen.reconcile.search.evidence import Evidence
@@ -22,7 +23,7 @@ def ranking_section(result: Reconciliation) -> PageSection | None:
             ", ".join(map(str, candidate.piece.effect.orders)),
             became,
             f"{evidence.size_in_noise:.2g} times",
-            f"{100 * evidence.stability:.0f} %",
+            f"{whole_percent(evidence.stability)} %",
             _left_out(evidence),
         ]
         for candidate, evidence, became in ranked

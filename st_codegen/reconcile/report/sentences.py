@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.campaign.orders import listed
-from st_codegen.errors import counted
+from st_codegen.errors import at_most, counted
 from st_codegen.ir.arrays import ComplexArray, FloatArray
 from st_codegen.reconcile.data.observations import first_of, rms_deg
 from st_codegen.reconcile.fit.state import Piece
@@ -65,6 +65,16 @@ def verdict_text(result: Reconciliation) -> str:
     return "; ".join([text.removesuffix("."), *filter(None, also)]) + "."
 
 
+def whole_percent(share: float) -> str:
+    """A share in whole percent, neither all nor nothing where it is not.
+
+    >>> whole_percent(0.997), whole_percent(0.123), whole_percent(0.001), whole_percent(1.0)
+    ('more than 99', '12', 'less than 1', '100')
+    """
+    rounded = round(100 * share)
+    return "more than 99" if rounded == 100 and share < 1.0 else str(rounded) if rounded else "less than 1"
+
+
 def _hidden(result: Reconciliation) -> str:
     """What may hide beside a verdict that nothing more was found; empty where nothing is known of it."""
     # what a correction takes from the orders it takes above them as well
@@ -111,7 +121,7 @@ def floor_text(result: Reconciliation) -> str:
             return "The floor is the noise from sample to sample."
         return (
             "The floor is the rest of the samples; from one to the next they differ as noise of "
-            f"{result.data.neighbours_deg:.2g} deg would at most: it holds noise that lasts over samples, or what "
+            f"{at_most(result.data.neighbours_deg)} deg would at most: it holds noise that lasts over samples, or what "
             "lasts and has no line among the orders that were looked at."
         )
     kinds = list(dict.fromkeys(result.noise.kinds))
@@ -233,13 +243,13 @@ def left_text(result: Reconciliation) -> str:
         if k >= len(own):
             hum = hums[k - len(own)]
             name = f"{hum.order:.1f} periods a turn" if hum.order else f"{hum.frequency_Hz:.4g} Hz"
-            parts.append(f"{100 * shares[k]:.0f} % of its power is the wave of {name} that was taken out")
+            parts.append(f"{whole_percent(shares[k])} % of its power is the wave of {name} that was taken out")
             continue
         # what is noise there makes the floor, and not what the gap has beyond it
         if own[k].held_out < SETTINGS.above_floor * own[k].noise_floor:
             continue
         name = f"order {own[k].order}" if own[k].order else "the mean"
-        text = f"{100 * shares[k]:.0f} % of its power is {name}, {own[k].held_out:.2g} deg RMS"
+        text = f"{whole_percent(shares[k])} % of its power is {name}, {own[k].held_out:.2g} deg RMS"
         if alike[k] > SETTINGS.most_of_gap * own[k].after:
             # what is known of an unexplained mean stands there
             is_open = own[k].order == 0 and all(one.order != 0 for one in result.unexplained)
@@ -263,7 +273,11 @@ def _few_samples(result: Reconciliation) -> str:
     turns = np.exp(1j * data.angle_rad[ranked[:count]])
     place = float(np.rad2deg(np.angle(turns.mean()))) % 360.0
     reach = float(np.rad2deg(np.abs(np.angle(turns * np.exp(-1j * np.deg2rad(place)))).max()))
-    where = f", all within {reach:.2g} deg of {place:.0f} deg of the output" if reach < SETTINGS.one_place_deg else ""
+    where = (
+        f", all within {at_most(reach + 0.05)} deg of {place:.1f} deg of the output"
+        if reach < SETTINGS.one_place_deg
+        else ""
+    )
     return (
         f" {count} of {len(data)} samples that were looked at hold half of the power of what is left{where}; the "
         f"largest, {math.sqrt(power[ranked[0]]):.2g} deg, is at {data.labels[ranked[0]]}."
@@ -381,7 +395,7 @@ def plain(effect: Effect, result: Reconciliation) -> str:
 
 def _compliance(effect: Effect, result: Reconciliation) -> str:
     stiffness = effect.scalar("stiffness_Nm_per_arcmin")
-    twist = float(result.data.at.torque_Nm.max()) / stiffness
+    twist = float(np.abs(result.data.at.torque_Nm).max()) / stiffness
     return (
         f"the transmission twists under load: {stiffness:.0f} N m per arcmin, {twist:.1f} arcmin at the largest torque"
     )
@@ -441,9 +455,14 @@ def _lifted(
         with_it = np.abs(model.coefficients(rows, [order])).mean()
         alone = np.abs(without.coefficients(rows, [order])).mean()
         is_lifted = alone > 1e-7 and with_it > SETTINGS.lifted * alone
-        lifted = f"raised {with_it / alone:.0f}-fold" if is_lifted else "changed"
+        lifted = f"raised {_times(with_it / alone)}-fold" if is_lifted else "changed"
         parts.append(f"order {order} is {lifted} at {speed:g} rpm")
     return parts
+
+
+def _times(factor: float) -> str:
+    """A factor in words: 1.5 is not twice."""
+    return f"{factor:.1f}" if factor < 1.95 else f"{factor:.0f}"
 
 
 def _between_loads(effect: StructuralResonance, at: Conditions, frequency: float) -> str:

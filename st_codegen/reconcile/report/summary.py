@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from st_codegen.errors import at_least, at_most
 from st_codegen.reconcile.report.findings import findings, share_text
 from st_codegen.reconcile.report.sentences import (
     between_text,
@@ -40,10 +41,11 @@ def summary(result: Reconciliation) -> str:
     if result.taken_back is not None:
         lines.append(f"- {taken_back_text(result.taken_back)}")
     gap = result.held_out
-    floor = f"{'at most ' if result.floor_is_bound else ''}{gap.noise_floor:.3g} deg"
+    floor = f"at most {at_most(gap.noise_floor, 3)} deg" if result.floor_is_bound else f"{gap.noise_floor:.3g} deg"
     floor += " beside what runs differ by without a pattern" if result.scatter_beside_floor_deg else ""
-    least = "at least " if result.held_out_is_bound else "about " if result.held_out_scatters else ""
-    lines.append(f"Gap on held-out runs: {gap.before:.3g} -> {least}{gap.after:.3g} deg RMS, noise floor {floor}")
+    after = f"{'about ' if result.held_out_scatters else ''}{gap.after:.3g}"
+    after = f"at least {at_least(gap.after, 3)}" if result.held_out_is_bound else after
+    lines.append(f"Gap on held-out runs: {gap.before:.3g} -> {after} deg RMS, noise floor {floor}")
     lines += [text for text in (left_text(result), between_text(result), floor_text(result)) if text]
     lines += [f"Cannot be shown: {text}" for text in result.cannot_show]
     lines += [f"Not looked at: {text}" for text in result.data.not_looked_at]

@@ -285,8 +285,9 @@ def _between_orders(
         if not stands.any() or rms < SETTINGS.part_of_rest * size:
             return out, left - rest
         rest, size = rest - made, float(np.sqrt(((rest - made) ** 2).mean()))
+        periods = f"{best:.{1 if round(best, 1) % 1 else 2}f}"  # it has no whole number of them
         text = (
-            f"a wave of about {best:.1f} periods a turn, {rms:.2g} deg RMS over the recordings: it does not come back "
+            f"a wave of about {periods} periods a turn, {rms:.2g} deg RMS over the recordings: it does not come back "
             "after a turn, as of a bearing, a belt, another shaft, or of a frequency of its own at one speed"
         )
         out.append(Signature(-1, rms, rms**2, {"constant": 1.0}, "both", text, rms * np.sqrt(2), periods=best))

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import orth
 
+from st_codegen.errors import at_least
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.chances import f_tail
 from st_codegen.reconcile.data.contrasts import AXES, UNITS, levels_by_condition
@@ -213,7 +214,7 @@ def _scattered(
     direction = _direction(target, residual[:, k])
     own, what = _noise_of_order(target, residual, directions, k, floor, direction)
     # what runs, or their directions, differ by may be more of what is unexplained
-    at_least = what.startswith((_LIKE_THEM, _BOTH_SIDES))
+    is_least = what.startswith((_LIKE_THEM, _BOTH_SIDES))
     where = _where_loud(target, residual[:, k]) or "with no pattern over the conditions that was found"
     why = "runs differ, or the structure is sharp"
     # where noise lasts over runs their mean is told by fewer of them
@@ -225,10 +226,9 @@ def _scattered(
         why = _WITH_TIME
     size = float(np.sqrt(max(power - own, 0.0)))
     name = f"order {order}" if order else "the mean"
-    times = _digits(float(np.sqrt(power / own)))
-    least = "at least " if at_least else ""
+    times, rms = _digits(float(np.sqrt(power / own))), _size(size, is_least=is_least)
     text = (
-        f"{name}: {least}{size:.2g} deg RMS beyond the noise, with it {times} times {what}, {where}: {why}"
+        f"{name}: {rms} deg RMS beyond the noise, with it {times} times {what}, {where}: {why}"
         if size
         else f"{name}: no louder than {what} over all runs, but single runs that are not called bad are far off in it"
     )
@@ -242,7 +242,7 @@ def _scattered(
         direction,
         text,
         size * (np.sqrt(2) if order else 1.0),
-        at_least=at_least,
+        at_least=is_least,
     )
 
 
@@ -306,6 +306,11 @@ def _is_no_chance(values: ComplexArray, parts: int, lasting: float) -> bool:
         return False
     differ = float((np.abs(values - values.mean()) ** 2).sum()) / freedom
     return bool(f_tail(len(values) * mean**2 / max(differ, 1e-300), parts, freedom * parts) < SETTINGS.p_law)
+
+
+def _size(deg: float, *, is_least: bool) -> str:
+    """A size, or the least that it is."""
+    return f"at least {at_least(deg)}" if is_least else f"{deg:.2g}"
 
 
 def _digits(times: float) -> str:
@@ -414,15 +419,15 @@ def _signature(
     # where nothing tells the noise but what runs differ by, that holds what is looked for as well: so in the mean of a
     # table, and in orders of curves that are far from quiet ones
     within = float(noise_within(target)[k])
-    at_least = not order if target.data.spectral_deg is None else not math.isfinite(within)
+    is_least = not order if target.data.spectral_deg is None else not math.isfinite(within)
     # what neighbours in the conditions differ by holds what changed between the times of both
-    at_least |= course is not None and bool(floor > SETTINGS.clearly_larger * within)
+    is_least |= course is not None and bool(floor > SETTINGS.clearly_larger * within)
     what = f"order {order}" if order else "the mean"
-    size = f"{'at least ' if at_least else ''}{np.sqrt(power):.2g} deg RMS"
+    size = f"{_size(float(np.sqrt(power)), is_least=is_least)} deg RMS"
     is_law = formula is not None and statement.says is formula
     text = f"{what} {said}; {size} over the runs{side}" if is_law else f"{what}: {size}, {said}{side}"
     rms, amplitude = float(np.sqrt(power)), statement.amplitude_deg
-    return Signature(order, rms, float(power), shares, direction, text, amplitude, formula, at_least)
+    return Signature(order, rms, float(power), shares, direction, text, amplitude, formula, is_least)
 
 
 def _direction(target: FitData, r: ComplexArray) -> str:

@@ -39,7 +39,9 @@ def cannot_show(data: Observations) -> tuple[str, ...]:
         )
     if not data.both_directions():
         found.append("one direction only: what changes its sign with the direction cannot be told from a constant")
-    if len(np.unique(at.torque_Nm)) > 1 and float(np.abs(at.torque_Nm).min()) > SETTINGS.near_no_load_Nm:
+    # with the load the play changes sides, and friction does not
+    of_one_sign = float(at.torque_Nm.min()) * float(at.torque_Nm.max()) > 0.0
+    if of_one_sign and np.ptp(at.torque_Nm) > 0.0 and float(np.abs(at.torque_Nm).min()) > SETTINGS.near_no_load_Nm:
         found.append("no run near 0 N m: backlash cannot be told from dry friction")
     if data.angle_rad is None and data.run is None:
         text = "the order in which the runs were made is not known: steps and drifts in time cannot be seen"
@@ -85,6 +87,6 @@ def below_noise(target: FitData) -> tuple[str, ...]:
     which = f"order {data.orders[most]}" if data.orders[most] else "the mean"
     usual = f"{np.median(noise):.2g} deg RMS of an order in the median, " if len(noise) > 1 else ""
     return (
-        f"what is smaller than the noise of a run has no name, however many runs hold it: less than {usual}"
-        f"{noise[most]:.2g} deg RMS of {which}",
+        "what is smaller than the noise of a run has no name, however many runs hold it, but for what stands at one "
+        f"angle of the turn: less than {usual}{noise[most]:.2g} deg RMS of {which}",
     )

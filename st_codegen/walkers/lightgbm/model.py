@@ -146,8 +146,8 @@ def _booster(estimator: Any) -> Any:
     given = estimator.get_params().get("pred_early_stop") if hasattr(estimator, "get_params") else None
     if given not in (None, False, 0, "false", "False", "-"):
         raise UnsupportedModelError(
-            "pred_early_stop=True: predict leaves trees out once a row seems decided, and all trees answer otherwise; "
-            "set_params(pred_early_stop=False), and save it again"
+            "pred_early_stop=True, with which classifiers and rankers leave trees out once a row seems decided, and "
+            "all trees may answer otherwise: set_params(pred_early_stop=False), and save it again"
         )
     return booster_of(estimator, attrgetter("booster_"))
 

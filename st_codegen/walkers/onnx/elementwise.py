@@ -105,7 +105,10 @@ def _gelu(call: NodeCall) -> Operand:
 def _mish(call: NodeCall) -> Operand:
     tensor, walk = call.computed(), call.walk
     if tensor.dtype == FLOAT64:
-        raise UnsupportedModelError("onnxruntime's double version overflows above 709; cast the input to float")
+        raise UnsupportedModelError(
+            "onnxruntime's double version takes the logarithm of 1 + exp(x), which loses small results; cast the input "
+            "to float"
+        )
     soft = apply_activation(walk, tensor, Function.SOFTPLUS)
     return product_of(walk, tensor, apply_activation(walk, soft, Function.TANH))
 

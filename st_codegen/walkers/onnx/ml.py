@@ -192,8 +192,8 @@ def _tree_ensemble_regressor(call: NodeCall) -> Operand:
 def _tree_ensemble(call: NodeCall) -> Operand:
     if transform := call.node.integer("post_transform", 0):
         raise UnsupportedModelError(
-            f"post_transform {transform}: 1 is LOGISTIC and 2 SOFTMAX to onnxruntime, the other way round to the ONNX "
-            "standard; export the model without it, and put Sigmoid or Softmax behind"
+            f"post_transform {transform}: only 0 is compiled (1 is LOGISTIC and 2 SOFTMAX to onnxruntime, the other "
+            "way round to the ONNX standard); export the model without it, and put what is meant behind"
         )
     return trees(call, call.computed(), read_ensemble)
 

@@ -467,9 +467,11 @@ def walk_splines(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
         inside = "_" if hasattr(spline, "_t") else ""
         knots = own.floats(f"{inside}t", (None,))
         if np.any(np.diff(knots) <= 0):  # so `fit` leaves them where the column was constant
+            is_constant = np.ptp(knots[degree : len(knots) - degree]) <= 0
+            fewer = "" if is_constant else ", or take fewer n_knots or knots='uniform'"
             raise UnsupportedModelError(
                 f"SplineTransformer: column {number} has knots that are equal or fall, as a constant column and "
-                "quantiles of few numbers give them: leave it out, or take fewer n_knots or knots='uniform'"
+                f"quantiles of few numbers give them: leave it out{fewer}"
             )
         count = len(knots) - degree - 1
         spans.append((knots[degree], knots[count]))

@@ -11,6 +11,7 @@ from st_codegen.reconcile.joint import run as joint_run
 from st_codegen.reconcile.joint import waves
 from st_codegen.reconcile.joint.findings import findings, joint_report, number, signatures
 from st_codegen.reconcile.joint.mode import JointMode, JointResponse, _is_braked, find_mode, is_rigid
+from st_codegen.reconcile.joint.page import joint_summary
 from st_codegen.reconcile.joint.parts import Chosen
 from st_codegen.reconcile.joint.reading import JointRecording, read_joints
 from st_codegen.reconcile.joint.rows import rows_of
@@ -31,6 +32,24 @@ def sine(dry=0.0, viscous=0.0, square=0.0):
     tau = 0.3 - 1.5 * w**2 * q + 8.0 * np.cos(q) + dry * np.sign(v) + viscous * v + square * v * np.abs(v)
     noise = random.standard_normal((2, len(t)))
     return {"t": t, "q": q + 2e-6 * noise[0], "dq": v, "tau": tau + 0.02 * noise[1]}
+
+
+def test_a_floor_that_is_a_bound_is_rounded_up():
+    """Of 0.12345 it said "at most 0.123"."""
+    gap = {"before": 1.0, "after": 0.2, "noise_floor": 0.12345}
+    joint = {
+        "joint": "1",
+        "verdict": "unexplained",
+        "measurement": [],
+        "effects": [],
+        "unexplained": [],
+        "cannot_show": [],
+    }
+    said = joint_summary({"joints": [joint | {"gap": {"held_out": gap}}]})
+    assert said.endswith("noise floor at most 0.124 N m")
+    assert "at most 1240 N m" in joint_summary(
+        {"joints": [joint | {"gap": {"held_out": gap | {"noise_floor": 1234.5}}}]}
+    )
 
 
 def test_friction_of_one_sine_is_not_called_friction_by_the_load(tmp_path):
