@@ -254,9 +254,11 @@ def test_features_that_are_called_as_an_input_are_refused():
     from tests.te.projects import described
 
     _, bundle = described()
-    features = (*bundle.features[:2], dataclasses.replace(bundle.features[2], name="cycle_s"))
-    with pytest.raises(InputError, match="fCycle_s: rename the feature"):
-        compensation(dataclasses.replace(bundle, features=features))
+    # the last two stand beside the features in the list of the signals alone
+    for name in ("cycle_s", "age_s", "ageLimit_s"):
+        features = (*bundle.features[:2], dataclasses.replace(bundle.features[2], name=name))
+        with pytest.raises(InputError, match=f"f{name[0].upper()}{name[1:]}: rename the feature"):
+            compensation(dataclasses.replace(bundle, features=features))
 
 
 @pytest.mark.parametrize("ratio", [1e-4, 1e7])
