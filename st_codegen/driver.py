@@ -459,13 +459,13 @@ def _planned(
         contents.around, has_configuration=settings.with_configuration, packaging=settings.packaging
     )
     contents = dataclasses.replace(contents, around=around, extras=_extras(bundle, compiled, target, settings, cuts))
-    vectors = reference_vectors(bundle, compiled) if settings.with_tests else ()
+    called = () if purpose is None else purpose.called_blocks()
+    vectors = reference_vectors(bundle, compiled, called) if settings.with_tests else ()
     plans = tuple(target.plan(contents, settings.limits, vectors))
     if settings.with_comparison:
         # the fingerprint stands in the text, and is that of all the rest
         models = {block_name(model.name) for model in compiled.models}
         fingerprint = _fingerprint(target, plans)
-        called = () if purpose is None else purpose.called_blocks()
         extended = partial(comparison.with_comparison, models=models, fingerprint=fingerprint, around=called)
         plans = tuple(target.plan(dataclasses.replace(contents, extended=extended), settings.limits, vectors))
     if settings.options.data_bytes is not None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
 
+from st_codegen.emit.blocks.comparison import CalledBlock
 from st_codegen.emit.blocks.model import block_name
 from st_codegen.emit.blocks.self_check import CheckRow
 from st_codegen.emit.blocks.tests import ReferenceVectors
@@ -23,11 +25,16 @@ ROWS = 32
 _READABLE = (1e-300, 1e300)
 
 
-def reference_vectors(bundle: Bundle, compiled: Compiled) -> tuple[ReferenceVectors, ...]:
-    """A set for each model of the bundle, and those of the blocks that its purpose adds."""
+def reference_vectors(
+    bundle: Bundle, compiled: Compiled, called: Sequence[CalledBlock] = ()
+) -> tuple[ReferenceVectors, ...]:
+    """A set for each model of the bundle, and those of the blocks that its purpose adds; `called` are these blocks as
+    they were compiled."""
+    calls = {block.name: block.calls for block in called}
     with isolated(bundle.models) as models:
         around = () if bundle.purpose is None else bundle.purpose.vectors(models)
-        return (*(_of_model(model, compiled) for model in models), *around)
+        called_as = [dataclasses.replace(vectors, calls=calls.get(vectors.block, 1)) for vectors in around]
+        return (*(_of_model(model, compiled) for model in models), *called_as)
 
 
 def check_row(models: Sequence[ModelIR], compiled: Compiled, printed: ModelIR) -> CheckRow | None:

@@ -232,6 +232,7 @@ def run_compensator(target, rows, seed, *, directions=BOTH, two_tasks=False, pla
     block = machine.instance("FB_Pair" if two_tasks else "FB_Compensator")
     outputs = [port.name for port in block.outputs]
     kept, before = Kept(parameters, rows), np.zeros(rows)
+    fading = np.zeros(rows, bool)
     age_limit = Kept({"fAgeLimit_s": declared("FB_CompensatorFast")["fAgeLimit_s"]}, rows)
     phases = [sequences.anything] * sequences.ANYTHING + [sequences.faulty] * sequences.BAD
     phases += [sequences.good] * sequences.GOOD
@@ -252,6 +253,9 @@ def run_compensator(target, rows, seed, *, directions=BOTH, two_tasks=False, pla
         assert np.all(np.abs(correction) <= limit * (1 + 2 * UNIT)), cycle
         assert np.all((block["fWeight"] >= 0.0) & (block["fWeight"] <= 1.0))
         assert np.array_equal(block["bValid"], block["eError"] == 0)
+        # behind an error only towards zero, until zero is reached
+        fading = (fading & (before != 0.0)) | ~np.asarray(block["bValid"])
+        assert np.all(~fading | ((np.abs(correction) <= np.abs(before)) & (correction * before >= 0.0))), cycle
         if two_tasks:
             age_limit.see({"fAgeLimit_s": block["fAgeLimit_s"]})
             assert not np.any(block["bValid"] & (block["fAge_s"] > age_limit.value["fAgeLimit_s"])), cycle

@@ -161,6 +161,49 @@ def test_after_a_short_fault_the_correction_first_reaches_zero():
     assert values[-1] == pytest.approx(-RATIO * te(2.0), rel=1e-9)
 
 
+def faulty_until_zero(block, longest, good_after=10**9):
+    """The corrections of calls without an angle, and of good ones behind `good_after`, until zero is reached."""
+    values = [block["fCorrection_deg"]]
+    for cycle in range(longest):
+        block(fThetaOut_rad=np.nan if cycle < good_after else 2.0)
+        values.append(block["fCorrection_deg"])
+        if values[-1] == 0.0:
+            return np.array(values)
+    raise AssertionError("not faded out")
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_after_a_fault_a_correction_that_lags_behind_goes_towards_zero_only(target):
+    """The slew limit, or a limit that is lifted meanwhile, kept it from the value that is faded."""
+    slow = compensator(target, fSlewLimit_deg_s=1.0)
+    steady(slow)
+    limited = compensator(target, fCorrectionLimit_deg=0.1)
+    steady(limited)
+    limited(fThetaOut_rad=np.nan)
+    limited["fCorrectionLimit_deg"] = 20.0
+    turned = compensator(target, fSlewLimit_deg_s=1.0)
+    steady(turned, 400)
+    turned(fThetaOut_rad=2.0)
+    assert te(0.0) * te(2.0) < 0.0
+    for block in (slow, limited, turned):
+        values = faulty_until_zero(block, 400)
+        assert values[0] != 0.0
+        assert np.all(np.diff(np.abs(values)) <= 0.0)
+        assert np.all(values * values[0] >= 0.0)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_a_correction_that_fades_at_the_slew_limit_does_not_come_back_before_it_is_zero(target):
+    block = compensator(target, fSlewLimit_deg_s=1.0, fRampTime_s=0.0)
+    full = steady(block, 600)
+    assert full == pytest.approx(-RATIO * te(0.0), rel=1e-9)
+    values = faulty_until_zero(block, 600, good_after=1)
+    assert np.all(np.diff(np.abs(values)) < 0.0)
+    assert len(values) - 1 == np.ceil(abs(full) / CYCLE)
+    steady(block, 600, fThetaOut_rad=2.0)
+    assert block["fCorrection_deg"] == pytest.approx(-RATIO * te(2.0), rel=1e-9)
+
+
 def test_limits_are_kept_and_a_lowered_one_is_reached_at_the_slew_limit():
     block = compensator("iec", fCorrectionLimit_deg=1.6)
     assert abs(steady(block)) == 1.6
@@ -211,9 +254,11 @@ def test_features_that_are_called_as_an_input_are_refused():
     from tests.te.projects import described
 
     _, bundle = described()
-    features = (*bundle.features[:2], dataclasses.replace(bundle.features[2], name="cycle_s"))
-    with pytest.raises(InputError, match="fCycle_s: rename the feature"):
-        compensation(dataclasses.replace(bundle, features=features))
+    # the last two stand beside the features in the list of the signals alone
+    for name in ("cycle_s", "age_s", "ageLimit_s"):
+        features = (*bundle.features[:2], dataclasses.replace(bundle.features[2], name=name))
+        with pytest.raises(InputError, match=f"f{name[0].upper()}{name[1:]}: rename the feature"):
+            compensation(dataclasses.replace(bundle, features=features))
 
 
 @pytest.mark.parametrize("ratio", [1e-4, 1e7])

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from st_codegen.st import Machine
+from st_codegen.st import Machine, parse_project
 from st_codegen.te.compensation.codes import EXPERIMENT_STATE, TE_ERROR
 from tests.te.projects import RATIO, loaded, project, texts
 
@@ -216,6 +216,79 @@ def test_oil_that_is_too_warm_is_refused_at_the_start_only_as_the_comment_says()
     run_to(made, "FAILED", 10)
     assert made.experiment["eError"] == ERRORS["TEMPERATURE"]
     assert any("warmer than wanted at the start; not looked at" in text for text in texts(project(), "iec").values())
+
+
+def test_a_load_that_is_left_goes_down_before_anything_moves():
+    made = rig(fTorque_Nm=1500.0, fOilBand_C=50.0)
+    made.oil = 25.0
+    made.experiment["bStart"] = True
+    run_to(made, "MEASURE")
+    made.overrides = {"bAbort": True}
+    run_to(made, "FAILED")
+    made.overrides = {}
+    made.experiment["bStart"] = False
+    run_to(made, "IDLE", 2)
+    assert made.torque > 500.0
+    made.experiment["bStart"] = True
+    while made.step() in ("IDLE", "CHECK"):
+        assert made.experiment["fMotorSpeed_rpm"] == 0.0
+    assert made.torque <= 10.0
+    run_to(made, "RUN_UP")
+
+
+def test_a_load_that_does_not_go_down_is_given_up_at_rest():
+    made = rig(fStepTimeOut_s=5.0)
+    made.overrides = {"fShaftTorque_Nm": -50.0}
+    made.experiment["bStart"] = True
+    assert run_to(made, "FAILED") == ["CHECK", "STOPPING", "FAILED"]
+    assert made.experiment["eError"] == ERRORS["TIME_OUT"]
+
+
+@pytest.mark.parametrize(
+    ("fastest", "ratio"), [("fWarmUpSpeed_rpm", 30.0), ("fSpeed_rpm", 30.0), ("fHomingSpeed_rpm", 7.0)]
+)
+def test_no_step_turns_the_loading_motor_beyond_its_limit(fastest, ratio):
+    """As the header says; it turns with the output, whatever the step."""
+    (text,) = texts(project(), "iec").values()
+    machine = Machine(
+        parse_project(
+            {"x.st": text.replace("REDUCTION_RATIO : LREAL := 81.0", f"REDUCTION_RATIO : LREAL := {ratio}")}, "iec"
+        )
+    )
+    limit = 4000.0 * ratio / 156.0
+    for speed, error in ((0.999 * limit, "NONE"), (1.001 * limit, "SPEED")):
+        block = machine.instance("FB_Experiment")
+        block(bStart=True)
+        given = {"fSpeed_rpm": 20.0, "fWarmUpSpeed_rpm": 20.0, "fTemperature_C": 25.0, "fOil_C": 20.0}
+        block(**given | {fastest: speed}, bEncodersReady=True)
+        assert block["eError"] == ERRORS[error]
+
+
+def test_running_down_the_speed_does_not_rise_again_where_the_torque_does():
+    """As a reducer with much friction does, or a torque meter with noise."""
+    made = rig()
+    made.oil = 25.0
+    made.experiment["bStart"] = True
+    run_to(made, "RUN_DOWN")
+    speeds = []
+    for cycle in range(1000):
+        made.overrides = {"fShaftTorque_Nm": 12.0 if speeds and speeds[-1] < 450.0 and cycle % 3 else 0.0}
+        if made.step() != "RUN_DOWN":
+            break
+        speeds.append(made.experiment["fMotorSpeed_rpm"])
+    assert speeds[-1] == 0.0
+    assert np.all(np.diff(speeds) <= 0.0)
+
+
+@pytest.mark.parametrize("speed", [20.0, -20.0])
+def test_no_load_is_wanted_before_the_motor_turns_against_it(speed):
+    made = rig(fSpeed_rpm=10.0)
+    made.oil = 25.0
+    made.experiment["bStart"] = True
+    run_to(made, "RUN_UP")
+    made.experiment["fMotorSpeed_rpm"] = speed
+    made.step()
+    assert made.experiment["fLoadTorque_Nm"] == (300.0 if speed > 0 else 0.0)
 
 
 @pytest.mark.parametrize(

@@ -36,7 +36,8 @@ def test_every_input_of_a_block_is_among_those_that_are_tried():
     ("good", "bad"),
     [
         ("MIN(MAX(fTarget, fCorrection_deg - fStep), fCorrection_deg + fStep)", "fTarget"),
-        ("MIN(MAX(fFull * fFade, -fLimit), fLimit)", "fFull * fFade * 1.1"),
+        ("MIN(MAX(fTarget, -fLimit), fLimit)", "fTarget * 1.1"),
+        ("MIN(MAX(fTarget, MIN(fCorrection_deg, 0.0)), MAX(fCorrection_deg, 0.0))", "fTarget"),
         ("F_IsWithin(fValue := fThetaOut_rad, fLower := -1000000000.0, fUpper := 1000000000.0)", "TRUE"),
         ("bFading := TRUE", "bFading := FALSE"),
         ("fFade := MAX(fFade - fStep, 0.0)", "fFade := MAX(fFade - fStep, 0.01)"),

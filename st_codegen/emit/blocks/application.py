@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import ClassVar
 
-from st_codegen.emit.blocks.listing import Block, BlockVariable, Table
+from st_codegen.emit.blocks.listing import Block, BlockVariable, Table, refuse_twins
 from st_codegen.emit.foreign_names import is_foreign
 from st_codegen.emit.literals import is_keyword
 from st_codegen.errors import InputError
@@ -96,6 +96,9 @@ class GlobalList:
     tables: tuple[Table, ...] = ()
     constant: bool = False
     of_programs: bool = False
+
+    def __post_init__(self) -> None:
+        refuse_twins(self.name, self.variables)
 
 
 @dataclass(frozen=True)

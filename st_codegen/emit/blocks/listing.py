@@ -177,6 +177,15 @@ class Code:
 Cuts = tuple[tuple[int, ...], ...]
 
 
+def refuse_twins(owner: str, variables: Iterable[BlockVariable]) -> None:
+    """Raise InputError for two variables of one name; those that are not ours are named by features."""
+    taken: set[str] = set()
+    for variable in variables:
+        if variable.name.lower() in taken:
+            raise InputError(f"{owner} would have two variables called {variable.name}: rename the feature")
+        taken.add(variable.name.lower())
+
+
 @dataclass(frozen=True)
 class Block:
     """A function block, or another kind of code, ready for printing.
@@ -205,11 +214,7 @@ class Block:
     cuts: Cuts = ()
 
     def __post_init__(self) -> None:
-        taken: set[str] = set()
-        for variable in (*self.inputs, *self.outputs, *self.in_outs, *self.variables, *self.constants):
-            if variable.name.lower() in taken:
-                raise InputError(f"{self.name} would have two variables called {variable.name}: rename the feature")
-            taken.add(variable.name.lower())
+        refuse_twins(self.name, (*self.inputs, *self.outputs, *self.in_outs, *self.variables, *self.constants))
 
     @property
     def table_bytes(self) -> int:

@@ -25,7 +25,8 @@ class ReferenceVectors:
     """Rows for one block and what the library answers.
 
     `inputs` (rows, features); `expected` and `allowed` (rows, results), one column for each of `results`, which are the
-    outputs as they are written in the text. `refuses_nan`: the block must call a row with NaN invalid.
+    outputs as they are written in the text. `refuses_nan`: the block must call a row with NaN invalid. `calls`: so
+    often it is called for a row, until all of its outputs belong to that row.
     """
 
     name: str
@@ -36,6 +37,7 @@ class ReferenceVectors:
     allowed: FloatArray
     refuses_nan: bool
     source: Source | None = None
+    calls: int = 1
 
 
 def with_tests(application: Application, vectors: Sequence[ReferenceVectors]) -> Application:
@@ -86,6 +88,7 @@ def _suite(vectors: ReferenceVectors, inputs: list[str]) -> Block:
     variables = [
         BlockVariable("fbBlock", vectors.block, comment="what is tested"),
         *([BlockVariable("nRow", "DINT", comment="row")] if rows > 1 else []),
+        *([BlockVariable("nCall", "DINT", comment="call for the row")] if vectors.calls > 1 else []),
         BlockVariable("sRow", "STRING(255)", comment="the row, for messages"),
     ]
     if vectors.refuses_nan:
@@ -109,6 +112,7 @@ def _suite(vectors: ReferenceVectors, inputs: list[str]) -> Block:
                     "results": vectors.results,
                     "last_row": rows - 1,
                     "refuses_nan": vectors.refuses_nan,
+                    "calls": vectors.calls,
                 },
             ),
         ),

@@ -75,7 +75,7 @@ EXPERIMENT_STATE = Codes(
     ("Steps of a measurement, in order.",),
     (
         ("IDLE", "waits for bStart"),
-        ("CHECK", "parameters against limits, then the encoders"),
+        ("CHECK", "parameters against limits, encoders, no load left"),
         ("WARM_UP", "constant speed without load until the oil is warm"),
         ("HOMING", "output shaft to its zero angle"),
         ("BACKLASH_PLUS", "motor forward until the output follows"),

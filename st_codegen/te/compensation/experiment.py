@@ -175,14 +175,15 @@ def _locals() -> tuple[BlockVariable, ...]:
 def _header() -> tuple[str, ...]:
     return (
         "FB_Experiment: one measurement of the transmission error, forward and backward (section 2.4)",
-        "Parameters against their limits, encoders, warm-up without load, homing with the motor in the middle of "
-        "the backlash, run-up with load, one revolution with bDataValid, run-down; then the other direction "
-        "without warm-up and homing.",
+        "Parameters against their limits, encoders, a load that is left goes down; warm-up without load, homing with "
+        "the motor in the middle of the backlash, run-up with load, one revolution with bDataValid, run-down; then "
+        "the other direction without warm-up and homing.",
         "bDataValid starts with the first cycle behind the zero angle of the output shaft and ends before the "
         "first cycle a revolution later: the samples cover one revolution, none of it twice.",
         "Any error, time-out or bAbort takes torque and speed down to zero, the speed by fAcceleration_rpm_s, and says "
         "why in eError: an emergency stop is not its task.",
-        "While this block is busy no correction may be added to the motor's reference.",
+        "While this block is busy no correction may be added to the motor's reference: end it before bStart, with "
+        "bEnable FALSE until bActive is FALSE, since leaving it out at once is a step.",
         f"Limits: {LARGEST_SPEED:.0f} rpm, {LARGEST_LOAD_SPEED:.0f} rpm at the loading motor, "
         f"{LARGEST_TORQUE:.0f} N m at the slow shaft.",
     )

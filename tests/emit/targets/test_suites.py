@@ -10,6 +10,7 @@ import pytest
 from st_codegen.driver import generate
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import TargetError
+from st_codegen.passes.choose import Layout, Options
 from st_codegen.project.bundle import load
 from st_codegen.proof.arithmetic import libraries_of
 from st_codegen.proof.runner import GeneratedCode
@@ -40,6 +41,14 @@ def test_the_suites_pass_on_the_controllers_text(folder, bundle_folder):
         assert suite.failures == []
     assert [suite.tests for suite in found].count(["reference vectors", "NaN is refused"]) >= 1
     assert verify(load(bundle_folder), folder.parent, rows=100).passed
+
+
+def test_the_suites_pass_where_the_models_are_spread_over_calls(bundle_folder, tmp_path):
+    spread = Options(Layout.TREES, outputs_per_cycle=1)
+    folder = generate(load(bundle_folder), "twincat", tmp_path, with_tests=True, options=spread).folder
+    assert "spread over 2 calls" in (folder / "POUs" / "FB_TEPredict.TcPOU").read_text(encoding="utf-8")
+    for suite in suites(folder):
+        assert suite.failures == []
 
 
 @pytest.mark.parametrize(
