@@ -94,7 +94,7 @@ def test_one_direction_may_count_its_angle_the_other_way_or_have_the_other_sign(
         (counted, f"all orders of {side} curves seem to be with phases of the other sign", "waves"),
         (
             replace(data, values=np.where(rows, -1.0, 1.0) * data.values),
-            f"TE of {side} curves has the opposite",
+            f"TE of {side} curves seems to have the opposite",
             "sign",
         ),
     ):
