@@ -717,6 +717,39 @@ def test_dry_friction_may_be_a_zero_of_the_torque(more, alike):
     assert ("misread_torque" in one.alternatives) == alike and not one.is_open
 
 
+@pytest.mark.parametrize(("factor", "slope", "alike"), [(1.15, 1.2, True), (1.15, 0.5, False), (1.0, 0.9, False)])
+def test_a_mesh_order_that_follows_torques_read_wrong_may_be_these(factor, slope, alike):
+    """A factor and an offset of the torques were another slope of order 78, and that alone had no other name."""
+    rig, at = parse_rig(RIG), _to_and_fro()
+    angle = np.random.default_rng(1).uniform(0.0, 2.0 * np.pi, len(at))
+
+    def of(name, **values):
+        return catalogue()[name](values, rig.constants)
+
+    def mesh(slope):
+        return of("load_dependent_mesh", order=78, slope_deg_per_kNm=slope * 1e-3, phase_rad=0.8)
+
+    def change(effect):
+        waves = [effect.coefficient(at, k) * np.exp(1j * k * angle) for k in effect.touched_orders()]
+        return np.sum(waves, axis=0).real[:, None] + 0j
+
+    def soft(factor):
+        return of("torsional_compliance", stiffness_Nm_per_arcmin=400.0 * factor)
+
+    before = (soft(1.0), _friction(0.3), mesh(1.2))
+    # what an offset of 30 N m makes of the twist looks like friction
+    after = (soft(factor), _friction(0.3 - 30.0 / 400.0 / factor), mesh(slope / factor))
+    pairs = list(zip(before, after, strict=True))[0 if factor > 1.0 else 2 :]
+    pieces = tuple(Piece(new, frozenset(), origin=old) for old, new in zip(before, after, strict=True))
+    final = _fit_of(pieces, at, change)
+    final.target.data.angle_rad = angle
+    # no slope makes what the offset makes of the order
+    final.residual += change(mesh(slope / factor * 30.0)) / -at.torque_Nm[:, None]
+    found = Conclusions(final, final, (), tuple(Retuned(old, new, {}, 0.0) for old, new in pairs), False)
+    *_, last = with_doubts(found, is_whole_turn=True, is_more_left=False).retuned
+    assert ("misread_torque" in last.alternatives) == alike
+
+
 @pytest.mark.parametrize(
     ("is_whole_turn", "is_more_left", "open_"), [(False, False, "wave"), (True, True, "mean"), (True, False, "")]
 )
