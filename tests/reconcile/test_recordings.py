@@ -29,7 +29,7 @@ from st_codegen.reconcile.judge.lookalikes import is_a_knee
 from st_codegen.reconcile.judge.recorded import with_doubts
 from st_codegen.reconcile.mistakes.recorded import _jumps, _least_at, _other_angle, check_recordings
 from st_codegen.reconcile.outcome import Gap, Outcome
-from st_codegen.reconcile.report.findings import _how_sure
+from st_codegen.reconcile.report.findings import _how_sure, findings, share_text
 from st_codegen.reconcile.report.sentences import _few_samples, _sidebands, floor_text, left_text, verdict_text
 from st_codegen.reconcile.rest.lines import _slow, _while_it_changes, lines_in_samples, stand_out, waves_of_angle
 from st_codegen.reconcile.run import _is_left_of_mean, reconcile_files, reconcile_recordings
@@ -566,6 +566,11 @@ def test_where_few_samples_hold_what_is_left_is_said():
 
     spikes = left + 0.3 * np.isin(np.arange(count), [100, 2500, 4001])
     assert said(left) == "" and "a.csv, t = " in said(spikes) and "of the output" not in said(spikes)
+    one = left + 0.3 * (np.arange(count) == 2500)
+    assert said(one) == (
+        " One of 6000 samples that were looked at holds half of the power of what is left; it, 0.3 deg, is at "
+        "a.csv, t = 2500 s."
+    )
     # of a gap that is the servo's or the coupling's the reducer's samples say nothing
     assert said(spikes, of_links=0.1) == ""
     bump = left + 5e-3 * np.exp(-0.5 * ((np.rad2deg(angle) % 360.0 - 120.0) / 1.0) ** 2)
@@ -860,3 +865,19 @@ def test_a_clock_that_jitters_makes_no_speed_of_another_unit(tmp_path):
         other = replace(r.at, speed_rpm=factor * r.at.speed_rpm)
         with pytest.raises(InputError, match=f"speed_rpm is {factor:.4g} times the rate"):
             check_recordings([replace(r, at=other)], rig, tmp_path)
+
+
+def test_a_share_of_a_gap_that_links_have_as_well_is_the_reducers(tmp_path):
+    """A zero "explains more than 99 % of the gap", which fell by half: the rest was the coupling's."""
+    rig = recorded(tmp_path / "r.csv")
+    (r,) = read_recordings([tmp_path / "r.csv"])
+    random = np.random.default_rng(0)
+    angles = {name: angle + 1e-4 * random.standard_normal(len(angle)) for name, angle in r.angles.items()}
+    angles["theta_out"] = angles["theta_out"] + 3e-3
+    wave = 0.5 * np.sin(3.0 * np.deg2rad(r.angles["theta_mot"]))
+    angles["theta_mot"] = angles["theta_mot"] + wave
+    alone = {name: angles[name] for name in ("theta_in", "theta_out")}
+    for measured, words in ((alone, "of the gap"), (angles, "of the gap of the reducer")):
+        read = replace(r, angles=measured)
+        (found,) = [one for one in findings(reconcile_recordings(rig, [read], catalogue())) if one.effect is None]
+        assert share_text(found, first=True).endswith(f"% {words}")
