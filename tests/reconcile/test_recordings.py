@@ -29,7 +29,7 @@ from st_codegen.reconcile.judge.lookalikes import is_a_knee
 from st_codegen.reconcile.judge.recorded import with_doubts
 from st_codegen.reconcile.mistakes.recorded import _jumps, _least_at, _other_angle, check_recordings
 from st_codegen.reconcile.outcome import Gap, Outcome
-from st_codegen.reconcile.report.findings import _how_sure
+from st_codegen.reconcile.report.findings import _how_sure, findings, share_text
 from st_codegen.reconcile.report.sentences import _few_samples, _sidebands, floor_text, left_text, verdict_text
 from st_codegen.reconcile.rest.lines import _slow, _while_it_changes, lines_in_samples, stand_out, waves_of_angle
 from st_codegen.reconcile.run import _is_left_of_mean, reconcile_files, reconcile_recordings
@@ -573,6 +573,11 @@ def test_where_few_samples_hold_what_is_left_is_said():
 
     spikes = left + 0.3 * np.isin(np.arange(count), [100, 2500, 4001])
     assert said(left) == "" and "a.csv, t = " in said(spikes) and "of the output" not in said(spikes)
+    one = left + 0.3 * (np.arange(count) == 2500)
+    assert said(one) == (
+        " One of 6000 samples that were looked at holds half of the power of what is left; it, 0.3 deg, is at "
+        "a.csv, t = 2500 s."
+    )
     # of a gap that is the servo's or the coupling's the reducer's samples say nothing
     assert said(spikes, of_links=0.1) == ""
     bump = left + 5e-3 * np.exp(-0.5 * ((np.rad2deg(angle) % 360.0 - 120.0) / 1.0) ** 2)
@@ -728,6 +733,39 @@ def test_dry_friction_may_be_a_zero_of_the_torque(more, alike):
     assert ("misread_torque" in one.alternatives) == alike and not one.is_open
 
 
+@pytest.mark.parametrize(("factor", "slope", "alike"), [(1.15, 1.2, True), (1.15, 0.5, False), (1.0, 0.9, False)])
+def test_a_mesh_order_that_follows_torques_read_wrong_may_be_these(factor, slope, alike):
+    """A factor and an offset of the torques were another slope of order 78, and that alone had no other name."""
+    rig, at = parse_rig(RIG), _to_and_fro()
+    angle = np.random.default_rng(1).uniform(0.0, 2.0 * np.pi, len(at))
+
+    def of(name, **values):
+        return catalogue()[name](values, rig.constants)
+
+    def mesh(slope):
+        return of("load_dependent_mesh", order=78, slope_deg_per_kNm=slope * 1e-3, phase_rad=0.8)
+
+    def change(effect):
+        waves = [effect.coefficient(at, k) * np.exp(1j * k * angle) for k in effect.touched_orders()]
+        return np.sum(waves, axis=0).real[:, None] + 0j
+
+    def soft(factor):
+        return of("torsional_compliance", stiffness_Nm_per_arcmin=400.0 * factor)
+
+    before = (soft(1.0), _friction(0.3), mesh(1.2))
+    # what an offset of 30 N m makes of the twist looks like friction
+    after = (soft(factor), _friction(0.3 - 30.0 / 400.0 / factor), mesh(slope / factor))
+    pairs = list(zip(before, after, strict=True))[0 if factor > 1.0 else 2 :]
+    pieces = tuple(Piece(new, frozenset(), origin=old) for old, new in zip(before, after, strict=True))
+    final = _fit_of(pieces, at, change)
+    final.target.data.angle_rad = angle
+    # no slope makes what the offset makes of the order
+    final.residual += change(mesh(slope / factor * 30.0)) / -at.torque_Nm[:, None]
+    found = Conclusions(final, final, (), tuple(Retuned(old, new, {}, 0.0) for old, new in pairs), False)
+    *_, last = with_doubts(found, is_whole_turn=True, is_more_left=False).retuned
+    assert ("misread_torque" in last.alternatives) == alike
+
+
 @pytest.mark.parametrize(
     ("is_whole_turn", "is_more_left", "open_"), [(False, False, "wave"), (True, True, "mean"), (True, False, "")]
 )
@@ -838,3 +876,19 @@ def test_a_clock_that_jitters_makes_no_speed_of_another_unit(tmp_path):
         other = replace(r.at, speed_rpm=factor * r.at.speed_rpm)
         with pytest.raises(InputError, match=f"speed_rpm is {factor:.4g} times the rate"):
             check_recordings([replace(r, at=other)], rig, tmp_path)
+
+
+def test_a_share_of_a_gap_that_links_have_as_well_is_the_reducers(tmp_path):
+    """A zero "explains more than 99 % of the gap", which fell by half: the rest was the coupling's."""
+    rig = recorded(tmp_path / "r.csv")
+    (r,) = read_recordings([tmp_path / "r.csv"])
+    random = np.random.default_rng(0)
+    angles = {name: angle + 1e-4 * random.standard_normal(len(angle)) for name, angle in r.angles.items()}
+    angles["theta_out"] = angles["theta_out"] + 3e-3
+    wave = 0.5 * np.sin(3.0 * np.deg2rad(r.angles["theta_mot"]))
+    angles["theta_mot"] = angles["theta_mot"] + wave
+    alone = {name: angles[name] for name in ("theta_in", "theta_out")}
+    for measured, words in ((alone, "of the gap"), (angles, "of the gap of the reducer")):
+        read = replace(r, angles=measured)
+        (found,) = [one for one in findings(reconcile_recordings(rig, [read], catalogue())) if one.effect is None]
+        assert share_text(found, first=True).endswith(f"% {words}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -34,8 +35,9 @@ def with_doubts(found: Conclusions, *, is_whole_turn: bool, is_more_left: bool) 
 
     claims = [claim.in_doubt(why) if (why := doubt(claim.piece.effect)) else claim for claim in found.claims]
     retuned = [replace(one, is_open=one.is_open or bool(doubt(one.after))) for one in found.retuned]
+    together = _all_by_torque(found.final, [one.before for one in found.retuned])
     for piece in found.final.state.pieces:
-        if not _may_be_torque(found.final, piece):
+        if piece.own not in together and not _may_be_torque(found.final, piece):
             continue
         for i, claim in enumerate(claims):
             if claim.piece.effect is piece.effect:
@@ -50,19 +52,45 @@ def _may_be_torque(final: Fit, piece: Piece) -> bool:
     """Whether a factor and an offset of the torques, read by the rig as it was, leave no more than a change does."""
     if piece.effect.name not in _LIKE_TORQUE:
         return False
-    good, at = final.target.good, final.target.data.at
     twists = [one.own for one in final.state.pieces if not one.added and one.own.name in _LIKE_TORQUE]
-    if not twists:
-        return False
-    more = replace(at, torque_Nm=at.torque_Nm + 1.0)
-    slope = np.sum([(one.coefficient(more, 0) - one.coefficient(at, 0)).real for one in twists], axis=0)
-    rest, change = final.residual[good, 0].real, final.explained(piece.effect)[good, 0].real
-    if piece.origin is not None:
-        change = change - final.explained(piece.origin)[good, 0].real
-    columns = np.stack([slope, slope * at.torque_Nm], axis=1)[good]
+    return bool(twists) and _leaves_as_little(final, twists, [piece])
+
+
+def _all_by_torque(final: Fit, changed: Sequence[Effect]) -> list[Effect]:
+    """Effects whose changes a factor and an offset of the torques make together, read by the rig as it was."""
+    own = [one for one in final.state.pieces if not one.added]
+    loaded = [one for one in own if _slope(final, [one.own]).any()]
+    # friction takes what an offset makes of a twist
+    pieces = [one for one in own if one.own in changed and (one in loaded or one.own.name in _LIKE_TORQUE)]
+    is_all = len(pieces) > 1 and _leaves_as_little(final, [one.own for one in loaded], pieces)
+    return [one.own for one in pieces] if is_all else []
+
+
+def _slope(final: Fit, effects: Sequence[Effect]) -> FloatArray:
+    """What one more N m makes of the samples by effects of the rig, deg (n,)."""
+    data = final.target.data
+    more, found = replace(data.at, torque_Nm=data.at.torque_Nm + 1.0), np.zeros(len(data.at))
+    assert data.angle_rad is not None
+    for effect in effects:
+        for order in effect.touched_orders():
+            change = effect.coefficient(more, order) - effect.coefficient(data.at, order)
+            found = found + (change * np.exp(1j * order * data.angle_rad)).real
+    return found
+
+
+def _leaves_as_little(final: Fit, loaded: Sequence[Effect], pieces: Sequence[Piece]) -> bool:
+    """Whether other torques of the rig's own effects leave no more than changed pieces do."""
+    good, rest = final.target.good, final.residual[:, 0].real
+    change = np.zeros(len(rest))
+    for piece in pieces:
+        change += final.explained(piece.effect)[:, 0].real
+        if piece.origin is not None:
+            change -= final.explained(piece.origin)[:, 0].real
+    slope = _slope(final, loaded)
+    columns = np.stack([slope, slope * final.target.data.at.torque_Nm], axis=1)[good]
 
     def left(samples: FloatArray) -> float:
         return float(((samples - made_of(columns, samples)) ** 2).sum())
 
-    unit = max(float((rest**2).mean()), 1e-300)
-    return left(rest + change) < left(rest) + SETTINGS.as_good * unit
+    unit = max(float((rest[good] ** 2).mean()), 1e-300)
+    return left((rest + change)[good]) < left(rest[good]) + SETTINGS.as_good * unit

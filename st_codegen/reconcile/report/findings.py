@@ -37,6 +37,7 @@ class Finding:
 
     form: in how far its form is not quite that of what was measured, where something of it stays.
     share: of the power that the larger findings leave, noise included; None where the data are over time.
+    whose: the part of a recorded axis of whose gap the share is; empty where that is the whole gap.
     """
 
     text: str
@@ -49,6 +50,7 @@ class Finding:
     share: float | None
     own_gap: tuple[float, float] | None
     form: str = ""
+    whose: str = ""
 
 
 def findings(result: Reconciliation, ahead: NextRuns | None = None) -> list[Finding]:
@@ -114,13 +116,18 @@ def _by_size(result: Reconciliation, entries: Sequence[tuple[Finding, _Change]])
         of_axis = finding.effect is not None and finding.effect.stage is Stage.AXIS
         size = (finding.share or 0.0) * whole if of_axis else whole - _power(result, change(result.rig))
         alone.append(size)
+    # the gap of a recorded axis is that of its links as well
+    has_links = result.data.angle_rad is not None and result.fitted.before**2 > whole * (1.0 + 1e-9)
     found, rig, left = [], result.rig, whole
     for i in np.argsort(-np.array(alone), kind="stable"):
         finding, change = entries[i]
         rig = change(rig)
         after = _power(result, rig)
         if finding.effect is None or finding.effect.stage is not Stage.AXIS:
-            finding = replace(finding, share=max(0.0, 1.0 - after / left) if left > 0 else None)
+            share = max(0.0, 1.0 - after / left) if left > 0 else None
+            finding = replace(finding, share=share, whose="the reducer" if has_links else "")
+        else:
+            finding = replace(finding, whose="its link")
         found.append(finding)
         left = after
     return found
@@ -148,7 +155,9 @@ def share_text(finding: Finding, *, first: bool) -> str:
     """The share of a finding in words, with the gap of its own orders where that says more; empty without either."""
     own = finding.own_gap
     if finding.share is not None and (finding.share >= SETTINGS.much or own is None):
-        of = "the gap" if first else "what the larger findings leave"
+        gap = f"the gap of {finding.whose}" if finding.whose else "the gap"
+        of = gap if first or finding.whose == "its link" else "what the larger findings leave"
+        of += f" of {gap}" if finding.whose and of != gap else ""
         return f"it explains {whole_percent(finding.share)} % of {of}"
     if own is None:
         return ""
