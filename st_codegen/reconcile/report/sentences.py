@@ -273,9 +273,10 @@ def _few_samples(result: Reconciliation) -> str:
     turns = np.exp(1j * data.angle_rad[ranked[:count]])
     place = float(np.rad2deg(np.angle(turns.mean()))) % 360.0
     reach = float(np.rad2deg(np.abs(np.angle(turns * np.exp(-1j * np.deg2rad(place)))).max()))
-    largest = f"{math.sqrt(power[ranked[0]]):.2g} deg, is at {data.labels[ranked[0]]}."
+    largest, label = f"{math.sqrt(power[ranked[0]]):.2g} deg", data.labels[ranked[0]]
     if count == 1:
-        return f" One of {len(data)} samples that were looked at holds half of the power of what is left; it, {largest}"
+        looked_at = f"{len(data)} samples that were looked at"
+        return f" One of {looked_at} holds half of the power of what is left: {largest}, at {label}."
     where = (
         f", all within {at_most(reach + 0.05)} deg of {place:.1f} deg of the output"
         if reach < SETTINGS.one_place_deg
@@ -283,7 +284,7 @@ def _few_samples(result: Reconciliation) -> str:
     )
     return (
         f" {count} of {len(data)} samples that were looked at hold half of the power of what is left{where}; the "
-        f"largest, {largest}"
+        f"largest, {largest}, is at {label}."
     )
 
 
