@@ -60,7 +60,7 @@ def at_least(bound: float, digits: int = 2) -> str:
 
 def _rounded(bound: float, digits: int, rounding: str) -> str:
     short = decimal.Context(prec=digits, rounding=rounding, Emin=-400).create_decimal(repr(float(bound)))
-    return f"{float(short):.{15 if abs(short) < 1_000_000 else digits}g}"
+    return f"{float(short):.{15 if abs(float(short)) < 1e6 else digits}g}"
 
 
 def closest(name: str, known: Iterable[str], alike: float = 0.6) -> str | None:

@@ -43,13 +43,16 @@ class BeckhoffMlTarget(Target):
         application = contents.application(
             lambda model, extras: engine_block(model, engines[model.name], limits, extras.remarks)
         )
-        files, paths = [], {}
+        files, paths, owners = [], {}, dict[str, str]()
         for model in contents.models:
             use = contents.uses.get(model.name)
             folder = "_".join([*([use] if use else []), engines[model.name][0].folder])
             for name, engine in zip(engine_names(model, engines[model.name]), engines[model.name], strict=True):
+                if (other := owners.setdefault(name.casefold(), model.name)) != model.name:
+                    problems.add(f"{other} and {model.name} would both have the file {name}.xml: rename one of them")
                 files.append(_model_file(f"Models/{folder}/{name}.xml", engine))
                 paths[name] = f"{folder}\\{name}.xml"
+        problems.raise_if_any()
         application = dataclasses.replace(
             application,
             globals=(*application.globals, files_list(paths)),

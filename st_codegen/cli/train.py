@@ -153,7 +153,7 @@ def command(
 
 def _is_measured(file: Path, campaign: Path) -> bool:
     """Whether a file is the measured table, or would be read as one of the curves, or replace one."""
-    inside = file.resolve().is_relative_to(campaign.resolve())
+    inside = file.resolve().is_relative_to(campaign.resolve()) and (file.exists() or file.suffix.lower() == ".csv")
     return inside or (file.exists() and file.samefile(campaign))
 
 

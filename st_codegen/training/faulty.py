@@ -79,7 +79,7 @@ def faulty_runs(table: HarmonicTable) -> Faulty:
         if beyond[worst] <= 0.0:
             break
         if rows.sum() >= _MOST * count:
-            not_judged = f"of {count} no more than {rows.sum()} are taken out, and there are others that look so"
+            not_judged = f"of {count} no more than {rows.sum()} are called faulty, and there are others that look so"
             break
         rows[kept[worst]] = True
         orders[kept[worst]] = tuple(dict.fromkeys(map(int, owner[relative[worst] > _OFF])))

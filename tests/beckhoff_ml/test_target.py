@@ -5,13 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import skops.io
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from lxml import etree
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
-from sklearn.tree import DecisionTreeClassifier
+from sklearn.tree import DecisionTreeClassifier, DecisionTreeRegressor
 
 from st_codegen.beckhoff_ml.blocks import engine_limits
 from st_codegen.beckhoff_ml.bounds import engine_answers, engine_bound
@@ -293,6 +294,16 @@ def test_all_refusals_are_in_one_message():
     for line, (name, (_, reason)) in zip(lines, reasons.items(), strict=True):
         assert f"model '{name}'" in line
         assert reason in line
+
+
+def test_two_models_have_no_file_of_one_name(tmp_path):
+    """A model of two outputs has files a_1 and a_2: with a model a_1 one block ran on the other's file."""
+    random = np.random.default_rng(0)
+    x, y = random.normal(size=(60, 3)), random.normal(size=(60, 2))
+    for name, target in (("a", y), ("a_1", y[:, 0])):
+        skops.io.dump(DecisionTreeRegressor(max_depth=3).fit(x, target), tmp_path / f"{name}.skops")
+    with pytest.raises(InputError, match=r"a and a_1 would both have the file A_1\.xml"):
+        generate(load(tmp_path), "beckhoff-ml", tmp_path / "plc")
 
 
 def test_the_files_have_the_structure_that_the_vendors_converter_writes():

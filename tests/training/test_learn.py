@@ -118,7 +118,7 @@ def test_where_more_runs_look_faulty_than_may_be_left_out_or_too_few_are_there_t
     spoiled = np.arange(0, len(table), 9)
     found = faulty_runs(changed(table, spoiled, lambda c: c * (1.5 + 0.5 * np.arange(len(spoiled))[:, None] % 2)))
     assert 0 < found.rows.sum() < len(spoiled)
-    said = f"of {len(table)} no more than {found.rows.sum()} are taken out, and there are others"
+    said = f"of {len(table)} no more than {found.rows.sum()} are called faulty, and there are others"
     assert found.not_judged.startswith(said)
     few = faulty_runs(table.rows(np.arange(10)))
     assert "none was looked for" in few.not_judged

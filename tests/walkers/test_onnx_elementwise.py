@@ -791,3 +791,16 @@ def test_a_place_among_others(tmp_path, axis, pair, kind):
     x = np.array([[a + step, b] for a in places for b in places for step in steps], np.float64)
     assert loaded.ir.exact and not np.any(agree(loaded, x))
     assert len(np.unique(loaded.predict(x), axis=0)) == 16
+
+
+@pytest.mark.parametrize("op_type", ["Where", "Concat"])
+def test_whole_numbers_that_a_double_does_not_hold_are_not_put_beside_computed_ones(tmp_path, op_type):
+    constants = [numpy_helper.from_array(np.full((1, 3), 2**53 + 1), "large"), constant("zero", 0.0)]
+    nodes = [helper.make_node("Cast", ["X"], ["I"], to=INT64), helper.make_node("Greater", ["X", "zero"], ["C"])]
+    if op_type == "Where":
+        nodes.append(helper.make_node("Where", ["C", "I", "large"], ["J"]))
+    else:
+        nodes.append(helper.make_node("Concat", ["I", "large"], ["J"], axis=0))
+    nodes.append(helper.make_node("Cast", ["J"], ["Y"], to=TensorProto.FLOAT))
+    with pytest.raises(UnsupportedModelError, match=r"whole numbers from 2\*\*53 on"):
+        build.load(graph_model(nodes, [info("X", (1, 3))], [info("Y", (None, 3))], constants), tmp_path)

@@ -77,7 +77,10 @@ def other_conditions(data: Observations, rig: RigModel) -> list[Mistake]:
                     unloaded = rig.coefficients(replace(data.at, torque_Nm=np.zeros(len(data))), orders)
                     without = _gain(data, beside, plain, np.where(rows[:, None], unloaded, plain))
                     if without > gain - SETTINGS.order_gain:
-                        what, remedy = f"{_NO_LOAD}, or {text}", f"read them {text}, which leaves no less than none"
+                        what, remedy = (
+                            f"{_NO_LOAD}, or {text}",
+                            f"read them {text}, which tells no more than no load does",
+                        )
                 said = _UNIT.format(column, "" if rows.all() else _of_runs(data, rows), what)
                 corrected = partial(_with_conditions, changed, rows)
                 best = (gain, [Mistake("conditions", said, corrected, remedy=remedy)])

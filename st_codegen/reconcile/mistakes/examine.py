@@ -380,8 +380,8 @@ def _column(found: _Common, of_medians: tuple[float, float]) -> tuple[list[Mista
         abs(np.log(forward / backward)) > np.log(SETTINGS.column_factor)
         # two orders have the same factor by a mistake, hardly by two effects
         and (_directions_differ(found.sums) or found.sums.gap_falls(alike, found.gap, effects=1))
-        and _most_have(found.sums, forward / backward)
         and _median_run_has(of_medians, forward / backward)
+        and all(_most_have(found.sums, ratio) for ratio in (forward / backward, of_medians[0] / of_medians[1]))
     )
     if not is_told:
         return [], both

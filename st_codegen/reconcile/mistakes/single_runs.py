@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -395,20 +396,22 @@ def _passed_on(data: Observations, near: Mapping[int, Sequence[tuple[float, int]
     near: of each run whose label is doubted what it leaves under the labels that suit it best, and a row with each.
     """
     points, numbers, count = data.at.points, list(near), len(near)
-    own = {tuple(points[data.runs[number][0]].tolist()): i for i, number in enumerate(numbers)}
+    owners = defaultdict[tuple[float, ...], list[int]](list)
+    for i, number in enumerate(numbers):
+        owners[tuple(points[data.runs[number][0]].tolist())].append(i)
     place = np.full((count, count), np.inf)
-    for i, labels in enumerate(near.values()):
-        for rank, (_, row) in enumerate(labels, start=1):
-            j = own.get(tuple(points[row].tolist()), i)
-            if j != i:
-                place[i, j] = rank
+    for i, suited in enumerate(near.values()):
+        for rank, (_, row) in enumerate(suited, start=1):
+            place[i, [j for j in owners.get(tuple(points[row].tolist()), ()) if j != i]] = rank
     chosen = linear_sum_assignment(np.log(np.minimum(place, 1e9)))
     pairs = [(i, int(place[i, j])) for i, j in zip(*chosen, strict=True) if np.isfinite(place[i, j])]
     product = math.prod(rank for _, rank in pairs)
     if not pairs or product > SETTINGS.most_places:
         return {}
     ways = math.log(_ways(count, len(pairs))) + math.log(_places(product, len(pairs)))
-    if ways - len(pairs) * math.log(len(np.unique(points, axis=0))) > math.log(SETTINGS.labels_chance):
+    # labels that all runs may have: those of both directions
+    labels = set.intersection(*(set(map(tuple, points[data.at.sign == sign])) for sign in np.unique(data.at.sign)))
+    if ways - len(pairs) * math.log(max(len(labels), 1)) > math.log(SETTINGS.labels_chance):
         return {}
     return {numbers[i]: near[numbers[i]][rank - 1] for i, rank in pairs}
 

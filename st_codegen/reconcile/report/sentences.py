@@ -71,6 +71,8 @@ def whole_percent(share: float) -> str:
     >>> whole_percent(0.997), whole_percent(0.123), whole_percent(0.001), whole_percent(1.0)
     ('more than 99', '12', 'less than 1', '100')
     """
+    if share <= 0.0:
+        return "0"
     rounded = round(100 * share)
     return "more than 99" if rounded == 100 and share < 1.0 else str(rounded) if rounded else "less than 1"
 

@@ -175,7 +175,8 @@ def _locals() -> tuple[BlockVariable, ...]:
 def _header() -> tuple[str, ...]:
     return (
         "FB_Experiment: one measurement of the transmission error, forward and backward (section 2.4)",
-        "Parameters against their limits, encoders, a load that is left goes down; warm-up without load, homing with "
+        "Parameters against their limits, encoders, a load that is left goes down to 10 N m (where friction holds more "
+        "at rest, that ends with TIME_OUT: free the gear by hand); warm-up without load, homing with "
         "the motor in the middle of the backlash, run-up with load, one revolution with bDataValid, run-down; then "
         "the other direction without warm-up and homing.",
         "bDataValid starts with the first cycle behind the zero angle of the output shaft and ends before the "

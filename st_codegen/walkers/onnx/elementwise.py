@@ -31,12 +31,12 @@ from st_codegen.walkers.onnx.operands import (
     FLOAT32,
     FLOAT64,
     INTEGERS,
-    MAX_WHOLE,
     TRUTH,
     ConstantOperand,
     LabelOperand,
     Operand,
     Tensor,
+    as_doubles,
     axis_of,
     check_size,
     require_float,
@@ -359,9 +359,7 @@ def as_number(walk: GraphWalk, operand: Operand) -> Operand:
         return Tensor(zeros + operand.value, zeros, FLOAT64, special=False)
     operand = walk.numbered(operand)
     if isinstance(operand, ConstantOperand) and operand.dtype in INTEGERS:
-        if np.any(np.abs(operand.array.astype(np.float64)) > MAX_WHOLE):
-            raise UnsupportedModelError("compares or chooses integers of more than 53 bits")
-        return ConstantOperand(operand.array.astype(np.float64))
+        return operand.moved(as_doubles)
     if isinstance(operand, Tensor) and operand.dtype in INTEGERS and not operand.given:
         return walk.as_type(operand, FLOAT64)
     return operand

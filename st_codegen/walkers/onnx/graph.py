@@ -33,6 +33,7 @@ from st_codegen.walkers.onnx.operands import (
     Operand,
     PickedOperand,
     Tensor,
+    as_doubles,
     check_size,
     require_float,
     require_tensor,
@@ -190,7 +191,7 @@ class GraphWalk:
     def numbers(self, array: AnyArray, beside: Tensor) -> Tensor:
         """Constants as numbers that are computed for each row, of a number that is there."""
         self.refuse_special(beside)
-        constants = array.astype(np.float64).ravel()
+        constants = as_doubles(array).ravel()
         if not np.all(np.isfinite(constants)):
             raise UnsupportedModelError("puts infinity or NaN beside computed numbers; export a mask with -1E9 instead")
         first = self.builder.select(np.zeros(len(constants), np.int32), self.settle(beside))

@@ -170,6 +170,14 @@ INTEGERS = (np.dtype(np.int64), np.dtype(np.int32))
 MAX_WHOLE = 2**53
 
 
+def as_doubles(array: AnyArray) -> FloatArray:
+    """Constants as doubles. Raises UnsupportedModelError for integers that a double may not hold."""
+    doubles = array.astype(np.float64)
+    if array.dtype in INTEGERS and np.any(np.abs(doubles) >= MAX_WHOLE):
+        raise UnsupportedModelError("calculates with whole numbers from 2**53 on, which LREAL does not hold")
+    return doubles
+
+
 def require_float(tensor: Tensor) -> Tensor:
     """The tensor itself; raises UnsupportedModelError where it holds integers or truth values."""
     if tensor.dtype not in (FLOAT32, FLOAT64):

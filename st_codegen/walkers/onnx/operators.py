@@ -29,6 +29,7 @@ from st_codegen.walkers.onnx.operands import (
     Operand,
     PickedOperand,
     Tensor,
+    as_doubles,
     axis_of,
     check_size,
     require_float,
@@ -58,14 +59,8 @@ def _of_integers(walk: GraphWalk, code: ir.Operator, pair: list[Operand]) -> Ope
     dtype = pair[0].dtype
     if code is ir.Operator.DIVIDE or any(side.dtype != dtype for side in pair):
         raise UnsupportedModelError("divides computed integers, or mixes types of them; cast them to float")
-    if any(
-        isinstance(side, ConstantOperand) and (np.abs(side.array.astype(np.float64)) >= _WHOLE).any() for side in pair
-    ):
-        raise UnsupportedModelError("calculates with whole numbers from 2**53 on, which LREAL does not hold")
     sides = [
-        side.moved(lambda array: array.astype(np.float64))
-        if isinstance(side, ConstantOperand)
-        else walk.as_type(require_tensor(side), FLOAT64)
+        side.moved(as_doubles) if isinstance(side, ConstantOperand) else walk.as_type(require_tensor(side), FLOAT64)
         for side in pair
     ]
     found = require_tensor(combined(walk, code, *sides))
@@ -465,7 +460,8 @@ def _reduction(call: NodeCall) -> Operand:
         return _mean_of_picked(call.walk, tensor, name == "ReduceMean").moved(lambda array: array.reshape(kept))
     group = np.broadcast_to(np.arange(math.prod(groups)).reshape(groups), tensor.shape).ravel()
     order = np.argsort(group, kind="stable")
-    rows = tensor.moved(lambda array: np.ravel(array)[order].reshape(math.prod(groups), -1))
+    each = math.prod(length for axis, length in enumerate(tensor.shape) if axis in reduced)
+    rows = tensor.moved(lambda array: np.ravel(array)[order].reshape(math.prod(groups), each))
     found: Operand
     if isinstance(rows, ConstantOperand):
         found = rows.moved(lambda array: _of_lengths(name, array))
@@ -481,10 +477,11 @@ def _of_lengths(name: str, array: AnyArray) -> AnyArray:
     below 2**53, and below 2**31 of INT32.
     """
     reduce = _OF_LENGTHS[name]
-    if not array.shape[1] and name in ("ReduceMax", "ReduceMin"):
+    picks = name in ("ReduceMax", "ReduceMin")
+    if picks and not array.shape[1]:
         raise UnsupportedModelError(f"{name} of no number has no answer")
     with np.errstate(over="ignore", invalid="ignore"):
-        size = reduce(np.abs(array.astype(np.float64)), axis=1)
+        size = np.abs(reduce(array.astype(np.float64) if picks else np.abs(array.astype(np.float64)), axis=1))
     if not (size < (2.0**31 if array.dtype == np.int32 else _WHOLE)).all():
         raise UnsupportedModelError(f"{name} of whole numbers that leaves INT32, or 2**53 in INT64")
     return np.asarray(reduce(array, axis=1, dtype=array.dtype))
