@@ -468,7 +468,7 @@ def _lifted(
 
 def _times(factor: float) -> str:
     """A factor in words: 1.5 is not twice."""
-    return f"{factor:.1f}" if factor < 1.95 else f"{factor:.0f}"
+    return f"{factor:.1f}" if round(factor, 1) < 2.0 else f"{factor:.0f}"
 
 
 def _between_loads(effect: StructuralResonance, at: Conditions, frequency: float) -> str:
