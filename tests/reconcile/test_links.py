@@ -240,6 +240,41 @@ def test_how_far_the_motor_was_behind_before_a_recording_began_is_not_known():
         assert abs(value - 5.0) < 4 * error < 0.01
 
 
+def _waits(kind, random):
+    """Waits between samples, s: of pieces of one to nine samples."""
+    if kind == "lost":
+        return np.where(random.random(4000) < 0.25, 5e-3, 1e-3)
+    return random.exponential(2e-3 if kind == "exponential" else 2e-4, 2000) + 1e-6
+
+
+@pytest.mark.parametrize(("kind", "lag_ms"), [("exponential", 5.0), ("lost", 5.0), ("short", 80.0)])
+@pytest.mark.parametrize("seed", range(3))
+def test_pieces_of_few_samples_tell_no_zeros_of_their_own(kind, lag_ms, seed):
+    """Of the rig's own lag ten times the noise was "left", and each piece took a fit; short is beside the lag."""
+    rig, (r, *_), random = parse_rig(RIG), _coupled(), np.random.default_rng(seed)
+    time = 1.0 + np.cumsum(_waits(kind, random))
+    # the reference is known between the samples as well, or what is left is that
+    fine = np.arange(time[0], time[-1] + 1e-4, 2e-5)
+    turning = [3600.0 * t + 900.0 * np.sin(2.0 * t) for t in (time, fine)]
+    lag = catalogue()["control_lag"]({"lag_ms": lag_ms}, rig.constants)
+    motor = np.interp(time, fine, lag.motor_angle(fine, turning[1])) + 1e-3 * random.standard_normal(len(time))
+    at = Conditions.of(np.ones(len(time)), 600.0, 400.0, 30.0)
+    cut = replace(r, time_s=time, angles={"theta_ref": turning[0], "theta_mot": motor}, at=at)
+    assert len(cut.starts) > 150
+    link = servo_link([cut], rig.with_effects([lag]))
+    assert (link.retuned, link.claim, link.unexplained) == (None, None, "")
+    # what is told is said still
+    apart = servo_link([replace(cut, angles={**cut.angles, "theta_mot": motor + 0.2})], rig.with_effects([lag]))
+    said = apart.unexplained.split("zeros of theta_ref and theta_mot that are ")[1]
+    assert float(said.split()[0]) == pytest.approx(0.2, abs=0.01)
+    other = servo_link([cut], rig.with_effects([lag.with_values({"lag_ms": 1.4 * lag_ms})]))
+    if other.retuned or kind != "short":
+        value, error = other.retuned.after.scalar("lag_ms"), other.retuned.stderr["lag_ms"]
+        assert abs(value - lag_ms) < 4 * error < 0.01 * lag_ms
+    else:
+        assert "it looks like a lag of 80 ms" in other.unexplained
+
+
 def test_angles_in_coarse_steps_scatter_by_these():
     """Samples that stay on a step showed a noise of 0.0002 deg, of which 0.016 deg was said to be a coupling's."""
     (r, *_) = _coupled(runs=((30.0, 400.0),), step_s=2e-4, noise=1e-5)

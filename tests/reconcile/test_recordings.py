@@ -15,10 +15,12 @@ from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.data.recordings import (
     ANGLES,
     Recording,
+    _directions,
     is_recording,
     is_whole_turn,
     observations,
     read_recordings,
+    speed_of,
     step_of,
 )
 from st_codegen.reconcile.fit.normal import made_of
@@ -27,7 +29,7 @@ from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.claims import Claim, Conclusions, Retuned
 from st_codegen.reconcile.judge.lookalikes import is_a_knee
 from st_codegen.reconcile.judge.recorded import with_doubts
-from st_codegen.reconcile.mistakes.recorded import _jumps, _least_at, _other_angle, check_recordings
+from st_codegen.reconcile.mistakes.recorded import _jumps, _least_at, _other_angle, _other_speed, check_recordings
 from st_codegen.reconcile.outcome import Gap, Outcome
 from st_codegen.reconcile.report.findings import _how_sure, findings, share_text
 from st_codegen.reconcile.report.sentences import _few_samples, _sidebands, floor_text, left_text, verdict_text
@@ -877,6 +879,24 @@ def test_a_clock_that_jitters_makes_no_speed_of_another_unit(tmp_path):
         other = replace(r.at, speed_rpm=factor * r.at.speed_rpm)
         with pytest.raises(InputError, match=f"speed_rpm is {factor:.4g} times the rate"):
             check_recordings([replace(r, at=other)], rig, tmp_path)
+
+
+@pytest.mark.parametrize("period", [14.5, 15.0, 20.0, 28.0, 30.0, 200.0])
+@pytest.mark.parametrize("fast", ["theta_ref", "theta_in"])
+def test_a_motion_to_and_fro_within_some_samples_is_no_speed_of_another_unit(period, fast):
+    """The way of the speed beside the chord of the angle: "1.348 times the rate, in another unit"."""
+    time, rate = np.arange(4000) * 1e-2, 2.0 * np.pi / (period * 1e-2)
+    angle = 720.0 * np.sin(rate * time)
+    angles = {fast: angle, "theta_out": angle / 81.0}
+    sign = _directions(speed_of(angles, time))
+    for factor in (1.0, 6.0, 1.0 / 81.0):
+        speed = factor * 720.0 * rate * np.abs(np.cos(rate * time)) / 6.0
+        found = _other_speed(Recording("r.csv", time, angles, Conditions.of(sign, speed, 400.0, 30.0)))
+        # of a measured angle that turns within each window the way is not told from noise
+        is_told = factor != 1.0 and (fast == "theta_ref" or period > 20.0)
+        assert bool(found) is is_told
+        if found:
+            assert float(found[0].split()[2]) == pytest.approx(factor, rel=0.05)
 
 
 def test_a_share_of_a_gap_that_links_have_as_well_is_the_reducers(tmp_path):

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations, pairwise
+from itertools import combinations
 
 import numpy as np
 
@@ -196,13 +196,13 @@ def servo_link(recordings: Sequence[Recording], rig: RigModel) -> Link | None:
     own = next((effect for effect in rig.effects if isinstance(effect, ControlLag)), None)
     start = own.scalar("lag_ms") if own else 0.0
 
-    def left(lag: float) -> FloatArray:
+    def left(lag: float, sure: float = 0.0) -> FloatArray:
         effect = ControlLag({"lag_ms": lag}, rig.constants, check=False)
-        return np.concatenate([_left_of_lag(r, effect) for r in usable])
+        return np.concatenate([_left_of_lag(r, effect, sure) for r in usable])
 
     # where the reference and the encoder have their zeros is no lag
     lag = _least(lambda x: float(left(x).var()), start)
-    first, best, step = left(start), left(lag), 0.01 * lag + 1e-3
+    best, step = left(lag), 0.01 * lag + 1e-3
     slope = (best - left(lag + step))[:, None] / step
     # near the best lag the angles are straight over it: of all of it but what stays
     samples = _Samples(
@@ -212,6 +212,8 @@ def servo_link(recordings: Sequence[Recording], rig: RigModel) -> Link | None:
         _files(usable),
         _rounded(usable, "theta_ref", "theta_mot"),
     )
+    # of pieces that are short beside the lag the error of a zero is many noises: it is not left of the lag
+    first, best = left(start, SETTINGS.sure_of_link), left(lag, SETTINGS.sure_of_link)
     known, change = np.array([start]), None
     if samples.told.are_off(known).any():
         effect = ControlLag({"lag_ms": lag}, rig.constants, check=False)
@@ -221,17 +223,28 @@ def servo_link(recordings: Sequence[Recording], rig: RigModel) -> Link | None:
     return _judged(samples, _Rig(own, known, first, ControlLag.title, _SERVO, ratio), change)
 
 
-def _left_of_lag(r: Recording, effect: ControlLag) -> FloatArray:
-    """What a lag leaves of theta_mot, deg (n,): how far behind it was where the recording begins is not known."""
+def _left_of_lag(r: Recording, effect: ControlLag, sure: float = 0.0) -> FloatArray:
+    """What a lag leaves of theta_mot, deg (n,): how far behind it was where the recording begins is not known.
+
+    sure: standard errors within which a zero is none, beside its fades.
+    """
     left = r.angles["theta_mot"] - effect.motor_angle(r.time_s, r.angles["theta_ref"])
     lag = effect.scalar("lag_ms") / 1000
     if lag <= 0:
         return left
-    for first, last in pairwise([*r.starts, len(left)]):
-        fades = np.exp(-(r.time_s[first:last] - r.time_s[first]) / lag)
-        zero = np.ones(last - first)
-        left[first:last] -= fades * np.nan_to_num(_sizes(fades[:, None], zero[:, None], left[first:last])[0])
-    return left
+    starts = r.starts
+    piece = np.repeat(np.arange(len(starts)), np.diff([*starts, len(left)]))
+    fades = np.exp(-(r.time_s - r.time_s[starts][piece]) / lag)
+    squares = np.add.reduceat(fades**2, starts)
+
+    def without_fades(values: FloatArray) -> FloatArray:
+        return values - fades * (np.add.reduceat(fades * values, starts) / squares)[piece]
+
+    # the zeros are those of the whole recording: a piece of few samples does not tell them from its fade
+    ones, left = without_fades(np.ones(len(left))), without_fades(left)
+    zero = (ones @ left) / (ones @ ones)
+    within = sure * _rms(left - zero * ones) / np.linalg.norm(ones)
+    return left + (1.0 - ones) * (zero if abs(zero) > within else 0.0)
 
 
 def coupling_link(recordings: Sequence[Recording], rig: RigModel) -> Link | None:

@@ -151,19 +151,26 @@ def _other_speed(r: Recording) -> list[str]:
     """Whether speed_rpm is the rate of the fast side's angle."""
     if min(float(np.ptp(angle)) for name, angle in r.angles.items() if name in FAST) < _TURN_DEG:
         return []
-    # over some samples: a clock that jitters makes the rate from one to the next another one in the mean
-    count = SETTINGS.samples_of_rate
-    waits, middle = np.diff(r.time_s), (r.at.speed_rpm[1:] + r.at.speed_rpm[:-1]) / 2.0
-    over = r.time_s[count:] - r.time_s[:-count]
-    travelled = np.concatenate([[0.0], np.cumsum(waits * middle)])
-    given = (travelled[count:] - travelled[:-count]) / over
-    angle = reference_of(r.angles)
-    derived = np.abs(angle[count:] - angle[:-count]) / over / 6.0
-    moves = derived > SETTINGS.fast_enough * derived.max()
+    waits, steps = np.diff(r.time_s), np.diff(reference_of(r.angles))
+    time, way = _over_some(waits), _over_some(np.abs(steps))
+    # noise is no way: of a measured angle only where it goes one way, so that noise adds less than is asked about
+    told = (np.abs(_over_some(steps)) > (1.0 - SETTINGS.one_rate) * way) | ("theta_ref" in r.angles)
+    given = (_over_some(waits * (r.at.speed_rpm[1:] + r.at.speed_rpm[:-1]) / 2.0) / time)[told]
+    derived = (way / time / 6.0)[told]
+    moves = derived > SETTINGS.fast_enough * derived.max(initial=0.0)
+    if not moves.any():
+        return []
     factor = float(np.median(given[moves]) / np.median(derived[moves]))
     if abs(factor - 1) < SETTINGS.one_rate:
         return []
     return [f"speed_rpm is {factor:.4g} times the rate of the fast side over t: one of them is in another unit"]
+
+
+def _over_some(of_waits: FloatArray) -> FloatArray:
+    """Sums over so many waits that a clock that jitters, or noise of an angle, makes hardly another rate of them."""
+    sums = np.concatenate([[0.0], np.cumsum(of_waits)])
+    over: FloatArray = sums[SETTINGS.samples_of_rate :] - sums[: -SETTINGS.samples_of_rate]
+    return over
 
 
 def _least_at(of: Callable[[float], float]) -> float:
