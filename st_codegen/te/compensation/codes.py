@@ -58,7 +58,7 @@ TE_ERROR = Codes(
         ("NOT_READY", "no set of coefficients has arrived yet"),
         ("STALE", "the set of coefficients is older than the age limit"),
         ("ABORTED", "bAbort"),
-        ("SPEED", "a speed outside of the limits of motor or load side"),
+        ("SPEED", "speed outside of the limits of motor or load side"),
         ("TORQUE", "torque outside of its limits"),
         ("TEMPERATURE", "temperature outside of its limits, or oil too warm"),
         ("ENCODER", "an encoder reports an error or no usable number"),
