@@ -58,7 +58,9 @@ def keep_others(folder: Path, stage: Path, ours: Collection[str]) -> None:
         if path.name in ours:
             continue
         if os.path.lexists(target):
-            raise InputError(f"{path} was not written by this command, and a new file has its name: rename or move it")
+            raise InputError(
+                f"{path} is none of the files that are replaced, and a new one has its name: rename or move it"
+            )
         if path.is_dir() and not path.is_symlink():
             shutil.copytree(path, target, symlinks=True, copy_function=link_file)
         else:

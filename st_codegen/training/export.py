@@ -5,8 +5,7 @@ from __future__ import annotations
 import copy
 import os
 import zipfile
-from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -92,24 +91,25 @@ def write_bundle(folder: Path, head: BundleHead, models: Sequence[FittedModel], 
         replace_folder(stage, folder)
 
 
-def _named(bundle: Path) -> Iterator[str]:
+def _named(bundle: Path) -> set[str]:
     """The files of a bundle's harmonics; nothing where there is no bundle. Raises InputError where it is no TOML.
 
     Files of [[term]] tables, which `train` never writes, are none of them.
     """
-    harmonics = read_toml(bundle).get("harmonic") if bundle.is_file() else None
+    harmonics, found = read_toml(bundle).get("harmonic") if bundle.is_file() else None, set[str]()
     for harmonic in harmonics if isinstance(harmonics, list) else ():
         for quantity in Quantity:
             value = harmonic.get(quantity.value) if isinstance(harmonic, dict) else None
             file = value.get("file") if isinstance(value, dict) else value
             if isinstance(file, str):
-                yield file
+                found.add(file)
+    return found
 
 
 def check_place(folder: Path) -> None:
     """Raise InputError where a bundle would replace something else, or one of which nobody can tell its files."""
     check_replaceable(folder)
-    deque(_named(folder / BUNDLE_FILE), maxlen=0)
+    _named(folder / BUNDLE_FILE)
     if folder.exists() and any(folder.iterdir()) and not (folder / BUNDLE_FILE).is_file():
         raise InputError(f"{folder} exists and is no bundle: name another folder")
 

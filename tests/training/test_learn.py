@@ -422,7 +422,7 @@ def test_what_else_stands_in_the_folder_of_a_bundle_stays(lessons, tmp_path):
     assert all(model.source.file.rpartition("_")[2].startswith("backward") for model in load(folder).irs)
     own = next(path.name for path in folder.iterdir() if path.name.startswith("A0"))
     (folder / own.replace("backward", "forward")).write_text("mine")
-    with pytest.raises(InputError, match="was not written by this command, and a new file has its name"):
+    with pytest.raises(InputError, match="is none of the files that are replaced, and a new one has its name"):
         write_bundle(folder, head, learned[0].models)
     assert (folder / own.replace("backward", "forward")).read_text() == "mine"
 
