@@ -77,6 +77,17 @@ def test_a_torque_that_is_later_than_the_first_shifts_tried(tmp_path):
     assert abs(value["value"] - 0.9) < 3 * value["stderr"]
 
 
+@pytest.mark.parametrize("noise", [0.02, 1.0])
+def test_delays_that_do_as_well_hold_the_true_one(tmp_path, noise):
+    (joint,) = report(
+        simulate(Joint(dry=1.0, viscous=0.5), Measured(torque_noise=noise, late=12, seed=2, seconds=20.0)), tmp_path
+    )
+    (late,) = (text for text in joint["measurement"] if "later" in text)
+    least, most = map(float, re.search(r"\(([\d.]+) to ([\d.]+) ms do as well\)", late).groups())
+    assert least <= 12.0 <= most
+    assert (most - least > 5.0) is (noise > 0.1)
+
+
 def test_where_one_speed_tells_no_forms_apart_friction_is_one_finding(tmp_path):
     random, t = np.random.default_rng(0), np.arange(0.0, 40.0, 1e-3)
     bell = np.hanning(401) / np.hanning(401).sum()
