@@ -32,6 +32,7 @@ from st_codegen.walkers.onnx.operands import (
     as_doubles,
     axis_of,
     check_size,
+    require_finite,
     require_float,
     require_same_type,
     require_tensor,
@@ -89,7 +90,10 @@ def combined(walk: GraphWalk, code: ir.Operator, left: Operand, right: Operand) 
     try:
         shape = np.broadcast_shapes(left.shape, right.shape)
     except ValueError:
-        raise InputError(f"shapes {left.shape} and {right.shape} do not fit; the model file is damaged") from None
+        raise InputError(
+            f"shapes {left.shape} and {right.shape} (for one row) do not fit: the first dimension of an input is taken "
+            "for rows; give each input one, or, where all have it, the model file is damaged"
+        ) from None
     sides = as_between(left), as_between(right)
     if any(isinstance(side, BetweenOperand) for side in (left, right)):
         if sides[0] is not None and sides[1] is not None:
@@ -127,7 +131,7 @@ def _scaled(
     scale = ir.Scale(
         inputs=(walk.settle(_spread(require_float(tensor), shape)),),
         operator=code,
-        constant=np.broadcast_to(constant, shape).astype(np.float64).ravel(),
+        constant=require_finite(np.broadcast_to(constant, shape).astype(np.float64).ravel()),
         precision=tensor.precision,
         reverse=reverse,
         doubt=None if doubt is None else np.broadcast_to(doubt, shape).ravel(),
