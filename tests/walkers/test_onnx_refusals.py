@@ -400,6 +400,14 @@ def test_the_mask_of_a_dropout_that_drops_nothing_is_no_training_mode(tmp_path):
     assert "several outputs: the mask is for training; leave it out" in text and "training mode" not in text
 
 
+def test_a_node_without_a_name_is_told_by_the_first_output_that_it_has(tmp_path):
+    """Of a recurrent layer often the last state alone is read: it was "the node of ''"."""
+    node = helper.make_node("GRU", ["X", "W", "R"], ["", "last"], hidden_size=1, layout=1)
+    weights = [constant("W", np.zeros((1, 3, 2))), constant("R", np.zeros((1, 3, 1)))]
+    model = graph_model([node], [info("X", (1, 4, 2))], [info("last", None)], weights)
+    assert "the node of 'last' (GRU, opset 18): the attribute layout" in refused(model, tmp_path)
+
+
 def test_weights_that_are_an_input_without_rows_are_no_damage(tmp_path):
     """The first dimension of an input is taken for rows: of a scale for (3, 5) numbers one row is left."""
     inputs = [build.info("X", (2, 3, 5)), build.info("scale", (3, 5))]
