@@ -301,6 +301,30 @@ def test_a_changed_last_digit_of_a_coefficient_is_found(kinds, tmp_path):
     assert failed.name == "scaled" and failed.failures[0].between == "reference and iec"
 
 
+@pytest.mark.parametrize("op_type", ["Relu", "Abs", "Tanh", "Sigmoid"])
+def test_layers_of_float_have_no_conversions_left(tmp_path, op_type):
+    """What picks numbers stays in float, and a layer has its function in one loop: of Relu the text was no REAL."""
+    onnx = pytest.importorskip("onnx")
+    random, number = np.random.default_rng(0), onnx.numpy_helper.from_array
+    weights = [
+        number(random.normal(size=shape).astype(np.float32), name) for name, shape in (("W", (3, 4)), ("V", (4,)))
+    ]
+    nodes = [
+        onnx.helper.make_node("Gemm", ["X", "W", "V"], ["H"]),
+        onnx.helper.make_node(op_type, ["H"], ["L"]),
+        onnx.helper.make_node("MatMul", ["L", "V"], ["Y"]),
+    ]
+    ends = [onnx.helper.make_tensor_value_info(name, 1, shape) for name, shape in (("X", (None, 3)), ("Y", None))]
+    graph = onnx.helper.make_graph(nodes, "layers", ends[:1], ends[1:], weights)
+    opset = onnx.helper.make_opsetid("", 18)
+    onnx.save(onnx.helper.make_model(graph, opset_imports=[opset], ir_version=9), tmp_path / "layers.onnx")
+    bundle = load(tmp_path, real=True)
+    generate(bundle, "iec", tmp_path / "out")
+    assert verify(bundle, tmp_path / "out", rows=200).passed
+    text = (tmp_path / "out/iec/FB_Layers.st").read_text()
+    assert "LREAL" not in re.sub(r"\(\*.*?\*\)", "", text, flags=re.S)
+
+
 def test_the_header_has_the_bound_where_the_inputs_have_ranges(tmp_path):
     linear = pytest.importorskip("sklearn.linear_model")
     joblib = pytest.importorskip("joblib")

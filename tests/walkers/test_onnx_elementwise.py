@@ -286,6 +286,17 @@ def test_a_mask_that_is_constant_picks_columns(tmp_path):
         build.load(model, tmp_path)
 
 
+def test_a_mask_with_infinity_is_refused_with_the_number_to_take_in_its_place(tmp_path):
+    """Whether it is added, or chosen where a number that is computed says so: no training would help."""
+    added = [helper.make_node("Add", ["X", "mask"], ["Y"])]
+    chosen = [helper.make_node("Less", ["X", "zero"], ["L"]), helper.make_node("Where", ["L", "mask", "X"], ["Y"])]
+    zero, mask = constant("zero", 0.0), constant("mask", [0.0, -np.inf, 0.0])
+    for nodes in (added, chosen):
+        model = graph_model(nodes, [info("X", (None, 3))], [info("Y", None)], [zero, mask])
+        with pytest.raises(UnsupportedModelError, match=r"puts -inf beside .* export a mask with -1E9"):
+            build.load(model, tmp_path)
+
+
 def test_a_sum_of_exponentials_is_told_by_its_largest_one(tmp_path):
     """Told by the first one it lost the digits that a mask, or a class that is out of question, puts it away."""
     nodes = [

@@ -308,15 +308,14 @@ def test_an_initializer_has_as_many_numbers_as_are_supported(tmp_path, monkeypat
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_coefficients_that_are_not_finite(tmp_path, value):
     bad = [1.0, value, 0.0]
-    assert "node 'the_node' (Add, opset 18): Scale.constant: 1 coefficient not finite" in refused(
-        single("Add", 3, [constant("C", bad)]), tmp_path
-    )
+    beside = f"puts {value} beside computed numbers; train the model without NaN and infinite values"
+    assert beside in refused(single("Add", 3, [constant("C", bad)]), tmp_path)
     weights = np.where(np.eye(3) == 1, value, 0.0)
     message = refused(single("MatMul", 3, [constant("C", weights)]), tmp_path)
     assert "node 'the_node' (MatMul, opset 18): Linear.weights: 3 coefficients not finite" in message
     for attributes in ({"coefficients": bad}, {"coefficients": [0.0] * 3, "intercepts": [value]}):
         assert "1 coefficient not finite" in refused(ml("LinearRegressor", 3, **attributes), tmp_path)
-    assert "not finite" in refused(ml("Scaler", 3, offset=bad, scale=[1.0, 1.0, 1.0]), tmp_path)
+    assert beside in refused(ml("Scaler", 3, offset=bad, scale=[1.0, 1.0, 1.0]), tmp_path)
     svm = {"kernel_type": "RBF", "kernel_params": [value, 0.0, 0.0], "n_supports": 1, "rho": [0.0]}
     message = refused(ml("SVMRegressor", 3, support_vectors=[0.0] * 3, coefficients=[1.0], **svm), tmp_path)
     assert "not finite" in message
@@ -375,7 +374,7 @@ def test_operands_of_the_wrong_kind(tmp_path):
         return refused(single(op_type, 3, constants, **attributes), tmp_path)
 
     assert "the inputs have different types, float32 and float64" in message("Add", [constant("C", 1.0, float)])
-    assert "shapes (1, 3) and (2,) do not fit" in message("Add", [constant("C", [1.0, 2.0])])
+    assert "shapes (1, 3) and (2,) (for one row) do not fit" in message("Add", [constant("C", [1.0, 2.0])])
     assert "the result has 98304 numbers for one row" in message("Add", [constant("C", np.zeros((32768, 1)))])
     assert "the result has no elements" in message("Add", [constant("C", np.zeros((0, 1)))])
     assert "multiplies tensors of shapes (1, 3) and (2, 2)" in message("MatMul", [constant("C", np.eye(2))])
@@ -393,6 +392,33 @@ def test_operands_of_the_wrong_kind(tmp_path):
     assert "Clip.lower: 3 coefficients not finite" in message("Clip", [constant("C", np.nan)])
     training = [constant("ratio", 0.5), constant("on", True, bool)]
     assert "Dropout in training mode; export the model for inference" in message("Dropout", training)
+
+
+def test_the_mask_of_a_dropout_that_drops_nothing_is_no_training_mode(tmp_path):
+    nodes = [helper.make_node("Dropout", ["X"], ["Y", "mask"])]
+    text = refused(build.graph_model(nodes, [build.info("X", (None, 3))], [build.info("Y", None)]), tmp_path)
+    assert "several outputs: the mask is for training; leave it out" in text and "training mode" not in text
+
+
+def test_a_node_without_a_name_is_told_by_the_first_output_that_it_has(tmp_path):
+    """Of a recurrent layer often the last state alone is read: it was "the node of ''"."""
+    node = helper.make_node("GRU", ["X", "W", "R"], ["", "last"], hidden_size=1, layout=1)
+    weights = [constant("W", np.zeros((1, 3, 2))), constant("R", np.zeros((1, 3, 1)))]
+    model = graph_model([node], [info("X", (1, 4, 2))], [info("last", None)], weights)
+    assert "the node of 'last' (GRU, opset 18): the attribute layout" in refused(model, tmp_path)
+
+
+def test_weights_that_are_an_input_without_rows_are_no_damage(tmp_path):
+    """The first dimension of an input is taken for rows: of a scale for (3, 5) numbers one row is left."""
+    inputs = [build.info("X", (2, 3, 5)), build.info("scale", (3, 5))]
+    flat = [build.constant("flat", [0, -1], np.int64), build.constant("one", [1, -1], np.int64)]
+    nodes = [
+        helper.make_node("Reshape", ["X", "flat"], ["F"]),
+        helper.make_node("Reshape", ["scale", "one"], ["S"]),
+        helper.make_node("Mul", ["F", "S"], ["Y"]),
+    ]
+    text = refused(build.graph_model(nodes, inputs, [build.info("Y", None)], flat), tmp_path)
+    assert "shapes (1, 15) and (1, 5) (for one row) do not fit: the first dimension of an input is taken for" in text
 
 
 def test_a_ratio_of_dropout_that_is_computed_is_refused(tmp_path):

@@ -116,6 +116,20 @@ def test_the_state_that_a_loop_starts_with_may_be_multiplied_by_gemm(tmp_path):
         build.load(whole(*nodes, initializers=parts), tmp_path)
 
 
+@pytest.mark.parametrize("turned", [{}, {"transA": 1}, {"transA": 1, "transB": 1}, {"transB": 1}])
+def test_the_first_factor_of_a_gemm_may_be_the_constant_one(tmp_path, turned):
+    """hummingbird-ml writes the splits of trees so. It was refused as a constant that should be folded."""
+    weights = RNG.normal(size=(4, 3)).astype(np.float32)
+    parts = [constant("A", weights.T if "transA" in turned else weights), constant("C", np.ones((4, 1)))]
+    product = helper.make_node("Gemm", ["A", "X" if "transB" in turned else "T"], ["P"], **turned)
+    nodes = [helper.make_node("Transpose", ["X"], ["T"]), product, helper.make_node("Transpose", ["P"], ["Y"])]
+    ends = [info("X", (None, 3))], [info("Y", None)]
+    assert_within_bound(build.load(graph_model(nodes, *ends, parts), tmp_path), rows(3))
+    product.input.append("C")
+    with pytest.raises(UnsupportedModelError, match="whose first factor is constant; write it with MatMul and Add"):
+        build.load(graph_model(nodes, *ends, parts), tmp_path)
+
+
 @pytest.mark.parametrize(
     ("name", "numbers", "dtype"),
     [

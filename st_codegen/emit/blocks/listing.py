@@ -290,7 +290,9 @@ class Listing:
         """Append a piece of code."""
         self.sections.append(CodeSection(title, template, values))
 
-    def chunks(self, sizes: AnyArray | Sequence[int], what: str) -> list[tuple[int, int]]:
+    def chunks(
+        self, sizes: AnyArray | Sequence[int], what: str, advice: str = "train a smaller model"
+    ) -> list[tuple[int, int]]:
         """Split consecutive items (trees, neurons, support vectors) of the given sizes into runs that fit an array.
 
         Where an earlier run cut, is cut again: a model that was trained again moves nothing behind the first item
@@ -303,7 +305,7 @@ class Listing:
             if size > self.max_array:
                 raise TargetError(
                     f"{what} {number} needs {size:,} elements in one array, the limit is {self.max_array:,}: "
-                    "train a smaller model, or raise the limit with --max-array if your controller allows it"
+                    f"{advice}, or raise the limit with --max-array if your controller allows it"
                 )
             if number > first and (total + size > self.max_array or number in kept):
                 runs.append((first, number))

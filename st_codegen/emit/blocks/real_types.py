@@ -56,9 +56,9 @@ def _values(table: Table) -> FloatArray:
 
 def _section(section: CodeSection) -> CodeSection:
     """Conversions to REAL are left out: what is converted is a REAL."""
-    values: dict[str, Any] = {**section.values}
-    if "single" in values:
-        values["single"] = False
+    values: dict[str, Any] = {
+        name: False if name in ("single", "function_single") else value for name, value in section.values.items()
+    }
     if "sums" in values:
         values["sums"] = {**values["sums"], "single": False}
     return dataclasses.replace(section, values=values)

@@ -140,9 +140,12 @@ class _Answers:
 def _tree_runs(op: TreeEnsemble, listing: Listing) -> list[tuple[int, int]]:
     """Runs of whole trees of which the nodes, and the answers of categorical splits, fit an array."""
     sizes = np.diff(np.append(op.roots, op.n_nodes))
-    if len(op.category_left) > listing.max_array:
-        sizes = np.maximum(sizes, np.add.reduceat(_answer_counts(op), op.roots))
-    return listing.chunks(sizes, "tree")
+    if len(op.category_left) <= listing.max_array:
+        return listing.chunks(sizes, "tree")
+    sizes = np.maximum(sizes, np.add.reduceat(_answer_counts(op), op.roots))
+    highest = max((column.n_categories for column in op.columns if column.categories is None), default=0) - 1
+    coded = f"number the categories from 0 without gaps (their codes reach {highest:,}), " if highest > 0 else ""
+    return listing.chunks(sizes, "tree", f"{coded}train a smaller model")
 
 
 def _answer_counts(op: TreeEnsemble) -> IntArray:

@@ -39,6 +39,7 @@ from st_codegen.walkers.onnx.operands import (
     as_doubles,
     axis_of,
     check_size,
+    require_finite,
     require_float,
     require_same_type,
     require_tensor,
@@ -532,7 +533,7 @@ def choice_of(call: NodeCall) -> Operand:
     parts = []
     for side, factor in zip(sides, (truths, _opposite(walk, truths)), strict=True):
         if isinstance(side, ConstantOperand):
-            numbers = np.broadcast_to(side.array, shape).astype(np.float64).ravel()
+            numbers = require_finite(np.broadcast_to(side.array, shape).astype(np.float64).ravel())
             parts.append(walk.builder.scale(factor, "*", numbers))
         else:
             parts.append(walk.builder.combine(_spread(walk, side, shape), "*", factor))

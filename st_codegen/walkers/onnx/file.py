@@ -74,7 +74,8 @@ def node_label(node: onnx.NodeProto) -> str:
     """A node as a message names it: by its name, or by what it computes."""
     if node.name:
         return f"node '{printable(node.name)}'"
-    return f"the node of '{printable(node.output[0])}'" if node.output else "a node without name and outputs"
+    made = next(filter(None, node.output), None)  # the first of several may be left out
+    return f"the node of '{printable(made)}'" if made is not None else "a node without name and outputs"
 
 
 def type_name(elem_type: int) -> str:

@@ -35,6 +35,7 @@ from st_codegen.walkers.onnx.operands import (
     Tensor,
     as_doubles,
     check_size,
+    require_finite,
     require_float,
     require_tensor,
 )
@@ -191,9 +192,7 @@ class GraphWalk:
     def numbers(self, array: AnyArray, beside: Tensor) -> Tensor:
         """Constants as numbers that are computed for each row, of a number that is there."""
         self.refuse_special(beside)
-        constants = as_doubles(array).ravel()
-        if not np.all(np.isfinite(constants)):
-            raise UnsupportedModelError("puts infinity or NaN beside computed numbers; export a mask with -1E9 instead")
+        constants = require_finite(as_doubles(array).ravel())
         first = self.builder.select(np.zeros(len(constants), np.int32), self.settle(beside))
         return self.computed(ir.Clip((first,), constants, constants), array.shape, array.dtype)
 

@@ -178,6 +178,17 @@ def as_doubles(array: AnyArray) -> FloatArray:
     return doubles
 
 
+def require_finite(constants: FloatArray) -> FloatArray:
+    """The constants themselves; raises UnsupportedModelError where infinity or NaN is among them."""
+    bad = constants[~np.isfinite(constants)]
+    if bad.size:
+        raise UnsupportedModelError(
+            f"puts {bad[0]} beside computed numbers; train the model without NaN and infinite values, and export a "
+            "mask with -1E9 instead of them"
+        )
+    return constants
+
+
 def require_float(tensor: Tensor) -> Tensor:
     """The tensor itself; raises UnsupportedModelError where it holds integers or truth values."""
     if tensor.dtype not in (FLOAT32, FLOAT64):

@@ -32,6 +32,7 @@ from st_codegen.walkers.onnx.operands import (
     as_doubles,
     axis_of,
     check_size,
+    require_finite,
     require_float,
     require_same_type,
     require_tensor,
@@ -89,7 +90,10 @@ def combined(walk: GraphWalk, code: ir.Operator, left: Operand, right: Operand) 
     try:
         shape = np.broadcast_shapes(left.shape, right.shape)
     except ValueError:
-        raise InputError(f"shapes {left.shape} and {right.shape} do not fit; the model file is damaged") from None
+        raise InputError(
+            f"shapes {left.shape} and {right.shape} (for one row) do not fit: the first dimension of an input is taken "
+            "for rows; give each input one, or, where all have it, the model file is damaged"
+        ) from None
     sides = as_between(left), as_between(right)
     if any(isinstance(side, BetweenOperand) for side in (left, right)):
         if sides[0] is not None and sides[1] is not None:
@@ -127,7 +131,7 @@ def _scaled(
     scale = ir.Scale(
         inputs=(walk.settle(_spread(require_float(tensor), shape)),),
         operator=code,
-        constant=np.broadcast_to(constant, shape).astype(np.float64).ravel(),
+        constant=require_finite(np.broadcast_to(constant, shape).astype(np.float64).ravel()),
         precision=tensor.precision,
         reverse=reverse,
         doubt=None if doubt is None else np.broadcast_to(doubt, shape).ravel(),
@@ -201,7 +205,11 @@ def _matrix(constant: ConstantOperand, tensor: Tensor) -> FloatArray:
 
 @operator("MatMul", 1, 9, 13)
 def _matmul(call: NodeCall) -> Operand:
-    left, right = call.required(), call.required(1)
+    return _factored(call.walk, call.required(), call.required(1))
+
+
+def _factored(walk: GraphWalk, left: Operand, right: Operand) -> Operand:
+    """The product of two tensors; with constant weights in two dimensions, on either side, it is a layer."""
     if (
         isinstance(left, Tensor)
         and isinstance(right, BetweenOperand)
@@ -209,23 +217,23 @@ def _matmul(call: NodeCall) -> Operand:
     ):
         numbers, doubt = as_doubted(right)
         weights = _matrix(ConstantOperand(numbers), require_float(left)).T
-        return apply_linear(call.walk, left, weights, np.zeros(len(weights)), (*left.shape[:-1], len(weights)), doubt.T)
+        return apply_linear(walk, left, weights, np.zeros(len(weights)), (*left.shape[:-1], len(weights)), doubt.T)
     if isinstance(left, Tensor) and isinstance(right, ConstantOperand) and right.array.ndim < 3:
         weights = _matrix(right, require_float(left))
         if right.array.ndim and left.shape[-1:] == weights.shape[:1]:
             shape = (*left.shape[:-1], *weights.shape[1:])
             weights = weights.reshape(len(weights), -1).T
-            return apply_linear(call.walk, left, weights, np.zeros(len(weights)), shape)
+            return apply_linear(walk, left, weights, np.zeros(len(weights)), shape)
     elif isinstance(left, ConstantOperand) and isinstance(right, Tensor) and left.array.ndim < 3:
         weights = _matrix(left, require_float(right))
         matrix = right.moved(lambda array: array.swapaxes(-1, -2) if array.ndim > 1 else array)
         if left.array.ndim and matrix.shape[-1:] == weights.shape[-1:]:
             shape = (*matrix.shape[:-1], *weights.shape[:-1])
             weights = weights.reshape(-1, matrix.shape[-1])
-            found = apply_linear(call.walk, matrix, weights, np.zeros(len(weights)), shape)
+            found = apply_linear(walk, matrix, weights, np.zeros(len(weights)), shape)
             both = right.size > matrix.shape[-1] or len(right.shape) > 1
             return found.moved(lambda array: array.swapaxes(-1, -2)) if both and left.array.ndim > 1 else found
-    return _matrix_product(call.walk, left, right)
+    return _matrix_product(walk, left, right)
 
 
 def _matrix_product(walk: GraphWalk, left: Operand, right: Operand) -> Operand:
@@ -265,8 +273,8 @@ def total_of_last(walk: GraphWalk, tensor: Tensor, count: int) -> Tensor:
 @operator("Gemm", 7, 9, 11, 13)
 def _gemm(call: NodeCall) -> Operand:
     left, right = call.required(), call.required(1)
-    if isinstance(left, ConstantOperand) and isinstance(right, ConstantOperand):
-        return _gemm_of_constants(call, left, right)
+    if isinstance(left, ConstantOperand):
+        return _gemm_of_constant(call, left, right)
     tensor = call.computed()
     if not isinstance(right, ConstantOperand):
         raise UnsupportedModelError("both factors are computed; one of them has to be constant weights")
@@ -291,16 +299,19 @@ def _gemm(call: NodeCall) -> Operand:
     return combined(call.walk, ir.Operator.ADD, scaled, ConstantOperand(bias.astype(row.dtype)))
 
 
-def _gemm_of_constants(call: NodeCall, left: ConstantOperand, right: ConstantOperand) -> Operand:
-    """Constants, as the states are with which a loop begins; what is added to their product may be computed."""
+def _gemm_of_constant(call: NodeCall, left: ConstantOperand, right: Operand) -> Operand:
+    """A constant times constants, as the states are with which a loop begins, or times the columns of a tensor.
+
+    What is added to constants may be computed; in a product of a tensor it would be one more term of the sum.
+    """
     sides = (("transA", left), ("transB", right))
-    found = _matrix_product(
-        call.walk, *(one.moved(np.transpose) if call.node.integer(key) else one for key, one in sides)
-    )
+    found = _factored(call.walk, *(one.moved(np.transpose) if call.node.integer(key) else one for key, one in sides))
     added = call.optional(2)
     for factor, operand in (("alpha", found), ("beta", added)):
         if operand is not None and call.node.number(factor, 1.0) != 1.0:
             raise UnsupportedModelError(f"multiplies constants, and then by {factor}; fold constants when exporting")
+    if added is not None and not isinstance(right, ConstantOperand):
+        raise UnsupportedModelError("adds C to a product whose first factor is constant; write it with MatMul and Add")
     return found if added is None else combined(call.walk, ir.Operator.ADD, found, added)
 
 

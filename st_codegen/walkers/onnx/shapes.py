@@ -61,7 +61,9 @@ def _identity(call: NodeCall) -> Operand:
 def _dropout(call: NodeCall) -> Operand:
     call.constant(1, "the ratio")  # of which onnxruntime refuses some, though it does not use it
     training = call.constant(2, "training_mode")
-    if call.node.has_more_outputs or (training is not None and np.any(training)):
+    if call.node.has_more_outputs:
+        raise UnsupportedModelError("several outputs: the mask is for training; leave it out")
+    if training is not None and np.any(training):
         raise UnsupportedModelError("Dropout in training mode; export the model for inference (model.eval())")
     return call.required()
 
