@@ -181,6 +181,7 @@ BAD = {
     "huge": (changed(tau=lambda c: with_value(c["tau"], 7, 1e300)), r"line 9: tau of 1e\+300 is no value of a joint"),
     "jump": (changed(q=lambda c: c["q"] + 0.3 * (c["t"] > 2.0)), r"q jumps by 0\.\d+ from row 402 to the next"),
     "turn": (changed(q=lambda c: c["q"] + 6.283 * ((c["t"] > 2.0) & (c["t"] < 4.0))), r"q jumps by -?6\.\d+ from row"),
+    "rest": (changed(q=lambda c: c["q"] + 6.283 * (np.arange(800) % 2) * (c["t"] < 0.5)), r"q jumps by -?6\.\d+ from"),
     "missing": ({"t": plain()["t"], "q1": plain()["q"], "tau2": plain()["tau"]}, "column 'tau1' is missing"),
 }
 
