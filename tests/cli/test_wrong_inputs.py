@@ -182,6 +182,18 @@ def test_folders_and_generated_code(lone_folder, tmp_path, monkeypatch, capsys):
     assert "changed by hand and would be overwritten" in refused(capsys, lone_folder)
 
 
+def test_all_bad_values_of_options_are_named_at_once(capsys):
+    """The first one was named alone, and what was missing not at all."""
+    said = refused(capsys, "train", "--folds", "1", "--format", "foo", "--limit-us", "x")
+    for part in ("Missing argument 'CAMPAIGN'", "'--folds': 1 is not", "'--format': 'foo' is", "'--limit-us': 'x' is"):
+        assert part in said
+    # without a command, too, and of a group
+    said = refused(capsys, "models/", "--layout", "foo", "--max-bytes", "1,5")
+    assert "'--layout': 'foo' is" in said and "'--max-bytes': '1,5' is" in said
+    said = refused(capsys, "simulate", "campaign", "--samples", "0")
+    assert "Missing option '--rig'" in said and "'--samples': 0 is not" in said
+
+
 @pytest.mark.parametrize(
     ("given", "other", "advice"),
     [
