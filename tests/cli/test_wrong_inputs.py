@@ -14,7 +14,7 @@ FILES = {
     "empty files": ({"m.txt": "", "m2.ubj": ""}, "m.txt and m2.ubj: the file is empty: save or copy the model again"),
     "garbage in .txt": ({"m.txt": "hello"}, "m.txt: not a LightGBM text model: the first line is not 'tree'"),
     "garbage in .onnx": ({"m.onnx": "hello"}, "m.onnx: not an ONNX model"),
-    "garbage in .json": ({"m.json": "{}"}, "m.json: not an XGBoost model: no object 'learner'"),
+    "garbage in .json": ({"m.json": "{}"}, "m.json: not an XGBoost model: no object 'learner', and not CatBoost's"),
     "garbage in .ubj": ({"m.ubj": "{"}, "m.ubj: not an XGBoost model (UBJSON, byte 1: 1 byte declared, 0 left)"),
     "garbage in .skops": ({"m.skops": "PK"}, "m.skops: not a readable .skops file"),
     "garbage in .xml": ({"m.xml": "<a/>"}, "m.xml: "),
