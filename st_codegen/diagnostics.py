@@ -256,8 +256,8 @@ DIAGNOSTICS = (
     Diagnostic(
         "STC1307",
         "There is no folder of models",
-        "The folder is not there, has no model files, or only such as leave_out of st-codegen.toml names, or is described "
-        "twice (by bundle.toml and by st-codegen.toml).",
+        "The folder is not there, has no model files that leave_out of st-codegen.toml leaves, or is described twice "
+        "(by bundle.toml and by st-codegen.toml).",
         "Check the path. The message lists the endings of files that are models.",
         places=("project.bundle:_loaded", "project.bundle:_model_files", "project.initial"),
     ),
