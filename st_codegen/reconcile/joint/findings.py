@@ -131,9 +131,13 @@ _INSTEAD = {
 }
 
 
+#: units of parameters in words, where they differ from the name that report.json has
+UNIT_WORDS = {"Nm": "N m", "Nm_s": "N m per rad/s", "Nm_s2": "N m per (rad/s)^2"}
+
+
 def number(value: float, error: float | None, unit: str) -> str:
     """A value with its error and unit in words."""
-    words = {"Nm": "N m", "Nm_s": "N m per rad/s", "Nm_s2": "N m per (rad/s)^2", "": ""}.get(unit, unit)
+    words = UNIT_WORDS.get(unit, unit)
     spread = "" if error is None else f" +- {digits(error, 1)}"
     return f"{digits(value, 3)}{spread}" + (f" {words}" if words else "")
 

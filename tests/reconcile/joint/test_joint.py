@@ -1,6 +1,7 @@
 """Recordings of joints: what is read, refused, named, and what is not claimed."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -208,6 +209,7 @@ def test_the_command_writes_a_page_without_a_rig(tmp_path, capsys):
     content = json.loads((tmp_path / "out" / "report.json").read_text())
     assert content["kind"] == "joints"
     page = (tmp_path / "out" / "report.html").read_text()
+    assert "Nm_s" not in re.sub(r"\w+_Nm_s\w*", "", page)  # names of parameters apart: "N m per rad/s" is the unit
     for effect in content["joints"][0]["effects"]:
         assert effect["text"].split(" of ")[0] in page
     assert page.count("<svg") >= 1
