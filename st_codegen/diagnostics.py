@@ -256,9 +256,10 @@ DIAGNOSTICS = (
     Diagnostic(
         "STC1307",
         "There is no folder of models",
-        "The folder is not there, has no model files, or is described twice (by bundle.toml and by st-codegen.toml).",
+        "The folder is not there, has no model files that leave_out of st-codegen.toml leaves, or is described twice "
+        "(by bundle.toml and by st-codegen.toml).",
         "Check the path. The message lists the endings of files that are models.",
-        places=("project.bundle:_loaded", "project.initial"),
+        places=("project.bundle:_loaded", "project.bundle:_model_files", "project.initial"),
     ),
     Diagnostic(
         "STC1308",
@@ -271,8 +272,7 @@ DIAGNOSTICS = (
     Diagnostic(
         "STC1303",
         "A bundle of models has a fault",
-        "bundle.toml names files that are not there, or lacks orders, directions or features; or a folder has "
-        "no models.",
+        "bundle.toml names files that are not there, or lacks orders, directions or features.",
         "The page on bundles shows a complete file. st-codegen train writes one.",
         places=("te", "project"),
     ),
@@ -380,11 +380,11 @@ DIAGNOSTICS = (
     ),
     Diagnostic(
         "STC1605",
-        "Measured data cannot be compared with the rig",
-        "The data lack conditions or columns, nothing in them can be compared with the rig model, or they look "
-        "measured or labelled in a way that has to be answered first.",
-        "Where the message names --accept or --scale, answer with it. The page on reconcile says which forms of data "
-        "are read, and what is asked.",
+        "Measured data cannot be compared with the rig, or tell nothing of a joint",
+        "The data lack conditions or columns, nothing in them can be compared with the rig model, no joint moves in "
+        "them, or they look measured or labelled in a way that has to be answered first.",
+        "Where the message names --accept or --scale, answer with it. The pages on reconcile and on joints say which "
+        "forms of data are read, and what is asked.",
         places=("reconcile", "cli.reconcile"),
     ),
     Diagnostic(

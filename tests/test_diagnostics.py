@@ -97,6 +97,9 @@ def test_the_code_is_that_of_the_place_and_stays_when_a_subject_is_added(tmp_pat
     with pytest.raises(InputError) as caught:
         load(tmp_path / "none")
     assert caught.value.codes == ("STC1307",)
+    with pytest.raises(InputError, match="no model files") as caught:
+        load(tmp_path)
+    assert caught.value.codes == ("STC1307",)  # it was the code of a fault in bundle.toml
     (tmp_path / "x.txt").write_text("no model")
     with pytest.raises(InputError) as caught:
         load(tmp_path)

@@ -36,7 +36,11 @@ def off_deg(te_deg: FloatArray) -> FloatArray:
     Single ones are no more than a hundredth of all, those in a row no more than a twentieth. Where most samples are
     equal, the digit by which some differ is no spike.
     """
-    off = te_deg - median_filter(te_deg, _AROUND, mode="nearest")
+    reach = _AROUND // 2
+    off = te_deg - median_filter(_with_ends(te_deg), _AROUND)[reach:-reach]
+    for own, beside in ((off[:reach], te_deg[reach : 2 * _AROUND]), (off[-reach:], te_deg[-2 * _AROUND : -reach])):
+        # a curve that settles is no line there, but its steps beside are as large
+        own[np.abs(own) <= _FAR * np.abs(np.diff(beside)).max(initial=0.0)] = 0.0
     found = np.where(_are_far(off, _FAR, _ALL_BUT), off, 0.0)
     jumps = _are_far(np.diff(te_deg), _FAR_IN_A_ROW, 1.0 - _MOST_IN_A_ROW)
     if jumps.sum() < 2:
@@ -47,6 +51,18 @@ def off_deg(te_deg: FloatArray) -> FloatArray:
         if len(row) >= LEAST_ROW and row[0] > 0 and row[-1] < len(jumps) and jumps[row[0] - 1] and jumps[row[-1]]:
             found[row] = off[row]
     return found
+
+
+def _with_ends(te_deg: FloatArray) -> FloatArray:
+    """The samples with as many in front and behind as a median reaches, on lines through the first and the last ones.
+
+    The first or last sample in their place would be the median of itself, however far it is off.
+    """
+    beyond = np.arange(_AROUND // 2 + 1, _AROUND)
+    start, end = (
+        np.median(one) + beyond * np.median(np.diff(one)) for one in (te_deg[:_AROUND][::-1], te_deg[-_AROUND:])
+    )
+    return np.concatenate([start[::-1], te_deg, end])
 
 
 def longest_row(numbers: FloatArray | IntArray) -> int:

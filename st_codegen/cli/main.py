@@ -135,8 +135,8 @@ def main(arguments: list[str] | None = None) -> NoReturn:
     except click.exceptions.Abort:
         _fail("stopped", _INTERRUPTED)
     except click.ClickException as error:
-        if isinstance(error, click.MissingParameter):
-            error = _of_all_missing(error)
+        if isinstance(error, click.BadParameter) and error.param is not None:
+            error = _of_all(error, rest)
         with contextlib.suppress(OSError):
             error.show()
             show_codes(codes_of(error))
@@ -157,14 +157,22 @@ def main(arguments: list[str] | None = None) -> NoReturn:
     sys.exit(code or 0)
 
 
-def _of_all_missing(error: click.MissingParameter) -> click.ClickException:
-    """Name every required parameter that was left out; click, which takes those that are given first, names one."""
+def _of_all(error: click.BadParameter, words: list[str]) -> click.ClickException:
+    """Name every parameter that is missing or has a value that it does not take; click ends at the first."""
     context = error.ctx
     if context is None:
         return error
-    missing = [each for each in context.command.params if each.required and each.name not in context.params]
-    named = [click.MissingParameter(ctx=context, param=each).format_message() for each in missing]
-    return click.UsageError("\n".join(named), context)
+    # what stands behind the name of the command; without one it is that of `generate`
+    path = context.command_path.split()[1:]
+    own = words[len(path) :] if words[: len(path)] == path else words
+    given, more, _ = context.command.make_parser(context).parse_args(list(own))
+    found = []
+    for param in context.command.params:
+        try:
+            param.handle_parse_result(context, given, more)
+        except click.BadParameter as one:
+            found.append(one.format_message())
+    return click.UsageError("\n".join(found), context) if found else error
 
 
 def _system_message(error: OSError) -> str:

@@ -196,10 +196,16 @@ def _refuse_unused(measured: Path, accept: tuple[str, ...], *, joints: bool, wit
 
 
 def _first_line(measured: Path) -> str:
-    """What stands in the first line of a file in place of the names that are wanted."""
+    """What stands in the first line of a file in place of the names that are wanted.
+
+    Raises InputError for a file that is no text.
+    """
     from st_codegen.files.csv_tables import header_of
+    from st_codegen.files.text import read_text
 
     names = header_of(measured) if measured.is_file() else ()
+    if measured.is_file() and not names and not read_text(measured):
+        return f"; {measured} is empty"
     return f"; that of {measured} has {','.join(names)[:60]}" if any(names) else ""
 
 

@@ -140,7 +140,7 @@ def command(
             with progress_bar(f"{direction}: fits", quiet=quiet) as progress:
                 lessons.append(learn(measured.table, direction, plan, Fitting(store, where, progress)))
     head = bundle_head(joined([lesson.learned_from for lesson in lessons]), name, reduction_ratio)
-    write_bundle(out, head, [model for lesson in lessons for model in lesson.models], form)
+    dropped = write_bundle(out, head, [model for lesson in lessons for model in lesson.models], form)
     if table_out:
         write_table(measured.table, table_out)
     if report:
@@ -149,6 +149,8 @@ def command(
         click.echo(json.dumps([_facts(lesson) for lesson in lessons], indent=1))
     if not quiet:
         _print(lessons, head, out, "kept" if keep_faulty else "left out")
+    if dropped:
+        say(f"{out}: left out, since made for the models of the bundle that was replaced: {', '.join(dropped)}")
 
 
 def _is_measured(file: Path, campaign: Path) -> bool:

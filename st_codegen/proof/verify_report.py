@@ -140,8 +140,8 @@ class ModelReport:
         if self.silent_outside:
             asked, answered = self.asked_outside, self.silent_outside
             said.append(
-                f"the block refuses {counted(self.refused_outside, 'row')} of numbers outside the range of inputs: to "
-                f"{_of_them(answered, asked, self.refused_outside)} the library has an answer"
+                f"the block refuses {counted(self.refused_outside, 'row')} of numbers outside the range of inputs: the "
+                f"library answers {_of_them(answered, asked, self.refused_outside)}"
             )
         if self.none_inside and not self.nothing_compared:
             said.append("it takes no row in that range that was tried, so that the errors in the table are of none")
@@ -172,7 +172,7 @@ class ModelReport:
             return f"the library has no finite answer to {_of_them(self.asked, self.asked, self.unanswered)} either"
         row, answer = self.silent_example
         which = _of_them(self.silent, self.asked, self.unanswered)
-        return f"to {which} the library has an answer, as {answer} to {row}"
+        return f"the library answers {which}, as {answer} to {row}"
 
     @property
     def verdict(self) -> str:
@@ -247,11 +247,15 @@ class VerifyReport:
 
 
 def _of_them(some: int, asked: int, rows: int) -> str:
-    """So many of the rows that a library was asked, of all of which there is talk."""
+    """So many of the rows that a library was asked about, of all of which there is talk."""
     if asked == rows:
         known = "it" if rows == 1 else "them"
     else:
-        known = "the one of them that it was asked" if asked == 1 else f"the {asked:,} of them that it was asked"
+        known = (
+            "the one of them that it was asked about"
+            if asked == 1
+            else f"the {asked:,} of them that it was asked about"
+        )
     return known if some == asked else f"{some:,} of {known}"
 
 

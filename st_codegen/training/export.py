@@ -5,12 +5,12 @@ from __future__ import annotations
 import copy
 import os
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from st_codegen.errors import InputError, MissingExtraError, extra_package
+from st_codegen.errors import InputError, MissingExtraError, counted, extra_package
 from st_codegen.files.folders import check_replaceable, keep_others, replace_folder
 from st_codegen.files.number_text import plain_number
 from st_codegen.files.temporary import temporary_folder
@@ -69,10 +69,13 @@ class BundleHead:
         return {name: float(low) for (name, _), (low, high) in zip(FEATURES, self.ranges, strict=True) if low == high}
 
 
-def write_bundle(folder: Path, head: BundleHead, models: Sequence[FittedModel], form: str = "native") -> None:
+def write_bundle(
+    folder: Path, head: BundleHead, models: Sequence[FittedModel], form: str = "native"
+) -> tuple[str, ...]:
     """Write a bundle; the folder appears complete or not at all, and replaces an earlier bundle.
 
-    What else is in the folder stays: of an earlier bundle, its file and those that this names are replaced.
+    What else is in the folder stays: of an earlier bundle, its file and those that this names are replaced. Its
+    description and number of tasks, which say nothing of its models, are kept. Returns what it had for its own models.
 
     form: `native` (LightGBM text, XGBoost JSON, skops for scikit-learn), `skops` for all, or `onnx` for all.
     Raises InputError where the folder holds something else, or a model cannot be saved in the form.
@@ -86,30 +89,53 @@ def write_bundle(folder: Path, head: BundleHead, models: Sequence[FittedModel], 
         stage = made / "bundle"
         stage.mkdir()
         files = {model.stem: save_model(model.estimator, stage, model.stem, form) for model in models}
-        (stage / BUNDLE_FILE).write_text(bundle_text(head, models, files), encoding="utf-8", newline="\n")
-        keep_others(folder, stage, {BUNDLE_FILE, *_named(folder / BUNDLE_FILE)})
+        earlier = _earlier(folder)
+        text = bundle_text(head, models, files, kept=_kept(earlier))
+        (stage / BUNDLE_FILE).write_text(text, encoding="utf-8", newline="\n")
+        keep_others(folder, stage, {BUNDLE_FILE, *_named(earlier)})
         replace_folder(stage, folder)
+    return tuple(_dropped(earlier))
 
 
-def _named(bundle: Path) -> set[str]:
-    """The files of a bundle's harmonics; nothing where there is no bundle. Raises InputError where it is no TOML.
+def _earlier(folder: Path) -> dict[str, Any]:
+    """What the bundle.toml of a folder says; nothing where there is none. Raises InputError where it is no TOML."""
+    return read_toml(folder / BUNDLE_FILE) if (folder / BUNDLE_FILE).is_file() else {}
 
-    Files of [[term]] tables, which `train` never writes, are none of them.
-    """
-    harmonics, found = read_toml(bundle).get("harmonic") if bundle.is_file() else None, set[str]()
-    for harmonic in harmonics if isinstance(harmonics, list) else ():
-        for quantity in Quantity:
-            value = harmonic.get(quantity.value) if isinstance(harmonic, dict) else None
-            file = value.get("file") if isinstance(value, dict) else value
-            if isinstance(file, str):
-                found.add(file)
-    return found
+
+def _tables(earlier: Mapping[str, Any], name: str) -> list[dict[str, Any]]:
+    found = earlier.get(name)
+    return [one for one in found if isinstance(one, dict)] if isinstance(found, list) else []
+
+
+def _named(earlier: Mapping[str, Any]) -> set[str]:
+    """The files of a bundle's harmonics. Those of [[term]] tables, which `train` never writes, are none of them."""
+    values = [harmonic.get(quantity.value) for harmonic in _tables(earlier, "harmonic") for quantity in Quantity]
+    files = [value.get("file") if isinstance(value, dict) else value for value in values]
+    return {file for file in files if isinstance(file, str)}
+
+
+def _kept(earlier: Mapping[str, Any]) -> dict[str, Any]:
+    """The keys of [bundle] that somebody wrote and that hold whatever the models are."""
+    bundle = earlier.get("bundle")
+    given = bundle if isinstance(bundle, dict) else {}
+    description, tasks = given.get("description"), given.get("tasks")
+    found = {"description": description} if isinstance(description, str) else {}
+    return found | ({"tasks": 2} if tasks == 2 else {})
+
+
+def _dropped(earlier: Mapping[str, Any]) -> Iterator[str]:
+    """What an earlier bundle had beside its models that holds for these only."""
+    if terms := len(_tables(earlier, "term")):
+        yield f"{counted(terms, '[[term]] table')} (whose files stay)"
+    for key in ("factor", "turn_rad", "offset_deg"):
+        if times := sum(key in harmonic for harmonic in _tables(earlier, "harmonic")):
+            yield f"{key} of {counted(times, 'harmonic')}"
 
 
 def check_place(folder: Path) -> None:
     """Raise InputError where a bundle would replace something else, or one of which nobody can tell its files."""
     check_replaceable(folder)
-    _named(folder / BUNDLE_FILE)
+    _earlier(folder)
     if folder.exists() and any(folder.iterdir()) and not (folder / BUNDLE_FILE).is_file():
         raise InputError(f"{folder} exists and is no bundle: name another folder")
 
@@ -119,8 +145,12 @@ def bundle_text(
     models: Sequence[FittedModel],
     files: Mapping[str, str],
     corrections: Sequence[AxisCorrection] = (),
+    kept: Mapping[str, Any] | None = None,
 ) -> str:
-    """The text of `bundle.toml`; `files` gives the file of each stem, `corrections`: what an axis has of them."""
+    """The text of `bundle.toml`; `files` gives the file of each stem, `corrections`: what an axis has of them.
+
+    `kept` are further keys of the table [bundle].
+    """
     directions = list(dict.fromkeys(model.direction for model in models))
     orders = sorted({model.order for model in models})
     tables = [
@@ -132,6 +162,7 @@ def bundle_text(
                 "speed_feature": FEATURES[0][0],
                 "directions": [direction.value for direction in directions],
                 "orders": orders,
+                **(kept or {}),
             },
         )
     ]

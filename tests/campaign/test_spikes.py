@@ -118,6 +118,21 @@ def test_a_spike_is_found_at_any_scale_and_no_more_than_a_hundredth_are_spikes(n
         assert np.count_nonzero(found) > 0
 
 
+@pytest.mark.parametrize("where", [[0], [-1], [0, 1], [-2, -1], [0, -1]])
+@pytest.mark.parametrize("noise", [0.0, 5e-4])
+def test_spikes_at_the_ends_of_a_curve_are_found(where, noise):
+    """The last sample was the median of itself: 2 deg of a row that was cut off moved order 1 by a fifth, unsaid."""
+    theta = np.linspace(0.0, 2.0 * np.pi, 1024)
+    te = 0.017 * np.cos(theta + 1.1) + 1e-3 * np.cos(40 * theta)
+    te += noise * np.random.default_rng(0).standard_normal(len(te))
+    assert not off_deg(te).any()
+    most = np.abs(te).max()
+    te[where] = 2.0
+    found = off_deg(te)
+    assert np.flatnonzero(found).tolist() == sorted(n % len(te) for n in where)
+    assert (np.abs(te - found) < 2 * most).all()
+
+
 def test_what_stands_at_one_angle_in_several_curves_is_none_by_chance():
     random = np.random.default_rng(0)
     alone = [random.uniform(0, 2 * np.pi, 20) for _ in range(30)]

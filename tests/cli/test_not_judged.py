@@ -89,8 +89,8 @@ def test_of_refused_rows_outside_the_range_it_is_said_how_many_the_library_was_a
     (few_asked,) = verify(load(tmp_path / "models"), tmp_path / "out", rows=300).models
     assert all_asked.refused_outside == few_asked.refused_outside > few_asked.asked_outside
     assert ModelReport("m", refused_outside=9, asked_outside=4, silent_outside=2).not_judged == (
-        "the block refuses 9 rows of numbers outside the range of inputs: to 2 of the 4 of them that it was asked the "
-        "library has an answer"
+        "the block refuses 9 rows of numbers outside the range of inputs: the library answers 2 of the 4 of them that "
+        "it was asked about"
     )
 
 

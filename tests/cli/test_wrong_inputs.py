@@ -14,7 +14,7 @@ FILES = {
     "empty files": ({"m.txt": "", "m2.ubj": ""}, "m.txt and m2.ubj: the file is empty: save or copy the model again"),
     "garbage in .txt": ({"m.txt": "hello"}, "m.txt: not a LightGBM text model: the first line is not 'tree'"),
     "garbage in .onnx": ({"m.onnx": "hello"}, "m.onnx: not an ONNX model"),
-    "garbage in .json": ({"m.json": "{}"}, "m.json: not an XGBoost model: no object 'learner'"),
+    "garbage in .json": ({"m.json": "{}"}, "m.json: not an XGBoost model: no object 'learner', and not CatBoost's"),
     "garbage in .ubj": ({"m.ubj": "{"}, "m.ubj: not an XGBoost model (UBJSON, byte 1: 1 byte declared, 0 left)"),
     "garbage in .skops": ({"m.skops": "PK"}, "m.skops: not a readable .skops file"),
     "garbage in .xml": ({"m.xml": "<a/>"}, "m.xml: "),
@@ -180,6 +180,18 @@ def test_folders_and_generated_code(lone_folder, tmp_path, monkeypatch, capsys):
     )
     assert "the text is not valid Structured Text" in refused(capsys, "verify", lone_folder, "-g", "generated")
     assert "changed by hand and would be overwritten" in refused(capsys, lone_folder)
+
+
+def test_all_bad_values_of_options_are_named_at_once(capsys):
+    """The first one was named alone, and what was missing not at all."""
+    said = refused(capsys, "train", "--folds", "1", "--format", "foo", "--limit-us", "x")
+    for part in ("Missing argument 'CAMPAIGN'", "'--folds': 1 is not", "'--format': 'foo' is", "'--limit-us': 'x' is"):
+        assert part in said
+    # without a command, too, and of a group
+    said = refused(capsys, "models/", "--layout", "foo", "--max-bytes", "1,5")
+    assert "'--layout': 'foo' is" in said and "'--max-bytes': '1,5' is" in said
+    said = refused(capsys, "simulate", "campaign", "--samples", "0")
+    assert "Missing option '--rig'" in said and "'--samples': 0 is not" in said
 
 
 @pytest.mark.parametrize(

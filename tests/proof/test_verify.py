@@ -178,7 +178,7 @@ def test_what_the_library_answers_and_the_block_refuses_is_said(tmp_path):
     assert 0 < found.silent == found.asked < found.unanswered
     row, answer = found.silent_example
     assert min(map(abs, row)) < 0.5 and answer == [7.0] * 3
-    assert f"to the {found.asked} of them that it was asked the library has an answer, as {answer}" in found.not_judged
+    assert f"the library answers the {found.asked} of them that it was asked about, as {answer}" in found.not_judged
     assert found.as_json()["silent_example"] == [row, answer]
 
 

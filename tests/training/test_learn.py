@@ -1,6 +1,7 @@
 """From a table to a bundle that compiles: faulty runs, targets, choice, export."""
 
 import math
+import tomllib
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -404,6 +405,24 @@ def test_a_bundle_replaces_only_a_bundle(lessons, tmp_path):
     assert first != sorted(path.name for path in (tmp_path / "new").iterdir())
     assert not {name for name in first if name != "bundle.toml"} & {path.name for path in (tmp_path / "new").iterdir()}
     assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
+
+
+def test_what_somebody_wrote_into_a_bundle_is_kept_or_named(lessons, tmp_path):
+    """The description, two tasks and terms of an earlier bundle were gone without a word."""
+    both, learned = lessons
+    head, folder = bundle_head(both, "small", 81.0), tmp_path / "models"
+    assert write_bundle(folder, head, learned[0].models) == ()
+    file = folder / "bundle.toml"
+    plain = file.read_text()
+    terms = '\n[[term]]\ndirection = "forward"\norder = 0\namplitude = "mine.txt"\n'
+    own = plain.replace("[bundle]", '[bundle]\ndescription = "cell 4"\ntasks = 2')
+    file.write_text(own.replace("[[harmonic]]", "[[harmonic]]\nfactor = 1.03", 1) + terms)
+    said = write_bundle(folder, head, learned[0].models)
+    assert said == ("1 [[term]] table (whose files stay)", "factor of 1 harmonic")
+    assert load(folder).purpose.te.tasks == 2
+    kept = tomllib.loads(file.read_text())
+    assert (kept["bundle"].pop("description"), kept["bundle"].pop("tasks")) == ("cell 4", 2)
+    assert kept == tomllib.loads(plain)
 
 
 def test_what_else_stands_in_the_folder_of_a_bundle_stays(lessons, tmp_path):

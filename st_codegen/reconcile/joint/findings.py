@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -46,12 +46,22 @@ def findings(result: JointResult, constants: Constants | None) -> list[JointFind
 
 def signatures(result: JointResult) -> list[str]:
     """What stands out and has no name."""
-    found = []
+    return [text for text, _ in _left(result)]
+
+
+def verdict(result: JointResult, found: Sequence[JointFinding]) -> Outcome:
+    """Whether what a rigid joint leaves is named, and whether more than noise is left."""
+    return Outcome.of(named=bool(found), is_more_left=any(is_more for _, is_more in _left(result)))
+
+
+def _left(result: JointResult) -> Iterator[tuple[str, bool]]:
+    """What stands out and has no name, in words, and whether it is more than the rest of what is left could make."""
     for wave in _ripples(result):
         if not _is_told(ANGLE, *_size(result, wave)):
-            found.append(
+            yield (
                 f"a wave of {digits(wave.number, 4)} per revolution of the joint{_or_over_time(wave)} "
-                f"({number(*_size(result, wave), 'Nm')}): what else is left could make all of it"
+                f"({number(*_size(result, wave), 'Nm')}): what else is left could make all of it",
+                False,
             )
     for wave in result.waves:
         if wave.over != ANGLE:
@@ -60,27 +70,23 @@ def signatures(result: JointResult) -> list[str]:
             if wave.has_rival:
                 other = digits(wave.rival.part.shape, 4)
                 how = f"or of {other} per revolution: the speed does not tell a hum from a ripple"
-            found.append(what + how)
+            yield what + how, True
     for name in result.chosen.names():
         if name not in (RIGID, OTHERS) and not name.startswith("wave_") and _part(result, name) is None:
-            found.append(_unnamed(result, name))
+            size, error = result.chosen.value(name)
+            yield _unnamed(result, name), abs(size) > error
     if result.unseen_mode:
-        found.append(
+        yield (
             "an inertia that depends on the frequency: an elasticity, a filter, or what happens at reversals, that was "
-            "not resolved"
+            "not resolved",
+            True,
         )
     _, after, floor = result.gap
     if after > JOINT.noise * floor:
-        size = digits(np.sqrt(after**2 - floor**2), 2)
-        left = f"{size} N m RMS on left-out stretches beyond the noise that can be told"
+        beyond = digits(np.sqrt(after**2 - floor**2), 2)
+        left = f"{beyond} N m RMS on left-out stretches beyond the noise that can be told"
         beside = ", of which what other joints do may make a part" if OTHERS in result.chosen.names() else ""
-        found.append(left + beside)
-    return found
-
-
-def verdict(result: JointResult, found: Sequence[JointFinding]) -> Outcome:
-    """Whether what a rigid joint leaves is named, and whether more than noise is left."""
-    return Outcome.of(named=bool(found), is_more_left=bool(signatures(result)))
+        yield left + beside, True
 
 
 @dataclass(frozen=True)
@@ -125,9 +131,13 @@ _INSTEAD = {
 }
 
 
+#: units of parameters in words, where they differ from the name that report.json has
+UNIT_WORDS = {"Nm": "N m", "Nm_s": "N m per rad/s", "Nm_s2": "N m per (rad/s)^2"}
+
+
 def number(value: float, error: float | None, unit: str) -> str:
     """A value with its error and unit in words."""
-    words = {"Nm": "N m", "Nm_s": "N m per rad/s", "Nm_s2": "N m per (rad/s)^2", "": ""}.get(unit, unit)
+    words = UNIT_WORDS.get(unit, unit)
     spread = "" if error is None else f" +- {digits(error, 1)}"
     return f"{digits(value, 3)}{spread}" + (f" {words}" if words else "")
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import at_most
-from st_codegen.reconcile.joint.findings import digits, friction_curve
+from st_codegen.reconcile.joint.findings import UNIT_WORDS, digits, friction_curve
 from st_codegen.reconcile.joint.parts import KINDS
 from st_codegen.reconcile.joint.run import JointResult
 from st_codegen.reconcile.joint.waves import ANGLE, TIME, spectrum
@@ -59,7 +59,7 @@ def joint_texts(results: Sequence[JointResult], content: Mapping[str, Any]) -> d
         head = f"Joint {joint['joint']}"
         found = [f"{number}. {_sentence(effect)}." for number, effect in enumerate(joint["effects"], 1)]
         values = [
-            [effect["name"], key, value["value"], value["stderr"], value["unit"]]
+            [effect["name"], key, value["value"], value["stderr"], UNIT_WORDS.get(value["unit"], value["unit"])]
             for effect in joint["effects"]
             for key, value in effect["parameters"].items()
         ]

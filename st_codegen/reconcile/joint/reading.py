@@ -162,8 +162,9 @@ def _check_jumps(name: str, angle: FloatArray) -> None:
     steps = np.diff(angle)
     off = np.abs(steps[1:-1] - (steps[2:] + steps[:-2]) / 2)
     row = int(off.argmax())
-    # a turn that is lost and found are two jumps, and more samples may be off
-    others = np.sort(np.abs(steps))[: -max(3, len(steps) // 100)]
+    # a turn that is lost and found are two jumps, and more samples may be off; an angle that rests where its turns are
+    # counted anew jumps at any of them
+    others = np.sort(np.abs(steps)[np.abs(steps) < np.pi])[: -max(3, len(steps) // 100)]
     # a step that is several times the fastest motion elsewhere, and that nothing before it announces
     if len(others) and off[row] > SETTINGS.jump * float(others[-1]) > 0:
         raise InputError(

@@ -89,7 +89,8 @@ def loads(data: bytes, *, binary: bool) -> BoosterModel:
             raise UnsupportedModelError(
                 "what XGBoost's dump_model writes lacks the objective and the base score: save_model('model.json')"
             )
-        raise InputError("not an XGBoost model: no object 'learner'")
+        catboost = "" if binary else ", and not CatBoost's: no 'scale_and_bias' and 'features_info'"
+        raise InputError(f"not an XGBoost model: no object 'learner'{catboost}")
     root = DocumentPart(document, "")
     learner = root.section("learner")
     if "generic_param" in learner and "attributes" not in learner:

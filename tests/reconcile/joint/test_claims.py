@@ -9,13 +9,14 @@ import pytest
 from st_codegen.errors import InputError
 from st_codegen.reconcile.joint import run as joint_run
 from st_codegen.reconcile.joint import waves
-from st_codegen.reconcile.joint.findings import findings, joint_report, number, signatures
+from st_codegen.reconcile.joint.findings import findings, joint_report, number, signatures, verdict
 from st_codegen.reconcile.joint.mode import JointMode, JointResponse, _is_braked, find_mode, is_rigid
 from st_codegen.reconcile.joint.page import joint_summary
 from st_codegen.reconcile.joint.parts import Chosen
 from st_codegen.reconcile.joint.reading import JointRecording, read_joints
 from st_codegen.reconcile.joint.rows import rows_of
-from st_codegen.reconcile.joint.run import reconcile_joints
+from st_codegen.reconcile.joint.run import JointResult, reconcile_joints
+from st_codegen.reconcile.outcome import Outcome
 from tests.cli.helpers import run
 
 from .machine import Joint, Measured, simulate, write
@@ -240,6 +241,22 @@ def test_columns_of_other_names_are_shown_beside_those_that_are_wanted(tmp_path,
     assert "has t,position,dq,torque" in capsys.readouterr().err.replace("\n", " ")
 
 
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("t,q,tau,größe\n".encode("latin-1"), "the text is not UTF-8"),
+        ("t,q,tau\n".encode("utf-16"), "the text is UTF-16; save it as UTF-8"),
+        (b"", "joint.csv is empty"),
+    ],
+)
+def test_a_file_without_a_first_line_is_named_for_what_it_is(tmp_path, capsys, content, words):
+    """It said that --rig is missing, and no more."""
+    path = tmp_path / "joint.csv"
+    path.write_bytes(content)
+    assert run("reconcile", "--measured", path, "--out", tmp_path / "out") == 2
+    assert words in capsys.readouterr().err.replace("\n", " ")
+
+
 def test_a_torque_that_the_motion_does_not_make_is_asked_about(tmp_path):
     """Of noise it said that nothing stands out beyond a rigid joint, and no more."""
     columns = plain()
@@ -416,6 +433,10 @@ def test_a_ripple_that_what_is_left_could_make_has_no_name(tmp_path, monkeypatch
     end = "0.035 +- 0.2 N m): what else is left could make all of it"
     (text,) = [text for text in signatures(result) if text.endswith(end)]
     assert "Hz" not in text
+    # it said "the rest is more than noise", of 0.1 N m beside a floor of 0.1 N m
+    for after, outcome in ((0.1, Outcome.EXPLAINED), (0.2, Outcome.PARTLY_EXPLAINED)):
+        monkeypatch.setattr(JointResult, "gap", (1.0, after, 0.1))
+        assert verdict(result, findings(result, None)) == outcome
     monkeypatch.setattr(waves.TorqueWave, "has_rival", True)
     (text,) = [text for text in signatures(result) if text.endswith(end)]
     assert re.search(r"per revolution of the joint, or of [\d.]+ Hz over time, \(", text)

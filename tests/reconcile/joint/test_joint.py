@@ -1,6 +1,7 @@
 """Recordings of joints: what is read, refused, named, and what is not claimed."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -181,6 +182,7 @@ BAD = {
     "huge": (changed(tau=lambda c: with_value(c["tau"], 7, 1e300)), r"line 9: tau of 1e\+300 is no value of a joint"),
     "jump": (changed(q=lambda c: c["q"] + 0.3 * (c["t"] > 2.0)), r"q jumps by 0\.\d+ from row 402 to the next"),
     "turn": (changed(q=lambda c: c["q"] + 6.283 * ((c["t"] > 2.0) & (c["t"] < 4.0))), r"q jumps by -?6\.\d+ from row"),
+    "rest": (changed(q=lambda c: c["q"] + 6.283 * (np.arange(800) % 2) * (c["t"] < 0.5)), r"q jumps by -?6\.\d+ from"),
     "missing": ({"t": plain()["t"], "q1": plain()["q"], "tau2": plain()["tau"]}, "column 'tau1' is missing"),
 }
 
@@ -207,6 +209,7 @@ def test_the_command_writes_a_page_without_a_rig(tmp_path, capsys):
     content = json.loads((tmp_path / "out" / "report.json").read_text())
     assert content["kind"] == "joints"
     page = (tmp_path / "out" / "report.html").read_text()
+    assert "Nm_s" not in re.sub(r"\w+_Nm_s\w*", "", page)  # names of parameters apart: "N m per rad/s" is the unit
     for effect in content["joints"][0]["effects"]:
         assert effect["text"].split(" of ")[0] in page
     assert page.count("<svg") >= 1
