@@ -41,10 +41,11 @@ class Contents:
     extended: Callable[[Application], Application] = lambda application: application
 
     def application(self, block_of: Callable[[ModelIR, Extras], Block]) -> Application:
-        """The whole application; `block_of` makes the block of a model. FB_SelfTest comes first, if its name is free
-        and there is LREAL, of which it tests the arithmetic.
+        """The whole application; `block_of` makes the block of a model. FB_SelfTest comes first where there is LREAL,
+        of which it tests the arithmetic.
 
-        Raises InputError for names that Structured Text cannot have, TargetError for tables that are too long.
+        Raises InputError for names that Structured Text cannot have, or that FB_SelfTest has; TargetError for tables
+        that are too long.
         """
         given = [(model, self.extras.get(model.name, PLAIN)) for model in self.models]
         is_large = has_many_nodes(model.n_nodes for model in self.models)
@@ -54,16 +55,18 @@ class Contents:
         for (model, extras), block in zip(given, made, strict=True):
             with problems.collect():
                 found[model.name] = block or block_of(model, extras)
+                if found[model.name].name.lower() == SELF_TEST.lower():
+                    raise InputError(
+                        f"model '{model.name}': {SELF_TEST} is the block that tests the controller: rename it"
+                    )
         problems.raise_if_any()
         for model in self.models if self.around.connected else ():
             _check_callable(model, found[model.name])
         kept = (window_block(found[name], window) for name, window in self.windows.items())
         blocks = (*found.values(), *kept, *self.around.blocks)
         types = tuple(named for model in self.models if (named := class_type(model)) is not None)
-        is_free = not any(model.is_real for model in self.models) and all(
-            block.name.lower() != SELF_TEST.lower() for block in blocks
-        )
-        blocks = (*([self_test_block()] if is_free else []), *blocks)
+        if not any(model.is_real for model in self.models):
+            blocks = (self_test_block(), *blocks)
         return self.extended(dataclasses.replace(self.around, types=(*types, *self.around.types), blocks=blocks))
 
 

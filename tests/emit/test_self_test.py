@@ -7,13 +7,18 @@ import subprocess
 from functools import cache
 from pathlib import Path
 
+import joblib
 import pytest
+from sklearn.linear_model import LinearRegression
 
 from benchmarks.st_to_c import translate
+from st_codegen.driver import generate
 from st_codegen.emit.blocks.self_test import FAULTS, SELF_TEST
 from st_codegen.emit.contents import Contents
 from st_codegen.emit.render import render
 from st_codegen.emit.targets import TARGETS
+from st_codegen.errors import InputError
+from st_codegen.project.bundle import load
 from st_codegen.st import Machine, load_project
 
 BITS = {name: 1 << bit for bit, (name, _) in enumerate(FAULTS)}
@@ -142,3 +147,12 @@ def test_an_lreal_of_32_bits_is_found(c_code, tmp_path):
     passed, faults, traps = run(tmp_path, narrow, STRICT)
     assert (passed, traps) == (0, 0)
     assert faults & BITS["LREAL"]
+
+
+def test_no_model_takes_the_place_of_the_block_that_tests_the_controller(tmp_path):
+    model = LinearRegression().fit([[0.0], [1.0]], [0.0, 1.0])
+    joblib.dump(model, tmp_path / "selftest.joblib")
+    bundle = load(tmp_path / "selftest.joblib", trust_pickle=True)
+    with pytest.raises(InputError, match=r"model 'selftest': FB_SelfTest is the block that tests .*: rename the model"):
+        generate(bundle, "twincat", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
