@@ -479,3 +479,17 @@ def test_what_is_mostly_constant_is_not_the_same_at_every_operating_point():
         assert f"(that is {100 * one.formula.explains:.0f} % of it: the rest may differ from one of them" in one.text
     (one,) = found(at, {53: 3e-4 * TURN + 0.0 * at.sign}).values()
     assert "is constant: 0.0003 deg in the mean of the operating points" in one.text and "of it:" not in one.text
+
+
+@pytest.mark.parametrize(("power", "names"), [(1, []), (0, ["pin_error"])])
+def test_a_wave_that_vanishes_with_the_speed_is_no_constant_one(power, names):
+    """A wave of a mesh order in proportion to the speed was an error of the pins, which most of it is like."""
+    random, orders = np.random.default_rng(4), (0, 1, 2, 3, 39, 40, 78)
+    drawn = [random.uniform(*ends, 30) for ends in ((100, 2000), (0, 1000), (25, 45))]
+    at = Conditions.of(np.repeat([1.0, -1.0], 30), *np.tile(drawn, 2))
+    data = observed(RIG, at, orders)
+    wave = 3e-4 * (at.speed_rpm / 1000) ** power * TURN
+    values = data.values + wave[:, None] * (data.orders == 40)
+    result = reconcile_observations(RIG, replace(data, values=values), KNOWN)
+    assert [claim.piece.effect.name for claim in result.conclusions.claims] == names
+    assert names or [one.order for one in result.unexplained] == [40]
