@@ -11,9 +11,11 @@ from st_codegen.reconcile.data.observations import Observations, labels
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.claims import Retuned
 from st_codegen.reconcile.mistakes.examine import examine
+from st_codegen.reconcile.mistakes.single_runs import Mistake
 from st_codegen.reconcile.report.findings import _is_clear, _numbers
 from st_codegen.reconcile.report.output import report
 from st_codegen.reconcile.report.sentences import floor_text, verdict_text
+from st_codegen.reconcile.report.summary import summary
 from st_codegen.reconcile.rest.structure import scatter_of_encoder
 from st_codegen.reconcile.rest.unseen import cannot_show
 from st_codegen.rig.effects import Conditions
@@ -493,3 +495,12 @@ def test_a_wave_that_vanishes_with_the_speed_is_no_constant_one(power, names):
     result = reconcile_observations(RIG, replace(data, values=values), KNOWN)
     assert [claim.piece.effect.name for claim in result.conclusions.claims] == names
     assert names or [one.order for one in result.unexplained] == [40]
+
+
+def test_runs_that_are_named_already_are_not_suspected_as_well():
+    """Fifteen runs were said to be left out, and then, of the same ones, that five were suspected."""
+    result = reconcile_observations(RIG, observed(RIG, core_grid(4, 3, 2)), KNOWN)
+    result = replace(result, noise=replace(result.noise, suspects=((0, 9.0),)))
+    assert "Suspected bad runs: 1" in summary(result)
+    named = replace(result, mistakes=(Mistake("direction", "1 run seems exchanged", rows=(0,)),))
+    assert "Suspected bad runs" not in summary(named)
