@@ -125,6 +125,15 @@ def test_curves_that_are_cut_off_at_values_of_their_own_are_left_out(tmp_path, m
     assert said.startswith(f"{12 - len(found)} curves that are cut off at values of their own, with up to ")
 
 
+def test_curves_of_one_value_say_nothing(tmp_path, monkeypatch):
+    """A channel that stood still had the data show nothing of any part of the rig, and another zero than its value."""
+    found = read(tmp_path, monkeypatch, lambda random, angle, te: (angle, te * (random.random() > 0.3)), TORQUES * 3)
+    (said,) = (text for text in found.not_looked_at if "one value" in text)
+    assert 6 < len(found) < 12 and said.startswith(f"{12 - len(found)} curves with one value in all samples")
+    with pytest.raises(InputError, match=r"whole: 12 curves with one value .* See whether the channel works$"):
+        read(tmp_path, monkeypatch, lambda _, angle, te: (angle, 0.0 * te), TORQUES * 3)
+
+
 def test_a_campaign_of_which_most_curves_are_cut_off_at_values_of_their_own_is_refused(tmp_path, monkeypatch):
     """What stays at its extreme for a few samples alone was left, and its eccentricity had changed."""
 
