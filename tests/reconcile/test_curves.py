@@ -9,6 +9,7 @@ from st_codegen.campaign.orders import curve_sums, fit_orders
 from st_codegen.campaign.reader import Campaign, MeasuredCurve
 from st_codegen.errors import InputError
 from st_codegen.reconcile.data import reading
+from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.te.harmonics import Direction
 
 from .test_forms import RIG
@@ -123,6 +124,13 @@ def test_curves_that_are_cut_off_at_values_of_their_own_are_left_out(tmp_path, m
     (said,) = (text for text in found.not_looked_at if "cut off" in text)
     assert 6 < len(found) < 12
     assert said.startswith(f"{12 - len(found)} curves that are cut off at values of their own, with up to ")
+
+
+def test_curves_without_noise_have_the_least_that_a_fit_knows(tmp_path, monkeypatch):
+    """Their last digits were an angle that is read wrong by 9e-15 deg, and then unexplained orders of 2e-18 deg."""
+    monkeypatch.setattr(f"{__name__}.SIGMA", 0.0)
+    found = read(tmp_path, monkeypatch, lambda _, angle, te: (angle, te), TORQUES * 3)
+    assert (found.spectral_deg[:, found.orders > 0] >= 0.5 * SETTINGS.least_noise_deg).all()
 
 
 def test_curves_of_one_value_say_nothing(tmp_path, monkeypatch):

@@ -165,7 +165,8 @@ def _coefficients(
     spectral = np.zeros(values.shape)
     for row, fit in enumerate(fits):
         values[row, fitted[row]] = fit.coefficients
-        spectral[row, fitted[row]] = fit.noise_floor
+        # in curves without any noise the last digits of their numbers are none of the machine
+        spectral[row, fitted[row]] = np.maximum(fit.noise_floor, SETTINGS.least_noise_deg)
     spectral *= _colour(fits, orders, int(bands.min()))
     # an amplitude has the variance of two components; the floor of the mean is that of one number already
     spectral /= np.where(np.array(orders) == 0, 1.0, np.sqrt(2.0))
