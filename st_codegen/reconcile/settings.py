@@ -222,6 +222,9 @@ class Settings:
     acts_of_unit: float = chosen(50.0, CATALOGUE)
     #: share of the rig's size (RMS), noise apart, below which an order was taken off
     taken_off: float = chosen(0.02, CATALOGUE)
+    #: share of the power of an order over the runs that follows the rig, where the order tells the unit of the data: of
+    #: noise about one over the number of runs does, of an order that is all the rig's all of it
+    along_the_rig: float = 0.5
     #: count; of teeth, pins or a shaft fewer waves than this say nothing of a gear
     least_waves_of_gear: int = 2
     #: count; smaller numbers are no teeth

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from st_codegen.errors import InputError
+from st_codegen.reconcile.mistakes.columns import taken_off
 from st_codegen.reconcile.mistakes.examine import _of_other_sign, examine
 from st_codegen.rig.model import RigModel
 
@@ -123,6 +124,13 @@ def test_orders_that_were_taken_off_are_asked_about_and_left_out(last, what):
     found = asked(cut, accept=["taken_off"]).data
     assert found.orders.tolist() == data.orders[~gone].tolist()
     assert found.not_looked_at == (f"{what}: taken off the curves",)
+
+
+def test_noise_that_hides_all_orders_says_nothing_of_a_mean_that_was_taken_off():
+    """Curves of a thousand degrees of noise had "hardly anything left of the mean": their noise was the data's unit."""
+    at = grid()
+    noise = observed(RICH, at, sigma=100.0)
+    assert taken_off(replace(noise, values=np.where(noise.orders == 0, 0.1 * noise.values, noise.values)), RICH) == []
 
 
 @pytest.mark.filterwarnings("error")

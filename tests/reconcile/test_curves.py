@@ -9,6 +9,7 @@ from st_codegen.campaign.orders import curve_sums, fit_orders
 from st_codegen.campaign.reader import Campaign, MeasuredCurve
 from st_codegen.errors import InputError
 from st_codegen.reconcile.data import reading
+from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.te.harmonics import Direction
 
 from .test_forms import RIG
@@ -123,6 +124,22 @@ def test_curves_that_are_cut_off_at_values_of_their_own_are_left_out(tmp_path, m
     (said,) = (text for text in found.not_looked_at if "cut off" in text)
     assert 6 < len(found) < 12
     assert said.startswith(f"{12 - len(found)} curves that are cut off at values of their own, with up to ")
+
+
+def test_curves_without_noise_have_the_least_that_a_fit_knows(tmp_path, monkeypatch):
+    """Their last digits were an angle that is read wrong by 9e-15 deg, and then unexplained orders of 2e-18 deg."""
+    monkeypatch.setattr(f"{__name__}.SIGMA", 0.0)
+    found = read(tmp_path, monkeypatch, lambda _, angle, te: (angle, te), TORQUES * 3)
+    assert (found.spectral_deg[:, found.orders > 0] >= 0.5 * SETTINGS.least_noise_deg).all()
+
+
+def test_curves_of_one_value_say_nothing(tmp_path, monkeypatch):
+    """A channel that stood still had the data show nothing of any part of the rig, and another zero than its value."""
+    found = read(tmp_path, monkeypatch, lambda random, angle, te: (angle, te * (random.random() > 0.3)), TORQUES * 3)
+    (said,) = (text for text in found.not_looked_at if "one value" in text)
+    assert 6 < len(found) < 12 and said.startswith(f"{12 - len(found)} curves with one value in all samples")
+    with pytest.raises(InputError, match=r"whole: 12 curves with one value .* See whether the channel works$"):
+        read(tmp_path, monkeypatch, lambda _, angle, te: (angle, 0.0 * te), TORQUES * 3)
 
 
 def test_a_campaign_of_which_most_curves_are_cut_off_at_values_of_their_own_is_refused(tmp_path, monkeypatch):

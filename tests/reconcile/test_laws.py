@@ -11,9 +11,11 @@ from st_codegen.reconcile.data.observations import Observations, labels
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.claims import Retuned
 from st_codegen.reconcile.mistakes.examine import examine
+from st_codegen.reconcile.mistakes.single_runs import Mistake
 from st_codegen.reconcile.report.findings import _is_clear, _numbers
 from st_codegen.reconcile.report.output import report
 from st_codegen.reconcile.report.sentences import floor_text, verdict_text
+from st_codegen.reconcile.report.summary import summary
 from st_codegen.reconcile.rest.structure import scatter_of_encoder
 from st_codegen.reconcile.rest.unseen import cannot_show
 from st_codegen.rig.effects import Conditions
@@ -479,3 +481,26 @@ def test_what_is_mostly_constant_is_not_the_same_at_every_operating_point():
         assert f"(that is {100 * one.formula.explains:.0f} % of it: the rest may differ from one of them" in one.text
     (one,) = found(at, {53: 3e-4 * TURN + 0.0 * at.sign}).values()
     assert "is constant: 0.0003 deg in the mean of the operating points" in one.text and "of it:" not in one.text
+
+
+@pytest.mark.parametrize(("power", "names"), [(1, []), (0, ["pin_error"])])
+def test_a_wave_that_vanishes_with_the_speed_is_no_constant_one(power, names):
+    """A wave of a mesh order in proportion to the speed was an error of the pins, which most of it is like."""
+    random, orders = np.random.default_rng(4), (0, 1, 2, 3, 39, 40, 78)
+    drawn = [random.uniform(*ends, 30) for ends in ((100, 2000), (0, 1000), (25, 45))]
+    at = Conditions.of(np.repeat([1.0, -1.0], 30), *np.tile(drawn, 2))
+    data = observed(RIG, at, orders)
+    wave = 3e-4 * (at.speed_rpm / 1000) ** power * TURN
+    values = data.values + wave[:, None] * (data.orders == 40)
+    result = reconcile_observations(RIG, replace(data, values=values), KNOWN)
+    assert [claim.piece.effect.name for claim in result.conclusions.claims] == names
+    assert names or [one.order for one in result.unexplained] == [40]
+
+
+def test_runs_that_are_named_already_are_not_suspected_as_well():
+    """Fifteen runs were said to be left out, and then, of the same ones, that five were suspected."""
+    result = reconcile_observations(RIG, observed(RIG, core_grid(4, 3, 2)), KNOWN)
+    result = replace(result, noise=replace(result.noise, suspects=((0, 9.0),)))
+    assert "Suspected bad runs: 1" in summary(result)
+    named = replace(result, mistakes=(Mistake("direction", "1 run seems exchanged", rows=(0,)),))
+    assert "Suspected bad runs" not in summary(named)

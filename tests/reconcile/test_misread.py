@@ -14,7 +14,7 @@ from st_codegen.reconcile.data.observations import Observations, labels, order_o
 from st_codegen.reconcile.fit.fitting import fit
 from st_codegen.reconcile.fit.state import State, piece_of
 from st_codegen.reconcile.fit.target import FitData, groups_of
-from st_codegen.reconcile.judge.misread import READINGS, _as_meant, misread
+from st_codegen.reconcile.judge.misread import READINGS, _as_meant, in_place_of_additions, misread
 from st_codegen.reconcile.mistakes.examine import Examined, examine
 from st_codegen.reconcile.mistakes.single_runs import Mistake
 from st_codegen.reconcile.report.output import report
@@ -346,6 +346,23 @@ def test_what_a_reading_takes_off_elsewhere_does_not_pay_for_a_change():
     target = FitData(data, np.full(data.values.shape, 2e-5), np.ones(len(AT), bool), groups_of(AT))
     final = fit(target, State(RIG, RIG.zero_offset_deg, pieces, offset_free=False))
     assert misread(final, [pins]) == ()
+
+
+@pytest.mark.parametrize(("is_there", "sigma", "names"), [(False, 1e-3, {"misread_te"}), (True, 5e-5, set[str]())])
+def test_a_reading_may_stand_in_place_of_an_added_effect(is_there, sigma, names):
+    """A factor of backward curves was a load that keeps its direction, and no reading was weighed against that."""
+    hanging = KNOWN["hanging_load_compliance"]({"stiffness_Nm_per_arcmin": 4000.0}, RIG.constants)
+    data = measured(sigma, rig=replace(RIG, effects=(*RIG.effects, hanging)) if is_there else RIG)
+    data = data if is_there else replace(data, values=data.values * np.where(AT.sign < 0, 0.8, 1.0)[:, None])
+    pieces = [piece_of(effect, added=False, origin=effect).held() for effect in RIG.effects]
+    twist = next(i for i, effect in enumerate(RIG.effects) if effect.name == "torsional_compliance")
+    pieces[twist] = piece_of(RIG.effects[twist], added=False, origin=RIG.effects[twist])
+    pieces.append(piece_of(hanging, added=True))
+    target = FitData(data, np.full(data.values.shape, sigma), np.ones(len(AT), bool), groups_of(AT))
+    found = in_place_of_additions(fit(target, State(RIG, RIG.zero_offset_deg, tuple(pieces))))
+    assert {one.reading.name for one in found} == names
+    assert all(one.instead_of == {len(pieces) - 1} and not one.is_asked for one in found)
+    assert not names or any(one.text.startswith("all TE backward") for one in found)
 
 
 def test_a_larger_gain_makes_the_noise_larger_and_explains_nothing_by_itself():

@@ -187,7 +187,9 @@ def test_a_term_enters_for_a_sure_and_worthwhile_gain_only():
     sigma, orders = np.ones((100, 1)), np.array([39])
     assert "one run scatters" in not_worth(noise + 1.0, noise, sigma, orders)
     assert not_worth(noise + 3.0, noise, sigma, orders) == ""
-    assert "no closer" in not_worth(noise, noise + 1.0, sigma, orders)
+    # it may also be off by as much the other way, as a forest is near the ends of its data
+    said = not_worth(noise, noise + 1.0, sigma, orders)
+    assert "no closer" in said and "errors of its own that make up for it" in said
     single = noise.copy()
     single[0] += 40.0
     assert "chance" in not_worth(single, noise, sigma, orders)

@@ -165,7 +165,8 @@ def _coefficients(
     spectral = np.zeros(values.shape)
     for row, fit in enumerate(fits):
         values[row, fitted[row]] = fit.coefficients
-        spectral[row, fitted[row]] = fit.noise_floor
+        # in curves without any noise the last digits of their numbers are none of the machine
+        spectral[row, fitted[row]] = np.maximum(fit.noise_floor, SETTINGS.least_noise_deg)
     spectral *= _colour(fits, orders, int(bands.min()))
     # an amplitude has the variance of two components; the floor of the mean is that of one number already
     spectral /= np.where(np.array(orders) == 0, 1.0, np.sqrt(2.0))
@@ -290,19 +291,27 @@ def _without_clipped(campaign: Campaign) -> tuple[Campaign, list[str]]:
     A channel saturates at one value: several curves stay at it, their lowest or highest, for many samples in a row.
     Where noise or a wave turns back by itself, they stay at the digit next to the extreme about as long; a curve of few
     digits stays at any of them. One in which most samples have a value of their own stays at none by chance: it is cut
-    off at whatever value that is, as where a mean was taken off it afterwards.
+    off at whatever value that is, as where a mean was taken off it afterwards. One that holds a single value shows
+    nothing of the machine at all.
     """
     value, held, beside, values = np.moveaxis(np.array([curve.sums.ends for curve in campaign.curves]), 2, 0)
     flat = (values >= SETTINGS.flat_top) & (held > SETTINGS.flat_top * beside)
     samples = np.array([curve.sums.samples for curve in campaign.curves])
-    texts, cut = list[str](), np.zeros(len(value), np.bool_)
+    texts = list[str]()
+    cut = (values[:, 0] == 1) & (samples >= SETTINGS.flat_top)
+
+    def files_of(own: BoolArray) -> str:
+        return first_of(sorted({_file(campaign, campaign.curves[row]) for row in np.flatnonzero(own)}), 5)
+
+    if cut.any():
+        still = "as of a channel that stands still, or is too coarse for what the curve has"
+        texts.append(f"{counted(int(cut.sum()), 'curve')} with one value in all samples, {still}: {files_of(cut)}")
 
     def said(own: BoolArray, held: FloatArray, where: str) -> str:
-        files = sorted({_file(campaign, curve) for curve, is_own in zip(campaign.curves, own, strict=True) if is_own})
         return (
             f"{counted(int(own.sum()), 'curve')} that are cut off at {where}, with up to "
             f"{counted(int(held.max()), 'sample')} in a row there, as by a channel that saturates, or is too coarse "
-            f"for what lies there: {first_of(files, 5)}"
+            f"for what lies there: {files_of(own)}"
         )
 
     for side in range(2):
@@ -320,7 +329,8 @@ def _without_clipped(campaign: Campaign) -> tuple[Campaign, list[str]]:
         whole = "no curve is whole" if cut.all() else "most curves are not whole, and nobody knows of the others"
         # beside those that are cut off most samples have a value of their own: digits are not what lacks
         digits = "" if (2 * values > samples[:, None] - held)[flat].all() else ", or finer digits"
-        raise InputError(f"{campaign.folder}: {whole}: {'; '.join(texts)}. Measure with a wider range{digits}")
+        advice = f"Measure with a wider range{digits}" if flat.any() else "See whether the channel works"
+        raise InputError(f"{campaign.folder}: {whole}: {'; '.join(texts)}. {advice}")
     curves = tuple(curve for curve, is_cut in zip(campaign.curves, cut, strict=True) if not is_cut)
     return replace(campaign, curves=curves), texts
 

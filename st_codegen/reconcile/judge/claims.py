@@ -108,8 +108,12 @@ class Conclusions:
     misread: tuple[Misread, ...] = ()
     offset_is_open: bool = False
 
+    def adds_for(self, one: Misread) -> bool:
+        """Whether it is an effect that was added, not a change of the rig, that a reading would do in place of."""
+        return any(i != OFFSET and self.final.state.pieces[i].added for i in one.instead_of)
+
     def changes_for(self, one: Misread) -> list[str]:
-        """Names of what need not have changed where something is read wrong, each once, with how often."""
+        """Names of what need not have changed, or be there, where something is read wrong, and how often each."""
         pieces = self.final.state.pieces
         names = Counter(pieces[i].effect.name for i in one.instead_of if i != OFFSET)
         several = [name if times == 1 else f"{times} of {name}" for name, times in sorted(names.items())]

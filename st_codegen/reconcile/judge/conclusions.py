@@ -30,7 +30,7 @@ from st_codegen.reconcile.judge.lookalikes import (
     of_its_shape,
     told_sides,
 )
-from st_codegen.reconcile.judge.misread import Misread, in_place_of_a_move, misread
+from st_codegen.reconcile.judge.misread import Misread, in_place_of_a_move, in_place_of_additions, misread
 from st_codegen.reconcile.judge.retuned import (
     Needed,
     changed_as_well,
@@ -144,7 +144,7 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
         final = inside_bounds(final, i) or final
     if (less := _with_less(joint, final, standing)) is not None:
         return conclude(rig, less, known)
-    wrong = misread(final, changed)
+    wrong = (*misread(final, changed), *in_place_of_additions(final))
     claims = tuple(_claim(rig, joint, final, i, one, known, wrong) for i, one in standing.items())
     retuned = tuple(
         _retuned(joint, final, i, p, known, needed.get(i), wrong) for i, p in changed.items() if i != OFFSET
@@ -239,7 +239,8 @@ def _claim(
     """What is said of an added effect."""
     piece, few = final.state.pieces[number], final.target.data.few_points
     others, peaks = _as_good(standing.without, joint, number, known), _peaks(final, piece)
-    names = sorted({other.name for other in others} - {piece.effect.name} | in_place_of_a_move(final, number))
+    read = {one.reading.name for one in wrong if number in one.instead_of} | in_place_of_a_move(final, number)
+    names = sorted({other.name for other in others} - {piece.effect.name} | read)
     errors = standard_errors(joint, number, final, _otherwise(joint, final, number, known, wrong))
     stderr = _with_errors_of_form(final, piece, errors, peaks)
     knee, starts = is_a_knee(final, piece), may_be_a_start(final, piece.effect)

@@ -269,6 +269,40 @@ def misread(final: Fit, changed: Collection[int]) -> tuple[Misread, ...]:
     return tuple(sorted(standing, key=lambda one: (-len(one.instead_of), len(one.sizes), one.best.loss)))
 
 
+def in_place_of_additions(final: Fit) -> tuple[Misread, ...]:
+    """Readings that do what one added effect does as well as it, with all else that was found kept and free."""
+    standing = list[Misread]()
+    added = [i for i, piece in enumerate(final.state.pieces) if piece.added]
+    for number in added if final.target.data.angle_rad is None else ():
+        piece = final.state.pieces[number]
+        nothing = replace(piece, effect=piece.unit(), free=frozenset())
+        plain = fit(final.target, final.state.replaced(number, nothing), steps=SETTINGS.quick_steps)
+        own = np.isin(final.target.data.orders, piece.effect.touched_orders())
+        for reading in READINGS:
+            if reading.steps and _gain(plain, reading) < SETTINGS.clear_beside * (plain.loss - final.loss):
+                continue
+            sizes, best = _read(plain.target, plain.state, reading, known=plain if reading.steps else None)
+            # what it gains on other orders does not make it a name for what this one does on its own, nor for one that
+            # it leaves worse
+            worse = best.target.losses(best.residual).sum(axis=0) - final.target.losses(final.residual).sum(axis=0)
+            lost = max(best.loss - final.loss, float(worse.max()), float(worse[own].sum()))
+            extra = len(sizes) - len(piece.coordinates())
+            if lost + 2.0 * max(extra, 0) < SETTINGS.as_good:
+                standing.append(Misread(reading, sizes, frozenset({number}), best))
+    return tuple(sorted(standing, key=lambda one: (len(one.sizes), one.best.loss)))
+
+
+def _gain(plain: Fit, reading: WrongReading) -> float:
+    """The loss that a reading saves beside all that is free in a fit, by a linear step."""
+    columns = _slopes(plain.target, plain, reading, np.zeros(len(reading.steps)))
+    if not all(values.any() for _, values in columns):
+        return 0.0
+    weights, count = plain.target.weights(plain.residual), len(columns)
+    matrix, pull = gather(plain.target, (*plain.columns, *columns), plain.residual, weights, by_cell=False).total()
+    known = inverse(matrix + np.diag(np.concatenate([plain.prior, np.zeros(count)])))
+    return float(pull[-count:] @ known[-count:, -count:] @ pull[-count:])
+
+
 def in_place_of_a_move(final: Fit, number: int) -> frozenset[str]:
     """The name of the reading that leaves no more than a resonance that moves with the load, if it does: speeds that
     are read the higher the larger the load, as those of a motor that slips, where the resonance itself stands still.

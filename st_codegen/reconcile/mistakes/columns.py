@@ -332,8 +332,10 @@ def taken_off(data: Observations, rig: RigModel) -> list[Mistake]:
     # the rig's is none of the data's where a few labels are a thousand times too large
     measured, known = (np.median(np.abs(part) ** 2, axis=0) for part in (data.values, model))
     made = np.flatnonzero(known > 0.0)
-    # in the unit of the data, whatever it is; what the runs could tell must be far below the rig's as well
-    unit = float(np.median(measured[made] / known[made])) if len(made) else 0.0
+    # in the unit of the data, whatever it is, which orders tell that follow the rig; what the runs could tell must be
+    # far below the rig's as well
+    seen = (known > 0.0) & (_share_along(data, model) > SETTINGS.along_the_rig)
+    unit = float(np.median(measured[seen] / known[seen])) if seen.any() else 0.0
     left = np.maximum(measured - noise.mean(axis=0), told_power(noise))
     gone = left < SETTINGS.taken_off**2 * unit * known
     # a mean that is the rig's as it is read is there, whatever the unit of the waves
@@ -354,6 +356,14 @@ def taken_off(data: Observations, rig: RigModel) -> list[Mistake]:
         return given.of_orders(given.orders > last, why)
 
     return [Mistake("taken_off", text, without, remedy=f"leave {what} out")]
+
+
+def _share_along(data: Observations, model: ComplexArray) -> FloatArray:
+    """The share of each order's power over the runs that is the model, (n, K), times a number a direction, (K,)."""
+    sides = [(data.values[rows], model[rows]) for rows in data.at.by_direction()]
+    sums = ((np.abs((own * of_it.conj()).sum(axis=0)) ** 2, (np.abs(of_it) ** 2).sum(axis=0)) for own, of_it in sides)
+    along = sum((both / np.maximum(size, 1e-300) for both, size in sums), np.zeros(len(data.orders)))
+    return np.asarray(along / np.maximum((np.abs(data.values) ** 2).sum(axis=0), 1e-300))
 
 
 def shifted_columns(data: Observations, rig: RigModel) -> list[Mistake]:

@@ -136,8 +136,8 @@ def not_worth(before: ComplexArray, after: ComplexArray, noise: FloatArray, orde
     mean, error = float(saved.mean()), float(saved.std() / np.sqrt(max(len(saved) - 1, 1)))
     if mean <= 0.0:
         return (
-            "the bundle comes no closer to what was measured: it knows the effect already, or learned from a machine "
-            "that was not as the old rig says"
+            "the bundle comes no closer to what was measured: it knows the effect already, learned from a machine that "
+            "was not as the old rig says, or has errors of its own that make up for it"
         )
     if mean < SETTINGS.sure_term * error:
         return "the bundle comes closer to what was measured by no more than chance does"

@@ -210,7 +210,8 @@ def misread_texts(result: Reconciliation) -> list[str]:
 
     def of_what(one: Misread) -> str:
         """What it would explain."""
-        texts = [f"would explain the change of {', '.join(found.changes_for(one))} as well"] * bool(one.instead_of)
+        what = "" if found.adds_for(one) else "the change of "
+        texts = [f"would explain {what}{', '.join(found.changes_for(one))} as well"] * bool(one.instead_of)
         if one.unexplained:
             orders = sorted(one.unexplained)
             which = f"order{'s' * (len(orders) > 1)} {listed(orders)}" if orders != [0] else "the mean"

@@ -25,6 +25,7 @@ from st_codegen.reconcile.search.peaks import (
 )
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect, Form, Scalar, Stage
+from st_codegen.rig.effects.empirical import TERMS, term_values
 from st_codegen.rig.effects.resonance import StructuralResonance
 
 #: by which the frequency of a resonance moves
@@ -192,7 +193,8 @@ def law_holds(without: Fit, fitted: Fit, number: int) -> bool:
 
     A wave beside a mesh order, without its twin on the other side, is a sideband only where the mesh does not make that
     order itself, and as far as it follows the mesh: to within the noise, and better than a wave of its own that is
-    constant and grows with the load. A resonance is one only where it explains more than constant waves would.
+    constant and grows with the load. A resonance is one only where it explains more than constant waves would, and a
+    constant wave where no single law of the conditions that vanishes with them leaves clearly less.
     """
     piece, target = fitted.state.pieces[number], fitted.target
     if has_a_frequency(piece.effect):
@@ -203,7 +205,7 @@ def law_holds(without: Fit, fitted: Fit, number: int) -> bool:
         is_one = is_one and not _is_a_sideband(without, fitted, piece)
         return is_one and leaves_less_than_two(fitted, number)
     if piece.effect.stage is not Stage.MODULATION:
-        return True
+        return not _is_of_a_law(without, fitted, piece)
     size = np.sqrt((np.abs(fitted.explained(piece.effect)[target.good] / target.sigma[target.good]) ** 2).mean(axis=0))
     own = size > SETTINGS.least_size
     if own.sum() != 1:
@@ -212,6 +214,30 @@ def law_holds(without: Fit, fitted: Fit, number: int) -> bool:
     loads = np.stack([np.ones(len(target.data)), target.data.at.torque_Nm], axis=1)
     follows = beats_waves(without, fitted, own, loads) and not (own & is_lacking(target, fitted.residual)).any()
     return foreign and follows
+
+
+def _is_of_a_law(without: Fit, fitted: Fit, piece: Piece) -> bool:
+    """Whether one term of the conditions, with no constant, leaves clearly less of an order than its constant wave.
+
+    It has as many numbers: what follows a law is no constant with something beside it.
+    """
+    data, own = fitted.target.data, np.isin(fitted.target.data.orders, piece.effect.touched_orders())
+    made = fitted.explained(piece.effect)[:, own]
+    sides = data.at.by_direction()
+    is_one_wave = own.sum() == 1 and data.orders[own][0] > 0 and data.angle_rad is None and made.all()
+    if not is_one_wave or any(np.ptp(np.abs(made[rows])) > 1e-9 * np.abs(made[rows]).max() for rows in sides):
+        return False
+    turned = made / np.abs(made)
+    for name in TERMS.keys() - {"constant"}:
+        values = term_values(name, data.at, fitted.target.reference_temperature_C)
+        if np.isfinite(values).all() and np.ptp(values) > 0.0:
+            left = _left_of_waves(fitted.target, without.residual, own, values[:, None] * turned)
+            # about a poor model all are as good
+            target = fitted.target.about(left)
+            saved = target.losses(fitted.residual) - target.losses(left)
+            if saved[:, own].sum() > SETTINGS.order_gain:
+                return True
+    return False
 
 
 def _is_of_one_speed(fitted: Fit, piece: Piece) -> bool:
@@ -330,13 +356,21 @@ def beats_waves(without: Fit, fitted: Fit, own: BoolArray, laws: FloatArray | Co
     own: bool (K,); laws: (n, m), what the waves may be made of over the operating points.
     """
     target = fitted.target
-    left, weights = without.residual.copy(), target.weights(without.residual)
+    left = _left_of_waves(target, without.residual, own, laws)
+    return bool((target.losses(left) - target.losses(fitted.residual))[:, own].sum() > SETTINGS.order_gain)
+
+
+def _left_of_waves(
+    target: FitData, residual: ComplexArray, own: BoolArray, laws: FloatArray | ComplexArray
+) -> ComplexArray:
+    """What waves of some orders, and of each direction, that follow laws leave of a residual, (n, K)."""
+    left, weights = residual.copy(), target.weights(residual)
     for rows in target.data.at.by_direction():
         for k in np.flatnonzero(own):
             root = np.sqrt(weights[rows, k])
             wave = np.linalg.lstsq(root[:, None] * laws[rows], root * left[rows, k], rcond=None)[0]
             left[rows, k] -= laws[rows] @ wave
-    return bool((target.losses(left) - target.losses(fitted.residual))[:, own].sum() > SETTINGS.order_gain)
+    return left
 
 
 def is_no_form_error(without: Fit, with_it: Fit, number: int | None = None, shows: BoolArray | None = None) -> bool:
