@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from numpy.lib.stride_tricks import sliding_window_view
 
 from st_codegen.campaign.curves import Curve
 from st_codegen.campaign.moments import moments
@@ -328,10 +329,11 @@ def _residual(sums: Sums, orders: npt.NDArray[np.intp], coefficients: ComplexArr
 
 def _left(sums: Sums, orders: npt.NDArray[np.intp], coefficients: ComplexArray, highest: int) -> ComplexArray:
     """The sums of TE*exp(-i*k*theta) for k = 0..highest that coefficients leave."""
-    m = np.arange(highest + 1)[:, None]
-    half = coefficients / 2.0
-    left: ComplexArray = sums.te[: highest + 1] - _angle_sum(sums, m - orders) @ half
-    return left - _angle_sum(sums, m + orders) @ half.conj()
+    half, zero = coefficients / 2.0, len(sums.angle) - 1
+    # what each wave adds to the sums of all k is a piece of one row of sums, of -m to m
+    pieces = sliding_window_view(np.concatenate([sums.angle[:0:-1].conj(), sums.angle]), highest + 1)
+    made = half @ pieces[zero - orders] + half.conj() @ pieces[zero + orders]
+    return np.asarray(sums.te[: highest + 1] - made)
 
 
 def _noise_floor(

@@ -126,7 +126,7 @@ def without_hums(
         if frequency is None:
             faint = None if found else _faint(kept, turns_Hz, known)
             return kept, (*found, *([] if faint is None else [faint]))
-        told = [_wave(*row, free) for row in zip(kept, lines, frequency / turns_Hz, strict=True)]
+        told = _waves(kept, lines, frequency / turns_Hz, free)
         sizes, orders = np.array([own.size for own in told]), np.array([own.order for own in told])
         seen = sizes > 0
         # an order of the machine that a resonance lifts near this frequency is a whole number
@@ -134,7 +134,7 @@ def without_hums(
             break
         frequency = float(np.average((orders * turns_Hz)[seen], weights=turns_Hz[seen] ** -2))
         most = float(sizes.max())
-        fits = [_wave(*row, free, most) for row in zip(kept, lines, frequency / turns_Hz, strict=True)]
+        fits = _waves(kept, lines, frequency / turns_Hz, free, most)
         kept, hum = _taken_out(kept, fits, frequency_Hz=frequency)
         found.append(hum)
     return kept, tuple(found)
@@ -171,10 +171,7 @@ def without_waves_between(sums: Sequence[Sums], known: Collection[int]) -> tuple
             free[top] = False  # it may be louder than a wave between others
             continue
         # in curves that do not tell its order well by themselves it has that of the others
-        told = [
-            _wave(one, line, middle, free, reach=spread, least=SETTINGS.least_between)
-            for one, line in zip(kept, lines, strict=True)
-        ]
+        told = _waves(kept, lines, np.full(len(kept), middle), free, reach=spread, least=SETTINGS.least_between)
         is_seen = np.mean([own.size > 0.0 for own in told]) >= SETTINGS.most_orders
         if not is_seen or not _leaks_as_it_should(lines, told, free, middle):
             free[top] = False
@@ -205,12 +202,12 @@ def _between(sums: Sequence[Sums], lines: ComplexArray, noise: FloatArray, free:
 
     It is one where the orders around it hold nothing else.
     """
-    places, found = np.arange(len(free)), []
-    for one, line, floor in zip(sums, lines, noise, strict=True):
-        fits = [
-            _wave(one, line, low + 0.5, free, reach=0.5 - SETTINGS.near_an_order, least=SETTINGS.least_between)
-            for low in range(max(top - 3, 1), top + 3)
-        ]
+    places, found, reach = np.arange(len(free)), [], 0.5 - SETTINGS.near_an_order
+    tried = [
+        _waves(sums, lines, np.full(len(sums), low + 0.5), free, reach=reach, least=SETTINGS.least_between)
+        for low in range(max(top - 3, 1), top + 3)
+    ]
+    for line, floor, *fits in zip(lines, noise, *tried, strict=True):
         best = max(fits, key=lambda fit: fit.size and float((np.abs(fit.wave[: len(free)][free]) ** 2).sum()))
         near = free & (np.abs(places - best.order) <= SETTINGS.orders_beside_wave)
         left, whole = (float((np.abs(part[near]) ** 2).sum()) for part in (line - best.wave[: len(free)], line))
@@ -291,7 +288,7 @@ def _faint(sums: Sequence[Sums], turns_Hz: FloatArray, known: Collection[int]) -
             near = np.arange(max(int(order) - 1, 1), min(int(order) + 3, band + 1))
             leaks = _leaks(order, near, int(samples[row]))
             shows = float(np.abs(np.vdot(leaks, lines[row, near])) ** 2) / _power(leaks)
-            found.append((shows - 1.0) / _power(leaks))
+            found.append(float((shows - 1.0) / _power(leaks)))
         return np.array(found)
 
     # the two orders beside a line are the same over a whole order
@@ -362,65 +359,79 @@ def _mirrored(order: FloatArray, samples: IntArray) -> FloatArray:
     return np.asarray(np.abs(order - samples * np.round(order / samples)))
 
 
-def _leaks(order: float, at: IntArray, samples: int) -> ComplexArray:
+def _leaks(order: FloatArray | float, at: IntArray, samples: IntArray | int) -> ComplexArray:
     """What exp(i*order*phi) over `samples` even steps of a turn gives the orders `at`, as part of its size."""
     x = order - at
     return np.asarray(np.exp(1j * np.pi * x * (1 - 1 / samples)) * np.sinc(x) / np.sinc(x / samples))
 
 
-def _wave(
-    one: Sums,
-    line: ComplexArray,
-    order: float,
+def _waves(
+    sums: Sequence[Sums],
+    lines: ComplexArray,
+    orders: FloatArray,
     free: BoolArray,
     most: float = 0.0,
     reach: float = 0.5,
     least: float = SETTINGS.shared_least,
-) -> _Seen:
-    """A wave in a curve, near an order.
+) -> list[_Seen]:
+    """A wave in each of n curves, near an order.
 
-    line: (band + 1,), the orders of the curve over the number of the sample; order: of the wave, which the speed tells
-    to less than half an order; free: those orders that are not the machine's; most: the largest size that a wave may
-    have of which little is seen, beside an order of the machine or beyond the band; 0 for none; reach: how far its
-    order may be from that; least: part of its power that it must show for its order to be looked for.
+    lines: (n, band + 1), the orders of the curves over the number of the sample; orders: (n,), of the waves, which the
+    speed tells to less than half an order; free: (band + 1,), those orders that are not the machine's; most: the
+    largest size that a wave may have of which little is seen, beside an order of the machine or beyond the band; 0 for
+    none; reach: how far their orders may be from these; least: part of its power that a wave must show for its order to
+    be looked for.
     """
-    beyond = order - one.in_turn * round(order / one.in_turn)
-    shown = abs(beyond)
-    middle, near = shown, np.flatnonzero(free)
+    samples = np.array([one.in_turn for one in sums])
+    beyond = orders - samples * np.round(orders / samples)
+    shown = np.abs(beyond)
     # beyond the band its leaks into the highest orders tell it
-    near = near[np.argsort(np.abs(near - shown), kind="stable")[: 2 * SETTINGS.orders_of_line]]
-    clear = _power(_leaks(shown, near, one.in_turn)) > least
+    places = np.flatnonzero(free)
+    nearest = np.argsort(np.abs(places - shown[:, None]), axis=1, kind="stable")
+    near = places[nearest[:, : 2 * SETTINGS.orders_of_line]]
+    seen = np.take_along_axis(lines, near, axis=1)
+    clear = _power(_leaks(shown[:, None], near, samples[:, None])) > least
     # where little of it is seen only the speed tells its order
-    for _ in range(6 if clear else 0):
-        trials = [middle + reach * step / 2 for step in range(-2, 3)]
-        middle = max(trials, key=lambda trial: _told(line[near], trial, near, one.in_turn)[1])
+    middle, looked = shown.copy(), np.flatnonzero(clear)
+    for _ in range(6 if len(looked) else 0):
+        trials = middle[looked, None] + reach * np.arange(-2, 3) / 2
+        power = _told(seen[looked], trials, near[looked], samples[looked])[1]
+        middle[looked] = trials[np.arange(len(looked)), power.argmax(axis=1)]
         reach /= 3
-    orders = np.arange(len(one.te))
-    size, told = _told(line[near], middle, near, one.in_turn)
-    size *= 1.0 if clear else min(1.0, most / max(abs(size), 1e-300))
-    wave = size * _leaks(middle, orders, one.in_turn) + np.conj(size * _leaks(middle, -orders, one.in_turn))
-    wave[0] /= 2
-    noise = float(np.median(np.abs(line - wave[: len(line)])[free] ** 2)) / np.log(2.0)
-    if _start(one) is None or told < SETTINGS.loud_line * noise:
-        return _Seen(0.0, order, np.zeros_like(wave))
-    return _Seen(abs(size), order + float(np.sign(beyond)) * (middle - shown), wave)
+    sizes, told = (values[:, 0] for values in _told(seen, middle[:, None], near, samples))
+    sizes = np.where(clear, sizes, sizes * np.minimum(1.0, most / np.maximum(np.abs(sizes), 1e-300)))
+    found, moved = [], np.sign(beyond) * (middle - shown)
+    for row, one in enumerate(sums):
+        at = np.arange(len(one.te))
+        wave = sizes[row] * _leaks(middle[row], at, one.in_turn)
+        wave += np.conj(sizes[row] * _leaks(middle[row], -at, one.in_turn))
+        wave[0] /= 2
+        noise = float(np.median(np.abs(lines[row] - wave[: len(free)])[free] ** 2)) / np.log(2.0)
+        if _start(one) is None or told[row] < SETTINGS.loud_line * noise:
+            found.append(_Seen(0.0, float(orders[row]), np.zeros_like(wave)))
+        else:
+            found.append(_Seen(float(abs(sizes[row])), float(orders[row] + moved[row]), wave))
+    return found
 
 
-def _told(line: ComplexArray, order: float, at: IntArray, samples: int) -> tuple[complex, float]:
-    """The wave of this order that explains most of a line at some orders: its size, and the power that it explains.
+def _told(lines: ComplexArray, orders: FloatArray, at: IntArray, samples: IntArray) -> tuple[ComplexArray, FloatArray]:
+    """The waves of T orders that explain most of each of n lines at K orders: their sizes, and the power they explain.
 
-    A real wave is one of the negative order as well, which leaks into the same orders.
+    A real wave is one of the negative order as well, which leaks into the same orders. lines, at: (n, K); orders:
+    (n, T); samples: (n,). Both answers are (n, T).
     """
-    plus, minus = _leaks(order, at, samples), _leaks(order, -at, samples).conj()
-    columns = np.stack([plus + minus, 1j * (plus - minus)])
-    matrix, pull = (columns @ columns.conj().T).real, (columns.conj() @ line).real
+    order, place, count = orders[:, :, None], at[:, None, :], samples[:, None, None]
+    plus, minus = _leaks(order, place, count), _leaks(order, -place, count).conj()
+    columns = np.stack([plus + minus, 1j * (plus - minus)], axis=2)
+    matrix = (columns @ columns.conj().swapaxes(2, 3)).real
+    pull = (columns.conj() @ lines[:, None, :, None]).real
     # at order 0 and at half the samples one of the two is no wave
-    parts = np.linalg.lstsq(matrix, pull, rcond=1e-12)[0]
-    return complex(*parts), float(parts @ pull)
+    parts = np.linalg.pinv(matrix, rcond=1e-12, hermitian=True) @ pull
+    return parts[:, :, 0, 0] + 1j * parts[:, :, 1, 0], (parts * pull).sum(axis=(2, 3))
 
 
-def _power(leaks: ComplexArray) -> float:
-    return float((np.abs(leaks) ** 2).sum())
+def _power(leaks: ComplexArray) -> FloatArray:
+    return np.asarray((np.abs(leaks) ** 2).sum(axis=-1))
 
 
 def _less(one: Sums, wave: ComplexArray) -> Sums:

@@ -26,11 +26,13 @@ from st_codegen.reconcile.data.ramps import begin_text, ramp_deg
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects.wear import bump
 from st_codegen.rig.model import RigModel
+from st_codegen.threads import one_thread
 
 #: angles of a turn at which a bump is looked for
 _ANGLES = 2048
 
 
+@one_thread()
 def read_measured(
     path: Path, rig: RigModel, progress: Progress | None = None, *, skip_bad: bool = False, scale: float = 1.0
 ) -> Observations:
