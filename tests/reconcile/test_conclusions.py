@@ -196,6 +196,18 @@ def test_the_falling_part_of_friction_comes_with_the_constant_one():
         assert "stribeck_exponent" not in keys
 
 
+@pytest.mark.parametrize("gap_arcmin", [0.0, 0.5])
+def test_an_addition_that_explains_nothing_beside_the_rest_is_no_finding(monkeypatch, gap_arcmin):
+    """It said "0 arcmin of backlash between the flanks", of a play that the compliance of the rig had made up for."""
+    play = effect("backlash", gap_arcmin=gap_arcmin, seating_torque_Nm=60.0)
+    known = fitted(RIG, observed(RigModel(effects=(*RIG.effects, play)), grid()))
+    state = known.state.with_piece(piece_of(play, added=True))
+    monkeypatch.setattr(conclusions, "founded", lambda *_: (SimpleNamespace(p=0.0, size_in_noise=9.0), True))
+    monkeypatch.setattr(conclusions, "bounds_met", lambda _: [])
+    found = conclude(RIG, fit(known.target, state), KNOWN)
+    assert len(found.claims) == (gap_arcmin > 0.0)
+
+
 def test_of_an_addition_that_fails_what_comes_on_top_of_it_goes_first(monkeypatch):
     """Two slow runs may refuse how friction falls with speed; that there is friction all others say."""
     friction = effect("friction_windup", coulomb_arcmin=0.14, viscous_arcmin_per_krpm=0.01)

@@ -184,7 +184,8 @@ def _with_the_rest_held(joint: Fit, changed: dict[int, float]) -> tuple[Fit, dic
 def _with_less(joint: Fit, final: Fit, standing: Collection[int]) -> Fit | None:
     """The fit without an addition, or a part of one, that is none beside what else was found; None where all stand."""
     for i in standing:
-        if bounds_met(final.state.pieces[i]) or not is_a_peak(final.state.pieces[i]):
+        piece = final.state.pieces[i]
+        if bounds_met(piece) or not is_a_peak(piece) or _is_nothing(final, piece):
             # what holds the rest of the rig put it there: then it was a part of the rest
             return fit(joint.target, joint.state.without(i))
     for i in standing:
@@ -192,6 +193,13 @@ def _with_less(joint: Fit, final: Fit, standing: Collection[int]) -> Fit | None:
         if _top_is_unsure(joint, i) and (simpler := _simpler(joint.state.pieces[i])) is not None:
             return fit(joint.target, joint.state.replaced(i, simpler))
     return in_one_piece(joint)
+
+
+def _is_nothing(final: Fit, piece: Piece) -> bool:
+    """Whether taking an addition out, with all else as it is, leaves no more than another name may."""
+    left = final.residual + final.explained(piece.effect)
+    more = final.target.losses(left) - final.target.losses(final.residual)
+    return float(more.sum()) < SETTINGS.as_good
 
 
 def _retuned(

@@ -278,6 +278,8 @@ def in_place_of_additions(final: Fit) -> tuple[Misread, ...]:
         nothing = replace(piece, effect=piece.unit(), free=frozenset())
         plain = fit(final.target, final.state.replaced(number, nothing), steps=SETTINGS.quick_steps)
         own = np.isin(final.target.data.orders, piece.effect.touched_orders())
+        if plain.loss - final.loss < SETTINGS.as_good:
+            continue  # where the rest does as well by itself, a reading of nothing would, too
         for reading in READINGS:
             if reading.steps and _gain(plain, reading) < SETTINGS.clear_beside * (plain.loss - final.loss):
                 continue
