@@ -38,7 +38,8 @@ def off_deg(te_deg: FloatArray) -> FloatArray:
     """
     reach = _AROUND // 2
     off = te_deg - median_filter(_with_ends(te_deg), _AROUND)[reach:-reach]
-    for own, beside in ((off[:reach], te_deg[reach : 2 * _AROUND]), (off[-reach:], te_deg[-2 * _AROUND : -reach])):
+    inside = te_deg - np.where(_are_far(off, _FAR, _ALL_BUT), off, 0.0)  # another spike is no step of the curve
+    for own, beside in ((off[:reach], inside[reach : 2 * _AROUND]), (off[-reach:], inside[-2 * _AROUND : -reach])):
         # a curve that settles is no line there, but its steps beside are as large
         own[np.abs(own) <= _FAR * np.abs(np.diff(beside)).max(initial=0.0)] = 0.0
     found = np.where(_are_far(off, _FAR, _ALL_BUT), off, 0.0)

@@ -96,6 +96,12 @@ class Reconciliation:
         return self.carriers < SETTINGS.least_curves
 
     @property
+    def suspects(self) -> list[tuple[int, float]]:
+        """Rows that lie far from what is expected, and how far, but for those of which a mistake says what is wrong."""
+        known = {row for mistake in self.mistakes for row in mistake.rows}
+        return [(row, times) for row, times in self.noise.suspects if row not in known]
+
+    @property
     def verdict(self) -> Outcome:
         """Whether what differs is named, and whether more than noise is left."""
         named = bool(self.conclusions.claims or self.conclusions.retuned or self.conclusions.offset_changed)

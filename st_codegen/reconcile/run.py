@@ -105,7 +105,12 @@ def _read_anew(result: Reconciliation, examined: Examined, measured: Path, accep
         for one in found.misread
         if one.is_asked and ("all" in accept or one.reading.refines in examined.corrected & set(accept))
     }
-    taken = next((one for one in found.misread if one.reading.name in named), None)
+    # what nobody asks about is taken once: the next reading of that name stands for what else was found
+    done = {mistake.name for mistake in examined.mistakes if mistake.is_taken_out}
+    taken = next(
+        (one for one in found.misread if one.reading.name in named and (one.is_asked or one.reading.name not in done)),
+        None,
+    )
     if taken is None and AS_IS not in accept:
         asked = next((one for one in found.misread if one.is_asked), None)
         if asked is not None:

@@ -118,7 +118,7 @@ def test_a_spike_is_found_at_any_scale_and_no_more_than_a_hundredth_are_spikes(n
         assert np.count_nonzero(found) > 0
 
 
-@pytest.mark.parametrize("where", [[0], [-1], [0, 1], [-2, -1], [0, -1]])
+@pytest.mark.parametrize("where", [[0], [-1], [0, 1], [-2, -1], [0, -1], [-10, -1], [0, 9]])
 @pytest.mark.parametrize("noise", [0.0, 5e-4])
 def test_spikes_at_the_ends_of_a_curve_are_found(where, noise):
     """The last sample was the median of itself: 2 deg of a row that was cut off moved order 1 by a fifth, unsaid."""

@@ -14,6 +14,7 @@ from st_codegen.reconcile.mistakes.examine import examine
 from st_codegen.reconcile.mistakes.single_runs import Mistake
 from st_codegen.reconcile.report.findings import _is_clear, _numbers
 from st_codegen.reconcile.report.output import report
+from st_codegen.reconcile.report.pages import report_page
 from st_codegen.reconcile.report.sentences import floor_text, verdict_text
 from st_codegen.reconcile.report.summary import summary
 from st_codegen.reconcile.rest.structure import scatter_of_encoder
@@ -502,5 +503,7 @@ def test_runs_that_are_named_already_are_not_suspected_as_well():
     result = reconcile_observations(RIG, observed(RIG, core_grid(4, 3, 2)), KNOWN)
     result = replace(result, noise=replace(result.noise, suspects=((0, 9.0),)))
     assert "Suspected bad runs: 1" in summary(result)
+    assert "Suspected bad runs" in report_page(result) and "usual distance" in report(result)["suspect_runs"][0]
     named = replace(result, mistakes=(Mistake("direction", "1 run seems exchanged", rows=(0,)),))
-    assert "Suspected bad runs" not in summary(named)
+    assert "Suspected bad runs" not in summary(named) + report_page(named)
+    assert report(named)["suspect_runs"] == [f"{result.data.labels[0]}: direction"]

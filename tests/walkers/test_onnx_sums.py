@@ -126,7 +126,7 @@ def test_the_first_factor_of_a_gemm_may_be_the_constant_one(tmp_path, turned):
     ends = [info("X", (None, 3))], [info("Y", None)]
     assert_within_bound(build.load(graph_model(nodes, *ends, parts), tmp_path), rows(3))
     product.input.append("C")
-    with pytest.raises(UnsupportedModelError, match="whose first factor is constant; write it with MatMul and Add"):
+    with pytest.raises(UnsupportedModelError, match="whose first factor is constant; write it as nodes of its own"):
         build.load(graph_model(nodes, *ends, parts), tmp_path)
 
 

@@ -19,7 +19,7 @@ def with_programs(application: Application) -> Application:
     Programs that share global variables with others are left out with their calls.
     """
     blocks = [block for block in application.blocks if not block.needs_globals]
-    tests = [block for block in blocks if block.name == SELF_TEST and not block.inputs]
+    tests = [block for block in blocks if block.name == SELF_TEST]
     models = [block for block in blocks if block.kind == "FUNCTION_BLOCK" and block not in tests]
     programs, tasks = [], application.own_tasks
     if not application.connected:

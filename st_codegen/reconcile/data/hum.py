@@ -19,6 +19,8 @@ from st_codegen.reconcile.settings import SETTINGS
 
 #: median of the sum of two exponential numbers
 _MEDIAN_OF_TWO = 1.678
+#: curves of which waves at several orders are held at once
+_AT_ONCE = 256
 
 
 @dataclass(frozen=True)
@@ -202,6 +204,17 @@ def _between(sums: Sequence[Sums], lines: ComplexArray, noise: FloatArray, free:
 
     It is one where the orders around it hold nothing else.
     """
+    found = list[_Seen]()
+    for first in range(0, len(sums), _AT_ONCE):
+        own = slice(first, first + _AT_ONCE)
+        found += _some_between(sums[own], lines[own], noise[own], free, top)
+    return found
+
+
+def _some_between(
+    sums: Sequence[Sums], lines: ComplexArray, noise: FloatArray, free: BoolArray, top: int
+) -> list[_Seen]:
+    """`_between` of so few curves that their waves near all orders that are tried fit into the memory."""
     places, found, reach = np.arange(len(free)), [], 0.5 - SETTINGS.near_an_order
     tried = [
         _waves(sums, lines, np.full(len(sums), low + 0.5), free, reach=reach, least=SETTINGS.least_between)

@@ -56,9 +56,8 @@ def report(result: Reconciliation, update: Update | None = None, ahead: NextRuns
         "held_out_because": left_text(result) or None,
         "gap_by_order": [asdict(gap) for gap in result.orders],
         "suspect_runs": [f"{result.data.labels[row]}: {times:.1f} times the usual distance from what is expected"
-                         for row, times in result.noise.suspects]
-        + [f"{result.data.labels[row]}: {mistake.name}" for mistake in result.mistakes for row in mistake.rows
-           if row not in dict(result.noise.suspects)],
+                         for row, times in result.suspects]
+        + [f"{result.data.labels[row]}: {mistake.name}" for mistake in result.mistakes for row in mistake.rows],
         "held_out_curves_unseen": result.unseen_curves,
         "held_out_between_temperatures_deg": result.between_deg,
         "taken_back": None if result.taken_back is None else asdict(result.taken_back),

@@ -257,7 +257,7 @@ def _lines(x: FloatArray, curves: Sequence[tuple[str, FloatArray]]) -> Draw:
 
 
 def _runs(result: Reconciliation) -> PageSection | None:
-    suspects = result.noise.suspects
+    suspects = result.suspects
     if not suspects:
         return None
     rows = [[result.data.labels[row], times] for row, times in suspects]

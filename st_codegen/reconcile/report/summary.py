@@ -49,11 +49,9 @@ def summary(result: Reconciliation) -> str:
     lines += [text for text in (left_text(result), between_text(result), floor_text(result)) if text]
     lines += [f"Cannot be shown: {text}" for text in result.cannot_show]
     lines += [f"Not looked at: {text}" for text in result.data.not_looked_at]
-    # what is wrong with some runs stands above
-    known = {row for mistake in result.mistakes for row in mistake.rows}
-    if suspects := [row for row, _ in result.noise.suspects if row not in known]:
-        worst = result.data.labels[suspects[0]]
-        runs = len({int(result.data.number_of_run[row]) for row in suspects})
+    if suspects := result.suspects:
+        worst = result.data.labels[suspects[0][0]]
+        runs = len({int(result.data.number_of_run[row]) for row, _ in suspects})
         also = "; or what is unexplained is strongest in them" if result.unexplained else ""
         lines.append(f"Suspected bad runs: {runs}, the worst {worst}{also}")
     return "\n".join(lines)

@@ -219,7 +219,8 @@ def law_holds(without: Fit, fitted: Fit, number: int) -> bool:
 def _is_of_a_law(without: Fit, fitted: Fit, piece: Piece) -> bool:
     """Whether one term of the conditions, with no constant, leaves clearly less of an order than its constant wave.
 
-    It has as many numbers: what follows a law is no constant with something beside it.
+    It has as many numbers, of each direction where the wave has them: what follows a law is no constant with something
+    beside it.
     """
     data, own = fitted.target.data, np.isin(fitted.target.data.orders, piece.effect.touched_orders())
     made = fitted.explained(piece.effect)[:, own]
@@ -228,10 +229,12 @@ def _is_of_a_law(without: Fit, fitted: Fit, piece: Piece) -> bool:
     if not is_one_wave or any(np.ptp(np.abs(made[rows])) > 1e-9 * np.abs(made[rows]).max() for rows in sides):
         return False
     turned = made / np.abs(made)
+    if np.ptp(np.abs(made)) <= 1e-9 * np.abs(made).max():
+        sides = [np.ones(len(made), np.bool_)]
     for name in TERMS.keys() - {"constant"}:
         values = term_values(name, data.at, fitted.target.reference_temperature_C)
         if np.isfinite(values).all() and np.ptp(values) > 0.0:
-            left = _left_of_waves(fitted.target, without.residual, own, values[:, None] * turned)
+            left = _left_of_waves(fitted.target, without.residual, own, values[:, None] * turned, sides)
             # about a poor model all are as good
             target = fitted.target.about(left)
             saved = target.losses(fitted.residual) - target.losses(left)
@@ -356,16 +359,20 @@ def beats_waves(without: Fit, fitted: Fit, own: BoolArray, laws: FloatArray | Co
     own: bool (K,); laws: (n, m), what the waves may be made of over the operating points.
     """
     target = fitted.target
-    left = _left_of_waves(target, without.residual, own, laws)
+    left = _left_of_waves(target, without.residual, own, laws, target.data.at.by_direction())
     return bool((target.losses(left) - target.losses(fitted.residual))[:, own].sum() > SETTINGS.order_gain)
 
 
 def _left_of_waves(
-    target: FitData, residual: ComplexArray, own: BoolArray, laws: FloatArray | ComplexArray
+    target: FitData,
+    residual: ComplexArray,
+    own: BoolArray,
+    laws: FloatArray | ComplexArray,
+    sides: Sequence[BoolArray],
 ) -> ComplexArray:
-    """What waves of some orders, and of each direction, that follow laws leave of a residual, (n, K)."""
+    """What waves of some orders, and of each of some sets of rows, that follow laws leave of a residual, (n, K)."""
     left, weights = residual.copy(), target.weights(residual)
-    for rows in target.data.at.by_direction():
+    for rows in sides:
         for k in np.flatnonzero(own):
             root = np.sqrt(weights[rows, k])
             wave = np.linalg.lstsq(root[:, None] * laws[rows], root * left[rows, k], rcond=None)[0]

@@ -307,11 +307,14 @@ def _gemm_of_constant(call: NodeCall, left: ConstantOperand, right: Operand) -> 
     sides = (("transA", left), ("transB", right))
     found = _factored(call.walk, *(one.moved(np.transpose) if call.node.integer(key) else one for key, one in sides))
     added = call.optional(2)
-    for factor, operand in (("alpha", found), ("beta", added)):
-        if operand is not None and call.node.number(factor, 1.0) != 1.0:
-            raise UnsupportedModelError(f"multiplies constants, and then by {factor}; fold constants when exporting")
-    if added is not None and not isinstance(right, ConstantOperand):
-        raise UnsupportedModelError("adds C to a product whose first factor is constant; write it with MatMul and Add")
+    scaled = [
+        key for key, one in (("alpha", found), ("beta", added)) if one is not None and call.node.number(key, 1.0) != 1.0
+    ]
+    if not isinstance(right, ConstantOperand) and (added is not None or scaled):
+        more = "adds C to" if added is not None else "multiplies by alpha"
+        raise UnsupportedModelError(f"{more} a product whose first factor is constant; write it as nodes of its own")
+    if scaled:
+        raise UnsupportedModelError(f"multiplies constants, and then by {scaled[0]}; fold constants when exporting")
     return found if added is None else combined(call.walk, ir.Operator.ADD, found, added)
 
 

@@ -89,7 +89,7 @@ def loads(data: bytes, *, binary: bool) -> BoosterModel:
             raise UnsupportedModelError(
                 "what XGBoost's dump_model writes lacks the objective and the base score: save_model('model.json')"
             )
-        catboost = "" if binary else ", and not CatBoost's: no 'scale_and_bias' and 'features_info'"
+        catboost = "" if binary else ", and not CatBoost's: no 'scale_and_bias' or no 'features_info'"
         raise InputError(f"not an XGBoost model: no object 'learner'{catboost}")
     root = DocumentPart(document, "")
     learner = root.section("learner")
