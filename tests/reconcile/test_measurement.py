@@ -13,7 +13,7 @@ import pytest
 from st_codegen.campaign.curves import Curve
 from st_codegen.campaign.orders import curve_sums
 from st_codegen.errors import InputError
-from st_codegen.reconcile.data.hum import Hum, without_hums, without_waves_between
+from st_codegen.reconcile.data.hum import Hum, _waves, without_hums, without_waves_between
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs, rows_that_tell
 from st_codegen.reconcile.data.ramps import ramp_deg
 from st_codegen.reconcile.mistakes import sensors
@@ -1010,3 +1010,22 @@ def test_what_settles_after_the_turn_begins_is_no_ramp(orders):
     size, _, _ = ramp_deg(orders, 1j * height / (np.pi * k) + noise)
     assert size == pytest.approx(height, rel=1e-3)
     assert ramp_deg(orders, height / np.pi * reach / (1 + 1j * k * reach) * -1 + noise)[0] == 0.0
+
+
+def test_waves_of_many_curves_are_those_of_each_alone():
+    """Curves of other numbers of samples, and waves beyond what these tell, are looked for at once."""
+    random, sums = np.random.default_rng(7), []
+    for samples, order in ((720, 17.3), (1000, 17.3), (720, 40.0), (900, 880.4)):
+        theta = 2.0 * np.pi * np.arange(samples) / samples
+        te = 1e-3 * np.cos(order * theta + 0.4) + 1e-5 * random.standard_normal(samples)
+        sums.append(curve_sums(Curve(np.rad2deg(theta), te), 100))
+    lines, free = np.stack([one.plain_fft[:101] for one in sums]), np.ones(101, bool)
+    free[[0, 1, 39, 40]] = False
+    orders = np.array([17.1, 17.4, 40.1, 880.2])
+    together = _waves(sums, lines, orders, free, most=1e-3)
+    for row, (one, found) in enumerate(zip(sums, together, strict=True)):
+        (alone,) = _waves([one], lines[row : row + 1], orders[row : row + 1], free, most=1e-3)
+        assert (found.size, found.order) == (alone.size, alone.order)
+        assert np.array_equal(found.wave, alone.wave)
+    assert [one.size for one in together[:2]] == pytest.approx([1e-3, 1e-3], rel=0.01)
+    assert [one.order for one in together[:2]] == pytest.approx([17.3, 17.3], abs=0.01)
