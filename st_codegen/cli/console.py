@@ -196,7 +196,7 @@ class GivenModels:
 
     def load(self, outputs: Outputs, *, real: bool) -> Bundle:
         """The models with such outputs of classifiers, computed in LREAL or in REAL."""
-        from st_codegen.project.bundle import load, pickles_left_out
+        from st_codegen.project.bundle import load, others_of, pickles_left_out
 
         with progress_bar("loading", quiet=self.quiet) as progress:
             bundle = load(
@@ -214,6 +214,8 @@ class GivenModels:
             refuse_unused("on models of which none is a classifier", others=of_classes)
         if self.trust_pickle and (left_out := pickles_left_out(self.models, bundle)):
             say(f"--trust-pickle: leave_out of st-codegen.toml leaves out {', '.join(left_out)}")
+        for text in () if self.quiet else others_of(self.models, bundle):
+            say(text)
         return bundle
 
     def load_generated(self, generated: Path) -> Bundle:

@@ -25,7 +25,7 @@ from st_codegen.processes import Progress
 from st_codegen.project.configuration import CONFIGURATION_FILE, Configuration, read_configuration
 from st_codegen.project.purpose import Purpose
 from st_codegen.walkers.base import LoadedModel
-from st_codegen.walkers.files import PICKLES, known_formats, load_model, suffixes
+from st_codegen.walkers.files import PICKLES, known_formats, load_model, not_read, suffixes
 from st_codegen.walkers.objects import from_estimator
 
 
@@ -182,7 +182,8 @@ def _model_files(folder: Path, configuration: Configuration) -> list[Path]:
     known = suffixes()
     given = [folder] if folder.is_file() else sorted(p for p in folder.iterdir() if p.suffix.lower() in known)
     if not given:
-        raise InputError(f"{folder}: no model files; supported are {known_formats()}")
+        others = "".join(f"\n  - {path.name} is not read: {advice}" for path, advice in not_read(folder).items())
+        raise InputError(f"{folder}: no model files; supported are {known_formats()}{others}")
     files = [path for path in given if not configuration.leaves_out(path)]
     if not files:
         raise InputError(f"{folder}: left out by leave_out in {CONFIGURATION_FILE}")
@@ -208,6 +209,14 @@ def _from_files(
         configuration.check_used(features, problems)
     problems.raise_if_any()
     return Bundle(finished, configuration=configuration)
+
+
+def others_of(folder: Path, bundle: Bundle) -> list[str]:
+    """The models beside those of a folder whose formats are not read, each with what to do."""
+    found = {} if bundle.purpose is not None else not_read(folder)
+    return [
+        f"{path.name} is not read: {text}" for path, text in found.items() if not bundle.configuration.leaves_out(path)
+    ]
 
 
 def pickles_left_out(folder: Path, bundle: Bundle) -> list[str]:

@@ -68,6 +68,14 @@ def known_formats() -> str:
     return f"{plain}, and {', '.join(pickles)} or {last} with --trust-pickle"
 
 
+def not_read(folder: Path) -> dict[Path, str]:
+    """The models in a folder whose formats are not read, and what to do with each; other data may be called .bin."""
+    files = sorted(folder.iterdir()) if folder.is_dir() else []
+    return {
+        one: advice for one in files if (advice := _ADVICE.get(one.suffix.lower())) and one.suffix.lower() != ".bin"
+    }
+
+
 def load_model(path: Path, name: str, *, trust_pickle: bool = False) -> LoadedModel:
     """Load a model file and fill in where it comes from.
 
