@@ -316,9 +316,7 @@ def test_a_wave_of_one_direction_is_said_to_be_one():
     wave = effect("load_dependent_mesh", order=120, **values, backward_phase_rad=0.4)
     for error, said in ((5e-7, ", at least 100 times as large backward as forward"), (4e-4, "")):
         claim = SimpleNamespace(piece=SimpleNamespace(effect=wave), stderr={"slope_deg_per_kNm": error})
-        assert in_words(claim, SimpleNamespace()) == (
-            f"order 120 of the mesh grows with the torque: 0.0008 deg per 1000 N m{said}"
-        )
+        assert in_words(claim, SimpleNamespace()) == (f"order 120 grows with the torque: 0.0008 deg per 1000 N m{said}")
 
 
 @pytest.mark.slow

@@ -628,7 +628,7 @@ _WAVES = (
 #: effects that their numbers alone say
 _TEXTS = {
     **dict.fromkeys(_WAVES, "{title}: order {orders} of {size:.2g} deg{by_load}"),
-    "load_dependent_mesh": "order {orders} of the mesh grows with the torque: {size:.2g} deg per 1000 N m",
+    "load_dependent_mesh": "order {orders} grows with the torque: {size:.2g} deg per 1000 N m",
     "backlash": "{gap_arcmin:.2g} arcmin of backlash between the flanks",
     "thermal_drift": "the mean drifts by {drift_arcmin_per_K:.2g} arcmin a kelvin of oil temperature",
     "measurement_delay": "the measuring chain is late: delay {delay_us:.0f} us, skew of the encoders {skew_us:.1f} us",
