@@ -50,15 +50,15 @@ class Contents:
         given = [(model, self.extras.get(model.name, PLAIN)) for model in self.models]
         is_large = has_many_nodes(model.n_nodes for model in self.models)
         made = shared_out(partial(_made, block_of), given, is_large=is_large)
-        is_tested = not any(model.is_real for model in self.models)
         problems = Problems()
         found = {}
         for (model, extras), block in zip(given, made, strict=True):
             with problems.collect():
                 found[model.name] = block or block_of(model, extras)
-                if is_tested and found[model.name].name.lower() == SELF_TEST.lower():
+                if found[model.name].name.lower() == SELF_TEST.lower():
                     raise InputError(
-                        f"model '{model.name}': {SELF_TEST} is the block that tests the controller: rename the model"
+                        f"model '{model.name}': {SELF_TEST} is the name of the block that tests the "
+                        "controller: rename the model"
                     )
         problems.raise_if_any()
         for model in self.models if self.around.connected else ():
@@ -66,7 +66,7 @@ class Contents:
         kept = (window_block(found[name], window) for name, window in self.windows.items())
         blocks = (*found.values(), *kept, *self.around.blocks)
         types = tuple(named for model in self.models if (named := class_type(model)) is not None)
-        if is_tested:
+        if not any(model.is_real for model in self.models):
             blocks = (self_test_block(), *blocks)
         return self.extended(dataclasses.replace(self.around, types=(*types, *self.around.types), blocks=blocks))
 

@@ -182,7 +182,9 @@ def _model_files(folder: Path, configuration: Configuration) -> list[Path]:
     known = suffixes()
     given = [folder] if folder.is_file() else sorted(p for p in folder.iterdir() if p.suffix.lower() in known)
     if not given:
-        others = "".join(f"\n  - {path.name} is not read: {advice}" for path, advice in not_read(folder).items())
+        others = "".join(
+            f"\n  - {path.name} is not read; if it is a model: {advice}" for path, advice in not_read(folder).items()
+        )
         raise InputError(f"{folder}: no model files; supported are {known_formats()}{others}")
     files = [path for path in given if not configuration.leaves_out(path)]
     if not files:
@@ -215,7 +217,9 @@ def others_of(folder: Path, bundle: Bundle) -> list[str]:
     """The models beside those of a folder whose formats are not read, each with what to do."""
     found = {} if bundle.purpose is not None else not_read(folder)
     return [
-        f"{path.name} is not read: {text}" for path, text in found.items() if not bundle.configuration.leaves_out(path)
+        f"{path.name} is not read; if it is a model: {text}"
+        for path, text in found.items()
+        if not bundle.configuration.leaves_out(path)
     ]
 
 

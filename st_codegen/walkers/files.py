@@ -69,11 +69,9 @@ def known_formats() -> str:
 
 
 def not_read(folder: Path) -> dict[Path, str]:
-    """The models in a folder whose formats are not read, and what to do with each; other data may be called .bin."""
+    """The files in a folder that may be models of formats that are not read, and what to do with each that is one."""
     files = sorted(folder.iterdir()) if folder.is_dir() else []
-    return {
-        one: advice for one in files if (advice := _ADVICE.get(one.suffix.lower())) and one.suffix.lower() != ".bin"
-    }
+    return {one: _ADVICE[one.suffix.lower()] for one in files if one.suffix.lower() in _ADVICE}
 
 
 def load_model(path: Path, name: str, *, trust_pickle: bool = False) -> LoadedModel:

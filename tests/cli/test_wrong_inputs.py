@@ -138,11 +138,10 @@ def test_names_of_all_features_of_all_models_are_told_at_once(
 def test_models_of_other_formats_beside_those_that_are_read_are_named(lone_folder, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (lone_folder / "net.keras").write_text("")
-    (lone_folder / "samples.bin").write_text("")
     assert run(lone_folder) == 0
     shown = capsys.readouterr()
     assert (shown.out + shown.err).count("is not read") == 1
-    assert "net.keras is not read: export it as .onnx (tf2onnx)" in shown.out + shown.err
+    assert "net.keras is not read; if it is a model: export it as .onnx (tf2onnx)" in shown.out + shown.err
 
 
 @pytest.mark.parametrize("name", OPTIONS)
@@ -170,7 +169,9 @@ def test_folders_and_generated_code(lone_folder, tmp_path, monkeypatch, capsys):
     (tmp_path / "m.h5").write_text("")
     assert refused(capsys, "m.h5").count("m.h5") == 1
     (tmp_path / "empty" / "net.pt").write_text("")
-    assert "\n  - net.pt is not read: export it as .onnx (torch.onnx.export)" in refused(capsys, "empty")
+    assert "\n  - net.pt is not read; if it is a model: export it as .onnx (torch.onnx.export)" in refused(
+        capsys, "empty"
+    )
     assert "no generated files; run st-codegen generate" in refused(capsys, "prove", lone_folder, "-g", "nowhere")
     assert "Missing argument 'NEW'" in refused(capsys, "diff", "empty")
     missing = refused(capsys, "simulate", "motion", "--rig", "rig.toml")

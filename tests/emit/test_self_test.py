@@ -153,6 +153,8 @@ def test_no_model_takes_the_place_of_the_block_that_tests_the_controller(tmp_pat
     model = LinearRegression().fit([[0.0], [1.0]], [0.0, 1.0])
     joblib.dump(model, tmp_path / "selftest.joblib")
     bundle = load(tmp_path / "selftest.joblib", trust_pickle=True)
-    with pytest.raises(InputError, match=r"model 'selftest': FB_SelfTest is the block that tests .*: rename the model"):
+    with pytest.raises(
+        InputError, match=r"model 'selftest': FB_SelfTest is the name of the block .*: rename the model"
+    ):
         generate(bundle, "twincat", tmp_path / "out")
     assert not (tmp_path / "out").exists()

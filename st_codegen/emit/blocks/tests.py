@@ -45,9 +45,7 @@ def with_tests(application: Application, vectors: Sequence[ReferenceVectors]) ->
     if not vectors:
         return application
     inputs = {block.name: [variable.name for variable in block.inputs] for block in application.blocks}
-    suites = tuple(_suite(vector, inputs[vector.block]) for vector in vectors)
-    if f"{SELF_TEST}_Test" not in {suite.name for suite in suites}:
-        suites = (_self_test_suite(), *suites)
+    suites = (_self_test_suite(), *(_suite(vector, inputs[vector.block]) for vector in vectors))
     instances = tuple(BlockVariable(f"fb{suite.name[3:]}", suite.name) for suite in suites)
     runner = Block(
         name="PRG_Test",

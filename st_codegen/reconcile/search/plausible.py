@@ -194,7 +194,7 @@ def law_holds(without: Fit, fitted: Fit, number: int) -> bool:
     A wave beside a mesh order, without its twin on the other side, is a sideband only where the mesh does not make that
     order itself, and as far as it follows the mesh: to within the noise, and better than a wave of its own that is
     constant and grows with the load. A resonance is one only where it explains more than constant waves would, and a
-    constant wave where no single law of the conditions that vanishes with them leaves clearly less.
+    constant wave where no single law of the conditions without a constant leaves clearly less.
     """
     piece, target = fitted.state.pieces[number], fitted.target
     if has_a_frequency(piece.effect):
