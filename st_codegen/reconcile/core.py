@@ -32,7 +32,14 @@ from st_codegen.reconcile.rest.structure import (
     scatter_of_encoder,
     scatter_within_turns,
 )
-from st_codegen.reconcile.rest.suspects import bad_runs, excused, runs_beside, with_beside, without_structure
+from st_codegen.reconcile.rest.suspects import (
+    bad_runs,
+    excused,
+    undecided_runs,
+    with_beside,
+    with_rest,
+    without_structure,
+)
 from st_codegen.reconcile.rest.unexplained import Signature, beside_the_rigs, loudest, of_a_hum, signatures
 from st_codegen.reconcile.rest.unseen import below_noise, cannot_show
 from st_codegen.reconcile.result import OrderGap, Reconciliation, TakenBack
@@ -141,17 +148,19 @@ def _result(
 ) -> Reconciliation:
     """Gaps, and what is left, of a fit."""
     target, noise = with_noise_of(conclusions.final)
-    noise = with_beside(data, _with_suspects(target, conclusions.final, noise), conclusions.final.target.good)
-    fitted = replace(conclusions.final, target=replace(target, good=noise.good))
-    # what runs that lie beside each other have is no part of the fit, and one of what is left
-    noise = noise.with_those_beside
-    target = replace(target, good=noise.good)
-    final = replace(conclusions.final, target=target)
-    before, after, good = target.residual(rig), final.residual, noise.good
+    to_these, before = conclusions.final.target.good, target.residual(rig)
+    noise = with_beside(data, _with_suspects(target, conclusions.final, noise), to_these)
+    last = replace(conclusions.final, target=target)
+    final, floor_rms, left = _ended(last, before, noise, judged)
+    if left and noise.suspects:
+        noise = with_rest(data, final.residual, noise, to_these, [one.order for one in left])
+        final, floor_rms, left = _ended(last, before, noise, judged)
+    fitted = replace(last, target=replace(target, good=noise.good))
+    noise = noise.with_the_undecided
+    target, after, good = final.target, final.residual, noise.good
     # what hums had in the gap before they were taken out: the power of each order, and the RMS of all, also of others
     of_hums = data.hum_power(data.orders)
     all_hums = math.sqrt(float(of_hums.sum()) + max(0.0, sum(one.power for one in data.hums) - float(of_hums.sum())))
-    floor_rms, left = _left_over(final, before, noise, judged)
     gap_power = math.hypot(rms_deg(before[good], data.orders), all_hums) ** 2
     # what noise is left where the noise holds what is unexplained as well nobody knows
     told = [one.order for one in left if not (one.at_least or one.is_scatter)]
@@ -186,7 +195,7 @@ def _result(
         cannot_show=(
             *cannot_show(data),
             *unlike_friction(conclusions.final, conclusions.effects),
-            *runs_beside(data, noise),
+            *undecided_runs(data, noise),
             *below_noise(target),
             *examined.untold,
             *scatter_of_encoder(target, after),
@@ -233,6 +242,18 @@ def _held_out(final: Fit, before: ComplexArray, apart: BoolArray) -> _Unseen:
     if np.linalg.norm(levels.by_order) < SETTINGS.clearly_larger * np.linalg.norm(by_order):
         return _Unseen(by_order, rms_deg(before[kept], orders), left, kept, int(kept.sum()))
     return levels
+
+
+def _ended(
+    final: Fit, before: ComplexArray, noise: Noise, judged: Sequence[tuple[Candidate, Evidence]]
+) -> tuple[Fit, FloatArray, list[Signature]]:
+    """The fit with the runs that count in what is left of it, the noise floor (K,), and what is left.
+
+    What undecided runs have is no part of the fit, and one of what is left.
+    """
+    noise = noise.with_the_undecided
+    final = replace(final, target=replace(final.target, good=noise.good))
+    return final, *_left_over(final, before, noise, judged)
 
 
 def _left_over(

@@ -10,7 +10,7 @@ from st_codegen.reconcile.core import reconcile_observations
 from st_codegen.reconcile.data.contrasts import beside_each_other, repeats
 from st_codegen.reconcile.data.noise import Noise, estimate
 from st_codegen.reconcile.data.observations import Observations, labels
-from st_codegen.reconcile.rest.suspects import bad_runs, runs_beside, with_beside, without_structure
+from st_codegen.reconcile.rest.suspects import bad_runs, undecided_runs, with_beside, with_rest, without_structure
 from st_codegen.rig.effects import Conditions
 
 from .test_core import KNOWN, RIG, observed
@@ -196,10 +196,10 @@ def test_both_curves_of_runs_beside_each_other_are_of_one_kind():
     data = Observations(at, labels(at), ORDERS, np.zeros((128, len(ORDERS)), complex))
     rows = np.concatenate([smallest[1:5], 64 + smallest[3:5], [smallest[40]]])
     noise = with_beside(data, suspected(data, rows), ~np.isin(np.arange(128), rows))
-    assert {row for group in noise.beside for row in group.rows} == set(rows[:6])
+    assert {row for group in noise.undecided for row in group.rows} == set(rows[:6])
     assert [row for row, _ in noise.suspects] == [smallest[40]]
-    assert np.array_equal(np.flatnonzero(~noise.with_those_beside.good), rows[6:])
-    (text,) = runs_beside(data, noise)
+    assert np.array_equal(np.flatnonzero(~noise.with_the_undecided.good), rows[6:])
+    (text,) = undecided_runs(data, noise)
     assert text.startswith("whether 6 curves were measured wrong")
 
 
@@ -211,7 +211,27 @@ def test_runs_beside_each_other_that_stay_what_they_are(why):
     data = Observations(at, labels(at), ORDERS, np.zeros((128, len(ORDERS)), complex))
     data = dataclasses.replace(data, left_out=known) if why == "a known mistake" else data
     noise = with_beside(data, suspected(data, rows), ~known if why == "a known mistake" else np.ones(128, bool))
-    assert not noise.beside and {row for row, _ in noise.suspects} == set(rows)
+    assert not noise.undecided and {row for row, _ in noise.suspects} == set(rows)
+
+
+def test_runs_that_are_off_where_something_stays_unexplained_alone_are_undecided():
+    """At the least load of all what a form lacks is largest; a run that is off in another order as well is bad."""
+    data = residual(0, heavy=False)
+    count = len(GRID)
+    least, wrong = [0, count], [60, 60 + count]
+    data.values[[*least, *wrong], 0] += 0.02
+    data.values[wrong, 3] += 2e-4
+    sigma = np.broadcast_to(SIGMA, data.values.shape)
+    for fitted, known in itertools.product((False, True), repeat=2):
+        left_out = np.isin(np.arange(len(data)), least) if known else None
+        noise = dataclasses.replace(suspected(data, [*least, *wrong]), sigma=sigma)
+        data = dataclasses.replace(data, left_out=left_out)
+        noise = with_rest(data, data.values, noise, np.full(len(data), fitted), [0])
+        assert [row for row, _ in noise.suspects] == ([*least, *wrong] if known else wrong)
+        assert np.flatnonzero(~noise.good).tolist() == sorted(wrong if fitted and not known else [*least, *wrong])
+        told = undecided_runs(data, noise)
+        assert len(told) == (not fitted and not known)
+        assert all(text.startswith("whether 2 curves were") and "stay unexplained" in text for text in told)
 
 
 @pytest.mark.thorough

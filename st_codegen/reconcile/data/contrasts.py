@@ -174,14 +174,18 @@ def of_whole_levels(at: Conditions, bad: BoolArray) -> BoolArray:
 
 
 @dataclass(frozen=True)
-class Beside:
-    """Rows of one direction that lie beside each other along a condition (one of AXES), closer than by chance."""
+class Undecided:
+    """Rows of which nobody can tell whether they are bad: the machine may do something of its own there.
+
+    condition: one of AXES along which they lie beside each other, closer than by chance; none for rows that are off in
+    nothing but orders that stay unexplained.
+    """
 
     rows: tuple[int, ...]
-    condition: str
+    condition: str = ""
 
 
-def beside_each_other(at: Conditions, bad: BoolArray) -> list[Beside]:
+def beside_each_other(at: Conditions, bad: BoolArray) -> list[Undecided]:
     """The bad rows (n,) of each direction that lie closer together along a condition than wrong runs would by chance.
 
     So lies what the machine does there (at small loads, near a speed). The chance is that of as many runs, drawn from
@@ -204,7 +208,7 @@ def beside_each_other(at: Conditions, bad: BoolArray) -> list[Beside]:
                 within = (len(side) - places) * math.comb(places - 1, count - 1) + math.comb(places, count)
                 chance = tried * within / math.comb(len(side), count)
                 if chance < least:
-                    best, least = Beside(tuple(rows[i : j + 1].tolist()), name), chance
+                    best, least = Undecided(tuple(rows[i : j + 1].tolist()), name), chance
         found += [best] if best is not None else []
     return found
 

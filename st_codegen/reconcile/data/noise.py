@@ -18,7 +18,7 @@ from scipy.special import chdtri, fdtrc
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.contrasts import (
-    Beside,
+    Undecided,
     along_axes,
     contrasts,
     of_whole_levels,
@@ -53,7 +53,7 @@ class Noise:
     sigma: float64 (n, K), standard deviation of one component, by row (direction) and order; floor_rms: float64 (K,),
     RMS of one component, tails included; good: bool (n,); suspects: rows and their distance (1 is usual); kinds: by
     order what the floor is made of (`plane`, `smooth`, `speed`, `torque`, `temperature`, `repeats`,
-    `law`, `rig`); beside: rows that are not good either, and not called bad, since they lie beside each other.
+    `law`, `rig`); undecided: rows that are not good either, and not called bad, since the machine may be the cause.
     """
 
     sigma: FloatArray
@@ -61,13 +61,13 @@ class Noise:
     good: BoolArray
     suspects: tuple[tuple[int, float], ...]
     kinds: tuple[str, ...] = ()
-    beside: tuple[Beside, ...] = ()
+    undecided: tuple[Undecided, ...] = ()
 
     @property
-    def with_those_beside(self) -> Noise:
-        """The noise with the rows that lie beside each other among the good ones: what they have is no noise."""
+    def with_the_undecided(self) -> Noise:
+        """The noise with the undecided rows among the good ones: what they have is no noise."""
         good = self.good.copy()
-        good[[row for group in self.beside for row in group.rows]] = True
+        good[[row for group in self.undecided for row in group.rows]] = True
         return replace(self, good=good)
 
 

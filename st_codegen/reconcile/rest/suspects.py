@@ -7,6 +7,7 @@ from the fitted model and unlike its neighbours: what the model lacks is shared 
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +17,7 @@ from st_codegen.reconcile.data.contrasts import (
     AXES,
     CONDITIONS,
     UNITS,
-    Beside,
+    Undecided,
     beside_each_other,
     in_steps,
     of_whole_levels,
@@ -86,30 +87,51 @@ def with_beside(data: Observations, noise: Noise, fitted: BoolArray) -> Noise:
     may = np.isin(np.arange(len(data)), [row for row, _ in noise.suspects]) & ~fitted
     if data.left_out is not None:
         may &= ~data.left_out
-    groups, taken = list[Beside](), np.zeros(len(data), bool)
+    groups, taken = list[Undecided](), np.zeros(len(data), bool)
     for group in beside_each_other(data.at, may):
         runs = np.isin(data.number_of_run, data.number_of_run[list(group.rows)])
         rows = np.flatnonzero(runs & may & ~taken)
         taken[rows] = True
         groups += [replace(group, rows=tuple(rows.tolist()))] if len(rows) else []
     suspects = tuple(entry for entry in noise.suspects if not taken[entry[0]])
-    return replace(noise, suspects=suspects, beside=tuple(groups))
+    return replace(noise, suspects=suspects, undecided=tuple(groups))
 
 
-def runs_beside(data: Observations, noise: Noise) -> tuple[str, ...]:
-    """Sentences on runs that lie beside each other along a condition, far from what others let expect."""
+def with_rest(
+    data: Observations, residual: ComplexArray, noise: Noise, fitted: BoolArray, orders: Collection[int]
+) -> Noise:
+    """The noise without those of its suspects that are off in nothing but orders that stay unexplained (`orders`).
+
+    What the model lacks may be strongest in them, as at the least load of all. Rows to which numbers were fitted (n,)
+    become good, the others undecided; those with a known mistake stay what they are.
+    """
+    again = without_structure(data, residual, noise, np.isin(data.orders, list(orders)))
+    known = np.zeros(len(data), bool) if data.left_out is None else data.left_out
+    kept = {row for row, _ in again.suspects} | set(np.flatnonzero(known).tolist())
+    rows = tuple(row for row, _ in noise.suspects if row not in kept and not fitted[row])
+    good = again.good & ~(known & ~noise.good)
+    good[list(rows)] = False
+    suspects = tuple(entry for entry in noise.suspects if entry[0] in kept)
+    undecided = (*noise.undecided, Undecided(rows)) if rows else noise.undecided
+    return replace(again, suspects=suspects, good=good, undecided=undecided)
+
+
+def undecided_runs(data: Observations, noise: Noise) -> tuple[str, ...]:
+    """Sentences on runs far from what others let expect of which nobody can tell whether they were measured wrong."""
     found, at = [], data.at
-    for group in noise.beside:
-        axis = AXES.index(group.condition)
-        values = at.axes[axis][list(group.rows)]
-        low, high = f"{values.min():g}", f"{values.max():g} {UNITS[group.condition]}"
-        where = f"at {high}" if values.min() == values.max() else f"from {low} to {high}"
+    for group in noise.undecided:
+        where = "in nothing but orders that stay unexplained"
+        if group.condition:
+            axis = AXES.index(group.condition)
+            values = at.axes[axis][list(group.rows)]
+            low, high = f"{values.min():g}", f"{values.max():g} {UNITS[group.condition]}"
+            span = f"at {high}" if values.min() == values.max() else f"from {low} to {high}"
+            where = f"and closer together in {CONDITIONS[axis]} ({span}) than wrong runs do by chance"
         labels = ", ".join(data.labels[row] for row in group.rows)
         found.append(
             f"whether {len(group.rows)} curves were measured wrong or the machine does something of its own there: "
-            f"{labels} lie far from what all others let expect, and closer together in {CONDITIONS[axis]} ({where}) "
-            "than wrong runs do by chance; no number is fitted to them, and they count in the gap and in what stays "
-            "unexplained, not in the gap on held-out runs"
+            f"{labels} lie far from what all others let expect, {where}; no number is fitted to them, and they count "
+            "in the gap and in what stays unexplained, not in the gap on held-out runs"
         )
     return tuple(found)
 
