@@ -24,6 +24,7 @@ from st_codegen.cli.console import (
     reading_options,
     rows_options,
     say,
+    say_next,
     table_of,
 )
 from st_codegen.cli.costs import cycle_option, entry_option, print_budget, print_verdict, profile_option
@@ -107,7 +108,10 @@ def command(
             say(Text.assemble((model.name, "red"), f": {line}"))
     _print_times(report, cycle_us, quiet=given.quiet)
     show_codes([*_codes(report), *(["STC2101"] if refuted else [])])
-    sys.exit(0 if report.passed and not refuted else 1)
+    passed = report.passed and not refuted
+    if passed and html is None and not given.quiet:  # the page has what prove says
+        say_next(*given.asked_next("prove", generated))
+    sys.exit(0 if passed else 1)
 
 
 def _codes(report: VerifyReport) -> Iterator[str]:
