@@ -47,3 +47,11 @@ def test_nothing_comes_next_where_the_answer_is_no_or_nobody_listens(tmp_path, c
     text.write_text(changed.replace("fOut1 := ", "fOut1 := 1.0 + "), encoding="utf-8")
     assert run("verify", tmp_path, "--generated", tmp_path / "out", "--rows", 100) == 1
     assert "next: " not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("options", [["--target", "beckhoff-ml"], ["--target", "iec", "--real"]])
+def test_nobody_is_sent_to_prove_what_it_does_not_follow(options, tmp_path, capsys):
+    shutil.copy(MODEL, tmp_path)
+    assert run(tmp_path, *options, "--out", tmp_path / "out") == 0
+    assert run(*last(capsys), "--rows", 100) == 0
+    assert "next: " not in capsys.readouterr().err
