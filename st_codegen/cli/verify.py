@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -179,8 +180,12 @@ def _print_remarks(report: VerifyReport, bundle: Bundle, rows: int) -> None:
 
 
 def agreement_table(title: str, models: Iterable[ModelReport]) -> Table:
-    """How far the answers for each model lie apart."""
-    table = table_of(title, "model", ">rows", ">max error", ">allowed", ">ulp", "result")
-    for model in models:
+    """How many models have which result, and how far the answers for each lie apart; what failed stands first."""
+    ranked = sorted(models, key=lambda model: model.passed)
+    counts = Counter(model.verdict for model in sorted(ranked, key=lambda model: (model.passed, model.verdict)))
+    said = ", ".join(f"{words}: {count}" for words, count in counts.items())
+    named = f"{title} ({said})" if said else title
+    table = table_of(named, "model", ">rows", ">max error", ">allowed", ">ulp", "result")
+    for model in ranked:
         table.add_row(*model.cells, Text(model.verdict, "green" if model.passed else "bold red"))
     return table

@@ -1,11 +1,13 @@
-"""What a command says to run next runs as it stands."""
+"""What a command says to run next runs as it stands; what it found stands first."""
 
 import shlex
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from st_codegen.cli.verify import agreement_table
 from tests.cli.helpers import run
 
 pytest.importorskip("lightgbm")
@@ -55,3 +57,12 @@ def test_nobody_is_sent_to_prove_what_it_does_not_follow(options, tmp_path, caps
     assert run(tmp_path, *options, "--out", tmp_path / "out") == 0
     assert run(*last(capsys), "--rows", 100) == 0
     assert "next: " not in capsys.readouterr().err
+
+
+def test_what_failed_stands_first_below_how_many_have_which_result():
+    def model(name, verdict):
+        return SimpleNamespace(cells=(name, "1", "0", "0", "0"), verdict=verdict, passed=verdict != "FAILED")
+
+    table = agreement_table("compared", [model("a", "within bound"), model("b", "equal bits"), model("c", "FAILED")])
+    assert table.title == "compared (FAILED: 1, equal bits: 1, within bound: 1)"
+    assert [*table.columns[0].cells] == ["c", "a", "b"]
