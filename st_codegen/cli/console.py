@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -22,7 +23,13 @@ from st_codegen.cli.choices import OUTPUTS
 from st_codegen.files.number_text import parse_number, parse_whole
 from st_codegen.files.text import inert
 from st_codegen.project.build_options import BUILD_OPTIONS, option_name
-from st_codegen.walkers.limits import DEFAULT_MAX_MODEL_BYTES, set_features, set_max_model_bytes
+from st_codegen.walkers.limits import (
+    DEFAULT_MAX_MODEL_BYTES,
+    max_model_bytes,
+    set_features,
+    set_max_model_bytes,
+    stated_features,
+)
 
 if TYPE_CHECKING:
     from st_codegen.ir import OutputKind
@@ -51,6 +58,11 @@ def say(text: str | Text) -> None:
 
 
 Command = TypeVar("Command", bound=Callable[..., Any])
+
+
+def say_next(*words: Path | str) -> None:
+    """The command to run next, as the last of what a command prints."""
+    say(f"next: {shlex.join(['st-codegen', *map(str, words)])}")
 
 
 class _Place(click.Path):
@@ -217,6 +229,18 @@ class GivenModels:
         for text in () if self.quiet else others_of(self.models, bundle):
             say(text)
         return bundle
+
+    def asked_next(self, command: str, generated: Path) -> tuple[Path | str, ...]:
+        """The words of another command on the text in a folder: of the same models, called and read in the same way."""
+        size = max_model_bytes()
+        given = {
+            "--prefix": self.prefix,
+            "--block-name": self.block_name,
+            "--features": stated_features(),
+            "--max-model-bytes": None if size == DEFAULT_MAX_MODEL_BYTES else size,
+        }
+        more = [word for option, value in given.items() if value is not None for word in (option, str(value))]
+        return command, self.models, "--generated", generated, *more, *["--trust-pickle"] * self.trust_pickle
 
     def load_generated(self, generated: Path) -> Bundle:
         """The models with the outputs and the numbers (LREAL, REAL) that text was generated with."""

@@ -24,6 +24,7 @@ from st_codegen.cli.console import (
     reading_options,
     refuse_unused,
     say,
+    say_next,
     table_of,
 )
 from st_codegen.cli.costs import Explanation, print_explanation
@@ -171,6 +172,8 @@ def command(
 
         summary, sections = explain_sections(explained)
         write_pages(f"Layouts and times of {given.models}", sections, summary, html, None)
+    if not given.quiet:
+        say_next(*given.asked_next("verify", out))
 
 
 def _pricing(chosen: Sequence[Target], profile: str | None, max_array: int | None) -> dict[str, Pricing]:

@@ -158,8 +158,9 @@ def command(
         result = with_empirical(result, known) if empirical else result
         ahead = next_runs(result)
         changes = _written(result, ahead, wish, out, quiet)
-        content, text = report(result, changes, ahead), f"{summary(result)}\n{next_runs_summary(ahead, result)}"
-        text += "" if changes is None else "\n" + update_summary(changes)
+        following = [] if changes is None else [update_summary(changes)]
+        following += [next_runs_summary(ahead, result), _page(out)]
+        content, text = report(result, changes, ahead), summary(result, following)
     if not quiet:
         console.print(text)
     if as_json:
@@ -246,6 +247,11 @@ def _written(result: Reconciliation, ahead: NextRuns, wish: Wish | None, out: Pa
     return changes
 
 
+def _page(out: Path) -> str:
+    """Where to go on reading."""
+    return f"Read next: {out / 'report.html'}"
+
+
 def _joints(
     files: list[Path], rig: RigModel | None, out: Path, scale: float | None, accept: tuple[str, ...]
 ) -> tuple[dict[str, Any], str]:
@@ -258,7 +264,7 @@ def _joints(
     results = reconcile_joints(read_joints(files), scale, accept)
     content = joint_report(results, None if rig is None else rig.constants)
     write_texts(out, joint_texts(results, content))
-    return content, joint_summary(content)
+    return content, f"{joint_summary(content)}\n{_page(out)}"
 
 
 def _spectrum(model: RigModel, measured: Path, out: Path, scale: float | None) -> tuple[dict[str, Any], str]:
@@ -277,4 +283,4 @@ def _spectrum(model: RigModel, measured: Path, out: Path, scale: float | None) -
         "next_runs.csv": NextRuns().csv_text(),
     }
     write_texts(out, texts)
-    return content, spectrum_summary(found)
+    return content, f"{spectrum_summary(found)}\n{_page(out)}"

@@ -22,6 +22,7 @@ from st_codegen.cli.console import (
     quiet_option,
     refuse_unused,
     say,
+    say_next,
     table_of,
 )
 from st_codegen.cli.training import search_options
@@ -151,6 +152,8 @@ def command(
         _print(lessons, head, out, "kept" if keep_faulty else "left out")
     if dropped:
         say(f"{out}: left out, since made for the models of the bundle that was replaced: {', '.join(dropped)}")
+    if not quiet:
+        say_next("generate", out)
 
 
 def _is_measured(file: Path, campaign: Path) -> bool:

@@ -43,7 +43,10 @@ _settings_options = gathered(
     "settings",
     _settings,
     click.option(
-        "--families", default=",".join(FAMILIES), metavar="NAMES", help="Families to try, with commas between."
+        "--families",
+        default=",".join(FAMILIES),
+        metavar="NAMES",
+        help="Families to try, with commas between; train leaves out those that its --format cannot save, always ELM.",
     ),
     click.option(
         "--folds", type=Whole(min=2), default=10, help="Parts of the validation, no more than operating points."

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,6 +25,7 @@ from st_codegen.cli.console import (
     reading_options,
     rows_options,
     say,
+    say_next,
     table_of,
 )
 from st_codegen.cli.costs import cycle_option, entry_option, print_budget, print_verdict, profile_option
@@ -79,7 +81,8 @@ def command(
     finds an input that differs.
     """
     from st_codegen.cost.profile import load_profile
-    from st_codegen.proof.runner import changes_by_hand
+    from st_codegen.proof.prove.prove import is_followed
+    from st_codegen.proof.runner import changes_by_hand, target_folders
     from st_codegen.proof.verify import Budget, verify
 
     budget = Budget(load_profile(profile), cycle_us, entries)
@@ -107,7 +110,11 @@ def command(
             say(Text.assemble((model.name, "red"), f": {line}"))
     _print_times(report, cycle_us, quiet=given.quiet)
     show_codes([*_codes(report), *(["STC2101"] if refuted else [])])
-    sys.exit(0 if report.passed and not refuted else 1)
+    passed = report.passed and not refuted
+    followed = any(is_followed(ir, folder.name) for folder in target_folders(generated) for ir in bundle.irs)
+    if passed and followed and html is None and not given.quiet:  # the page has what prove says
+        say_next(*given.asked_next("prove", generated))
+    sys.exit(0 if passed else 1)
 
 
 def _codes(report: VerifyReport) -> Iterator[str]:
@@ -173,8 +180,12 @@ def _print_remarks(report: VerifyReport, bundle: Bundle, rows: int) -> None:
 
 
 def agreement_table(title: str, models: Iterable[ModelReport]) -> Table:
-    """How far the answers for each model lie apart."""
-    table = table_of(title, "model", ">rows", ">max error", ">allowed", ">ulp", "result")
-    for model in models:
+    """How many models have which result, and how far the answers for each lie apart; what failed stands first."""
+    ranked = sorted(models, key=lambda model: model.passed)
+    counts = Counter(model.verdict for model in sorted(ranked, key=lambda model: (model.passed, model.verdict)))
+    said = ", ".join(f"{words}: {count}" for words, count in counts.items())
+    named = f"{title} ({said})" if said else title
+    table = table_of(named, "model", ">rows", ">max error", ">allowed", ">ulp", "result")
+    for model in ranked:
         table.add_row(*model.cells, Text(model.verdict, "green" if model.passed else "bold red"))
     return table

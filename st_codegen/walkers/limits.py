@@ -50,6 +50,11 @@ def set_max_model_bytes(limit: int) -> None:
     _Limit.size = limit
 
 
+def max_model_bytes() -> int:
+    """The limit for the files that this process reads."""
+    return _Limit.size
+
+
 def check_size(size: int, how: str = "") -> None:
     """Raise InputError for more bytes than allowed; `how` says how they are counted."""
     _check(size, "bytes", _Limit.size, how)

@@ -96,7 +96,7 @@ def test_verify_reports_and_exits_with_0_or_1(lone_folder, tmp_path, capsys):
     assert run("verify", lone_folder, "--generated", out, "--json", report, "--rows", 300) == 1
     error = capsys.readouterr().err
     assert "FAILED" in error
-    assert "library, reference and generated text compared" in error  # no claim that they are equal
+    assert "library, reference and generated text compared (FAILED: 1)" in error  # no claim that they are equal
     assert "library = reference" not in error
     assert re.search(r"te: reference and twincat differ at \[", error)
     assert json.loads(report.read_text())["passed"] is False

@@ -14,7 +14,7 @@ from st_codegen.reconcile.report.findings import findings, share_text
 from st_codegen.reconcile.report.output import report
 from st_codegen.reconcile.report.pages import report_page
 from st_codegen.reconcile.report.ranking import outcome, ranking_section
-from st_codegen.reconcile.report.sentences import _compliance, _times, between_text, left_text
+from st_codegen.reconcile.report.sentences import _compliance, _times, between_text, left_text, verdict_text
 from st_codegen.reconcile.report.summary import summary
 from st_codegen.reconcile.rest.unexplained import of_a_hum, signatures
 from st_codegen.reconcile.result import OrderGap
@@ -109,6 +109,18 @@ def test_bounds_of_gaps_are_rounded_as_bounds(result):
     few = replace(result, held_out=gap, untested=("torque",))
     assert few.floor_is_bound and few.held_out_is_bound
     assert "-> at least 0.00123 deg RMS, noise floor at most 0.000124 deg" in summary(few)
+
+
+def test_the_verdict_stands_first_then_what_to_do_and_last_what_cannot_be_told(result):
+    unshown = replace(result, cannot_show=("one", "two"))
+    lines = summary(unshown, ["Next measurement: none"]).splitlines()
+    assert lines[0] == verdict_text(result)
+    gap, following, first, second = (
+        next(number for number, line in enumerate(lines) if line.startswith(words))
+        for words in ("Gap on held-out runs", "Next measurement", "Cannot be shown: one", "Cannot be shown: two")
+    )
+    assert gap < following < first < second
+    assert not any(line.startswith("- ") for line in lines[gap:])
 
 
 def test_a_gap_well_above_the_floor_has_its_reason(result, page):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from st_codegen.errors import at_least, at_most
@@ -24,8 +25,8 @@ if TYPE_CHECKING:
     from st_codegen.reconcile.report.findings import Finding
 
 
-def summary(result: Reconciliation) -> str:
-    """The findings as a few lines."""
+def summary(result: Reconciliation, next_steps: Sequence[str] = ()) -> str:
+    """The findings as a few lines: the verdict and what was found, what to do next, and last what cannot be told."""
     lines = [verdict_text(result)]
     lines += [f"- the measurement: {mistake.text}" for mistake in result.mistakes]
     lines += [f"- {finding_text(finding, first=number == 0)}" for number, finding in enumerate(findings(result))]
@@ -46,14 +47,16 @@ def summary(result: Reconciliation) -> str:
     after = f"{'about ' if result.held_out_scatters else ''}{gap.after:.3g}"
     after = f"at least {at_least(gap.after, 3)}" if result.held_out_is_bound else after
     lines.append(f"Gap on held-out runs: {gap.before:.3g} -> {after} deg RMS, noise floor {floor}")
-    lines += [text for text in (left_text(result), between_text(result), floor_text(result)) if text]
-    lines += [f"Cannot be shown: {text}" for text in result.cannot_show]
-    lines += [f"Not looked at: {text}" for text in result.data.not_looked_at]
+    lines += filter(None, (left_text(result), between_text(result)))
     if suspects := result.suspects:
         worst = result.data.labels[suspects[0][0]]
         runs = len({int(result.data.number_of_run[row]) for row, _ in suspects})
         also = "; or what is unexplained is strongest in them" if result.unexplained else ""
         lines.append(f"Suspected bad runs: {runs}, the worst {worst}{also}")
+    lines += next_steps
+    lines += filter(None, (floor_text(result),))
+    lines += [f"Cannot be shown: {text}" for text in result.cannot_show]
+    lines += [f"Not looked at: {text}" for text in result.data.not_looked_at]
     return "\n".join(lines)
 
 
