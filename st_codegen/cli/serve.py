@@ -71,6 +71,8 @@ def command(
 
     if not ads and not opcua:
         raise InputError("name a protocol: --ads, --opcua or both")
+    if not listen.strip():
+        raise InputError("--listen: an empty text would be all addresses of this machine; for them say 0.0.0.0")
     of_others = {"ads_port": ads, "ams_port": ads, "opcua_port": opcua, "seed": rig}
     refuse_unused("without the --ads, --opcua or --rig they are of", *(one for one in of_others if not of_others[one]))
     folders = target_folders(generated)

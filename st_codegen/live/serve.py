@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import signal
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -59,8 +60,10 @@ async def serve(
 async def _started(server: Any, address: str) -> None:
     try:
         await server.start()
-    except OSError as error:
-        raise InputError(f"{address}: {error.strerror or error}; is another server running there?") from None
+    except (OSError, UnicodeError) as error:  # the latter for a text that can be no name of a host
+        number, reason = getattr(error, "errno", None), getattr(error, "strerror", None)
+        where = "another server running there" if number == errno.EADDRINUSE else "it an address of this machine"
+        raise InputError(f"{address}: {reason or error}; is {where}?") from None
 
 
 def run_until_signal(plc: SoftPlc, where: Listening, log: Log, ready: Callable[[dict[str, Any]], None]) -> bool:
