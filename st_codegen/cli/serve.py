@@ -65,7 +65,7 @@ def command(
     Clients may write inputs only. It ends at SIGINT or SIGTERM; exit code 1 when the tasks had stopped before that, as
     a controller stops at a division by zero.
     """
-    from st_codegen.live.plc import SoftPlc
+    from st_codegen.live.plc import SoftPlc, host_and_port
     from st_codegen.live.serve import Listening, run_until_signal
     from st_codegen.proof.runner import target_folders
 
@@ -94,7 +94,7 @@ def command(
 
     def ready(addresses: dict[str, Any]) -> None:
         if "ads" in addresses:
-            click.echo("ADS {}:{}, AMS port {}".format(*addresses["ads"], ams_port))
+            click.echo(f"ADS {host_and_port(*addresses['ads'])}, AMS port {ams_port}")
         if "opcua" in addresses:
             click.echo(f"OPC UA {addresses['opcua']}")
         sys.stdout.flush()

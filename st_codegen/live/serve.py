@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from st_codegen.errors import InputError
-from st_codegen.live.plc import Log, PlcState, SoftPlc
+from st_codegen.live.plc import Log, PlcState, SoftPlc, host_and_port
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ async def serve(
             from st_codegen.live.ads import AdsServer
 
             ads = AdsServer(plc, where.host, where.ads_port, where.ams_port, log, where.verbose)
-            await _started(ads, f"{where.host}:{where.ads_port}")
+            await _started(ads, host_and_port(where.host, where.ads_port))
             servers.append(ads)
             plc.after_batch = ads.notify
             addresses["ads"] = (where.host, ads.port)
@@ -46,7 +46,7 @@ async def serve(
             from st_codegen.live.opcua import OpcUaServer
 
             opcua = OpcUaServer(plc, where.host, where.opcua_port, log)
-            await _started(opcua, f"{where.host}:{where.opcua_port}")
+            await _started(opcua, host_and_port(where.host, where.opcua_port))
             servers.append(opcua)
             addresses["opcua"] = opcua.url
         ready(addresses)
