@@ -86,7 +86,7 @@ class RecordedProject:
 def recorded_project(folder: Path) -> RecordedProject:
     """Raises GeneratedCodeError for a folder without PRG_Record."""
     manifest = read_manifest(folder)
-    if not manifest.facts[COMPARISON] or not manifest.purpose:
+    if "fingerprint" not in manifest.facts[COMPARISON] or "reduction_ratio" not in manifest.purpose:
         raise GeneratedCodeError(
             f"{folder}: no project that measures; generate a bundle with --with-comparison, which adds PRG_Record"
         )
