@@ -428,10 +428,20 @@ DIAGNOSTICS = (
         places=("live.record:open_campaign",),
     ),
     Diagnostic(
+        "STC1714",
+        "A measurement that FB_Experiment does not make",
+        "The plan has operating points, or --set has settings, beyond the limits of FB_Experiment or without a place "
+        "there; or more samples are wanted than a revolution has cycles.",
+        "The message has the limits. Change the plan, the setting or --samples.",
+        places=("live.record:_check_plan",),
+    ),
+    Diagnostic(
         "STC1713",
         "The soft PLC cannot start",
-        "The generated folder has no program or nothing that a rig could be connected to, or the address is taken.",
-        "Generate with --with-comparison, or a bundle; name another port with --ads-port or --opcua-port.",
+        "The generated folder has no program or nothing that a rig could be connected to, or the address is taken "
+        "or none of this machine.",
+        "Generate with --with-comparison, or a bundle; name another port with --ads-port or --opcua-port, or another "
+        "address with --listen.",
         places=("live.serve", "live.plc", "live.plant", "cli.serve"),
     ),
     Diagnostic(
@@ -494,6 +504,14 @@ DIAGNOSTICS = (
         "Another client compares or measures. One at a time can.",
         "Wait for it, or end it. A client that has died is forgotten after its --alive seconds.",
         kinds=("OtherClientError",),
+    ),
+    Diagnostic(
+        "STC1715",
+        "The controller corrects the axis that is to be measured",
+        "bEnable or bActive of GVL_Machine is TRUE. FB_Experiment takes over the motor's reference, and a correction "
+        "that is left out at once is a step.",
+        "Write FALSE to GVL_Machine.bEnable, wait until GVL_Machine.bActive is FALSE, then repeat the command.",
+        kinds=("CorrectionError",),
     ),
     Diagnostic(
         "STC1710",

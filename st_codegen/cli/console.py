@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import os
 import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -74,9 +75,34 @@ class _Place(click.Path):
         return super().convert(value, param, ctx)
 
 
-#: Paths on the command line: of anything, of a file, of a folder.
-PLACE = _Place(path_type=Path)
-FILE, FOLDER = _Place(path_type=Path, dir_okay=False), _Place(path_type=Path, file_okay=False)
+class _Written(_Place):
+    """A file to write: one that can be written, and that no other option of the command writes, too.
+
+    Else that would be seen at the end, when the work of hours is lost. Of defaults nothing is asked: some are not used.
+    """
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        found = super().convert(value, param, ctx)
+        if param is None or ctx is None or str(found) == "-":
+            return found
+        if ctx.get_parameter_source(str(param.name)) is ParameterSource.DEFAULT:
+            return found
+        path = Path(os.path.realpath(found))
+        folder = next(above for above in path.parents if above.exists())
+        if not folder.is_dir():
+            self.fail(f"{folder} is a file; a folder is wanted there.", param, ctx)
+        is_device = path.exists() and not path.is_file()  # it is no file that is replaced, and takes what several write
+        if not os.access(path if is_device else folder, os.W_OK):
+            self.fail(f"'{found}' may not be written by you.", param, ctx)
+        first = ctx.meta.setdefault(f"{__name__}.written", {}).setdefault(path, param)
+        if first is not param and not is_device:
+            self.fail(f"'{found}' is the file of {max(first.opts, key=len)}, too.", param, ctx)
+        return found
+
+
+#: Paths on the command line: of anything, of a file to write, of a folder.
+PLACE, FILE = _Place(path_type=Path), _Written(path_type=Path, dir_okay=False)
+FOLDER = _Place(path_type=Path, file_okay=False)
 
 
 class Number(click.FloatRange):

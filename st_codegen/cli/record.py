@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,7 +21,7 @@ from st_codegen.cli.console import (
     progress_bar,
     quiet_option,
 )
-from st_codegen.errors import InputError, counted
+from st_codegen.errors import InputError, Problems, counted
 from st_codegen.files.number_text import parse_number
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def command(
 
     runs = planned(read_conditions(plan))
     project = recorded_project(generated_folder(generated))
-    recording = RecordSettings(samples, dict(_setting(text) for text in inputs), alive)
+    recording = RecordSettings(samples, _settings(inputs), alive)
 
     def stop(*_: object) -> None:
         raise KeyboardInterrupt
@@ -96,6 +96,19 @@ def command(
         made = record(controller, project, runs, out, recording, progress)
     if not quiet:
         console.print(f"{out}: {counted(made, 'run')} measured now, {len(runs)} in all, both directions")
+
+
+def _settings(texts: Sequence[str]) -> dict[str, float]:
+    """The inputs that are set, by name. One InputError lists all that is wrong."""
+    problems, found = Problems("record"), dict[str, float]()
+    for text in texts:
+        with problems.collect():
+            name, value = _setting(text)
+            if name in found:
+                raise InputError(f"--set {text}: {name} is set twice")
+            found[name] = value
+    problems.raise_if_any()
+    return found
 
 
 def _setting(text: str) -> tuple[str, float]:

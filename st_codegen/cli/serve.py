@@ -65,12 +65,14 @@ def command(
     Clients may write inputs only. It ends at SIGINT or SIGTERM; exit code 1 when the tasks had stopped before that, as
     a controller stops at a division by zero.
     """
-    from st_codegen.live.plc import SoftPlc
+    from st_codegen.live.plc import SoftPlc, host_and_port
     from st_codegen.live.serve import Listening, run_until_signal
     from st_codegen.proof.runner import target_folders
 
     if not ads and not opcua:
         raise InputError("name a protocol: --ads, --opcua or both")
+    if not listen.strip():
+        raise InputError("--listen: an empty text would be all addresses of this machine; for them say 0.0.0.0")
     of_others = {"ads_port": ads, "ams_port": ads, "opcua_port": opcua, "seed": rig}
     refuse_unused("without the --ads, --opcua or --rig they are of", *(one for one in of_others if not of_others[one]))
     folders = target_folders(generated)
@@ -92,7 +94,7 @@ def command(
 
     def ready(addresses: dict[str, Any]) -> None:
         if "ads" in addresses:
-            click.echo("ADS {}:{}, AMS port {}".format(*addresses["ads"], ams_port))
+            click.echo(f"ADS {host_and_port(*addresses['ads'])}, AMS port {ams_port}")
         if "opcua" in addresses:
             click.echo(f"OPC UA {addresses['opcua']}")
         sys.stdout.flush()

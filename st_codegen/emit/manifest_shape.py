@@ -23,6 +23,10 @@ def _is_range(value: Any) -> bool:
     return isinstance(value, list) and len(value) == 2 and all(map(_is_number, value)) and value[0] <= value[1]
 
 
+def _is_pair_of_counts(value: Any) -> bool:
+    return isinstance(value, list) and len(value) == 2 and all(map(_is_count, value))
+
+
 def _is_fingerprint(value: Any) -> bool:
     return isinstance(value, str) and 0 < len(value) <= 16 and set(value) <= set("0123456789abcdef")
 
@@ -58,7 +62,7 @@ _COMPARED: dict[Any, Any] = {
 _COMPARISON: dict[Any, Any] = {
     _Optional("fingerprint"): _is_fingerprint,
     _Optional("rows"): _is_count,
-    _Optional("lengths"): [_is_count],
+    _Optional("lengths"): _is_pair_of_counts,
     _Optional("blocks"): {...: _COMPARED},
 }
 _SHAPE: dict[Any, Any] = {

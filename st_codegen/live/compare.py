@@ -73,7 +73,7 @@ def compared_project(folder: Path, bundle: Bundle, block: str | None) -> Compare
     """
     manifest = read_manifest(folder)
     facts = manifest.facts[COMPARISON]
-    if "lengths" not in facts:
+    if not {"fingerprint", "rows", "lengths", "blocks"} <= facts.keys():
         raise GeneratedCodeError(
             f"{folder}: generated without --with-comparison, or by an older version, so that nothing there takes rows"
         )

@@ -229,14 +229,14 @@ class OpcUaController(Controller):
         except ImportError as error:
             raise MissingExtraError("asyncua", "live", "OPC UA") from error
         logging.getLogger("asyncua").setLevel(logging.CRITICAL)
-        found = re.fullmatch(r"opc\.tcp://([^:/]+):(\d+)(/.*)?", url)
-        if found is None:
+        found = re.fullmatch(r"opc\.tcp://(\[[^\]\s]+\]|[^:/\[\s]+):(\d{1,5})(/.*)?", url)
+        if found is None or int(found[2]) > 65535:
             raise InputError(f"--opcua {url}: give opc.tcp://HOST:PORT/")
         self.address = f"opcua {url}"
         self.timeout_s = timeout_s
         self._ua = ua
         self._nodes: dict[str, Any] = {}
-        _must_listen(self.address, found[1], int(found[2]), timeout_s)
+        _must_listen(self.address, found[1].strip("[]"), int(found[2]), timeout_s)
         self._client = Client(url, timeout=timeout_s)
         try:
             self._client.connect()

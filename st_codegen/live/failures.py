@@ -41,5 +41,9 @@ class OtherClientError(ControllerError):
     """Another client compares or measures."""
 
 
+class CorrectionError(ControllerError):
+    """The controller corrects the axis that is to be measured."""
+
+
 class MeasurementError(ControllerError):
     """A measurement ended early; the axis stands."""

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import MissingExtraError
-from st_codegen.live.plc import Log, SoftPlc
+from st_codegen.live.plc import Log, SoftPlc, host_and_port
 from st_codegen.live.symbols import WireVariable, wire_dtype
 from st_codegen.st.types import ArrayType, Elementary, EnumType, Kind, StructType, Type
 
@@ -56,7 +56,7 @@ class OpcUaServer:
     @property
     def url(self) -> str:
         """Where clients connect."""
-        return f"opc.tcp://{self.host}:{self.port}/"
+        return f"opc.tcp://{host_and_port(self.host, self.port)}/"
 
     async def start(self) -> None:
         """Listen, with a node for each variable."""

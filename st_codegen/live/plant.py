@@ -31,6 +31,9 @@ _WARM_K_PER_S, _WARM_RPM, _WARM_ABOVE_K = 0.5, 500.0, 0.05
 #: Changes of the operating point within which the harmonics are not computed anew while it moves: rpm, N m, K.
 _NEAR = (10.0, 5.0, 0.05)
 _DRAWN = 4096
+#: What a client writes beyond it (rpm, N m) is no command but a fault, and the axis comes to rest: of far larger ones
+#: the state of the rig would be no number any more.
+_MOST = 1e6
 _SENSORS = tuple(
     f"{EXPERIMENT_SIGNALS}.{name}"
     for name in ("fThetaIn_rad", "fThetaOut_rad", "bEncodersReady", "fOil_C", "fShaftTorque_Nm")
@@ -91,7 +94,8 @@ class SimulatedRig:
             # a motion's torque opposes it, in both directions
             torque = math.copysign(signals[motion["torque"]].item(), speed) if speed and motion["torque"] else 0.0
             correction = signals[_CORRECTION].item()
-        speed, torque, correction = (value if math.isfinite(value) else 0.0 for value in (speed, torque, correction))
+        # NaN is none of these, either
+        speed, torque, correction = (value if abs(value) <= _MOST else 0.0 for value in (speed, torque, correction))
         self._reference += speed * 6.0 * cycle_s
         before = self._load
         self._load += (torque - self._load) * -math.expm1(

@@ -34,6 +34,11 @@ _LATE_S = 0.1
 Log = Callable[[str], None]
 
 
+def host_and_port(host: str, port: int) -> str:
+    """An address as it is written; that of IPv6 has colons of its own."""
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+
 class PlcState(Enum):
     """What a controller says that it does."""
 

@@ -11,7 +11,7 @@ import json
 import random
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -20,15 +20,22 @@ import numpy as np
 from st_codegen.campaign.conditions import CONDITION_COLUMNS, OperatingPoint
 from st_codegen.campaign.curves import CONDITIONS_FILE, MOST_GAP_DEG, Curve, Run, largest_gap, run_paths, write_run
 from st_codegen.emit.output import COMPARISON, read_manifest
-from st_codegen.errors import GeneratedCodeError, InputError, Problems, counted
+from st_codegen.errors import GeneratedCodeError, InputError, Problems, counted, meant
 from st_codegen.files.csv_tables import csv_text
 from st_codegen.files.text import make_folder, write_text
 from st_codegen.ir import AnyArray, BoolArray, FloatArray
 from st_codegen.live.controller import Controller, Signal, must_be_of, must_run
-from st_codegen.live.failures import ControllerError, MeasurementError, OtherClientError, SilentError
+from st_codegen.live.failures import (
+    ControllerError,
+    CorrectionError,
+    MeasurementError,
+    OtherClientError,
+    SilentError,
+)
 from st_codegen.processes import Progress
+from st_codegen.te.compensation import experiment
 from st_codegen.te.compensation.codes import EXPERIMENT_STATE, TE_ERROR
-from st_codegen.te.compensation.programs import EXPERIMENT_SIGNALS, SLOW_US
+from st_codegen.te.compensation.programs import EXPERIMENT_SIGNALS, SIGNALS, SLOW_US
 from st_codegen.te.compensation.recorder import KEPT, LIST, SAMPLES
 from st_codegen.te.harmonics import Direction
 
@@ -40,6 +47,8 @@ _DIGITS = 12
 _LEAST_SPAN_DEG = 355.0
 #: Cycle time of the task that PRG_Experiment and PRG_Record run in.
 _CYCLE_S = SLOW_US * 1e-6
+#: The inputs of FB_Experiment that an operating point gives, in the order of its numbers.
+_OF_POINT = ("fSpeed_rpm", "fTorque_Nm", "fTemperature_C")
 _STATES = {code.value: code for code in EXPERIMENT_STATE.all}
 _ERRORS = {code.value: code for code in TE_ERROR.all}
 _RING = (*(Signal(f"{LIST}.{name}", length=SAMPLES) for name in KEPT), Signal(f"{LIST}.bBackward", "|b1", SAMPLES))
@@ -77,7 +86,7 @@ class RecordedProject:
 def recorded_project(folder: Path) -> RecordedProject:
     """Raises GeneratedCodeError for a folder without PRG_Record."""
     manifest = read_manifest(folder)
-    if not manifest.facts[COMPARISON] or not manifest.purpose:
+    if "fingerprint" not in manifest.facts[COMPARISON] or "reduction_ratio" not in manifest.purpose:
         raise GeneratedCodeError(
             f"{folder}: no project that measures; generate a bundle with --with-comparison, which adds PRG_Record"
         )
@@ -138,15 +147,15 @@ def record(
     MeasurementError where a measurement ends early; the axis is stopped first, or stops by itself where the connection
     is lost. What was finished before stays.
     """
-    _check_samples(project, runs, recording)
+    _check_plan(project, runs, recording)
     how = {"samples": float(recording.samples), "reduction_ratio": project.ratio, **recording.inputs}
     missing = open_campaign(folder, runs, how)
     if len(missing) < len(runs):
         _note_conditions(folder, runs)  # those of the last file may be missing, where a run was killed behind it
     if not missing:
         return 0
-    experiment = MeasuringClient(controller, project, recording)
-    experiment.claim()
+    client = MeasuringClient(controller, project, recording)
+    client.claim()
     try:
         for number, run in enumerate(missing):
             where = f"{run.file} ({number + 1} of {len(missing)})"
@@ -155,25 +164,43 @@ def record(
                 if progress is not None:
                     progress(number, len(missing), f"{where}: {what}")
 
-            curves = experiment.measure(run.point, where, told)
+            curves = client.measure(run.point, where, told)
             write_run(Run(run.point, curves), folder / run.file, digits=_DIGITS)
             _note_conditions(folder, runs)
     finally:
-        experiment.release()
+        client.release()
     return len(missing)
 
 
-def _check_samples(project: RecordedProject, runs: Sequence[PlannedRun], recording: RecordSettings) -> None:
-    """Raise one InputError for speeds at which a revolution has fewer cycles than samples are wanted."""
+def _check_plan(project: RecordedProject, runs: Sequence[PlannedRun], recording: RecordSettings) -> None:
+    """Raise one InputError for all that FB_Experiment would refuse, if only when its turn has come.
+
+    Those are operating points and settings beyond its limits, and inputs that are no settings; beside them speeds at
+    which a revolution has fewer cycles than samples are wanted.
+    """
     problems = Problems("record")
+    known = experiment.limits()
+    own = [name for name in known if name not in _OF_POINT]
+    points = (given for run in runs for given in _of_point(run.point).items())
+    for name, value in dict.fromkeys([*points, *recording.inputs.items()]):
+        if name not in known:
+            problems.add(f"{name} is no setting of FB_Experiment{meant(name, own)}; known are {', '.join(own)}")
+        elif not known[name][0] <= value <= known[name][1]:
+            problems.add(f"{name} {value:.15g}: FB_Experiment takes {known[name][0]:g} .. {known[name][1]:g}")
     for speed in dict.fromkeys(run.point.speed_rpm for run in runs):
-        most = int(60.0 * project.ratio / speed / _CYCLE_S)
+        most = 60.0 * project.ratio / speed / _CYCLE_S
         if most < recording.samples:
             problems.add(
-                f"{speed:g} rpm: a revolution has {most:,} samples at most, one each cycle of {_CYCLE_S * 1e6:g} us, "
-                f"and {recording.samples:,} are wanted: ask for fewer (--samples), or measure slower"
+                f"{speed:g} rpm: a revolution has {int(most):,} samples at most, one each cycle of "
+                f"{_CYCLE_S * 1e6:g} us, and {recording.samples:,} are wanted: ask for fewer (--samples), or measure "
+                "slower"
             )
     problems.raise_if_any()
+
+
+def _of_point(point: OperatingPoint) -> dict[str, float]:
+    """The inputs of FB_Experiment that an operating point gives."""
+    return dict(zip(_OF_POINT, astuple(point), strict=True))
 
 
 def _note_conditions(folder: Path, runs: Sequence[PlannedRun]) -> None:
@@ -209,6 +236,12 @@ class MeasuringClient:
             )
         if self.controller.read(_experiment("bBusy", "|b1")):
             raise OtherClientError(f"{self.controller.address}: a measurement is going on that nobody here has started")
+        corrects = [Signal(f"{SIGNALS}.{name}", "|b1") for name in ("bEnable", "bActive")]
+        if any(self.controller.read_all(corrects)):
+            raise CorrectionError(
+                f"{self.controller.address}: a measurement is made without correction, and the controller corrects: "
+                f"set {corrects[0].name} to FALSE, and wait until {corrects[1].name} is FALSE"
+            )
         self._alive = alive
         self._write("fAliveTimeOut_s", self.recording.alive_s, "<f8")
         self._tell_alive()
@@ -270,14 +303,8 @@ class MeasuringClient:
 
     def _measured(self, point: OperatingPoint, told: Callable[[str], None]) -> dict[Direction, Curve]:
         every = max(1, int(60.0 * self.project.ratio / point.speed_rpm / _CYCLE_S / self.recording.samples))
-        settings = {
-            "fSpeed_rpm": point.speed_rpm,
-            "fTorque_Nm": point.torque_Nm,
-            "fTemperature_C": point.temperature_C,
-            **self.recording.inputs,
-        }
         self._write("nEvery", every)
-        self._set({_experiment(name): value for name, value in settings.items()})
+        self._set({_experiment(name): value for name, value in {**_of_point(point), **self.recording.inputs}.items()})
         (before,) = self._numbers("nMeasurement")
         self.controller.write_all([(_experiment("bAbort", "|b1"), False), (_experiment("bStart", "|b1"), True)])
         samples = self._watched(before, told)

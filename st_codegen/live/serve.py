@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import signal
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from st_codegen.errors import InputError
-from st_codegen.live.plc import Log, PlcState, SoftPlc
+from st_codegen.live.plc import Log, PlcState, SoftPlc, host_and_port
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ async def serve(
             from st_codegen.live.ads import AdsServer
 
             ads = AdsServer(plc, where.host, where.ads_port, where.ams_port, log, where.verbose)
-            await _started(ads, f"{where.host}:{where.ads_port}")
+            await _started(ads, host_and_port(where.host, where.ads_port))
             servers.append(ads)
             plc.after_batch = ads.notify
             addresses["ads"] = (where.host, ads.port)
@@ -45,7 +46,7 @@ async def serve(
             from st_codegen.live.opcua import OpcUaServer
 
             opcua = OpcUaServer(plc, where.host, where.opcua_port, log)
-            await _started(opcua, f"{where.host}:{where.opcua_port}")
+            await _started(opcua, host_and_port(where.host, where.opcua_port))
             servers.append(opcua)
             addresses["opcua"] = opcua.url
         ready(addresses)
@@ -59,8 +60,10 @@ async def serve(
 async def _started(server: Any, address: str) -> None:
     try:
         await server.start()
-    except OSError as error:
-        raise InputError(f"{address}: {error.strerror or error}; is another server running there?") from None
+    except (OSError, UnicodeError) as error:  # the latter for a text that can be no name of a host
+        number, reason = getattr(error, "errno", None), getattr(error, "strerror", None)
+        where = "another server running there" if number == errno.EADDRINUSE else "it an address of this machine"
+        raise InputError(f"{address}: {reason or error}; is {where}?") from None
 
 
 def run_until_signal(plc: SoftPlc, where: Listening, log: Log, ready: Callable[[dict[str, Any]], None]) -> bool:

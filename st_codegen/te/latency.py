@@ -54,15 +54,15 @@ class TaskTiming:
     run_us: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.cycle_us) and self.cycle_us >= 0.1):
-            raise InputError(f"task {self.name}: cycle time {self.cycle_us} us; give 0.1 or more")
-        for time_us in (self.cycle_us, self.offset_us, self.run_us):
-            if abs(time_us * _TICKS - round(time_us * _TICKS)) > _ROUNDING * max(1.0, abs(time_us)):
-                raise InputError(f"task {self.name}: {time_us} us; give whole multiples of 0.1 us")
+        if not 0.1 <= self.cycle_us <= _LONGEST_US:
+            raise InputError(f"task {self.name}: cycle time {self.cycle_us} us; give 0.1 .. {_LONGEST_US:.0f} (10 s)")
         if not 0 <= self.offset_us < self.cycle_us:
             raise InputError(f"task {self.name}: offset {self.offset_us} us; give 0 .. less than {self.cycle_us}")
         if not 0 <= self.run_us <= self.cycle_us:
             raise InputError(f"task {self.name}: run time {self.run_us} us of a cycle of {self.cycle_us} us")
+        for time_us in (self.cycle_us, self.offset_us, self.run_us):
+            if abs(time_us * _TICKS - round(time_us * _TICKS)) > _ROUNDING * max(1.0, abs(time_us)):
+                raise InputError(f"task {self.name}: {time_us} us; give whole multiples of 0.1 us")
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,9 @@ def latency(chain: Sequence[TaskTiming], *, output_us: float = 0.0, exchange: Ex
     last = chain[-1]
     period = math.lcm(*(_ticks(task.cycle_us) for task in chain))
     if period > _LONGEST_US * _TICKS:
-        raise InputError("the tasks' common period is longer than 10 s: give cycle times that are multiples of 1 us")
+        raise InputError(
+            "the tasks' common period is longer than 10 s: give cycle times that are multiples of each other"
+        )
     starts = range(_ticks(last.offset_us), _ticks(last.offset_us) + period, _ticks(last.cycle_us))
     ages = [_age(chain, start, exchange) for start in starts]
     if min(ages) / _TICKS + output_us <= 0:

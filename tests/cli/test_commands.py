@@ -131,6 +131,31 @@ def test_predict_writes_to_standard_output(lone_folder, tmp_path, monkeypatch, c
     assert not Path("-").exists()
 
 
+@pytest.mark.parametrize(
+    ("json_file", "page", "message"),
+    [
+        ("a", "sub/../a", "Invalid value for '--html': 'sub/../a' is the file of --json, too."),
+        ("file/x", "b", r"file is a file; a folder is wanted there."),
+        ("b", "locked/x", "Invalid value for '--html': 'locked/x' may not be written by you."),
+        ("/dev/null", "/dev/null", ""),
+    ],
+)
+def test_a_file_that_will_not_be_there_at_the_end_is_refused_at_the_beginning(
+    lone_folder, tmp_path, monkeypatch, capsys, json_file, page, message
+):
+    """It was seen when all was computed, and of two reports in one file the first was lost without a word."""
+    monkeypatch.chdir(tmp_path)
+    Path("file").touch()
+    for folder in ("sub", "locked"):
+        Path(folder).mkdir()
+    monkeypatch.setattr(os, "access", lambda path, _: Path(path).name != "locked")
+    code = run("verify", lone_folder, "--json", json_file, "--html", page)
+    shown = capsys.readouterr().err
+    assert code == 2
+    assert message in shown
+    assert ("Invalid value" in shown) == bool(message)
+
+
 def test_an_option_for_bundles_is_refused_beside_lone_models(lone_folder, tmp_path, capsys):
     assert run(lone_folder, "--out", tmp_path, "--outputs-per-cycle", "1") == 2
     assert "--outputs-per-cycle spreads the models of a bundle" in capsys.readouterr().err

@@ -108,6 +108,12 @@ def test_one_message_and_exit_code_2_where_nobody_listens(lone, tmp_path, capsys
         (["serve"], "--ads, --opcua or both"),
         (["serve", "--ads", "--generated", "nowhere"], "no generated files"),
         (["serve", "--ads", "--opcua-port", "1", "--seed", "1"], "--opcua-port, --seed: without effect without"),
+        (["serve", "--ads", "-g", "{generated}", "--listen", " "], "an empty text would be all addresses"),
+        (["serve", "--ads", "-g", "{generated}", "--listen", "x..y"], "is it an address of this machine?"),
+        (
+            ["serve", "--ads", "--generated", "{generated}", "--listen", "192.0.2.1"],
+            "is it an address of this machine?",
+        ),
         (["compare", "{models}", "--generated", "{generated}"], "--ads NETID:PORT or --opcua URL"),
         (["compare", "{models}", "--generated", "{generated}", "--ads", "here"], "NETID:PORT@HOST:TCPPORT"),
         (["compare", "{models}", "--generated", "{generated}", "--opcua", "here"], "give opc.tcp://"),

@@ -21,6 +21,7 @@ from st_codegen.live.controller import UNKNOWN, Signal, connected
 from st_codegen.live.failures import ControllerError, NotRunningError
 from st_codegen.live.live_report import LiveReport, record_of, record_sections, times_csv
 from st_codegen.live.plc import PlcState
+from st_codegen.live.record import recorded_project
 from st_codegen.live.rows import _around, comparison_rows
 from st_codegen.passes.choose import Layout, Options
 from st_codegen.proof.verify_report import ModelReport
@@ -501,3 +502,31 @@ def test_what_was_not_compared_is_no_agreement_and_is_said():
         "numbers (st-codegen.toml can give it): te", "opcua x does not say whether the PLC is in RUN",
     ):  # fmt: skip
         assert part in said
+
+
+@pytest.mark.parametrize(
+    ("table", "key", "value"),
+    [
+        *(("comparison", key, None) for key in ("fingerprint", "rows", "lengths", "blocks")),
+        *(("comparison", "lengths", value) for value in ([], [1, 2, 3])),
+        ("transmission_error", "reduction_ratio", None),
+    ],
+)
+def test_a_manifest_without_what_is_asked_of_it_is_of_no_such_project(bundle, tmp_path, table, key, value):
+    """It was reported as a defect."""
+    manifest = tmp_path / "st-codegen.json"
+    content = json.loads((bundle[1] / manifest.name).read_text())
+    del content[table][key]
+    if value is not None:
+        content[table][key] = value
+    manifest.write_text(json.dumps(content))
+    readers = {"compare": lambda: compared_project(tmp_path, load(bundle[0]), None)}
+    readers["record"] = lambda: recorded_project(tmp_path)
+    refused = {"compare"} if table == "comparison" else set()
+    refused |= {"record"} if key in ("fingerprint", "reduction_ratio") or value is not None else set()
+    for name, read in readers.items():
+        if name in refused:
+            with pytest.raises(GeneratedCodeError):
+                read()
+        else:
+            read()

@@ -100,6 +100,19 @@ def test_the_comparison_goes_over_it_too(bundle, server):
     assert any("st-codegen serve is a soft PLC: no controller was compared" in line for line in report.remarks())
 
 
+def test_an_address_of_ipv6_is_one(lone):
+    """`serve --listen ::1 --opcua` was reported as a defect, and compare refused its URL."""
+    try:
+        socket.create_server(("::1", 0), family=socket.AF_INET6).close()
+    except OSError:
+        pytest.skip("no IPv6 here")
+    with Running(soft_plc(lone[1]), host="::1", ads_port=None, opcua_port=free_port()) as running:
+        url = running.addresses["opcua"]
+        assert url.startswith("opc.tcp://[::1]:")
+        with connected(None, url, 600.0) as controller:
+            assert controller.state() == "RUN"
+
+
 def test_what_is_not_there(server):
     with connected(None, server.addresses["opcua"], 600.0) as controller:
         with pytest.raises(ControllerError, match=r"no variable GVL_X\.nY"):

@@ -18,7 +18,7 @@ from st_codegen.campaign.conditions import OperatingPoint
 from st_codegen.campaign.curves import Curve, Run, read_run, scan, write_run
 from st_codegen.campaign.orders import curve_sums, fit_orders
 from st_codegen.campaign.reader import read_campaign
-from st_codegen.cli.record import _setting
+from st_codegen.cli.record import _setting, _settings
 from st_codegen.errors import GeneratedCodeError, InputError
 from st_codegen.live.controller import Signal, connected
 from st_codegen.live.failures import ControllerError, MeasurementError, OtherClientError
@@ -202,9 +202,10 @@ def test_conditions_that_repeat_have_numbered_files_and_a_campaign_goes_on(contr
     ],
 )
 def test_a_measurement_that_ends_early_says_why_and_nothing_is_written(
-    controller, project, tmp_path, point, inputs, reason
+    controller, project, tmp_path, monkeypatch, point, inputs, reason
 ):
     settings = dataclasses.replace(QUICK, inputs={**QUICK.inputs, **inputs})
+    monkeypatch.setattr(record_module, "_check_plan", lambda *_: None)  # as of a block with other limits
     with pytest.raises(MeasurementError, match=rf"\(1 of 1\): ended early, {reason}.*the axis stands") as caught:
         record(controller, project, planned([point]), tmp_path / "c", settings)
     assert caught.value.codes == ("STC1710",)
@@ -335,6 +336,19 @@ def test_a_motion_that_a_client_writes(controller, plc):
     controller.write(Signal("GVL_Machine.fSpeed_rpm"), 0.0)
 
 
+@pytest.mark.parametrize(("speed", "torque"), [(1e308, 1e308), (1e9, 0.0), (1e6, -1e6), (math.nan, math.inf)])
+def test_no_number_that_a_client_writes_is_left_in_the_rig(bundle, rig_file, speed, torque):
+    """1e308 rpm made NaN of all that the encoders showed from then on."""
+    plc = soft_plc(bundle[1])
+    plc.connect(plant_behind(plc, rig_file))
+    signals = plc.machine.globals
+    for written in ((speed, torque), (0.0, 0.0)):
+        signals["GVL_Machine.fSpeed_rpm"], signals["GVL_Machine.fTorque_Nm"] = written
+        for _ in range(100):
+            plc.tick()
+    assert math.isfinite(signals["GVL_Machine.fThetaOut_rad"])
+
+
 def test_a_stop_by_the_operator_brings_the_axis_to_rest_first(plc, bundle, tmp_path):
     plan = tmp_path / "plan.csv"
     plan.write_text("speed_rpm,torque_Nm,temperature_C\n20,0,25\n")
@@ -367,6 +381,53 @@ def test_samples_that_a_revolution_does_not_have_are_refused(tmp_path):
     assert not (tmp_path / "c").exists()
 
 
+def test_what_the_block_would_refuse_is_said_at_once_and_of_all_runs(tmp_path):
+    """The last run of a plan ended a campaign after hours; a speed of 1e-308 rpm ended in an OverflowError."""
+    points = [POINT, *(OperatingPoint(*point) for point in ((1900.0, 200.0, 25.0), (1e-308, 2500.0, 298.0)))]
+    points += [dataclasses.replace(POINT, torque_Nm=math.nan)]
+    inputs = {"fHomingSpeed": 50.0, "fAcceleration_rpm_s": 5.0, "fMotorSpeed_rpm": 100.0, "fOilBand_C": 0.1}
+    with pytest.raises(InputError) as caught:
+        record(None, RecordedProject(81.0, 1), planned(points), tmp_path / "c", RecordSettings(500, inputs))
+    assert caught.value.codes == ("STC1714",)
+    subject, *lines = str(caught.value).splitlines()
+    assert subject == "record: 8 problems"
+    assert {line.removeprefix("  - ").partition(": FB")[0].partition(" is no ")[0] for line in lines} == {
+        *("fSpeed_rpm 1900", "fTorque_Nm nan", "fSpeed_rpm 1e-308", "fTorque_Nm 2500", "fTemperature_C 298"),
+        *("fHomingSpeed", "fAcceleration_rpm_s 5", "fMotorSpeed_rpm"),
+    }
+    assert "did you mean 'fHomingSpeed_rpm'" in str(caught.value)
+    assert not (tmp_path / "c").exists()
+
+
+@pytest.mark.parametrize("on", ["bEnable", "bActive"])
+def test_an_axis_that_is_corrected_is_not_measured(on):
+    """FB_Experiment takes over the reference: the correction, left out at once, would be a step of the motor."""
+
+    class Corrects(_StuckController):
+        def read_all(self, signals):
+            return [one.name == f"GVL_Machine.{on}" or one.name.endswith("nFingerprint") for one in signals]
+
+        def state(self):
+            return "RUN"
+
+    controller = Corrects(0)
+    with pytest.raises(ControllerError, match=r"set GVL_Machine\.bEnable to FALSE, and wait until") as caught:
+        record_module.MeasuringClient(controller, RecordedProject(81.0, 1), QUICK).claim()
+    assert caught.value.codes == ("STC1715",)
+    assert not controller.written
+
+
+def test_all_settings_that_are_wrong_are_named_at_once():
+    with pytest.raises(InputError) as caught:
+        _settings(["fA=1", "fA=2", "x=1", "fB=1,5"])
+    assert [line[:13] for line in str(caught.value).splitlines()[1:]] == [
+        "  - --set fA=",
+        "  - --set x=1",
+        "  - --set fB=",
+    ]
+    assert _settings(["fA=1", "fB=2"]) == {"fA": 1.0, "fB": 2.0}
+
+
 def test_the_conditions_of_a_file_whose_run_was_killed_are_written_at_last(tmp_path):
     runs = planned([POINT, POINT])
     open_campaign(tmp_path / "c", runs)
@@ -393,8 +454,11 @@ def test_a_rig_of_another_ratio_is_not_put_behind_the_signals(bundle, rig_file, 
 
 
 @pytest.mark.parametrize("wrong", ["fMotorSpeed_rpm", "fNoSuchInput"])
-def test_an_input_that_may_not_be_set_leaves_the_controller_to_others(controller, project, plc, tmp_path, wrong):
+def test_an_input_that_may_not_be_set_leaves_the_controller_to_others(
+    controller, project, plc, tmp_path, monkeypatch, wrong
+):
     """The others have their old values again, and the next client need not wait."""
+    monkeypatch.setattr(record_module, "_check_plan", lambda *_: None)
     homing = Signal("GVL_Experiment.fHomingSpeed_rpm")
     before = controller.read(homing)
     inputs = {**QUICK.inputs, "fHomingSpeed_rpm": before + 1.0, wrong: 5.0}

@@ -253,6 +253,7 @@ def run_compensator(target, rows, seed, *, directions=BOTH, two_tasks=False, pla
         assert np.all(np.abs(correction) <= limit * (1 + 2 * UNIT)), cycle
         assert np.all((block["fWeight"] >= 0.0) & (block["fWeight"] <= 1.0))
         assert np.array_equal(block["bValid"], block["eError"] == 0)
+        assert np.all(block["bActive"] | (correction == 0.0)), "who waits for bActive finds a correction"
         # behind an error only towards zero, until zero is reached
         fading = (fading & (before != 0.0)) | ~np.asarray(block["bValid"])
         assert np.all(~fading | ((np.abs(correction) <= np.abs(before)) & (correction * before >= 0.0))), cycle

@@ -80,6 +80,11 @@ def _settings() -> tuple[Check, ...]:
     )
 
 
+def limits() -> dict[str, tuple[float, float]]:
+    """What the block takes: least and largest value of each setting, by its name."""
+    return {item.name: (float(item.lower), float(item.upper)) for item in _settings()}
+
+
 def _sensors() -> tuple[Check, ...]:
     """Measured values with the limits of what is believed."""
     return (
