@@ -157,7 +157,7 @@ def _linear(torque: FloatArray, off: FloatArray, most: BoolArray, sign: FloatArr
 
 
 def _off_in_each(data: Observations, rig: RigModel, noise: FloatArray, off: FloatArray, most: BoolArray) -> FloatArray:
-    """By how much the torques of each direction are off, (n,), along the line that the middle one of the orders wants.
+    """By how much the torques of each direction are off, (n,), along the line that the orders agree on.
 
     What runs say by the mean of their orders holds what an effect that is missing makes of one of these. off: where to
     begin, (n,); most: rows that are asked.
@@ -176,12 +176,20 @@ def _off_in_each(data: Observations, rig: RigModel, noise: FloatArray, off: Floa
             # an order that tells nothing has an error beyond all others
             error = np.linalg.inv(told + _TELLS_NOTHING * np.eye(2))
             wanted = np.einsum("kpq,nq,nk->pk", error, own, (gap * slope.conj()).real[rows] / power)
-            steps = [
-                np.quantile(one, 0.5, method="inverted_cdf", weights=1.0 / (error[:, p, p] + SETTINGS.torque_step**2))
-                for p, one in enumerate(wanted)
-            ]
+            steps = [_agreed(one, error[:, p, p]) for p, one in enumerate(wanted)]
             off = off + np.where(data.at.sign == data.at.sign[rows][0], basis @ steps, 0.0)
     return off
+
+
+def _agreed(wanted: FloatArray, error: FloatArray) -> float:
+    """The mean of what orders want, (K,), with errors squared (K,): those far from the middle one say the less.
+
+    None says more than another whose error is what torques may be off by anyway.
+    """
+    least = error + SETTINGS.torque_step**2
+    middle = np.quantile(wanted, 0.5, method="inverted_cdf", weights=1.0 / least)
+    far = np.abs(wanted - middle) / np.sqrt(least)
+    return float(np.average(wanted, weights=np.minimum(1.0, SETTINGS.told / np.maximum(far, 1e-300)) ** 2 / least))
 
 
 def _laws(torque: FloatArray, off: FloatArray, sign: FloatArray) -> list[float]:
@@ -232,8 +240,8 @@ def _torque_of_each(
     for _ in range(3):
         model = rig.coefficients(replace(data.at, torque_Nm=its), orders)
         slope = (rig.coefficients(replace(data.at, torque_Nm=its + step), orders) - model) / step
-        found = own_steps(data.values - model, slope, noise, number, step)
-        seen, its = model + slope * found.others, its + found.off
+        found = own_steps(data.values - model, slope, noise, number, step, its - torque)
+        seen, its = model + slope * (found.others - (its - torque)[:, None]), torque + found.off
     told = float(np.mean(np.abs(its - believed) > SETTINGS.told * found.error))
     return replace(data.at, torque_Nm=its), seen, told
 
