@@ -875,6 +875,21 @@ def test_a_wave_of_no_whole_number_of_periods_is_taken_out_of_all_curves(sigma):
     assert without_waves_between(clean, [0, 1, 40])[1] == ()
 
 
+@pytest.mark.parametrize("sigma", [1e-6, 1e-4])
+def test_a_wave_of_no_whole_number_of_periods_may_be_there_in_one_direction_alone(sigma):
+    """It counted as noise of the orders around, 40 times that of others, and what was missing was said to be named."""
+    sign, rows = np.tile([1.0, -1.0], 20), [[17.3], []] * 20
+    clean, made = turning([[]] * 40, sigma), turning(rows, sigma)
+    left, (wave,) = without_waves_between(made, [0, 1, 40], sign)
+    assert wave.order == pytest.approx(17.3, abs=0.02) and wave.amplitude_deg == pytest.approx(5e-4, rel=0.1)
+    assert wave.curves == (20, 40) and "in 20 of 40 curves" in wave.text
+    took = np.array([one.plain_fft - two.plain_fft for one, two in zip(made, left, strict=True)])
+    assert not took[1::2].any()
+    assert wave.by_order[1:] == pytest.approx(np.sqrt((np.abs(took[:, 1:]) ** 2).mean(axis=0) / 2))
+    assert wave.power == pytest.approx(5e-4**2 / 4, rel=0.2)
+    assert without_waves_between(clean, [0, 1, 40], sign)[1] == ()
+
+
 @pytest.mark.parametrize(("sigma", "off"), [(1e-6, 0.01), (1e-4, 0.2)])
 def test_a_wave_right_between_two_orders_of_the_rig_is_told_by_those_around(sigma, off):
     """Near a whole number a large wave shows little elsewhere: of each curve alone one of 0.008 deg was as good."""
