@@ -129,7 +129,7 @@ def _is_of_the_condition(target: FitData, z: ComplexArray, ways: FloatArray, gai
     _, first, place = np.unique(run, return_index=True, return_inverse=True)
     random, plain, most = np.random.default_rng(0), _beside(target, z, ways, ways[:, :1])[0], 0.0
     for number in range(SETTINGS.other_orders_of_runs):
-        if number >= SETTINGS.few_orders_of_runs and 4.0 * most < gained:
+        if number >= SETTINGS.few_orders_of_runs and SETTINGS.beyond_few_orders * most < gained:
             break
         mixed = ways[first[random.permutation(len(first))][place], 1]
         left, _ = _beside(target, z, ways, np.stack([ways[:, 0], mixed], axis=1))
