@@ -593,6 +593,8 @@ class Settings:
     other_orders_of_runs: int = 99
     #: count; so few are enough where none of them gains half as much
     few_orders_of_runs: int = 9
+    #: factor; a condition that gains so many times what it does in each of these few gains twice what it does in any
+    beyond_few_orders: float = 4.0
     #: share by which the size of a formula may change over the runs of which is said that it keeps its size
     keeps_its_size: float = chosen(0.2, OTHERS)
     #: rad; by what its phase turns at least then

@@ -665,6 +665,23 @@ def test_a_trend_that_is_there_without_a_load_as_well_is_in_no_proportion_to_it(
     assert f"in proportion to the torque: so much at {load.max():g} N m" in said[15], said[15]
 
 
+@pytest.mark.parametrize(
+    "course", [np.exp(-np.arange(60) / 20), 1 / (1 + np.arange(60) / 8)], ids=["run_in", "settles"]
+)
+def test_a_course_that_is_no_ramp_is_of_one_size_at_all_loads(course):
+    """What a ramp leaves of it was "of another size at another speed" or torque by chance, in a third of them."""
+    said = []
+    for seed in range(12):
+        points = [(n, m, t) for n in range(100, 1600, 300) for m in (0, 50, 300, 800, 1500, -300) for t in (25.0, 35.0)]
+        np.random.default_rng(seed).shuffle(points)
+        target, residual = curves_over_runs({12: 1.5e-3 * course * TURN}, runs=60)
+        at = Conditions.of(np.tile([1.0, -1.0], 60), *(np.repeat(x, 2) for x in np.array(points, float).T))
+        target = replace(target, data=replace(target.data, at=at, labels=labels(at)), groups=groups_of(at))
+        said += [s.text for s in signatures(target, residual, np.full(21, 1e-5)) if s.order == 12]
+    assert len(said) == 12 and all("trend" in text for text in said)
+    assert not [text for text in said if "another" in text or "proportion" in text]
+
+
 def test_a_step_below_the_noise_of_a_run_is_dated_as_well_as_it_is_known():
     """It was put between two runs, whatever its size."""
     target, residual = curves_over_runs({12: 1.2e-5 * (np.arange(96) >= 40) * TURN})

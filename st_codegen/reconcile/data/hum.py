@@ -64,6 +64,11 @@ class Hum:
             self, amplitude_deg=self.amplitude_deg * factor, by_order=self.by_order * factor, sizes_deg=(low, high)
         )
 
+    def among(self, curves: int) -> Hum:
+        """This wave as one of so many curves, of which those that were looked at are a part."""
+        seen, of = self.curves
+        return replace(self, curves=(seen, curves), by_order=self.by_order * float(np.sqrt(of / curves)))
+
     @property
     def text(self) -> str:
         """The sentence on this wave: its frequency, its size, in how many curves it was found."""
@@ -142,12 +147,27 @@ def without_hums(
     return kept, tuple(found)
 
 
-def without_waves_between(sums: Sequence[Sums], known: Collection[int]) -> tuple[list[Sums], tuple[Hum, ...]]:
+def without_waves_between(
+    sums: Sequence[Sums], known: Collection[int], sign: FloatArray | None = None
+) -> tuple[list[Sums], tuple[Hum, ...]]:
     """Curves without waves of no whole number of periods a turn, about the same number in most curves.
 
     Over a turn such a wave jumps, and leaks into all orders: what lies around would be called an effect of an angle.
-    known: orders of the rig.
+    known: orders of the rig; sign: the direction of each curve, (n,): what loads one flank, or one side of a bearing,
+    has its waves in one direction alone, and is looked for in most curves of each as well.
     """
+    kept, found = _without_most(sums, known)
+    for own in () if sign is None else (np.flatnonzero(sign == one) for one in np.unique(sign)):
+        if len(own) < len(kept):
+            left, waves = _without_most([kept[row] for row in own], known)
+            for row, one in zip(own, left, strict=True):
+                kept[row] = one
+            found += [wave.among(len(kept)) for wave in waves]
+    return kept, tuple(found)
+
+
+def _without_most(sums: Sequence[Sums], known: Collection[int]) -> tuple[list[Sums], list[Hum]]:
+    """`without_waves_between` of waves that most of these curves have."""
     kept, found = list(sums), list[Hum]()
     band = min(one.band for one in kept)
     free = np.ones(band + 1, bool)
@@ -182,7 +202,7 @@ def without_waves_between(sums: Sequence[Sums], known: Collection[int]) -> tuple
         found.append(hum)
         # what is left of it is none of its own
         free[max(top - 1, 0) : top + 2] = False
-    return kept, tuple(found)
+    return kept, found
 
 
 def _over_the_angle(sums: Sequence[Sums], known: Collection[int], top: int) -> bool:

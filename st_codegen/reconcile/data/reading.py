@@ -99,7 +99,7 @@ def _without_foreign_waves(campaign: Campaign, rig: RigModel) -> tuple[Campaign,
     several = _hold_several_turns(campaign)
     sums, between = [curve.sums for curve in campaign.curves], tuple[Hum, ...]()
     if not several:
-        sums, between = without_waves_between(sums, rig.orders())
+        sums, between = without_waves_between(sums, rig.orders(), campaign.at.sign)
     # a wave that does not come back looks like a ramp
     campaign = _with_sums(campaign, sums)
     _check_ratio(campaign, rig)

@@ -38,18 +38,34 @@ class OwnSteps:
     error: FloatArray
 
 
-def own_steps(gap: ComplexArray, slope: ComplexArray, noise: FloatArray, number: IntArray, least: float) -> OwnSteps:
+def own_steps(
+    gap: ComplexArray,
+    slope: ComplexArray,
+    noise: FloatArray,
+    number: IntArray,
+    least: float,
+    off: FloatArray | None = None,
+) -> OwnSteps:
     """What the orders say of a number of each run (its torque, a factor), whose rows have the same place (n,).
 
     gap, noise: what the rig leaves of coefficients, and the power of their noise, (n, K); slope: d(rig)/d(number),
-    (n, K); least: the error below which no order says more than another. What all but one order say is brought nearer
-    to nothing by their error, against how far the runs differ.
+    (n, K); least: the error below which no order says more than another; off: by how much the number is off where gap
+    and slope are taken, (n,), of which each order had its say. What all but one order say is brought nearer to nothing
+    by their error, against how far the runs differ. An order whose gap has another cause says little.
     """
     told, along = np.zeros((2, number.max() + 1, gap.shape[1]))
     np.add.at(told, number, np.abs(slope) ** 2 / np.maximum(noise, 1e-300))
     np.add.at(along, number, (gap * slope.conj()).real / np.maximum(noise, 1e-300))
     weight = 1.0 / (1.0 / np.maximum(told, 1e-300) + least**2)
-    sums = weight * along / np.maximum(told, 1e-300)
+    begun = np.zeros(len(told))
+    if off is not None:
+        begun[number] = off
+    says = begun[:, None] + along / np.maximum(told, 1e-300)
+    # an order that is far from the middle one has a gap of another cause, and says the less
+    middle = np.quantile(says, 0.5, axis=1, method="inverted_cdf", weights=weight, keepdims=True)
+    far = np.abs(says - middle) * np.sqrt(weight)
+    weight = weight * np.minimum(1.0, SETTINGS.told / np.maximum(far, 1e-300)) ** 2
+    sums = weight * says
     whole, all_of = weight.sum(axis=1, keepdims=True), sums.sum(axis=1, keepdims=True)
     power = max(float(((all_of / whole) ** 2 - 1.0 / whole).mean()), 0.0)
     rest = np.maximum(whole - weight, 1e-300)

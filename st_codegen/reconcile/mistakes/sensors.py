@@ -42,6 +42,8 @@ _OWN_BY_DIRECTION = _OWN_TORQUES.replace("run to run", "run to run and between f
 _TAKE_OWN = "take the torques that the orders tell (what the load does to all orders alike cannot be seen then)"
 #: part of what orders tell of a response below which rounding is what is left of it
 _DIGITS = 1e-12
+#: added to what orders tell of a factor, so that there is an inverse of nothing
+_TELLS_NOTHING = 1e-12
 _LOW_PASS = (
     "TE seems to have passed a low pass of {:.3g} Hz: most orders are smaller and later, the faster they are the more"
 )
@@ -138,7 +140,7 @@ def _wrong_by_their_own(
         said = text.format(np.abs(off).max(), np.sqrt((off**2).mean())) + (_BY_A_LAW if _follows(off, torque) else "")
         plain, found = seen, (said, its, _TAKE_OWN)
         # of each direction one factor and one offset may be all that there is
-        turned = _linear(torque, off, most, data.at.sign)
+        turned = _off_in_each(data, rig, noise, _linear(torque, off, most, data.at.sign), most)
         in_each = replace(data.at, torque_Nm=torque + turned)
         if not _told_by_others(data, rig.coefficients(in_each, orders), seen, most):
             said = _BY_DIRECTION.format(*_laws(torque, turned, data.at.sign))
@@ -154,12 +156,49 @@ def _linear(torque: FloatArray, off: FloatArray, most: BoolArray, sign: FloatArr
     return np.asarray(basis @ np.linalg.lstsq(basis[most], off[most], rcond=None)[0])
 
 
+def _off_in_each(data: Observations, rig: RigModel, noise: FloatArray, off: FloatArray, most: BoolArray) -> FloatArray:
+    """By how much the torques of each direction are off, (n,), along the line that the orders agree on.
+
+    What runs say by the mean of their orders holds what an effect that is missing makes of one of these. off: where to
+    begin, (n,); most: rows that are asked.
+    """
+    torque, orders, reach = data.at.torque_Nm, data.orders.tolist(), float(np.ptp(data.at.torque_Nm))
+    step, basis = SETTINGS.torque_step * reach, np.stack([np.full(len(torque), reach), torque], axis=1)
+    # steps after the first are those of a model that is not linear in the torque
+    for _ in range(3):
+        model, higher = (
+            rig.coefficients(replace(data.at, torque_Nm=torque + off + more), orders) for more in (0.0, step)
+        )
+        gap, slope = data.values - model, (higher - model) / step
+        for rows in (most & (data.at.sign == sign) for sign in SIGNS):
+            own, power = basis[rows], np.maximum(noise[rows], 1e-300)
+            told = np.einsum("np,nk,nq->kpq", own, np.abs(slope[rows]) ** 2 / power, own)
+            # an order that tells nothing has an error beyond all others
+            error = np.linalg.inv(told + _TELLS_NOTHING * np.eye(2))
+            wanted = np.einsum("kpq,nq,nk->pk", error, own, (gap * slope.conj()).real[rows] / power)
+            steps = [_agreed(one, error[:, p, p]) for p, one in enumerate(wanted)]
+            off = off + np.where(data.at.sign == data.at.sign[rows][0], basis @ steps, 0.0)
+    return off
+
+
+def _agreed(wanted: FloatArray, error: FloatArray) -> float:
+    """The mean of what orders want, (K,), with errors squared (K,): those far from the middle one say the less.
+
+    None says more than another whose error is what torques may be off by anyway.
+    """
+    least = error + SETTINGS.torque_step**2
+    middle = np.quantile(wanted, 0.5, method="inverted_cdf", weights=1.0 / least)
+    far = np.abs(wanted - middle) / np.sqrt(least)
+    return float(np.average(wanted, weights=np.minimum(1.0, SETTINGS.told / np.maximum(far, 1e-300)) ** 2 / least))
+
+
 def _laws(torque: FloatArray, off: FloatArray, sign: FloatArray) -> list[float]:
     """By how much torques are read too high: N m, and per cent, forward and then backward; off: along two lines."""
     found = []
     for own in (sign > 0, sign < 0):
         slope, offset = np.polyfit(torque[own], -off[own], 1)
-        found += [float(offset), 100.0 * float(slope)]
+        # no -0
+        found += [round(float(offset), 2) + 0.0, round(100.0 * float(slope), 2) + 0.0]
     return found
 
 
@@ -201,8 +240,8 @@ def _torque_of_each(
     for _ in range(3):
         model = rig.coefficients(replace(data.at, torque_Nm=its), orders)
         slope = (rig.coefficients(replace(data.at, torque_Nm=its + step), orders) - model) / step
-        found = own_steps(data.values - model, slope, noise, number, step)
-        seen, its = model + slope * found.others, its + found.off
+        found = own_steps(data.values - model, slope, noise, number, step, its - torque)
+        seen, its = model + slope * (found.others - (its - torque)[:, None]), torque + found.off
     told = float(np.mean(np.abs(its - believed) > SETTINGS.told * found.error))
     return replace(data.at, torque_Nm=its), seen, told
 

@@ -101,6 +101,8 @@ def _in_proportion(target: FitData, few_wild: ComplexArray, k: int, course: Cour
         # of a scatter that nobody knows, likelihoods differ by the logarithm of what is left
         gain, of_both = (float(numbers * np.log(plain / one)) for one in (left, both))
         if of_both > max(best[0], gain + SETTINGS.order_gain) and name not in gone_through:
+            if not _is_of_the_condition(target, z, ways, plain - both):
+                continue
             # beside the mean size, which is told with the constant
             gain, found = of_both, _course_of(target, k, z - of_two[:, [2, -1]].sum(axis=1), along.weights)
             found = replace(found, power=course.power)
@@ -113,6 +115,28 @@ def _in_proportion(target: FitData, few_wild: ComplexArray, k: int, course: Cour
         said += _MAY_LAST * course.may_last
         best = gain, replace(found, text=said, conditions=frozenset([name]), may_last=course.may_last)
     return best[1]
+
+
+def _is_of_the_condition(target: FitData, z: ComplexArray, ways: FloatArray, gained: float) -> bool:
+    """Whether the second of two ways (n, 2) takes off twice as much of an order as its values at other runs do.
+
+    A course is neither a step nor a ramp to the last digit: what these leave of it lasts over runs and is alike in both
+    directions, and the values of any condition follow a part of it. z: (n,), in noises; gained: what both ways take off
+    beyond the first, in noises squared.
+    """
+    run = target.data.run
+    assert run is not None
+    _, first, place = np.unique(run, return_index=True, return_inverse=True)
+    random, plain, most = np.random.default_rng(0), _beside(target, z, ways, ways[:, :1])[0], 0.0
+    for number in range(SETTINGS.other_orders_of_runs):
+        if number >= SETTINGS.few_orders_of_runs and SETTINGS.beyond_few_orders * most < gained:
+            break
+        mixed = ways[first[random.permutation(len(first))][place], 1]
+        left, _ = _beside(target, z, ways, np.stack([ways[:, 0], mixed], axis=1))
+        most = max(most, plain - left)
+        if 2.0 * most >= gained:
+            return False
+    return True
 
 
 def _without_load(target: FitData, z: ComplexArray, k: int, course: Course, along: _Along) -> tuple[_Along, Course]:
