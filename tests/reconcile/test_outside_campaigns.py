@@ -82,7 +82,9 @@ def test_a_delay_of_backward_curves_would_do_in_place_of_a_wave_that_turned():
     result = reconcile_observations(test_misread.RIG, replace(data, values=data.values * late), KNOWN)
     sizes = [one.sizes for one in result.conclusions.misread if "backward turned" in one.text]
     assert sizes and np.array(sizes) == pytest.approx(360 * 900e-6 * float(hertz.max()), rel=0.02)
-    assert "as by a delay would explain the change of pin_error as well" in summary(result).replace("\n", " ")
+    assert "as by a delay would explain the change of load_dependent_mesh, pin_error as well" in summary(result)
+    (delay,) = result.conclusions.claims
+    assert delay.piece.effect.name == "measurement_delay" and "misread_te" in delay.alternatives
 
 
 @pytest.mark.slow
