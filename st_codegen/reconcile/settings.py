@@ -485,6 +485,10 @@ class Settings:
     beside_reading: int = chosen(2, OTHERS)
     #: count; changes that are tried for it
     changes_tried: int = chosen(4, OTHERS)
+    #: count; changes from which on two readings at once are tried, where none stands for most of them alone
+    changes_of_two: int = chosen(6, OTHERS)
+    #: count; pairs of readings that are tried
+    pairs_tried: int = chosen(3, OTHERS)
     #: count; how often data are read anew
     rereadings: int = 3
     #: share of the power of what is unexplained that may be left where a reading does it

@@ -139,6 +139,26 @@ def test_degrees_fahrenheit_are_told_beside_another_drift():
     assert abs(one.after.scalar("drift_arcmin_per_K") - 0.03) < 5e-4
 
 
+@pytest.mark.thorough
+def test_a_machine_that_warms_up_between_the_two_directions_is_no_other_friction():
+    """The zero and the wind-up had changed, beside them temperatures of all runs that were read wrong."""
+    backward = replace(AT, temperature_C=AT.temperature_C + 4 * (AT.sign < 0))
+    found = re.search("all temperatures backward (.*) K too low", asked(measured(2e-5, at=backward)))
+    assert found is not None and float(found[1]) == pytest.approx(4.0, abs=0.05)
+
+
+@pytest.mark.thorough
+def test_two_mistakes_at_once_are_asked_about_in_place_of_many_changes():
+    """A gain of TE and a zero of the torque sensor: two dozen numbers of the rig had changed, with tiny errors."""
+    data = measured(2e-5, at=replace(AT, torque_Nm=AT.torque_Nm + 40), rig=WHOLE)
+    data = replace(data, values=1.04 * data.values)
+    with pytest.raises(InputError, match="all torques 40 N m too low and all TE 4 % too high"):
+        _reread(WHOLE, examine(data, WHOLE, PATH), PATH, KNOWN)
+    right = _reread(WHOLE, examine(data, WHOLE, PATH, accept=["misread_torque"]), PATH, KNOWN, ["misread_torque"])
+    assert right.verdict == "nothing_missing"
+    assert np.allclose(right.data.at.torque_Nm, AT.torque_Nm + 40, atol=0.5)
+
+
 @pytest.mark.slow
 def test_a_small_turn_of_the_zero_is_no_turn_of_every_wave():
     data = turned(measured(1e-5), 0.03)

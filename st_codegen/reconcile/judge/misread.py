@@ -6,7 +6,9 @@ asked again of the finished fit: whether one number of the measurement does what
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+import heapq
+import itertools
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -118,6 +120,11 @@ def _slipped(data: Observations, size: FloatArray) -> Observations:
     return data.under(speed_rpm=data.at.speed_rpm * (1.0 - share))
 
 
+def _warmer_backward(data: Observations, size: FloatArray) -> Observations:
+    """Temperatures of one direction: a machine that warms up between the two curves of a run."""
+    return data.under(temperature_C=data.at.temperature_C - size[0] * (data.at.sign < 0))
+
+
 def _of_fahrenheit(data: Observations, _size: FloatArray) -> Observations:
     return data.under(temperature_C=(data.at.temperature_C - 32.0) / 1.8)
 
@@ -216,6 +223,7 @@ READINGS = (
         _HEAT, ("all temperatures {:.3g} % too {}", "beside that {:.3g} K too {}"),
         _scaled_and_shifted("temperature_C"), (0.1, 0.1), (90.0, 30.0),
     ),
+    WrongReading(_HEAT, ("all temperatures backward {:.3g} K too {}",), _warmer_backward, (0.1,), (30.0,)),
     WrongReading(_HEAT, ("all temperatures in degF",), _of_fahrenheit),
     WrongReading(_SPEED, ("all speeds {:.3g} % too {}",), _scaled("speed_rpm"), (0.1,), (30.0,)),
     WrongReading(_SPEED, ("all speeds backward {:.3g} % too {}",), _faster(-1.0), (0.1,), (30.0,)),
@@ -267,7 +275,48 @@ def misread(final: Fit, changed: Collection[int]) -> tuple[Misread, ...]:
         chance = _chance_beside(final, reading, everything)
         found = _instead(final, plain, reading, chance) or _beside_the_rest(final, reading, chance)
         standing += [] if found is None else [found]
+    if len(everything) >= SETTINGS.changes_of_two and not any(one.is_asked for one in standing):
+        for pair in _likely_pairs(plain):
+            found = _instead(final, plain, pair, _chance_beside(final, pair, everything))
+            standing += [] if found is None else [found]
     return tuple(sorted(standing, key=lambda one: (-len(one.instead_of), len(one.sizes), one.best.loss)))
+
+
+def _both(one: WrongReading, other: WrongReading) -> WrongReading:
+    """Two readings of one number each at once, under the name of the first."""
+
+    def gain(data: Observations, size: FloatArray) -> FloatArray | ComplexArray:
+        of_one = 1.0 if one.gain is None else one.gain(data, size[:1])
+        return of_one * (np.ones((1, 1)) if other.gain is None else other.gain(data, size[1:]))
+
+    return WrongReading(
+        one.name,
+        (*one.texts, *other.texts),
+        lambda data, size: other.meant(one.meant(data, size[:1]), size[1:]),
+        (*one.steps, *other.steps),
+        (*one.most, *other.most),
+        gain=None if one.gain is None and other.gain is None else gain,
+    )
+
+
+def _likely_pairs(plain: Fit) -> list[WrongReading]:
+    """The pairs of readings, of one number and a column each, that save most beside a fit, by a linear step."""
+    singles = [one for one in READINGS if len(one.steps) == 1]
+    slopes = [_slopes(plain.target, plain, one, np.zeros(1))[0] for one in singles]
+    matrix, pull = _normal(plain, slopes)
+    first = len(plain.prior)
+
+    def saved(pair: tuple[int, int]) -> float:
+        chosen = [*range(first), *(first + i for i in pair)]
+        known = inverse(matrix[np.ix_(chosen, chosen)])[-2:, -2:]
+        return float(pull[chosen[-2:]] @ known @ pull[chosen[-2:]])
+
+    pairs = [
+        (i, j)
+        for i, j in itertools.combinations(range(len(singles)), 2)
+        if singles[i].name != singles[j].name and slopes[i][1].any() and slopes[j][1].any()
+    ]
+    return [_both(singles[i], singles[j]) for i, j in heapq.nlargest(SETTINGS.pairs_tried, pairs, saved)]
 
 
 def in_place_of_additions(final: Fit) -> tuple[Misread, ...]:
@@ -304,10 +353,18 @@ def _gain(plain: Fit, reading: WrongReading) -> float:
     columns = _slopes(plain.target, plain, reading, np.zeros(len(reading.steps)))
     if not all(values.any() for _, values in columns):
         return 0.0
-    weights, count = plain.target.weights(plain.residual), len(columns)
-    matrix, pull = gather(plain.target, (*plain.columns, *columns), plain.residual, weights, by_cell=False).total()
-    known = inverse(matrix + np.diag(np.concatenate([plain.prior, np.zeros(count)])))
-    return float(pull[-count:] @ known[-count:, -count:] @ pull[-count:])
+    count, (matrix, pull) = len(columns), _normal(plain, columns)
+    return float(pull[-count:] @ inverse(matrix)[-count:, -count:] @ pull[-count:])
+
+
+def _normal(fitted: Fit, columns: Sequence[Column]) -> tuple[FloatArray, FloatArray]:
+    """The normal matrix of all that is free in a fit and of columns beside it, what is believed of it in it, and the
+    pull of what the fit leaves.
+    """
+    weights = fitted.target.weights(fitted.residual)
+    every = (*fitted.columns, *columns)
+    matrix, pull = gather(fitted.target, every, fitted.residual, weights, by_cell=False).total()
+    return matrix + np.diag(np.concatenate([fitted.prior, np.zeros(len(columns))])), pull
 
 
 def in_place_of_a_move(final: Fit, number: int) -> frozenset[str]:
@@ -402,9 +459,7 @@ def _chance_beside(final: Fit, reading: WrongReading, everything: frozenset[int]
     """
     columns = _slopes(final.target, final, reading, np.zeros(len(reading.steps)))
     columns = columns if all(values.any() for _, values in columns) else []
-    weights = final.target.weights(final.residual)
-    matrix = gather(final.target, (*final.columns, *columns), final.residual, weights, by_cell=False).total()[0]
-    known = inverse(matrix + np.diag(np.concatenate([final.prior, np.zeros(len(columns))])))
+    known = inverse(_normal(final, columns)[0])
     away, slices = final.state.vector() - final.centre, final.state.slices()
     away[0] = final.state.offset - final.state.rig.zero_offset_deg
     found: dict[int, tuple[float, float]] = {}
@@ -503,12 +558,14 @@ def _slopes(target: FitData, best: Fit, reading: WrongReading, sizes: FloatArray
     columns: list[Column] = []
     for number, step in enumerate(reading.steps):
         ahead = sizes + step * (np.arange(len(sizes)) == number)
-        if reading.gain is None:
-            slope = (best.residual - _as_meant(target, reading, ahead).residual(best.state.model())) / step
-        else:
-            # of what the model says: smaller noise is no better a model
+        times: FloatArray | ComplexArray = np.zeros(1)
+        if reading.gain is not None:
             times = reading.gain(target.data, ahead) / reading.gain(target.data, sizes) - 1.0
+        if times.any():
+            # of what the model says: smaller noise is no better a model
             slope = (best.target.data.values - best.residual) * times / step
+        else:
+            slope = (best.residual - _as_meant(target, reading, ahead).residual(best.state.model())) / step
         columns.append((np.arange(slope.shape[1]), slope))
     return columns
 
@@ -553,11 +610,9 @@ def _read(
         columns = _slopes(target, best, reading, sizes)
         if not all(values.any() for _, values in columns):
             break
-        weights = best.target.weights(best.residual)
-        matrix, pull = gather(best.target, (*best.columns, *columns), best.residual, weights, by_cell=False).total()
-        prior = np.concatenate([best.prior, np.zeros(count)])
+        matrix, pull = _normal(best, columns)
         pull = pull - np.concatenate([best.prior * (best.state.vector() - best.centre), np.zeros(count)])
-        covariance = inverse(matrix + np.diag(prior))
+        covariance = inverse(matrix)
         step, error = (covariance @ pull)[-count:], np.sqrt(np.diag(covariance)[-count:])
         # far from a narrow peak a whole step may lead beyond it
         while (np.abs(step) > SETTINGS.of_an_error * error).any():
