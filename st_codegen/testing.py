@@ -15,7 +15,6 @@ take the options in the `[build]` table of `st-codegen.toml`.
 from __future__ import annotations
 
 import contextlib
-import shlex
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,6 +23,7 @@ import pytest
 
 from st_codegen.emit.output import FileChange, is_real, kinds_of_outputs
 from st_codegen.errors import GeneratedCodeError, counted
+from st_codegen.files.text import command_line
 
 if TYPE_CHECKING:
     from st_codegen.project.bundle import Bundle
@@ -47,12 +47,12 @@ def assert_generated_up_to_date(models: Path | str, out: Path | str, *, trust_pi
     if changed:
         names = "\n".join(f"  {change.path}" for change in changed)
         lines = [line.rstrip("\n") for change in changed for line in change.lines()]
+        writing = command_line("st-codegen", "generate", Path(models), "--out", Path(out))
         more = f"\n.. and {counted(len(lines) - _SHOWN, 'more line')}" if len(lines) > _SHOWN else ""
         shown = "\n".join(lines[:_SHOWN]) + more
         pytest.fail(
             f"{len(changed)} generated files are not those of {models}; write them with "
-            f"{shlex.join(['st-codegen', 'generate', str(models), '--out', str(out)])}, or pytest --update-generated:\n"
-            f"{names}\n\n{shown}",
+            f"{writing}, or pytest --update-generated:\n{names}\n\n{shown}",
             pytrace=False,
         )
 

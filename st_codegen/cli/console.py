@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import inspect
 import os
-import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -22,7 +21,7 @@ from rich.text import Text
 
 from st_codegen.cli.choices import OUTPUTS
 from st_codegen.files.number_text import parse_number, parse_whole
-from st_codegen.files.text import inert
+from st_codegen.files.text import command_line, inert
 from st_codegen.project.build_options import BUILD_OPTIONS, option_name
 from st_codegen.walkers.limits import (
     DEFAULT_MAX_MODEL_BYTES,
@@ -62,8 +61,10 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 
 
 def say_next(*words: Path | str) -> None:
-    """The command to run next, as the last of what a command prints."""
-    say(f"next: {shlex.join(['st-codegen', *map(str, words)])}")
+    """The command to run next, as the last of what a command prints; none that could not be printed as it is run."""
+    line = command_line("st-codegen", *words)
+    if inert(line) == line:
+        say(f"next: {line}")
 
 
 class _Place(click.Path):
@@ -207,6 +208,18 @@ trust_option = together(
 )
 
 
+def _words(options: Mapping[str, str | int | None]) -> list[str]:
+    """Options and their values as words of a command line, without those that have none."""
+    return [word for option, value in options.items() if value is not None for word in (option, str(value))]
+
+
+def reading_words(*, trust_pickle: bool) -> list[str]:
+    """The words by which another command reads model files as this one did."""
+    size = max_model_bytes()
+    limit = None if size == DEFAULT_MAX_MODEL_BYTES else size
+    return [*_words({"--features": stated_features(), "--max-model-bytes": limit}), *["--trust-pickle"] * trust_pickle]
+
+
 def gathered(name: str, make: Callable[..., Any], *options: Callable[[Any], Any]) -> Callable[[Command], Command]:
     """Options that a command gets as one value: `make` is called with them, by their names, when the command runs."""
     taken = inspect.signature(make).parameters
@@ -258,15 +271,8 @@ class GivenModels:
 
     def asked_next(self, command: str, generated: Path) -> tuple[Path | str, ...]:
         """The words of another command on the text in a folder: of the same models, called and read in the same way."""
-        size = max_model_bytes()
-        given = {
-            "--prefix": self.prefix,
-            "--block-name": self.block_name,
-            "--features": stated_features(),
-            "--max-model-bytes": None if size == DEFAULT_MAX_MODEL_BYTES else size,
-        }
-        more = [word for option, value in given.items() if value is not None for word in (option, str(value))]
-        return command, self.models, "--generated", generated, *more, *["--trust-pickle"] * self.trust_pickle
+        names = _words({"--prefix": self.prefix, "--block-name": self.block_name})
+        return command, self.models, "--generated", generated, *names, *reading_words(trust_pickle=self.trust_pickle)
 
     def load_generated(self, generated: Path) -> Bundle:
         """The models with the outputs and the numbers (LREAL, REAL) that text was generated with."""

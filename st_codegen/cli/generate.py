@@ -172,8 +172,16 @@ def command(
 
         summary, sections = explain_sections(explained)
         write_pages(f"Layouts and times of {given.models}", sections, summary, html, None)
-    if not given.quiet:
-        say_next(*given.asked_next("verify", out))
+    for place in () if given.quiet else _places(out, chosen):
+        say_next(*given.asked_next("verify", place))
+
+
+def _places(out: Path, chosen: Sequence[Target]) -> Sequence[Path]:
+    """The folders that hold what was written and nothing else: older text of another target may be of other options."""
+    from st_codegen.proof.runner import target_folders
+
+    written = [out / target.name for target in dict.fromkeys(chosen)]
+    return [out] if set(target_folders(out)) == set(written) else written
 
 
 def _pricing(chosen: Sequence[Target], profile: str | None, max_array: int | None) -> dict[str, Pricing]:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import shlex
 import tomllib
 from pathlib import Path
 
 import click
 
-from st_codegen.cli.console import FOLDER, PLACE, quiet_option, say, trust_option
+from st_codegen.cli.console import FOLDER, PLACE, quiet_option, reading_words, say, trust_option
 
 
 @click.command(
@@ -36,7 +35,7 @@ def command(models: Path, training_data: Path | None, force: bool, trust_pickle:
     Files that cannot be read as models are left out, with the reason beside them.
     """
     from st_codegen.errors import InputError
-    from st_codegen.files.text import file_sha256, write_text
+    from st_codegen.files.text import command_line, file_sha256, write_text
     from st_codegen.project.configuration import CONFIGURATION_FILE
     from st_codegen.project.initial import initial_configuration
     from st_codegen.proof.predict import read_table
@@ -51,5 +50,5 @@ def command(models: Path, training_data: Path | None, force: bool, trust_pickle:
     if not quiet:
         if left_out := tomllib.loads(text)["project"].get("leave_out"):
             say(f"left out, with the reason beside each in {path}: {', '.join(left_out)}")
-        following = shlex.join(["st-codegen", "generate", str(models)])
+        following = command_line("st-codegen", "generate", models, *reading_words(trust_pickle=trust_pickle))
         say(f"{path}: complete names, units and ranges, then {following}")

@@ -81,8 +81,7 @@ def command(
     finds an input that differs.
     """
     from st_codegen.cost.profile import load_profile
-    from st_codegen.proof.prove.prove import is_followed
-    from st_codegen.proof.runner import changes_by_hand, target_folders
+    from st_codegen.proof.runner import changes_by_hand
     from st_codegen.proof.verify import Budget, verify
 
     budget = Budget(load_profile(profile), cycle_us, entries)
@@ -111,8 +110,7 @@ def command(
     _print_times(report, cycle_us, quiet=given.quiet)
     show_codes([*_codes(report), *(["STC2101"] if refuted else [])])
     passed = report.passed and not refuted
-    followed = any(is_followed(ir, folder.name) for folder in target_folders(generated) for ir in bundle.irs)
-    if passed and followed and html is None and not given.quiet:  # the page has what prove says
+    if passed and report.followed and html is None and not given.quiet:  # the page has what prove says
         say_next(*given.asked_next("prove", generated))
     sys.exit(0 if passed else 1)
 

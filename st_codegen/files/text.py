@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
+import shlex
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -91,6 +92,12 @@ def whole_file(path: Path) -> Iterator[Path]:
 def inert(text: str) -> str:
     """A text in which nothing acts on a terminal: what is not printable, but for tabs and line ends, is escaped."""
     return "".join(c if c.isprintable() or c in "\n\t" else repr(c)[1:-1] for c in text)
+
+
+def command_line(*words: Path | str) -> str:
+    """The words of a command as a shell reads them; a path that begins as an option does is told from one."""
+    told = (f"./{word}" if isinstance(word, Path) and str(word)[0] == "-" else word for word in words)
+    return shlex.join(map(str, told))
 
 
 def write_text(path: Path, text: str) -> None:

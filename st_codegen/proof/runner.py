@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shlex
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from st_codegen.cost.report import table_bytes
 from st_codegen.emit.output import MANIFEST, changed_since
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError
+from st_codegen.files.text import command_line
 from st_codegen.ir import BoolArray, FloatArray
 from st_codegen.proof.arithmetic import libraries_of
 from st_codegen.st import (
@@ -61,7 +61,7 @@ def target_folders(generated: Path) -> list[Path]:
     candidates = [generated, *(generated / name for name in TARGETS)]
     folders = [folder for folder in candidates if folder.name in TARGETS and (folder / MANIFEST).is_file()]
     if not folders:
-        made = f"st-codegen generate MODELS --out {shlex.quote(str(generated))}"
+        made = command_line("st-codegen", "generate", "MODELS", "--out", generated)
         raise GeneratedCodeError(f"{generated}: no generated files; run {made}")
     return folders
 

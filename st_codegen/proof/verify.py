@@ -31,7 +31,7 @@ from st_codegen.proof.agreement import block_report, model_report
 from st_codegen.proof.arithmetic import arithmetic_of
 from st_codegen.proof.isolated import isolated
 from st_codegen.proof.probes import probe_rows
-from st_codegen.proof.prove.prove import prove_model
+from st_codegen.proof.prove.prove import is_followed, prove_model
 from st_codegen.proof.prove.range_bound import real_remarks
 from st_codegen.proof.runner import GeneratedCode, target_folders
 from st_codegen.proof.verify_report import ModelReport, VerifyReport, merged
@@ -122,7 +122,8 @@ def verify(
         if note := "; ".join(filter(None, (arithmetic_of(name).note, _not_run(code, run)))):
             notes[name] = note
     notes |= real_remarks(bundle.irs)
-    return VerifyReport(tuple(merged(reports)), notes, costs, None if budget is None else budget.cycle_us)
+    followed = any(is_followed(ir, code) for code in targets.values() for ir in bundle.irs)
+    return VerifyReport(tuple(merged(reports)), notes, costs, None if budget is None else budget.cycle_us, followed)
 
 
 def cycle_cost(code: GeneratedCode, profile: Profile, entries: tuple[str, ...] = ()) -> ProjectCost:

@@ -196,13 +196,14 @@ class VerifyReport:
     """What `st-codegen verify` found.
 
     `notes` say, by target, what this does not show; `costs` are the worst cases by target, `cycle_us` the budget of one
-    cycle.
+    cycle; `prove` follows the text of some model where `followed`.
     """
 
     models: tuple[ModelReport, ...]
     notes: Mapping[str, str] = field(default_factory=dict)
     costs: Mapping[str, ProjectCost] = field(default_factory=dict)
     cycle_us: float | None = None
+    followed: bool = False
 
     def __repr__(self) -> str:
         failed = [model.name for model in self.models if not model.passed]

@@ -51,10 +51,10 @@ def test_nothing_comes_next_where_the_answer_is_no_or_nobody_listens(tmp_path, c
     assert "next: " not in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("options", [["--target", "beckhoff-ml"], ["--target", "iec", "--real"]])
+@pytest.mark.parametrize("options", [["beckhoff-ml"], ["iec", "--real"], ["iec", "--self-check"]])
 def test_nobody_is_sent_to_prove_what_it_does_not_follow(options, tmp_path, capsys):
     shutil.copy(MODEL, tmp_path)
-    assert run(tmp_path, *options, "--out", tmp_path / "out") == 0
+    assert run(tmp_path, "--target", *options, "--out", tmp_path / "out") == 0
     assert run(*last(capsys), "--rows", 100) == 0
     assert "next: " not in capsys.readouterr().err
 
@@ -66,3 +66,33 @@ def test_what_failed_stands_first_below_how_many_have_which_result():
     table = agreement_table("compared", [model("a", "within bound"), model("b", "equal bits"), model("c", "FAILED")])
     assert table.title == "compared (FAILED: 1, equal bits: 1, within bound: 1)"
     assert [*table.columns[0].cells] == ["c", "a", "b"]
+
+
+def test_what_comes_next_names_what_was_written_alone(tmp_path, capsys):
+    """Older text of another target in the folder may be in REAL: one command verifies no mixture."""
+    shutil.copy(MODEL, tmp_path)
+    out = tmp_path / "out"
+    assert run(tmp_path, "--target", "iec", "--real", "--out", out, "-q") == 0
+    assert run(tmp_path, "--target", "twincat", "--out", out) == 0
+    verifying = last(capsys)
+    assert verifying[:4] == ["verify", str(tmp_path), "--generated", str(out / "twincat")]
+    assert run(*verifying, "--rows", 100) == 0
+
+
+def test_a_folder_that_is_called_as_options_are_is_no_option(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("-m").mkdir()
+    shutil.copy(MODEL, "-m")
+    assert run("./-m", "--target", "iec", "--out", "./-o") == 0
+    assert run(*last(capsys), "--rows", 100) == 0
+    assert run(*last(capsys)) == 0
+    assert run("init", "./-m", "--max-model-bytes", 10_000_000) == 0
+    following = capsys.readouterr().err.split(", then ")[-1]
+    assert shlex.split(following) == ["st-codegen", "generate", "./-m", "--max-model-bytes", "10000000"]
+    assert run(*shlex.split(following)[1:], "--target", "iec", "--out", "out") == 0
+
+
+def test_no_command_is_printed_that_is_another_one_than_it_looks(tmp_path, capsys):
+    shutil.copy(MODEL, tmp_path)
+    assert run(tmp_path, "--target", "iec", "--out", tmp_path / "a\x1b[31m") == 0
+    assert "next: " not in capsys.readouterr().err

@@ -135,9 +135,19 @@ def _prove_around(block: str, code: GeneratedCode, bundle: Bundle, models: list[
     return replace(result, verdict=Verdict.PROVED, method=_AROUND, claims=proof.claims)
 
 
-def is_followed(model: ModelIR, target: str) -> bool:
-    """Whether proofs follow the text of a model for a target: it computes by itself, and in LREAL."""
-    return target != "beckhoff-ml" and not model.is_real
+def is_followed(model: ModelIR, code: GeneratedCode) -> bool:
+    """Whether proofs follow the text of a model: it computes by itself, in LREAL, each call without the ones before."""
+    return _computes(model, code.folder) and not _checks_itself(code, block_of(code.folder, model)[0])
+
+
+def _computes(model: ModelIR, folder: Path) -> bool:
+    """Whether the text in a folder computes a model by itself, and in LREAL."""
+    return folder.name != "beckhoff-ml" and not model.is_real
+
+
+def _checks_itself(code: GeneratedCode, block: str) -> bool:
+    """Whether a block was generated with `--self-check`."""
+    return any(variable.name == INTACT for variable in code.project.pous[block.upper()].variables)
 
 
 def _left_out(model: ModelIR, folder: Path) -> ProofResult:
@@ -148,7 +158,7 @@ def _left_out(model: ModelIR, folder: Path) -> ProofResult:
     return ProofResult(model.name, folder.name, block, Verdict.NOT_PROVED, reason)
 
 
-_CHECKS_ITSELF = (
+_SELF_CHECK = (
     "the block checks itself (--self-check) and keeps the state of that from call to call: prove the same models "
     "generated without it; verify compares this text on a sample"
 )
@@ -159,7 +169,7 @@ def prove_model(model: ModelIR, code: GeneratedCode, runs: dict[str, BlockRun] |
     folder = code.folder
     block, outputs = block_of(folder, model)
     result = ProofResult(model.name, folder.name, block, Verdict.NOT_PROVED, outputs=outputs)
-    if not is_followed(model, folder.name):
+    if not _computes(model, folder):
         return _left_out(model, folder)
     code.check_block(block, len(model.features), outputs)
     try:
@@ -181,8 +191,7 @@ def prove_model(model: ModelIR, code: GeneratedCode, runs: dict[str, BlockRun] |
     except NotProvedError as error:
         example = counterexample(model, code, block, outputs, edge_rows(model))
         if example is None:
-            checks_itself = any(variable.name == INTACT for variable in code.project.pous[block.upper()].variables)
-            return replace(result, reason=_CHECKS_ITSELF if checks_itself else str(error))
+            return replace(result, reason=_SELF_CHECK if _checks_itself(code, block) else str(error))
         reason = str(error)
     if example is None:
         return replace(result, reason=f"{reason}; no input was found that shows it")
