@@ -57,6 +57,11 @@ def say(text: str | Text) -> None:
     console.print(text, soft_wrap=True)
 
 
+def tell(text: str) -> None:
+    """Sentences: a terminal has them broken between words, everybody else a line each, as paths in them need."""
+    console.print(text, soft_wrap=not console.is_terminal)
+
+
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 

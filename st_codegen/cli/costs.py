@@ -13,7 +13,7 @@ import click
 from rich.table import Table
 from rich.text import Text
 
-from st_codegen.cli.console import Number, console, say, table_of
+from st_codegen.cli.console import Number, console, say, table_of, tell
 from st_codegen.cost.profile_files import DEFAULT, profile_names
 from st_codegen.errors import counted
 from st_codegen.files.number_text import percent, plain_number
@@ -85,7 +85,7 @@ def print_verdict(target: str, cost: ProjectCost, cycle_us: float | None) -> Non
         line.append(cost.profile.judged(fits=fits), "green" if fits else "bold red")
     say(line)
     if not cost.profile.is_calibrated:
-        console.print(f"{cost.profile.name} was not calibrated: the times are estimates (st-codegen calibrate)")
+        tell(f"{cost.profile.name} was not calibrated: the times are estimates (st-codegen calibrate)")
 
 
 def times_text(cost: ProjectCost, cycle_us: float | None = None) -> str:

@@ -20,6 +20,7 @@ from st_codegen.cli.console import (
     quiet_option,
     refuse_unused,
     table_of,
+    tell,
     trust_option,
 )
 from st_codegen.cli.costs import profile_option
@@ -103,7 +104,7 @@ def _show(found: Review) -> None:
         from st_codegen.proof.review import tried_text
 
         console.print(_table(shown))
-        console.print(tried_text(changed, found.target, found.around))
+        tell(tried_text(changed, found.target, found.around))
 
 
 #: Changes of labels, or of their numbers, that a line names.

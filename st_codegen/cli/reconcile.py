@@ -14,11 +14,11 @@ from st_codegen.cli.choices import ALL, AS_IS, MISTAKES, UPDATED_CODE, UPDATED_M
 from st_codegen.cli.console import (
     PLACE,
     Number,
-    console,
     effects_option,
     progress_bar,
     quiet_option,
     refuse_unused,
+    tell,
     trust_option,
 )
 from st_codegen.errors import InputError, meant
@@ -162,7 +162,7 @@ def command(
         following += [next_runs_summary(ahead, result), _page(out)]
         content, text = report(result, changes, ahead), summary(result, following)
     if not quiet:
-        console.print(text)
+        tell(text)
     if as_json:
         click.echo(json.dumps(content))
 

@@ -15,11 +15,11 @@ from st_codegen.cli.console import (
     PLACE,
     Number,
     Whole,
-    console,
     controller_options,
     generated_option,
     progress_bar,
     quiet_option,
+    tell,
 )
 from st_codegen.errors import InputError, Problems, counted
 from st_codegen.files.number_text import parse_number
@@ -95,7 +95,7 @@ def command(
     with connect() as controller, progress_bar("recording", quiet=quiet) as progress:
         made = record(controller, project, runs, out, recording, progress)
     if not quiet:
-        console.print(f"{out}: {counted(made, 'run')} measured now, {len(runs)} in all, both directions")
+        tell(f"{out}: {counted(made, 'run')} measured now, {len(runs)} in all, both directions")
 
 
 def _settings(texts: Sequence[str]) -> dict[str, float]:

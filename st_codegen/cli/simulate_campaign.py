@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from st_codegen.cli.console import FOLDER, PLACE, Number, Whole, console, effects_option, progress_bar, quiet_option
+from st_codegen.cli.console import FOLDER, PLACE, Number, Whole, effects_option, progress_bar, quiet_option, tell
 from st_codegen.errors import Problems, counted
 
 if TYPE_CHECKING:
@@ -58,4 +58,4 @@ def command(
     with progress_bar("simulating", quiet=quiet) as progress:
         simulate_campaign(model, points, out, Measuring(samples, noise, seed), progress)
     if not quiet:
-        console.print(f"{out}: {counted(len(points), 'run')}, both directions")
+        tell(f"{out}: {counted(len(points), 'run')}, both directions")

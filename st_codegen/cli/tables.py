@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from st_codegen.cli.console import FOLDER, PLACE, Whole, console, progress_bar, quiet_option
+from st_codegen.cli.console import FOLDER, PLACE, Whole, progress_bar, quiet_option, tell
 from st_codegen.cli.training import search_options
 from st_codegen.errors import InputError
 
@@ -75,4 +75,4 @@ def command(
         comparison = compare(table, paper, plan, Fitting(store, where, progress))
     for path in write_tables(comparison, out):
         if not quiet:
-            console.print(f"{path}")
+            tell(f"{path}")

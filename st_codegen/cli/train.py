@@ -24,6 +24,7 @@ from st_codegen.cli.console import (
     say,
     say_next,
     table_of,
+    tell,
 )
 from st_codegen.cli.training import search_options
 from st_codegen.errors import InputError, counted
@@ -133,7 +134,7 @@ def command(
             campaign, wanted, most_orders, skip_bad=skip_bad, where=where, cache=cache, progress=progress
         )
     for text in () if quiet else measured.left_out:
-        console.print(f"left out: {text}")
+        tell(f"left out: {text}")
     check_learnable(measured.table)
     lessons = []
     with FitStore(work) as store:
@@ -175,11 +176,11 @@ def _print(lessons: list[Lesson], head: BundleHead, out: Path, faulty_are: str) 
                 f"{', '.join(narrower)}"
             )
     for feature, value in head.constant().items():
-        console.print(
+        tell(
             f"{feature} was {plain_number(value)} in all runs learned from: the blocks compute with "
             f"{plain_number(value)}, and bInRange is FALSE at any other value"
         )
-    console.print(f"{out}: {counted(sum(len(lesson.models) for lesson in lessons), 'model')}")
+    tell(f"{out}: {counted(sum(len(lesson.models) for lesson in lessons), 'model')}")
 
 
 def _orders(text: str) -> tuple[int, ...] | None:

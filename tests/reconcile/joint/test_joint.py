@@ -205,10 +205,13 @@ def test_an_accepted_sign_is_turned(tmp_path):
 
 def test_the_command_writes_a_page_without_a_rig(tmp_path, capsys):
     path = write(plain(count=4000, ripple=0.2), tmp_path / "joint.csv")
-    assert run("reconcile", "--measured", path, "--out", tmp_path / "out") == 0
-    content = json.loads((tmp_path / "out" / "report.json").read_text())
+    out = tmp_path / "the joints that were measured" / ("by the long name " * 8).strip()
+    assert run("reconcile", "--measured", path, "--out", out) == 0
+    # no line is broken where no terminal is: a path would be in two pieces
+    assert f"Read next: {out / 'report.html'}" in capsys.readouterr().err.splitlines()
+    content = json.loads((out / "report.json").read_text())
     assert content["kind"] == "joints"
-    page = (tmp_path / "out" / "report.html").read_text()
+    page = (out / "report.html").read_text()
     assert "Nm_s" not in re.sub(r"\w+_Nm_s\w*", "", page)  # names of parameters apart: "N m per rad/s" is the unit
     for effect in content["joints"][0]["effects"]:
         assert effect["text"].split(" of ")[0] in page
