@@ -21,6 +21,7 @@ from st_codegen.reconcile.report.output import report
 from st_codegen.reconcile.report.summary import summary
 from st_codegen.reconcile.run import _reread
 from st_codegen.rig.effects import Conditions, catalogue
+from st_codegen.rig.effects.measuring import MeasurementDelay
 from st_codegen.rig.model import read_rig
 
 from .test_measurement import of_the_fast_shaft
@@ -145,6 +146,17 @@ def test_a_machine_that_warms_up_between_the_two_directions_is_no_other_friction
     backward = replace(AT, temperature_C=AT.temperature_C + 4 * (AT.sign < 0))
     found = re.search("all temperatures backward (.*) K too low", asked(measured(2e-5, at=backward)))
     assert found is not None and float(found[1]) == pytest.approx(4.0, abs=0.05)
+
+
+@pytest.mark.thorough
+def test_a_delay_that_the_rig_has_and_the_machine_has_not_is_gone():
+    """A mesh order had turned, a wound-up angle did as well, and three orders were unexplained."""
+    delay = MeasurementDelay({"delay_us": 400.0, "skew_us": 0.0}, RIG.effects[0].constants)
+    result = reconcile_observations(replace(RIG, effects=(*RIG.effects, delay)), measured(2e-5), KNOWN)
+    (entry,) = result.conclusions.retuned
+    assert entry.is_gone and entry.before is delay and entry.after.scalar("delay_us") == 0.0
+    assert not result.unexplained and delay not in result.new_rig.effects
+    assert len(result.new_rig.effects) == len(RIG.effects)
 
 
 @pytest.mark.thorough

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.ir.arrays import FloatArray
-from st_codegen.rig.effects import Effect, Form, Phasor, Scalar
+from st_codegen.rig.effects import Effect, Form, Phasor, Scalar, Stage
 from st_codegen.rig.model import RigModel
 
 
@@ -90,6 +90,14 @@ class Piece:
         if not chosen:
             return self._still
         return self.effect.with_values(_written(self._still, chosen, np.ones(len(chosen))))
+
+    @property
+    def absent(self) -> Effect:
+        """The effect with nothing of it left; one of the measuring chain, as a delay, is there by its shape alone."""
+        effect = self.unit()
+        if effect.stage is not Stage.MEASURING:
+            return effect
+        return effect.with_values({**effect.values, **{scalar.key: 0.0 for scalar in effect.scalars}})
 
     @cached_property
     def _still(self) -> Effect:

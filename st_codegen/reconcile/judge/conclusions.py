@@ -236,7 +236,7 @@ def gone(joint: Fit, found: Conclusions) -> tuple[Retuned, ...]:
         before = joint.state.pieces[number].own
         known = next((one for one in found.retuned if one.before is before), Retuned(before, before, {}, p))
         names = {*known.misread, *left_of_a_smoothing(joint, joint.state.pieces[number])}
-        nothing = Piece(before, frozenset()).unit()
+        nothing = Piece(before, frozenset()).absent
         entries.append(replace(known, after=nothing, stderr={}, p=p, misread=tuple(sorted(names)), is_gone=True))
     return tuple(entries)
 

@@ -26,7 +26,6 @@ from st_codegen.reconcile.rest.lasting import changes_with_time
 from st_codegen.reconcile.rest.structure import structure
 from st_codegen.reconcile.search.peaks import frequencies_in
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects.base import Stage
 
 #: the data that were meant where some were read wrong by sizes
 Reread = Callable[[Observations, FloatArray], Observations]
@@ -325,11 +324,7 @@ def in_place_of_additions(final: Fit) -> tuple[Misread, ...]:
     added = [i for i, piece in enumerate(final.state.pieces) if piece.added]
     for number in added if final.target.data.angle_rad is None else ():
         piece = final.state.pieces[number]
-        nothing = piece.unit()
-        if nothing.stage is Stage.MEASURING:
-            # a delay is one by its shape alone
-            nothing = nothing.with_values({**nothing.values, **{scalar.key: 0.0 for scalar in nothing.scalars}})
-        without = final.state.replaced(number, replace(piece, effect=nothing, free=frozenset()))
+        without = final.state.replaced(number, replace(piece, effect=piece.absent, free=frozenset()))
         plain = fit(final.target, without, steps=SETTINGS.quick_steps)
         own = np.isin(final.target.data.orders, piece.effect.touched_orders())
         if plain.loss - final.loss < SETTINGS.as_good:

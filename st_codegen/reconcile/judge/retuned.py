@@ -82,7 +82,7 @@ def not_there(joint: Fit) -> dict[int, float]:
     for i in _own_pieces(joint):
         piece = joint.state.pieces[i]
         left = _left_of(joint, piece)
-        if piece.effect.stage is Stage.MEASURING or left >= SETTINGS.nothing_left:
+        if left >= SETTINGS.nothing_left:
             continue
         gone = [*found, i]
         without = fit(joint.target, joint.state.without(*gone), steps=SETTINGS.quick_steps)
@@ -102,6 +102,10 @@ def _left_of(joint: Fit, piece: Piece) -> float:
     least = [c for c in bounds_met(piece) if c.form is Form.INVERSE]
     if any(_value(piece, c) < (c.lower + c.upper) / 2 for c in least):
         return 0.0
+    if piece.effect.stage is Stage.MEASURING:
+        # its skew does what friction that grows with the speed does: whether the chain is late the delay says
+        own_us = piece.held().effect.scalar("delay_us")
+        return piece.effect.scalar("delay_us") / own_us if own_us else np.inf
     good = joint.target.good
     now, own = (
         np.abs(joint.explained(one.effect)[good] / joint.target.sigma[good]) ** 2 for one in (piece, piece.held())
