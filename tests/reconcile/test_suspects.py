@@ -214,6 +214,23 @@ def test_runs_beside_each_other_that_stay_what_they_are(why):
     assert not noise.undecided and {row for row, _ in noise.suspects} == set(rows)
 
 
+@pytest.mark.parametrize("fitted", [False, True])
+def test_a_run_at_the_least_load_of_all_is_undecided(fitted):
+    """Forward the two of the least torques; backward the second alone, and between these there is a good one."""
+    at = anywhere(64, np.random.default_rng(5))
+    smallest = np.argsort(at.torque_Nm[:64])
+    data = Observations(at, labels(at), ORDERS, np.zeros((128, len(ORDERS)), complex))
+    rows = [*smallest[:2], 64 + smallest[1], smallest[40]]
+    noise = with_beside(data, suspected(data, rows), np.full(128, fitted))
+    (group,) = noise.undecided
+    # both curves of a run are of one kind
+    assert set(group.rows) == set(rows[:3]) and [row for row, _ in noise.suspects] == rows[3:]
+    (text,) = undecided_runs(data, noise)
+    assert "smaller load" in text and ("no number is fitted" in text) != fitted
+    noise = with_beside(data, suspected(data, rows[2:]), np.full(128, fitted))
+    assert not noise.undecided and [row for row, _ in noise.suspects] == rows[2:]
+
+
 def test_runs_that_are_off_where_something_stays_unexplained_alone_are_undecided():
     """At the least load of all what a form lacks is largest; a run that is off in another order as well is bad."""
     data = residual(0, heavy=False)

@@ -719,6 +719,15 @@ def test_a_size_beyond_what_runs_differ_by_is_a_least_one():
         assert one.at_least is not is_told and ("at least" in one.text) is not is_told, one.text
 
 
+def test_a_mean_beyond_what_those_of_near_runs_differ_by_is_a_least_one():
+    """These hold what is unexplained as well: a size was said to be all, that was three quarters of it."""
+    target, residual = curves_over_runs({})
+    residual[:, 0] = 8e-4 * np.random.default_rng(2).standard_normal(len(residual))
+    (one,) = signatures(target, residual, np.where(target.data.orders == 0, 5e-4, 1e-5))
+    assert one.order == 0 and "near each other" in one.text
+    assert one.at_least and one.text.startswith("the mean: at least")
+
+
 def test_a_direction_that_has_less_of_it_is_not_said_to_have_none():
     """A residual of a sixth of the size in the other direction, 20 times its noise, was one of "forward only"."""
     target, residual = curves_over_runs({})

@@ -177,12 +177,25 @@ def of_whole_levels(at: Conditions, bad: BoolArray) -> BoolArray:
 class Undecided:
     """Rows of which nobody can tell whether they are bad: the machine may do something of its own there.
 
-    condition: one of AXES along which they lie beside each other, closer than by chance; none for rows that are off in
-    nothing but orders that stay unexplained.
+    condition: one of AXES along which they lie beside each other, closer than by chance, or `load` for rows of a
+    smaller load than all good ones; none for rows that are off in nothing but orders that stay unexplained.
+    is_fitted: numbers were fitted to them.
     """
 
     rows: tuple[int, ...]
     condition: str = ""
+    is_fitted: bool = False
+
+
+def below_all_loads(at: Conditions, bad: BoolArray, good: BoolArray) -> list[Undecided]:
+    """The bad rows (n,) of each direction whose load is less than that of all its good ones.
+
+    Play, friction and contact do at small loads what they do at no larger one: no other run shows it.
+    """
+    load, found = np.abs(at.torque_Nm), np.zeros(len(at), bool)
+    for side in at.by_direction():
+        found |= side & bad & (load < load[side & good].min(initial=np.inf))
+    return [Undecided(tuple(np.flatnonzero(found).tolist()), "load")] if found.any() else []
 
 
 def beside_each_other(at: Conditions, bad: BoolArray) -> list[Undecided]:

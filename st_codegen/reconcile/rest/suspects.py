@@ -18,6 +18,7 @@ from st_codegen.reconcile.data.contrasts import (
     CONDITIONS,
     UNITS,
     Undecided,
+    below_all_loads,
     beside_each_other,
     in_steps,
     of_whole_levels,
@@ -78,21 +79,21 @@ def excused(data: Observations, residual: ComplexArray, noise: Noise, structured
 
 
 def with_beside(data: Observations, noise: Noise, fitted: BoolArray) -> Noise:
-    """The noise without those of its suspects that lie beside each other along a condition: nobody knows their cause.
+    """The noise without those of its suspects that lie beside each other along a condition, or at the least load.
 
     A wrong run lies anywhere, what the machine does at some loads or speeds lies there. They do not become good. Both
-    curves of a run are of one kind. fitted: bool (n,), rows to which numbers were fitted; of these, and of those with a
-    known mistake, nothing is changed.
+    curves of a run are of one kind. fitted: bool (n,), rows to which numbers were fitted; of these only those of the
+    least load are undecided, of those with a known mistake none.
     """
-    may = np.isin(np.arange(len(data)), [row for row, _ in noise.suspects]) & ~fitted
+    may = np.isin(np.arange(len(data)), [row for row, _ in noise.suspects])
     if data.left_out is not None:
         may &= ~data.left_out
     groups, taken = list[Undecided](), np.zeros(len(data), bool)
-    for group in beside_each_other(data.at, may):
+    for group in (*below_all_loads(data.at, may, noise.good), *beside_each_other(data.at, may & ~fitted)):
         runs = np.isin(data.number_of_run, data.number_of_run[list(group.rows)])
-        rows = np.flatnonzero(runs & may & ~taken)
+        rows = np.flatnonzero(runs & may & ~taken & (~fitted | (group.condition == "load")))
         taken[rows] = True
-        groups += [replace(group, rows=tuple(rows.tolist()))] if len(rows) else []
+        groups += [replace(group, rows=tuple(rows.tolist()), is_fitted=bool(fitted[rows].any()))] if len(rows) else []
     suspects = tuple(entry for entry in noise.suspects if not taken[entry[0]])
     return replace(noise, suspects=suspects, undecided=tuple(groups))
 
@@ -121,16 +122,19 @@ def undecided_runs(data: Observations, noise: Noise) -> tuple[str, ...]:
     found, at = [], data.at
     for group in noise.undecided:
         where = "in nothing but orders that stay unexplained"
-        if group.condition:
+        if group.condition == "load":
+            where = "at a smaller load than all of these"
+        elif group.condition:
             axis = AXES.index(group.condition)
             values = at.axes[axis][list(group.rows)]
             low, high = f"{values.min():g}", f"{values.max():g} {UNITS[group.condition]}"
             span = f"at {high}" if values.min() == values.max() else f"from {low} to {high}"
             where = f"and closer together in {CONDITIONS[axis]} ({span}) than wrong runs do by chance"
         labels = ", ".join(data.labels[row] for row in group.rows)
+        held = "what is fitted is fitted to them as well" if group.is_fitted else "no number is fitted to them"
         found.append(
             f"whether {len(group.rows)} curves were measured wrong or the machine does something of its own there: "
-            f"{labels} lie far from what all others let expect, {where}; no number is fitted to them, and they count "
+            f"{labels} lie far from what all others let expect, {where}; {held}, and they count "
             "in the gap and in what stays unexplained, not in the gap on held-out runs"
         )
     return tuple(found)

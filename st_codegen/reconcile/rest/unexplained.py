@@ -214,7 +214,7 @@ def _scattered(
     direction = _direction(target, residual[:, k])
     own, what = _noise_of_order(target, residual, directions, k, floor, direction)
     # what runs, or their directions, differ by may be more of what is unexplained
-    is_least = what.startswith((_LIKE_THEM, _BOTH_SIDES))
+    is_least = what.startswith((_LIKE_THEM, _BOTH_SIDES, _NEAR_THEM))
     where = _where_loud(target, residual[:, k]) or "with no pattern over the conditions that was found"
     why = "runs differ, or the structure is sharp"
     # where noise lasts over runs their mean is told by fewer of them
@@ -247,6 +247,7 @@ def _scattered(
 
 
 _LIKE_THEM = "what runs differ by from others like them"
+_NEAR_THEM = "what the means of runs near each other differ by"
 _BOTH_SIDES = "what both directions of a run differ by"
 
 
@@ -274,7 +275,7 @@ def _noise_of_order(
     if parts == 1 and own < floor**2 and not shared[k]:
         # the floor of the mean is that within the curves as well, where no more is known
         of_curves = floor <= noise_within(target)[k]
-        own, what = floor**2, within if of_curves else "what the means of runs near each other differ by"
+        own, what = floor**2, within if of_curves else _NEAR_THEM
     if parts == 1 and shared[k] and target.run_offset_deg:
         own, what = own + target.run_offset_deg**2, f"{what}, with what the rig says that runs differ by"
     if floor**2 < own and not np.isclose(floor**2, own):
