@@ -61,16 +61,23 @@ def own_steps(
     if off is not None:
         begun[number] = off
     says = begun[:, None] + along / np.maximum(told, 1e-300)
-    # an order that is far from the middle one has a gap of another cause, and says the less
-    middle = np.quantile(says, 0.5, axis=1, method="inverted_cdf", weights=weight, keepdims=True)
-    far = np.abs(says - middle) * np.sqrt(weight)
-    weight = weight * np.minimum(1.0, SETTINGS.told / np.maximum(far, 1e-300)) ** 2
+    weight = without_strays(says, weight)
     sums = weight * says
     whole, all_of = weight.sum(axis=1, keepdims=True), sums.sum(axis=1, keepdims=True)
     power = max(float(((all_of / whole) ** 2 - 1.0 / whole).mean()), 0.0)
     rest = np.maximum(whole - weight, 1e-300)
     others = (all_of - sums) / rest * power / (power + 1.0 / rest)
     return OwnSteps((all_of / whole)[number, 0], others[number], np.sqrt(1.0 / whole)[number, 0])
+
+
+def without_strays(says: FloatArray, weight: FloatArray) -> FloatArray:
+    """Weights (.., K) of what orders say, one over their errors squared, less of those far from the middle one.
+
+    Their gap has another cause.
+    """
+    middle = np.quantile(says, 0.5, axis=-1, method="inverted_cdf", weights=weight, keepdims=True)
+    far = np.abs(says - middle) * np.sqrt(weight)
+    return np.asarray(weight * np.minimum(1.0, SETTINGS.told / np.maximum(far, 1e-300)) ** 2)
 
 
 def zeros(

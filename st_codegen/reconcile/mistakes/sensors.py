@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.observations import SIGNS, Observations, rows_that_tell
 from st_codegen.reconcile.fit.normal import made_of
-from st_codegen.reconcile.mistakes.each_run import Distorted, distortion, own_steps
+from st_codegen.reconcile.mistakes.each_run import Distorted, distortion, own_steps, without_strays
 from st_codegen.reconcile.mistakes.single_runs import Mistake
 from st_codegen.reconcile.mistakes.votes import agreed_gain, expected_of, noise_power, told_power
 from st_codegen.reconcile.settings import SETTINGS
@@ -176,20 +176,11 @@ def _off_in_each(data: Observations, rig: RigModel, noise: FloatArray, off: Floa
             # an order that tells nothing has an error beyond all others
             error = np.linalg.inv(told + _TELLS_NOTHING * np.eye(2))
             wanted = np.einsum("kpq,nq,nk->pk", error, own, (gap * slope.conj()).real[rows] / power)
-            steps = [_agreed(one, error[:, p, p]) for p, one in enumerate(wanted)]
+            # none says more than another whose error is what torques may be off by anyway
+            weight = 1.0 / (error[:, [0, 1], [0, 1]].T + SETTINGS.torque_step**2)
+            steps = np.average(wanted, axis=1, weights=without_strays(wanted, weight))
             off = off + np.where(data.at.sign == data.at.sign[rows][0], basis @ steps, 0.0)
     return off
-
-
-def _agreed(wanted: FloatArray, error: FloatArray) -> float:
-    """The mean of what orders want, (K,), with errors squared (K,): those far from the middle one say the less.
-
-    None says more than another whose error is what torques may be off by anyway.
-    """
-    least = error + SETTINGS.torque_step**2
-    middle = np.quantile(wanted, 0.5, method="inverted_cdf", weights=1.0 / least)
-    far = np.abs(wanted - middle) / np.sqrt(least)
-    return float(np.average(wanted, weights=np.minimum(1.0, SETTINGS.told / np.maximum(far, 1e-300)) ** 2 / least))
 
 
 def _laws(torque: FloatArray, off: FloatArray, sign: FloatArray) -> list[float]:
