@@ -187,7 +187,7 @@ def _result(
             conclusions, orders, beside, rig.orders(), of_one_angle(final, before), in_samples=in_samples
         ),
         judged=judged,
-        unexplained=tuple(one.of_gap(gap_power) for one in left),
+        unexplained=tuple(one.of_gap(gap_power).of_machine(rig.constants) for one in left),
         fitted=whole(rms_deg(before[good], data.orders), rms_deg(after[good], data.orders)),
         held_out=whole(unseen.before, float(np.linalg.norm(unseen.by_order))),
         orders=tuple(map(of_order, range(len(data.orders)))),

@@ -33,6 +33,25 @@ def te(*effects, sign=1.0, speed=1000.0, torque=500.0, temperature=35.0):
     return rig.te_deg(THETA, sign, speed, torque, temperature)
 
 
+@pytest.mark.parametrize(
+    ("order", "part"),
+    [
+        (78, "2 x 39 teeth of the cycloid"),
+        (40, "1 x 40 pins"),
+        (161, "2 x 80.5 turns of the input shaft"),
+        (1560, ""),  # the 40th of the teeth and the 39th of the pins, both above the tenth
+        (81, ""),
+        (0, ""),
+    ],
+)
+def test_the_part_that_has_an_order(order, part):
+    assert Constants(reduction_ratio=80.5).part_of(order) == part
+
+
+def test_an_order_of_two_parts():
+    assert Constants(cycloid_teeth=20).part_of(40) == "2 x 20 teeth of the cycloid or 1 x 40 pins"
+
+
 def test_the_catalogue_has_the_names_of_the_design():
     assert set(KNOWN) == set(NAMES.split())
 

@@ -37,6 +37,7 @@ from st_codegen.reconcile.rest.structure import (
 )
 from st_codegen.reconcile.rest.unseen import one_after_the_other
 from st_codegen.reconcile.settings import SETTINGS
+from st_codegen.rig.effects.base import Constants
 
 
 def dependence(target: FitData, r: ComplexArray, noise_power: float, course: Course | None) -> dict[str, float]:
@@ -118,6 +119,11 @@ class Signature:
     def of_gap(self, gap_power: float) -> Signature:
         """This one with its share of a whole gap, deg^2."""
         return replace(self, share=min(1.0, self.power / max(gap_power, 1e-300)))
+
+    def of_machine(self, constants: Constants) -> Signature:
+        """This one with the part of the machine that has its order, which need not be what makes it."""
+        part = constants.part_of(self.order)
+        return replace(self, text=f"{self.text} ({self.order} = {part})") if part else self
 
 
 def of_a_hum(hum: Hum) -> Signature:

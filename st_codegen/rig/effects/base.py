@@ -56,6 +56,17 @@ class Constants:
         return tuple(round(order) for order in multiples if math.isfinite(order) and abs(order - round(order)) < 1e-9)
 
 
+    def part_of(self, order: int) -> str:
+        """Which teeth, pins or shaft have an order, as "2 x 39 teeth of the cycloid"; empty where none has it."""
+        parts = (
+            (self.tooth_orders(), self.cycloid_teeth, "teeth of the cycloid"),
+            (self.pin_orders(), self.pins, "pins"),
+            (self.shaft_orders(), self.reduction_ratio, "turns of the input shaft"),
+        )
+        found = [f"{round(order / one)} x {one:g} {name}" for orders, one, name in parts if order in orders]
+        return " or ".join(found)
+
+
 class Form(Enum):
     """How a contribution depends on a scalar: LINEAR in it, in its INVERSE, or otherwise (SHAPE)."""
 
