@@ -55,7 +55,6 @@ class Constants:
         multiples = (self.reduction_ratio * m for m in range(1, 5))
         return tuple(round(order) for order in multiples if math.isfinite(order) and abs(order - round(order)) < 1e-9)
 
-
     def part_of(self, order: int) -> str:
         """Which teeth, pins or shaft have an order, as "2 x 39 teeth of the cycloid"; empty where none has it."""
         parts = (
