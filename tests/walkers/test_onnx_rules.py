@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import onnx
 import pytest
 from onnx import TensorProto, helper
 
@@ -330,3 +331,30 @@ def test_what_cannot_be_looked_up_is_refused(tmp_path):
     pick = helper.make_node("ArgMax", ["X"], ["I"], axis=1)
     with pytest.raises(InputError, match="picks from 2 numbers by positions beyond them, on which onnxruntime fails"):
         loaded_graph(tmp_path, [pick, gather], [constant("table", [1.0, 2.0])])
+
+
+opset_28 = pytest.mark.skipif(onnx.defs.onnx_opset_version() < 28, reason="the installed onnx knows no opset 28")
+
+
+@opset_28
+@pytest.mark.parametrize(
+    ("name", "constants", "attributes"),
+    [
+        ("Cast", [], {"to": DOUBLE}),
+        ("Celu", [], {"alpha": 1.7}),
+        ("Compress", [constant("marks", [True, False, True], bool)], {"axis": 1}),
+        ("Einsum", [constant("W", np.arange(6.0).reshape(3, 2), np.float32)], {"equation": "ij,jk->ik"}),
+        ("ReduceLogSum", [constant("axes", [1], np.int64)], {}),
+        ("ReduceLogSumExp", [constant("axes", [1], np.int64)], {}),
+    ],
+)
+def test_operators_of_opset_28(tmp_path, name, constants, attributes):
+    out_type = DOUBLE if name == "Cast" else None
+    x = np.abs(rows(3, n=200)) + 0.1 if name == "ReduceLogSum" else rows(3, n=200)
+    within(build.load(single(name, 3, constants, out_type=out_type, opset=28, **attributes), tmp_path), x)
+
+
+@opset_28
+def test_celu_of_doubles_is_refused(tmp_path):
+    with pytest.raises(UnsupportedModelError, match="cast the input to float"):
+        build.load(single("Celu", elem_type=DOUBLE, opset=28), tmp_path)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import onnx
 import pytest
 from onnx import TensorProto, helper
 
@@ -313,6 +314,19 @@ def test_channels_become_squares_and_squares_channels(tmp_path, mode):
     loaded = build.load(graph_model(nodes, [info("X", (1, 24), DOUBLE)], outputs, shapes), tmp_path)
     found = assert_equal_bits(loaded, rows(24))
     assert (found[:, 24:] == rows(24)).all() == (mode == "DCR")
+
+
+@pytest.mark.skipif(onnx.defs.onnx_opset_version() < 28, reason="the installed onnx knows no opset 28")
+@pytest.mark.parametrize(
+    ("name", "shape", "attributes"),
+    [
+        ("SpaceToDepth", [1, 2, 2, 6], {"mode": "DCR"}),
+        ("SpaceToDepth", [1, 2, 2, 6], {"mode": "CRD"}),
+        ("DepthToSpace", [1, 8, 1, 3], {"mode": "CRD"}),
+    ],
+)
+def test_squares_and_channels_of_opset_28(tmp_path, name, shape, attributes):
+    assert_moved(tmp_path, (name, [], {"blocksize": 2, **attributes}), shape, opset=28)
 
 
 def test_a_diagonal_of_the_shape_of_the_input(tmp_path):

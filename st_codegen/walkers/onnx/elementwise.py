@@ -200,12 +200,15 @@ def _selu(call: NodeCall) -> Operand:
     return with_constant(call.walk, below, Operator.MULTIPLY, gamma)
 
 
-@operator("Celu", 12)
+@operator("Celu", 12, 28)
 def _celu(call: NodeCall) -> Operand:
     alpha, walk = call.node.number("alpha", 1.0), call.walk
     if alpha <= 0:  # max(0, x) + min(0, alpha * (exp(x / alpha) - 1)) is then no branch of an Elu
         raise UnsupportedModelError(f"alpha {alpha:g}; it is supported above 0")
-    scaled = with_constant(walk, call.computed(), Operator.DIVIDE, alpha)
+    tensor = call.computed()
+    if tensor.dtype == FLOAT64:
+        raise UnsupportedModelError("Celu of doubles, which other operators make up; cast the input to float")
+    scaled = with_constant(walk, tensor, Operator.DIVIDE, alpha)
     return with_constant(walk, apply_activation(walk, scaled, Function.ELU), Operator.MULTIPLY, alpha)
 
 
@@ -542,7 +545,7 @@ def choice_of(call: NodeCall) -> Operand:
     return walk.computed(chosen, shape, dtype)
 
 
-@operator("OneHot", 9, 11)
+@operator("OneHot", 9, 11, 28)
 def _one_hot(call: NodeCall) -> Operand:
     """One constant at the place that an integer names, from the end below 0, another at all others and beyond them.
 

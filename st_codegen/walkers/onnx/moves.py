@@ -37,14 +37,16 @@ def _block(call: NodeCall, operand: Operand) -> int:
     return size
 
 
-@operator("DepthToSpace", 1, 11, 13)
+@operator("DepthToSpace", 1, 11, 13, 28)
 def _depth_to_space(call: NodeCall) -> Operand:
     """Channels become squares of the picture; in the mode CRD those of one square stand side by side."""
     operand, mode = call.required(), call.node.text("mode", "DCR")
     size = _block(call, operand)
     batch, channels, height, width = operand.shape
     if channels % size**2 or mode not in ("DCR", "CRD"):
-        raise InputError(f"{channels} channels, blocks of {size} and the mode {mode}; the model file is damaged")
+        raise InputError(
+            f"{channels} channels, blocks of {size} and the mode {printable(mode)}; the model file is damaged"
+        )
     left = channels // size**2
     parts, order = (
         ((size, size, left), (0, 3, 4, 1, 5, 2)) if mode == "DCR" else ((left, size, size), (0, 1, 4, 2, 5, 3))
@@ -58,20 +60,23 @@ def _depth_to_space(call: NodeCall) -> Operand:
     )
 
 
-@operator("SpaceToDepth", 1, 13)
+@operator("SpaceToDepth", 1, 13, 28)
 def _space_to_depth(call: NodeCall) -> Operand:
-    """Squares of the picture become channels."""
-    operand = call.required()
+    """Squares of the picture become channels; in the mode CRD those of one channel stand side by side."""
+    operand, mode = call.required(), call.node.text("mode", "DCR")
     size = _block(call, operand)
     batch, channels, height, width = operand.shape
-    if height % size or width % size:
-        raise InputError(f"blocks of {size} in shape {operand.shape}; the model file is damaged")
+    if height % size or width % size or mode not in ("DCR", "CRD"):
+        raise InputError(
+            f"blocks of {size} in shape {operand.shape} and the mode {printable(mode)}; the model file is damaged"
+        )
     inside = (batch, channels, height // size, size, width // size, size)
     outside = (batch, channels * size**2, height // size, width // size)
-    return operand.moved(lambda array: array.reshape(inside).transpose(0, 3, 5, 1, 2, 4).reshape(outside))
+    order = (0, 3, 5, 1, 2, 4) if mode == "DCR" else (0, 1, 3, 5, 2, 4)
+    return operand.moved(lambda array: array.reshape(inside).transpose(order).reshape(outside))
 
 
-@operator("Compress", 9, 11)
+@operator("Compress", 9, 11, 28)
 def _compress(call: NodeCall) -> Operand:
     """The elements along an axis, or of all in one list, whose place a constant list marks."""
     operand, marks = call.required(), call.constant(1, "the list of marks")
@@ -104,7 +109,7 @@ def _gather_nd(call: NodeCall) -> Operand:
     return operand.moved(lambda array: np.asarray(array[places]))
 
 
-@operator("ReverseSequence", 10)
+@operator("ReverseSequence", 10, 28)
 def _reverse_sequence(call: NodeCall) -> Operand:
     """The first elements in time from back to front, as many as a constant says for each of the batch."""
     operand, lengths = call.required(), call.integers(1, "the list of lengths") or []

@@ -158,7 +158,7 @@ def _folded(code: ir.Operator, left: AnyArray, right: AnyArray) -> AnyArray:
     return found.astype(left.dtype)
 
 
-@operator("Mod", 10, 13)
+@operator("Mod", 10, 13, 28)
 def _remainder(call: NodeCall) -> Operand:
     left, right = call.constant(0, "a remainder"), call.constant(1, "a divisor")
     if left is None or right is None or left.dtype.kind != "i" or not np.all(right):
@@ -452,7 +452,7 @@ def _clip(call: NodeCall) -> Operand:
 
 @operator("ReduceSum", 1, 11, 13)
 @operator("ReduceMax ReduceMin", 1, 11, 12, 13, 18, 20)
-@operator("ReduceMean ReduceSumSquare ReduceL1 ReduceL2 ReduceProd ReduceLogSumExp ReduceLogSum", 1, 11, 13, 18)
+@operator("ReduceMean ReduceSumSquare ReduceL1 ReduceL2 ReduceProd ReduceLogSumExp ReduceLogSum", 1, 11, 13, 18, 28)
 def _reduction(call: NodeCall) -> Operand:
     name, given = call.node.op_type, call.required()
     limits = as_between(given) if name == "ReduceSum" else None

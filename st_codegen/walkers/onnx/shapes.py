@@ -68,7 +68,7 @@ def _dropout(call: NodeCall) -> Operand:
     return call.required()
 
 
-@operator("Cast", 6, 9, 13, 19, 21, 23, 24, 25)
+@operator("Cast", 6, 9, 13, 19, 21, 23, 24, 25, 28)
 def _cast(call: NodeCall) -> Operand:
     target = _CASTS.get(call.node.integer("to"))
     if target is None:

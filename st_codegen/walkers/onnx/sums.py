@@ -11,7 +11,7 @@ from st_codegen.walkers.onnx.operands import INTEGERS, ConstantOperand, Operand,
 from st_codegen.walkers.onnx.operators import apply_linear, combined, total_of_last
 
 
-@operator("Einsum", 12)
+@operator("Einsum", 12, 28)
 def _einsum(call: NodeCall) -> Operand:
     """One tensor, or two multiplied, summed over the letters that the result does not have."""
     equation = call.node.text("equation", "").replace(" ", "")
