@@ -163,16 +163,17 @@ def freeze(owner: Any, name: str, dtype: type[np.generic], shape: tuple[int | No
     return array
 
 
-def require_finite(owner: Any, *names: str) -> None:
-    """Refuse NaN and infinite coefficients: a comparison or sum with one of them stops a PLC."""
-    for name in names:
-        bad = np.flatnonzero(~np.isfinite(np.ravel(getattr(owner, name))))
-        if bad.size:
-            value = np.ravel(getattr(owner, name))[bad[0]]
-            raise InputError(
-                f"{type(owner).__name__}.{name}: {counted(bad.size, 'coefficient')} not finite "
-                f"(first: number {bad[0]} is {value}); train the model again without NaN and infinite values"
-            )
+def freeze_finite(owner: Any, name: str, shape: tuple[int | None, ...]) -> AnyArray:
+    """`freeze` for coefficients, without NaN and infinities: a comparison or sum with one of them stops a PLC."""
+    array = freeze(owner, name, np.float64, shape)
+    bad = np.flatnonzero(~np.isfinite(np.ravel(array)))
+    if bad.size:
+        raise InputError(
+            f"{type(owner).__name__}.{name}: {counted(bad.size, 'coefficient')} not finite "
+            f"(first: number {bad[0]} is {np.ravel(array)[bad[0]]}); "
+            "train the model again without NaN and infinite values"
+        )
+    return array
 
 
 class Operation(Protocol):

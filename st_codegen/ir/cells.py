@@ -13,7 +13,7 @@ import numpy as np
 
 from st_codegen.errors import InputError
 from st_codegen.ir.arrays import FloatArray, Int32Array
-from st_codegen.ir.base import ReadsColumns, check_columns, freeze, require_finite
+from st_codegen.ir.base import ReadsColumns, check_columns, freeze, freeze_finite
 
 
 @dataclass(frozen=True)
@@ -30,8 +30,7 @@ class RankColumn:
     descending: bool = False
 
     def __post_init__(self) -> None:
-        edges = freeze(self, "edges", np.float64, (None,))
-        require_finite(self, "edges")
+        edges = freeze_finite(self, "edges", (None,))
         if np.any(np.diff(edges) <= 0):
             raise InputError("RankColumn.edges: not strictly rising")
 
@@ -103,10 +102,9 @@ class CellTable(ReadsColumns):
     exact: bool = True
 
     def __post_init__(self) -> None:
-        values = freeze(self, "values", np.float64, (math.prod(self.shape), None))
+        values = freeze_finite(self, "values", (math.prod(self.shape), None))
         stored = freeze(self, "stored", np.int32, (None,))
-        freeze(self, "constant", np.float64, (len(stored),))
-        require_finite(self, "values", "constant")
+        freeze_finite(self, "constant", (len(stored),))
         if np.any(stored < -1) or np.any(stored >= values.shape[1]):
             raise InputError("CellTable.stored: a column that the table does not have")
         if sum(int(axis.offset.max()) for axis in self.axes) >= len(values):

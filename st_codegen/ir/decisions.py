@@ -11,7 +11,7 @@ import numpy as np
 
 from st_codegen.errors import InputError, counted
 from st_codegen.ir.arrays import FloatArray
-from st_codegen.ir.base import ColumnFunction, Precision, ReadsWhole, freeze, require_finite
+from st_codegen.ir.base import ColumnFunction, Precision, ReadsWhole, freeze_finite
 
 #: A label as the library has it.
 Label = str | bool | int | float
@@ -89,8 +89,7 @@ class Exceeds(ColumnFunction):
     computes: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        freeze(self, "cut", np.float64, (None,))
-        require_finite(self, "cut")
+        freeze_finite(self, "cut", (None,))
 
     @property
     def width(self) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 
 from st_codegen.errors import InputError, counted
 from st_codegen.ir.arrays import FloatArray
-from st_codegen.ir.base import Precision, ReadsWhole, freeze, require_finite
+from st_codegen.ir.base import Precision, ReadsWhole, freeze_finite
 
 
 @dataclass(frozen=True)
@@ -28,8 +28,7 @@ class Distances(ReadsWhole):
     largest: bool = False
 
     def __post_init__(self) -> None:
-        freeze(self, "vectors", np.float64, (None, None))
-        require_finite(self, "vectors")
+        freeze_finite(self, "vectors", (None, None))
         if not self.vectors.size:
             raise InputError("Distances: no vectors")
         if self.largest and (self.squared or self.root):
@@ -66,8 +65,7 @@ class NearestMean(ReadsWhole):
     exact: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        values = freeze(self, "values", np.float64, (None, None))
-        require_finite(self, "values")
+        values = freeze_finite(self, "values", (None, None))
         if not 1 <= self.count <= values.shape[1] or len(self.inputs) > 2:
             raise InputError(
                 f"NearestMean: {self.count} of {counted(values.shape[1], 'column')}, "
@@ -97,8 +95,7 @@ class WeightedMedian(ReadsWhole):
     exact: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        freeze(self, "weights", np.float64, (None,))
-        require_finite(self, "weights")
+        freeze_finite(self, "weights", (None,))
         if not len(self.weights) or np.any(self.weights < 0):
             raise InputError("WeightedMedian.weights: none, or a negative one")
 

@@ -26,7 +26,7 @@ from st_codegen.ir.base import (
     Towards,
     check_columns,
     freeze,
-    require_finite,
+    freeze_finite,
 )
 
 
@@ -76,11 +76,9 @@ class Scale(Quotient):
     doubt: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        freeze(self, "constant", np.float64, (None,))
-        require_finite(self, "constant")
+        freeze_finite(self, "constant", (None,))
         if self.doubt is not None:
-            freeze(self, "doubt", np.float64, (len(self.constant),))
-            require_finite(self, "doubt")
+            freeze_finite(self, "doubt", (len(self.constant),))
         if self.operator is Operator.DIVIDE and not self.reverse and not np.all(self.constant):
             raise InputError("Scale: division by a constant that is zero")
 
@@ -140,8 +138,7 @@ class FillMissing(ColumnFunction):
     computes: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        freeze(self, "fill", np.float64, (None,))
-        require_finite(self, "fill")
+        freeze_finite(self, "fill", (None,))
         if self.sentinel is not None and not math.isfinite(self.sentinel):
             raise InputError(f"FillMissing: the sentinel {self.sentinel} is not finite")
 
@@ -178,9 +175,8 @@ class Clip(ColumnFunction):
     computes: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        freeze(self, "lower", np.float64, (None,))
-        freeze(self, "upper", np.float64, (len(self.lower),))
-        require_finite(self, "lower", "upper")
+        freeze_finite(self, "lower", (None,))
+        freeze_finite(self, "upper", (len(self.lower),))
 
     @property
     def width(self) -> int:
@@ -244,15 +240,12 @@ class Linear(ReadsWhole):
     doubt: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        weights = freeze(self, "weights", np.float64, (None, None))
-        freeze(self, "bias", np.float64, (weights.shape[0],))
+        weights = freeze_finite(self, "weights", (None, None))
+        freeze_finite(self, "bias", (weights.shape[0],))
         if self.bias_terms is not None:
-            freeze(self, "bias_terms", np.float64, (weights.shape[0],))
-            require_finite(self, "bias_terms")
+            freeze_finite(self, "bias_terms", (weights.shape[0],))
         if self.doubt is not None:
-            freeze(self, "doubt", np.float64, weights.shape)
-            require_finite(self, "doubt")
-        require_finite(self, "weights", "bias")
+            freeze_finite(self, "doubt", weights.shape)
 
     @property
     def operand_width(self) -> int:
@@ -285,11 +278,10 @@ class SlidingLinear(ReadsColumns):
     whole: bool = False
 
     def __post_init__(self) -> None:
-        weights = freeze(self, "weights", np.float64, (None, None))
-        freeze(self, "bias", np.float64, (weights.shape[0],))
+        weights = freeze_finite(self, "weights", (None, None))
+        freeze_finite(self, "bias", (weights.shape[0],))
         freeze(self, "starts", np.int32, (None,))
         freeze(self, "offsets", np.int32, (weights.shape[1],))
-        require_finite(self, "weights", "bias")
         if not weights.size or not len(self.starts):
             raise InputError("SlidingLinear: no weights, or no places")
 
@@ -394,10 +386,9 @@ class KernelSum(ReadsWhole):
     exact: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        vectors = freeze(self, "support_vectors", np.float64, (None, None))
-        coefficients = freeze(self, "coefficients", np.float64, (None, vectors.shape[0]))
-        freeze(self, "intercept", np.float64, (coefficients.shape[0],))
-        require_finite(self, "support_vectors", "coefficients", "intercept")
+        vectors = freeze_finite(self, "support_vectors", (None, None))
+        coefficients = freeze_finite(self, "coefficients", (None, vectors.shape[0]))
+        freeze_finite(self, "intercept", (coefficients.shape[0],))
         if not len(vectors):
             raise InputError("KernelSum: no support vectors; the model is a constant")
         if not (math.isfinite(self.gamma) and math.isfinite(self.coef0)):
@@ -439,9 +430,8 @@ class FactoredKernel:
             if axis.ndim != 1 or not np.all(np.isfinite(axis)) or np.any(np.diff(axis) <= 0):
                 raise InputError("FactoredKernel.axes: not strictly rising")
         points = math.prod(len(axis) for axis in self.axes)
-        coefficients = freeze(self, "coefficients", np.float64, (None, points))
-        freeze(self, "intercept", np.float64, (coefficients.shape[0],))
-        require_finite(self, "coefficients", "intercept")
+        coefficients = freeze_finite(self, "coefficients", (None, points))
+        freeze_finite(self, "intercept", (coefficients.shape[0],))
 
     @property
     def operand_width(self) -> int:

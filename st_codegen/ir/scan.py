@@ -9,7 +9,7 @@ import numpy as np
 
 from st_codegen.errors import InputError, counted
 from st_codegen.ir.arrays import FloatArray, Int32Array
-from st_codegen.ir.base import Operation, ReadsColumns, check_columns, freeze, require_finite
+from st_codegen.ir.base import Operation, ReadsColumns, check_columns, freeze, freeze_finite
 
 
 @dataclass(frozen=True)
@@ -29,8 +29,7 @@ class Scan(ReadsColumns):
 
     def __post_init__(self) -> None:
         freeze(self, "starts", np.int32, (None,))
-        freeze(self, "initial", np.float64, (None,))
-        require_finite(self, "initial")
+        freeze_finite(self, "initial", (None,))
         if not self.body or not len(self.starts):
             raise InputError("Scan: no operations, or no rounds")
         for number, op in enumerate(self.body):

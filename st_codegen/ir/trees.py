@@ -18,7 +18,7 @@ from st_codegen.ir.base import (
     ReadsColumns,
     check_columns,
     freeze,
-    require_finite,
+    freeze_finite,
 )
 from st_codegen.ir.preorder import Links
 
@@ -65,11 +65,10 @@ class LinearLeaves:
     def __post_init__(self) -> None:
         if not 0.0 <= self.zero_magnitude < math.inf:
             raise InputError(f"LinearLeaves.zero_magnitude: {self.zero_magnitude}")
-        constant = freeze(self, "constant", np.float64, (None,))
+        constant = freeze_finite(self, "constant", (None,))
         start = freeze(self, "start", np.int32, (len(constant) + 1,))
         column = freeze(self, "column", np.int32, (None,))
-        freeze(self, "coefficient", np.float64, (len(column),))
-        require_finite(self, "constant", "coefficient")
+        freeze_finite(self, "coefficient", (len(column),))
         if start[0] != 0 or start[-1] != len(column) or np.any(np.diff(start) < 0):
             raise InputError("LinearLeaves.start: not a rising list of positions that covers all coefficients")
 
@@ -136,12 +135,11 @@ class TreeEnsemble(ReadsColumns):
             freeze(self, name, dtype, (nodes,))
         freeze(self, "missing_left", np.bool_, (nodes,))
         freeze(self, "leaf", np.int32, (nodes,))
-        values = freeze(self, "leaf_value", np.float64, (None, None))
+        values = freeze_finite(self, "leaf_value", (None, None))
         freeze(self, "tree_output", np.int32, (len(roots),))
-        base = freeze(self, "base", np.float64, (None,))
+        base = freeze_finite(self, "base", (None,))
         freeze(self, "category_left", np.bool_, (None,))
         freeze(self, "category_row", np.int32, (nodes if self.has_categories else 0,))
-        require_finite(self, "leaf_value", "base")
         if self.sum_precision is not Precision.FLOAT64:
             for array in (values, base):
                 with np.errstate(over="ignore"):

@@ -91,10 +91,7 @@ def _(op: ir.Select, given: list[Column]) -> list[Column]:
     return [given[column] for column in op.columns]
 
 
-@_after.register(ir.Scale)
-@_after.register(ir.Round)
-@_after.register(ir.Clip)
-@_after.register(ir.FillMissing)
+@_after.register
 def _(op: ir.Scale | ir.Round | ir.Clip | ir.FillMissing, given: list[Column]) -> list[Column]:
     if isinstance(op, ir.Scale):
         is_monotone = op.exact and not (op.reverse and op.operator is ir.Operator.DIVIDE)

@@ -128,7 +128,6 @@ class Axis:
             k.ACC_FF: p.drive.acceleration_feedforward * inertia,
             k.STEP: p.step_s,
             k.ENCODER_STEP: 2.0 * math.pi / p.encoders.motor_steps_per_rev,
-            k.LOOPS: 1.0,
         }
         for entry, value in values.items():
             packed[entry] = value

@@ -18,8 +18,7 @@ from st_codegen.errors import GeneratedCodeError, InputError
 from st_codegen.files.temporary import temporary_folder
 from st_codegen.project.bundle import Bundle
 from st_codegen.rig.tasks import TaskForm, TaskInputs, TaskSettings
-from st_codegen.st import Machine, StError, StRuntimeError, load_project
-from st_codegen.st.tree import Project
+from st_codegen.st import Machine, StRuntimeError, load_project
 from st_codegen.te.compensation.correction import SIGNED_LOAD
 from st_codegen.te.compensation.parts import names_of
 from st_codegen.te.compensation.programs import FAST_US, SIGNALS
@@ -94,7 +93,7 @@ def restricted(bundle: Bundle, orders: Sequence[int]) -> Bundle:
 class EmittedCompensator:
     """The blocks of one bundle, generated to files for a target and read back.
 
-    Raises GeneratedCodeError where the text is not valid, or where a controller would stop.
+    Raises GeneratedCodeError where a controller would stop.
     """
 
     def __init__(self, bundle: Bundle, target: str = "twincat", outputs_per_cycle: int | None = None) -> None:
@@ -104,7 +103,7 @@ class EmittedCompensator:
             form = target_named(target)
             wishes = wishes_of({"outputs_per_cycle": outputs_per_cycle}, [form])[form.name]
             generated = generate(bundle, form, folder, **wishes)
-            self.project = _read(generated.folder, target)
+            self.project = load_project([generated.folder], target)
         #: inputs of the blocks, in the order of the features
         self.names = names_of(input_variables(self.te.features))
         self._machine = Machine(self.project)
@@ -219,13 +218,6 @@ class RunningCompensator:
     def weight(self) -> float:
         """Weight of the law in the last call."""
         return float(self._ports["fWeight"])
-
-
-def _read(folder: Path, dialect: str) -> Project:
-    try:
-        return load_project([folder], dialect)
-    except StError as error:
-        raise GeneratedCodeError(f"the generated text is not valid Structured Text\n{error}") from error
 
 
 def _guarded(instance: Any) -> None:

@@ -61,9 +61,8 @@ STATES = 16
     ACC_FF,
     STEP,
     ENCODER_STEP,
-    LOOPS,
-) = range(23)
-PARAMETERS = 23
+) = range(22)
+PARAMETERS = 22
 _DEG = math.pi / 180.0
 #: Narrowest play at a reversal, deg: keeps its rate finite where both directions have the same mean.
 _NARROWEST = 3e-4
@@ -160,11 +159,10 @@ def advance(
             x[REF_SLOPE] = slope
             x[REF_FROM] = x[REF_TO]
             x[REF_TO] = reference
-        if p[LOOPS] > 0.0:
-            if i % every == 0:
-                since = (i - arrival) * h if i >= arrival else (i - arrival + steps) * h
-                drive(x, p, x[REF_FROM] + (x[REF_TO] - x[REF_FROM]) * (since / period), every * h)
-            x[TORQUE] += (x[SETPOINT] - x[TORQUE]) * p[CURRENT_GAIN]
+        if i % every == 0:
+            since = (i - arrival) * h if i >= arrival else (i - arrival + steps) * h
+            drive(x, p, x[REF_FROM] + (x[REF_TO] - x[REF_FROM]) * (since / period), every * h)
+        x[TORQUE] += (x[SETPOINT] - x[TORQUE]) * p[CURRENT_GAIN]
         torque = load[0] + (load[1] - load[0]) * (i / steps)
         motor, inner = accelerations(x, p, torque)
         x[W_MOT] += 0.5 * h * motor

@@ -43,7 +43,7 @@ def energy(axis):
 def spun(parameters, harmonics, cycles, twist_rate=5.0, speed=100.0):
     """Energies of a free axis after each cycle: both masses turn, the coupling swings."""
     axis = Axis(parameters, RATIO)
-    axis.packed[kernel.LOOPS] = 0.0
+    axis.packed[kernel.CURRENT_GAIN] = 0.0  # the motor makes no torque
     axis.place(0.0, harmonics)
     axis.state[kernel.W_MOT] = speed + twist_rate
     axis.state[kernel.W_IN] = speed

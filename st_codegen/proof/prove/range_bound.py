@@ -139,10 +139,8 @@ def _of_ends(op: ir.Operation, operand: Ends) -> Ends:
     return np.minimum(one, other), np.maximum(one, other)
 
 
-@interval.register(ir.Round)
-@interval.register(ir.Clip)
-@interval.register(ir.FillMissing)
-def _(op: ir.Operation, operands: list[Ends]) -> Ends:
+@interval.register
+def _(op: ir.Round | ir.Clip | ir.FillMissing, operands: list[Ends]) -> Ends:
     if isinstance(op, ir.FillMissing) and op.sentinel is not None:
         low, high = operands[0]
         return np.minimum(low, op.fill), np.maximum(high, op.fill)
