@@ -35,6 +35,7 @@ from st_codegen.training.learn import (
     split_rows,
 )
 from st_codegen.training.search import Fitting
+from st_codegen.training.shared import squared_errors
 from st_codegen.training.study import SearchSettings, Study, study
 from st_codegen.training.targets import Coordinates
 
@@ -232,8 +233,7 @@ def reconstruction(table: HarmonicTable, orders: Sequence[int], predicted: Compl
     missing = np.zeros_like(table.coefficients)
     for column, order in enumerate(orders):
         missing[:, table.orders.index(order)] = predicted[:, column]
-    weight = np.where(np.array(table.orders) == 0, 1.0, 0.5)
-    error = np.sqrt((np.abs(missing - table.coefficients) ** 2) @ weight)
-    size = np.sqrt((np.abs(table.coefficients) ** 2) @ weight)
+    error = np.sqrt(squared_errors(table.orders, missing, table.coefficients))
+    size = np.sqrt(squared_errors(table.orders, np.zeros_like(missing), table.coefficients))
     percent = 100.0 * error / size
     return float(np.median(error)), float(np.median(percent)), float(np.percentile(percent, 95))

@@ -20,7 +20,7 @@ from st_codegen.proof.prove.disagree import OtherExpressionError, SearchedInputs
 from st_codegen.proof.prove.execute import Executor, converted
 from st_codegen.proof.prove.floats import bits
 from st_codegen.proof.prove.inputs import InputTerms
-from st_codegen.proof.prove.intervals import Interval
+from st_codegen.proof.prove.intervals import LARGEST, Interval
 from st_codegen.proof.prove.model import ModelSide
 from st_codegen.proof.prove.range_bound import range_bound
 from st_codegen.proof.prove.sums import TreeKey, TreeTerms, column_of, rows_of
@@ -45,8 +45,6 @@ _SPREAD = 64
 _NEAR = 1e3
 #: Rows that the reference evaluates at once: bounds its memory.
 _BATCH = 20_000
-#: The range of a feature that declares none, where another does: no infinity lies in it
-_LARGEST = float(np.finfo(np.float64).max)
 
 
 class Difference(Exception):  # noqa: N818 - a finding, not a failure
@@ -414,7 +412,7 @@ class TreeProof:
             return
         parts = self._conditions_on_inputs(outputs["bInRange"])
         for axis, feature in zip(self.run.executor.axes, self.model.features, strict=False):
-            low, high = feature.checked or (-_LARGEST, _LARGEST)  # an infinity is in no range
+            low, high = feature.checked or (-LARGEST, LARGEST)  # an infinity is in no range
             with np.errstate(over="ignore"):
                 axis.cut(to_keys(np.array([low, np.nextafter(high, np.inf)])) - 1)  # lanes begin at these numbers
             wanted = np.append((axis.low[:-1] >= low) & (axis.high[:-1] <= high), True)
