@@ -14,6 +14,7 @@ import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import PurePath
 from types import FrameType
 from typing import Any
@@ -126,20 +127,52 @@ class UntrustedFileError(InputError):
 
 
 class MissingExtraError(InputError):
-    """An optional dependency is not installed."""
+    """An optional dependency is not installed, or (`installed`: its version) older than the least that is known."""
 
-    def __init__(self, package: str, extra: str, purpose: str) -> None:
-        super().__init__(
-            f"{purpose} needs the package '{package}', which is not installed: pip install 'st-codegen[{extra}]'"
-        )
+    def __init__(self, package: str, extra: str, purpose: str, installed: str = "", least: str = "") -> None:
+        what, how = "which is not installed", "pip install"
+        if installed:
+            # rules of a library change: those of older versions were not read, and models would be compiled wrong
+            what, how = f"{least} or newer; {installed} is installed", "pip install --upgrade"
+        super().__init__(f"{purpose} needs the package '{package}', {what}: {how} 'st-codegen[{extra}]'")
 
 
 def extra_package(package: str, extra: str, purpose: str) -> Any:
-    """A package of an extra, imported for a purpose. Raises MissingExtraError where it is not installed."""
+    """A package of an extra, imported for a purpose.
+
+    Raises MissingExtraError where it is not installed, or where it is older than the requirements of st-codegen say.
+    """
+    name = package.partition(".")[0]
     try:
-        return importlib.import_module(package)
+        module = importlib.import_module(package)
     except ImportError:
-        raise MissingExtraError(package.partition(".")[0], extra, purpose) from None
+        raise MissingExtraError(name, extra, purpose) from None
+    installed, least = str(getattr(sys.modules[name], "__version__", "")), least_versions().get(name, "")
+    if installed and least and _numbers(installed) < _numbers(least):
+        raise MissingExtraError(name, extra, purpose, installed, least)
+    return module
+
+
+#: What is imported under another name than it is installed by.
+_IMPORTED_AS = {"scikit-learn": "sklearn", "xgboost-cpu": "xgboost"}
+
+
+@cache
+def least_versions() -> dict[str, str]:
+    """The least version of each package that the requirements name, by the name that is imported; none without them."""
+    from importlib import metadata
+
+    try:
+        required = metadata.requires("st-codegen") or []
+    except metadata.PackageNotFoundError:
+        return {}
+    found = (re.match(r"([\w.-]+)>=([\d.]+)", text) for text in required)
+    return {_IMPORTED_AS.get(one[1], one[1]): one[2] for one in found if one}
+
+
+def _numbers(version: str) -> tuple[int, ...]:
+    """The first three numbers of a version; those that it does not have are 0."""
+    return (*map(int, re.findall(r"\d+", version)[:3]), 0, 0, 0)[:3]
 
 
 class TargetError(InputError):

@@ -37,6 +37,7 @@ NOT_AS_MADE = (ArithmeticError, AttributeError, LookupError, RecursionError, Typ
 
 def load_skops(path: Path, name: str) -> LoadedModel:
     """Load a `.skops` file. Raises UntrustedFileError where it names a type that is not known to be harmless."""
+    extra_package("sklearn", "sklearn", f"{path.name}: reading .skops files")
     skops = extra_package("skops.io", "sklearn", f"{path.name}: reading .skops files")
     try:
         data = checked_archive(path)
@@ -99,6 +100,8 @@ def from_estimator(estimator: Any, name: str) -> LoadedModel:
             f"this is a {type(estimator).__module__}.{type(estimator).__qualname__}, not a model of "
             "scikit-learn, LightGBM, XGBoost or statsmodels"
         )
+    if package == "sklearn":
+        extra_package(package, package, "compiling this model")
     module = importlib.import_module(_LOADERS[package])
     try:
         loaded: LoadedModel = module.load_object(estimator, name)

@@ -1,0 +1,61 @@
+"""Packages of extras: which are missing, and which are too old."""
+
+import sys
+from importlib import metadata
+from types import ModuleType
+
+import pytest
+
+from st_codegen import errors
+from st_codegen.errors import MissingExtraError, extra_package, least_versions
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """Requirements of st-codegen, and an installed package of a version."""
+    required = ["click>=8.1", 'fruit-cpu>=1.30; extra == "fruit"', 'st-codegen[fruit]; extra == "all"', "other>1"]
+    monkeypatch.setattr(metadata, "requires", lambda _: required)
+    monkeypatch.setattr(errors, "_IMPORTED_AS", {"fruit-cpu": "fruit"})
+    least_versions.cache_clear()
+
+    def install(version):
+        module = ModuleType("fruit")
+        module.__version__ = version
+        monkeypatch.setitem(sys.modules, "fruit", module)
+        return module
+
+    yield install
+    least_versions.cache_clear()
+
+
+@pytest.mark.parametrize("version", ["1.30", "1.30.0", "1.30.0+cpu", "1.31rc1", "2.0", "1.100.0"])
+def test_a_package_that_is_new_enough(asked, version):
+    module = asked(version)
+    assert extra_package("fruit", "fruit", "eating") is module
+
+
+@pytest.mark.parametrize("version", ["1.29.9", "1.3.0", "0.99"])
+def test_a_package_whose_rules_are_not_known_is_refused(asked, version):
+    """With onnxruntime 1.27 labels of trees were others than those of the text, and nothing said so before `verify`."""
+    asked(version)
+    message = f"needs the package 'fruit', 1.30 or newer; {version} is installed: pip install --upgrade 'st-codegen"
+    with pytest.raises(MissingExtraError, match=message):
+        extra_package("fruit", "fruit", "eating")
+
+
+def test_no_requirements_and_no_version_refuse_nothing(asked, monkeypatch):
+    asked("1.0")
+    monkeypatch.delattr(sys.modules["fruit"], "__version__")
+    assert extra_package("fruit", "fruit", "eating")
+    asked("1.0")
+
+    def no_package(_):
+        raise metadata.PackageNotFoundError
+
+    monkeypatch.setattr(metadata, "requires", no_package)
+    least_versions.cache_clear()
+    assert extra_package("fruit", "fruit", "eating")
+
+
+def test_what_is_installed_is_new_enough():
+    assert {"sklearn", "lightgbm", "xgboost", "onnx", "onnxruntime", "skops"} <= set(least_versions())
