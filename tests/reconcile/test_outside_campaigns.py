@@ -701,3 +701,27 @@ def test_sidebands_of_a_resonance_are_no_resonances_at_frequencies_of_their_own(
     result = reconcile_observations(rig, replace(data, values=values), KNOWN)
     modes = [one for one in result.new_rig.effects if one.name == "structural_resonance"]
     assert [float(mode.scalar("frequency_Hz")) for mode in modes] == pytest.approx([60.0], rel=0.01)
+
+
+def test_what_runs_differ_by_in_the_mean_hides_no_stiffness_that_changed():
+    """Held against the noise within the curves, a stiffness off by 2 % left the mean "in proportion to the torque"."""
+    softer = RigModel(effects=(effect("torsional_compliance", stiffness_Nm_per_arcmin=463.0), *RIG.effects[1:]))
+    data = observed(softer, grid(), sigma=1e-5)
+    values = data.values.copy()
+    values[:, 0] += 3e-4 * np.random.default_rng(1).standard_normal(len(values))
+    data = replace(data, values=values, spectral_deg=np.full(values.shape, 1e-5))
+    changed = retuned(reconcile_observations(RIG, data, KNOWN))
+    (key,) = changed["torsional_compliance"].stderr
+    assert changed["torsional_compliance"].after.values[key] == pytest.approx(463.0, rel=0.005)
+
+
+def test_oil_that_thins_by_another_law_is_no_skew_for_sure():
+    """Drag that does not thin was an encoder that is read late, with no other name."""
+    friction = effect("friction_windup", coulomb_arcmin=0.3, viscous_arcmin_per_krpm=0.3, viscosity_decay_per_K=0.04)
+    rig, at = RigModel(effects=(*RIG.effects, friction)), grid()
+    data = observed(rig, at)
+    values = data.values.copy()
+    values[:, 0] -= at.sign * 0.1 * at.speed_rpm / 1000 / 60
+    result = reconcile_observations(rig, replace(data, values=values), KNOWN)
+    (claim,) = result.conclusions.claims
+    assert claim.piece.effect.name == "measurement_delay" and "something_else" in claim.alternatives
