@@ -21,6 +21,7 @@ from st_codegen.reconcile.report.sentences import floor_text, left_text, verdict
 from st_codegen.reconcile.report.summary import summary
 from st_codegen.reconcile.rest.structure import floors, noise_within, scatter
 from st_codegen.reconcile.rest.unexplained import of_a_hum, signatures
+from st_codegen.reconcile.rest.unseen import one_after_the_other
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 from st_codegen.rig.model import RigModel
@@ -725,3 +726,12 @@ def test_oil_that_thins_by_another_law_is_no_skew_for_sure():
     result = reconcile_observations(rig, replace(data, values=values), KNOWN)
     (claim,) = result.conclusions.claims
     assert claim.piece.effect.name == "measurement_delay" and "something_else" in claim.alternatives
+
+
+def test_runs_at_speeds_that_lie_anywhere_go_through_no_levels():
+    """The first of eight was the fastest: it and all others, from 357 to 994 rpm, were two levels of the speed."""
+    speeds = np.repeat([1891.0, 994.0, 867.0, 596.0, 357.0, 532.0, 685.0, 484.0], 2)
+    at = Conditions.of(np.tile([1.0, -1.0], 8), speeds, np.full(16, 100.0), np.full(16, 30.0))
+    data = replace(observed(RIG, at), run=order_of_runs(at))
+    assert one_after_the_other(data) == []
+    assert one_after_the_other(replace(data, at=replace(at, speed_rpm=np.sort(np.round(speeds, -3))))) == ["speed"]
