@@ -735,3 +735,13 @@ def test_runs_at_speeds_that_lie_anywhere_go_through_no_levels():
     data = replace(observed(RIG, at), run=order_of_runs(at))
     assert one_after_the_other(data) == []
     assert one_after_the_other(replace(data, at=replace(at, speed_rpm=np.sort(np.round(speeds, -3))))) == ["speed"]
+
+
+def test_a_shaft_that_bends_in_another_direction_than_it_runs_out_has_no_encoder_off_centre_for_sure():
+    """Run-out and bending of two phases are a shaft and an encoder of any size: its encoder was off by 0.00087 deg."""
+    data = observed(RIG, grid())
+    bent = 4e-3 * data.at.torque_Nm / 1000 * np.exp(0.5j)
+    result = reconcile_observations(RIG, replace(data, values=data.values + bent[:, None] * (data.orders == 1)), KNOWN)
+    for claim in result.conclusions.claims:
+        assert "something_else" in claim.alternatives, claim.piece.effect
+    assert result.conclusions.claims

@@ -254,9 +254,9 @@ def may_be_of_a_law(final: Fit, piece: Piece) -> bool:
     return bool((change < SETTINGS.constant_of_a_law * SETTINGS.least_excess * noise).all())
 
 
-#: Constant waves once or twice a turn: the weight of an arm that hangs on the output, how a machine is mounted, or an
-#: encoder makes such, too.
-_OF_THE_TURN = frozenset({"output_shaft_eccentricity", "output_shaft_ovality"})
+#: Constant waves once or twice a turn: the weight of an arm that hangs on the output, how a machine is mounted, an
+#: encoder, or a shaft that bends in another direction than it runs out makes such, too.
+_OF_THE_TURN = frozenset({"output_shaft_eccentricity", "output_shaft_ovality", "encoder_eccentricity"})
 
 
 def may_be_of_the_turn(_: Fit, piece: Piece) -> bool:
