@@ -366,7 +366,10 @@ def test_a_drift_within_the_turn_is_taken_out_and_the_mean_is_not_looked_at(star
     made = replace(data, values=data.values + np.where(ORDERS == 0, 0, 1j * drift / (np.pi * np.maximum(ORDERS, 1))))
     with pytest.raises(InputError, match="--accept drift") as asked:
         examine(made, RIG, PATH)
-    assert "by up to 0.1 deg" in str(asked.value)
+    assert "by up to 0.1 deg, by another amount in each run" in str(asked.value)
+    turning = 0.1 * data.at.sign[:, None] * np.exp(-1j * np.deg2rad(start_deg) * ORDERS) / np.maximum(ORDERS, 1)
+    with pytest.raises(InputError, match="by another amount in each direction"):
+        examine(replace(data, values=data.values + np.where(ORDERS == 0, 0, 1j * turning / np.pi)), RIG, PATH)
     examined = examine(made, RIG, PATH, accept=["drift"]).data
     assert examined.orders.tolist() == ORDERS[1:].tolist()
     assert "the mean" in examined.not_looked_at[-1]
