@@ -44,11 +44,12 @@ class Sums:
 
     samples: number N; angle: complex128 (2*K + 1,), sum of exp(-i*m*theta); te: complex128 (K + 1,), sum of
     TE*exp(-i*k*theta) in deg; te_square: sum of TE^2 in deg^2; plain_fft: complex128 (band + 1,), deg, the
-    coefficients of an FFT over the number of the sample; ends: float64 (2, 4), the lowest and the highest TE in deg,
+    coefficients of an FFT over the number of the sample, of the whole turns that it holds (of the first, where it is
+    less than one and a half); ends: float64 (2, 4), the lowest and the highest TE in deg,
     each with the most samples in a row that have it, the most that have the value next to it, and the number of values;
     spikes: float64 (4, s), the samples that are in none of the sums: angle in rad, TE in deg, by how much that is off
     what the FFT has in their places, and their numbers in order of time; begin: the angle of the first sample, rad;
-    turns: how many the curve holds, 1 for less than one and a half; moved_deg: by how much angles are off those that
+    turns: how many the curve holds, 1 for less than one; moved_deg: by how much angles are off those that
     were read, at most, where these are rounded.
     """
 
@@ -72,6 +73,11 @@ class Sums:
     def in_turn(self) -> int:
         """How many of these a turn has: they tell which orders are told, and as which others a higher one shows."""
         return round(self.taken / self.turns)
+
+    @property
+    def holds_several(self) -> bool:
+        """Whether the curve holds more than one turn, and does not just end a little behind where it began."""
+        return self.turns >= _SEVERAL_TURNS
 
     @property
     def row_left_out(self) -> int:
@@ -158,7 +164,12 @@ def _sums_over(angle_deg: FloatArray, curve: Curve, band: int) -> Sums:
     far = off != 0.0
     turns = abs(float(theta[-1]) - begin) / (2.0 * np.pi) * len(te) / (len(te) - 1)
     whole = te - off
-    fft = np.fft.rfft(whole if theta[0] <= theta[-1] else whole[::-1]) * (2.0 / len(te))
+    in_turn = round(len(te) / turns)
+    # less than a sample more than a turn is what angles are off by
+    turns = turns if in_turn < len(te) else 1.0
+    forward = whole if theta[0] <= theta[-1] else whole[::-1]
+    forward = forward if turns >= _SEVERAL_TURNS else forward[:in_turn]
+    fft = np.fft.rfft(forward) * (2.0 / len(forward))
     fft[0] /= 2.0
     left_out = np.stack([theta[far], te[far], off[far], np.flatnonzero(far)])
     theta, te = theta[~far], te[~far]
@@ -172,7 +183,7 @@ def _sums_over(angle_deg: FloatArray, curve: Curve, band: int) -> Sums:
         _ends(te),
         left_out,
         begin,
-        turns if turns >= _SEVERAL_TURNS else 1.0,
+        turns,
     )
     return replace(sums, plain_fft=fft[: sums.band + 1])
 

@@ -192,3 +192,16 @@ def test_of_a_te_that_does_not_change_no_order_is_taken():
     angle = np.linspace(0.0, 360.0, 400, endpoint=False)
     fits = [fit_orders(curve_sums(Curve(angle + shift, np.full(400, 0.01))), ()) for shift in (0.0, 0.01, 0.02, 0.03)]
     assert [reason.order for reason in choose_orders(fits) if reason.chosen] == [0]
+
+
+@pytest.mark.parametrize(("samples", "in_turn", "several"), [(400, 400, False), (404, 400, False), (800, 400, True)])
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_a_curve_that_ends_behind_where_it_began_has_the_samples_of_a_turn(samples, in_turn, several, direction):
+    """An encoder's lines, a hum's frequency and aliases were told by 404 samples a turn."""
+    angle = 0.9 * np.arange(samples)
+    angle = angle if direction > 0 else angle[::-1]
+    sums = curve_sums(Curve(angle, 0.02 + 1e-3 * np.cos(np.radians(29 * angle))), 60)
+    assert (sums.in_turn, sums.holds_several) == (in_turn, several)
+    if not several:
+        lines = np.abs(sums.plain_fft)
+        assert lines[29] == pytest.approx(1e-3, rel=1e-6) and np.delete(lines, [0, 29]).max() < 1e-9

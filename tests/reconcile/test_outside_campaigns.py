@@ -21,6 +21,7 @@ from st_codegen.reconcile.report.sentences import floor_text, left_text, verdict
 from st_codegen.reconcile.report.summary import summary
 from st_codegen.reconcile.rest.structure import floors, noise_within, scatter
 from st_codegen.reconcile.rest.unexplained import of_a_hum, signatures
+from st_codegen.reconcile.rest.unseen import one_after_the_other
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 from st_codegen.rig.model import RigModel
@@ -701,3 +702,46 @@ def test_sidebands_of_a_resonance_are_no_resonances_at_frequencies_of_their_own(
     result = reconcile_observations(rig, replace(data, values=values), KNOWN)
     modes = [one for one in result.new_rig.effects if one.name == "structural_resonance"]
     assert [float(mode.scalar("frequency_Hz")) for mode in modes] == pytest.approx([60.0], rel=0.01)
+
+
+def test_what_runs_differ_by_in_the_mean_hides_no_stiffness_that_changed():
+    """Held against the noise within the curves, a stiffness off by 2 % left the mean "in proportion to the torque"."""
+    softer = RigModel(effects=(effect("torsional_compliance", stiffness_Nm_per_arcmin=463.0), *RIG.effects[1:]))
+    data = observed(softer, grid(), sigma=1e-5)
+    values = data.values.copy()
+    values[:, 0] += 3e-4 * np.random.default_rng(1).standard_normal(len(values))
+    data = replace(data, values=values, spectral_deg=np.full(values.shape, 1e-5))
+    changed = retuned(reconcile_observations(RIG, data, KNOWN))
+    (key,) = changed["torsional_compliance"].stderr
+    assert changed["torsional_compliance"].after.values[key] == pytest.approx(463.0, rel=0.005)
+
+
+def test_oil_that_thins_by_another_law_is_no_skew_for_sure():
+    """Drag that does not thin was an encoder that is read late, with no other name."""
+    friction = effect("friction_windup", coulomb_arcmin=0.3, viscous_arcmin_per_krpm=0.3, viscosity_decay_per_K=0.04)
+    rig, at = RigModel(effects=(*RIG.effects, friction)), grid()
+    data = observed(rig, at)
+    values = data.values.copy()
+    values[:, 0] -= at.sign * 0.1 * at.speed_rpm / 1000 / 60
+    result = reconcile_observations(rig, replace(data, values=values), KNOWN)
+    (claim,) = result.conclusions.claims
+    assert claim.piece.effect.name == "measurement_delay" and "something_else" in claim.alternatives
+
+
+def test_runs_at_speeds_that_lie_anywhere_go_through_no_levels():
+    """The first of eight was the fastest: it and all others, from 357 to 994 rpm, were two levels of the speed."""
+    speeds = np.repeat([1891.0, 994.0, 867.0, 596.0, 357.0, 532.0, 685.0, 484.0], 2)
+    at = Conditions.of(np.tile([1.0, -1.0], 8), speeds, np.full(16, 100.0), np.full(16, 30.0))
+    data = replace(observed(RIG, at), run=order_of_runs(at))
+    assert one_after_the_other(data) == []
+    assert one_after_the_other(replace(data, at=replace(at, speed_rpm=np.sort(np.round(speeds, -3))))) == ["speed"]
+
+
+def test_a_shaft_that_bends_in_another_direction_than_it_runs_out_has_no_encoder_off_centre_for_sure():
+    """Run-out and bending of two phases are a shaft and an encoder of any size: its encoder was off by 0.00087 deg."""
+    data = observed(RIG, grid())
+    bent = 4e-3 * data.at.torque_Nm / 1000 * np.exp(0.5j)
+    result = reconcile_observations(RIG, replace(data, values=data.values + bent[:, None] * (data.orders == 1)), KNOWN)
+    for claim in result.conclusions.claims:
+        assert "something_else" in claim.alternatives, claim.piece.effect
+    assert result.conclusions.claims

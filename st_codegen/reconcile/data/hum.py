@@ -95,18 +95,22 @@ class Hum:
 
 
 class _Seen(NamedTuple):
-    """A wave in a curve: its size (deg; 0 where none shows), its order there, coefficients of the orders it makes."""
+    """A wave in a curve: its size (deg; 0 where none shows), its order there, coefficients of the orders it makes.
+
+    wave: over one turn; whole: over all samples of the curve.
+    """
 
     size: float
     order: float
     wave: ComplexArray
+    whole: ComplexArray
 
 
 def _taken_out(
     sums: Sequence[Sums], seen: Sequence[_Seen], frequency_Hz: float = 0.0, order: float = 0.0
 ) -> tuple[list[Sums], Hum]:
     """Curves without a wave of one frequency, or of one number of periods a turn, and that wave."""
-    kept = [_less(one, own.wave) for one, own in zip(sums, seen, strict=True)]
+    kept = [_less(one, own) for one, own in zip(sums, seen, strict=True)]
     sizes = np.array([own.size for own in seen if own.size])
     low, high = np.quantile(sizes, (0.05, 0.95))
     size, made = float(np.sqrt((sizes**2).mean())), _by_order(kept, [own.wave for own in seen])
@@ -245,7 +249,7 @@ def _some_between(
         near = free & (np.abs(places - best.order) <= SETTINGS.orders_beside_wave)
         left, whole = (float((np.abs(part[near]) ** 2).sum()) for part in (line - best.wave[: len(free)], line))
         is_one = near.sum() > 2 and left - int(near.sum()) * floor < SETTINGS.left_of_unit * whole
-        found.append(best if is_one else _Seen(0.0, best.order, np.zeros_like(best.wave)))
+        found.append(best if is_one else _none_seen(best.order, len(best.wave)))
     return found
 
 
@@ -392,7 +396,7 @@ def _mirrored(order: FloatArray, samples: IntArray) -> FloatArray:
     return np.asarray(np.abs(order - samples * np.round(order / samples)))
 
 
-def _leaks(order: FloatArray | float, at: IntArray, samples: IntArray | int) -> ComplexArray:
+def _leaks(order: FloatArray | float, at: IntArray | FloatArray, samples: IntArray | int) -> ComplexArray:
     """What exp(i*order*phi) over `samples` even steps of a turn gives the orders `at`, as part of its size."""
     x = order - at
     return np.asarray(np.exp(1j * np.pi * x * (1 - 1 / samples)) * np.sinc(x) / np.sinc(x / samples))
@@ -435,16 +439,28 @@ def _waves(
     sizes = np.where(clear, sizes, sizes * np.minimum(1.0, most / np.maximum(np.abs(sizes), 1e-300)))
     found, moved = [], np.sign(beyond) * (middle - shown)
     for row, one in enumerate(sums):
-        at = np.arange(len(one.te))
-        wave = sizes[row] * _leaks(middle[row], at, one.in_turn)
-        wave += np.conj(sizes[row] * _leaks(middle[row], -at, one.in_turn))
-        wave[0] /= 2
+        wave = _made(sizes[row], middle[row], len(one.te), one.in_turn)
         noise = float(np.median(np.abs(lines[row] - wave[: len(free)])[free] ** 2)) / np.log(2.0)
         if _start(one) is None or told[row] < SETTINGS.loud_line * noise:
-            found.append(_Seen(0.0, float(orders[row]), np.zeros_like(wave)))
+            found.append(_none_seen(float(orders[row]), len(wave)))
         else:
-            found.append(_Seen(float(abs(sizes[row])), float(orders[row] + moved[row]), wave))
+            whole = _made(sizes[row], middle[row], len(one.te), one.taken, one.taken / one.in_turn)
+            found.append(_Seen(float(abs(sizes[row])), float(orders[row] + moved[row]), wave, whole))
     return found
+
+
+def _none_seen(order: float, count: int) -> _Seen:
+    """What is told of a curve that shows no wave of an order."""
+    nothing = np.zeros(count, np.complex128)
+    return _Seen(0.0, order, nothing, nothing)
+
+
+def _made(size: complex, order: float, count: int, samples: int, turns: float = 1.0) -> ComplexArray:
+    """The coefficients of the first orders that a wave makes over so many samples, which are so many turns."""
+    at = np.asarray(np.arange(count) * turns, np.float64)
+    made = size * _leaks(order * turns, at, samples) + np.conj(size * _leaks(order * turns, -at, samples))
+    made[0] /= 2
+    return np.asarray(made)
 
 
 def _told(lines: ComplexArray, orders: FloatArray, at: IntArray, samples: IntArray) -> tuple[ComplexArray, FloatArray]:
@@ -467,23 +483,37 @@ def _power(leaks: ComplexArray) -> FloatArray:
     return np.asarray((np.abs(leaks) ** 2).sum(axis=-1))
 
 
-def _less(one: Sums, wave: ComplexArray) -> Sums:
+def _less(one: Sums, own: _Seen) -> Sums:
     """The curve without a wave, given by the coefficients of its orders over the number of the sample."""
-    turned = wave * np.exp(-1j * (_start(one) or 0.0) * np.arange(len(wave))) * one.in_turn / 2
+    turned = own.whole * np.exp(-1j * (_start(one) or 0.0) * np.arange(len(own.whole))) * one.taken / 2
     turned[0] *= 2
-    left = one.plain_fft - wave[: one.band + 1]
+    left = one.plain_fft - own.wave[: one.band + 1]
     # of the samples it leaves the square as well, or it would be looked for above the band
     power = np.abs(left) ** 2 - np.abs(one.plain_fft) ** 2
-    square = one.te_square + one.in_turn * float(power[0] + power[1:].sum() / 2)
+    square = one.te_square + one.taken * float(power[0] + power[1:].sum() / 2)
     return replace(one, te=one.te - turned, te_square=max(square, 0.0), plain_fft=left)
 
 
 def _start(one: Sums) -> float | None:
     """The angle (rad) of the first sample, or None where the samples are no even turn from there on."""
     orders = np.arange(1, one.band + 1)
-    te = one.te[orders]
-    product = te * one.plain_fft[1:].conj()
+    te, even = one.te[orders], _repeated(one)[1:]
+    product = te * even.conj()
     start = -float(np.angle(product[0]))
+    if one.taken > one.in_turn:
+        # beside whole turns a wave of any frequency reaches order 1: the angle that was read tells better
+        ends = one.begin - 2.0 * np.pi * np.array([0.0, one.taken - 1.0]) / one.in_turn
+        start = float(ends[np.abs(np.exp(1j * ends) - np.exp(1j * start)).argmin()])
     turned = product * np.exp(1j * start * orders)
-    whole = np.sqrt((np.abs(te) ** 2).sum() * (np.abs(one.plain_fft[1:]) ** 2).sum())
+    whole = np.sqrt((np.abs(te) ** 2).sum() * (np.abs(even) ** 2).sum())
     return start if turned.real.sum() > SETTINGS.stable * whole else None
+
+
+def _repeated(one: Sums) -> ComplexArray:
+    """The coefficients over all samples of a curve of which each turn is what its FFT has, if they are even."""
+    if one.taken <= one.in_turn:
+        return one.plain_fft
+    waves = one.plain_fft * np.where(np.arange(one.band + 1) > 0, 1.0, 2.0)
+    turn = np.fft.irfft(np.pad(waves, (0, one.in_turn // 2 - one.band)), one.in_turn)
+    turn[: one.taken - one.in_turn] *= 2.0
+    return np.asarray(np.fft.rfft(turn)[: one.band + 1])

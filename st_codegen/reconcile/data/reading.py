@@ -112,7 +112,7 @@ def _without_foreign_waves(campaign: Campaign, rig: RigModel) -> tuple[Campaign,
 
 
 def _hold_several_turns(campaign: Campaign) -> bool:
-    return any(curve.sums.turns > 1.0 for curve in campaign.curves)
+    return any(curve.sums.holds_several for curve in campaign.curves)
 
 
 def _peaks_above(campaign: Campaign, bands: IntArray, known: Sequence[int]) -> list[int]:
@@ -361,7 +361,7 @@ def _not_looked_at(
     else:
         found.append(f"orders above {int(bands.max())}")
     if _hold_several_turns(campaign):
-        several = sum(curve.sums.turns > 1.0 for curve in campaign.curves)
+        several = sum(curve.sums.holds_several for curve in campaign.curves)
         found[-1] += (
             "; waves of no whole number of periods a turn, and of one frequency: only where no curve holds several "
             f"turns, as {several} of {len(campaign.curves)} do"

@@ -226,6 +226,20 @@ def may_be_another_drag(final: Fit, piece: Piece) -> bool:
     return best < held + clear < alone
 
 
+def may_be_another_film(final: Fit, piece: Piece) -> bool:
+    """Whether all that a change of the measuring chain shows is a mean that grows with the speed, as skew makes it.
+
+    Drag that thins with the oil by another law than the exponential one, or does not thin at all, makes the same.
+    """
+    data, good = final.target.data, final.target.good
+    if piece.effect.stage is not Stage.MEASURING or data.angle_rad is not None:
+        return False
+    change = final.explained(piece.effect) if piece.added else final.shown_change(piece)
+    shown, noise = ((np.abs(part[good]) ** 2).mean(axis=0) for part in (change, final.target.sigma))
+    moved = shown > noise * data.parts
+    return bool(moved[data.orders == 0].any() and not moved[data.orders > 0].any())
+
+
 def may_be_of_a_law(final: Fit, piece: Piece) -> bool:
     """Whether a change of an effect is so small that a law of the conditions would make it, and leave unseen the rest.
 
@@ -240,9 +254,9 @@ def may_be_of_a_law(final: Fit, piece: Piece) -> bool:
     return bool((change < SETTINGS.constant_of_a_law * SETTINGS.least_excess * noise).all())
 
 
-#: Constant waves once or twice a turn: the weight of an arm that hangs on the output, how a machine is mounted, or an
-#: encoder makes such, too.
-_OF_THE_TURN = frozenset({"output_shaft_eccentricity", "output_shaft_ovality"})
+#: Constant waves once or twice a turn: the weight of an arm that hangs on the output, how a machine is mounted, an
+#: encoder, or a shaft that bends in another direction than it runs out makes such, too.
+_OF_THE_TURN = frozenset({"output_shaft_eccentricity", "output_shaft_ovality", "encoder_eccentricity"})
 
 
 def may_be_of_the_turn(_: Fit, piece: Piece) -> bool:
@@ -278,7 +292,7 @@ def by_order_alone(final: Fit, piece: Piece) -> bool:
 #: Tests of a finding of a fit: whether something else may look like it, be it missing or changed; and of changes alone.
 LOOK_ALIKES = (
     is_a_knee, may_be_friction, may_be_time, may_be_of_the_turn, by_order_alone, may_be_another_power,
-    may_be_another_drag,
+    may_be_another_drag, may_be_another_film,
 )  # fmt: skip
 OF_CHANGES = (*LOOK_ALIKES, gains_one_sideband, may_be_of_a_law)
 

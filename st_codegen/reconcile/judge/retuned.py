@@ -201,7 +201,10 @@ def _misfits(final: Fit, changed: Collection[int]) -> dict[int, float]:
         for i in changed
     }
     of_runs = estimate(data, final.residual).floor_rms
-    floor = np.maximum(floors(target, final.residual, of_runs), SETTINGS.least_noise_deg) ** 2
+    known = floors(target, final.residual, of_runs)
+    # the noise within curves says nothing of a mean, which runs differ by
+    known = np.where(data.orders == 0, np.maximum(known, of_runs), known)
+    floor = np.maximum(known, SETTINGS.least_noise_deg) ** 2
     before, left = (
         (np.abs(data.with_real_mean(part)) ** 2 * target.counts).sum(axis=0) / floor
         for part in (target.residual(final.state.held(own).model()), final.residual)

@@ -482,8 +482,8 @@ _ZEROS = (
     "such a run turned back by k times its own all orders together come nearer to the rig, and no effect turns them so"
 )
 _DRIFT = (
-    "TE does not come back to where the turn began{}, by up to {:.2g} deg, by another amount in each run: something "
-    "drifts while a turn is measured"
+    "TE does not come back to where the turn began{}, by up to {:.2g} deg, by another amount in each {}: something "
+    "drifts while a turn is measured, or a part turns more slowly than the output"
 )
 
 
@@ -564,7 +564,12 @@ def _drift(data: Observations, rig: RigModel) -> list[Mistake]:
     if not found.any() or not ramps(gap - common, noise, data.orders, start).any():
         return []
     began = f" ({np.degrees(start):.1f} deg)" if start else ""
-    text = _DRIFT.format(began, np.abs(found).max())
+    sides = np.zeros(len(data))
+    for rows in data.at.by_direction():
+        sides[rows] = np.median(found[rows])
+    of_sides = ramp_waves(sides[:, None], data.orders, start)
+    each = "run" if ramps(gap - of_sides, noise, data.orders, start).any() else "direction"
+    text = _DRIFT.format(began, np.abs(found).max(), each)
     return [Mistake("drift", text, _without_drift(found, start), remedy="take it out")]
 
 

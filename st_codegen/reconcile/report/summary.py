@@ -33,8 +33,10 @@ def summary(result: Reconciliation, next_steps: Sequence[str] = ()) -> str:
     lines += [f"- {text}" for text in misread_texts(result)]
     if common := together_text(result):
         lines.append(f"- {common}")
-    lines += [f"- unexplained: {signature.text}" for signature in result.unexplained[:8]]
-    if more := result.unexplained[8:]:
+    # a line that counts one says less than that one
+    listed = 8 if len(result.unexplained) > 9 else 9
+    lines += [f"- unexplained: {signature.text}" for signature in result.unexplained[:listed]]
+    if more := result.unexplained[listed:]:
         orders, together = [one.order for one in more if one.order >= 0], math.hypot(*(one.rms_deg for one in more))
         span = f"from {min(orders)} to {max(orders)}, " if orders else ""
         which = f"{span}together {together:.2g} deg RMS"

@@ -66,12 +66,17 @@ def one_after_the_other(data: Observations) -> list[str]:
 
 
 def _apart(values: FloatArray) -> IntArray:
-    """The level of each value: where each has several runs that value, else what clear gaps part from one another."""
+    """The level of each value: where each has several runs that value, else what clear gaps part from one another.
+
+    What is as wide as such a gap is no level but values that lie anywhere.
+    """
     levels, index = np.unique(values, return_inverse=True)
-    if 4 * len(levels) <= len(values):
+    least = SETTINGS.clear_gap * np.ptp(levels)
+    apart = np.concatenate([[0], np.cumsum(np.diff(levels) > least)])
+    widest = max(np.ptp(levels[apart == one]) for one in np.unique(apart))
+    if 4 * len(levels) <= len(values) or widest > least:
         return index.astype(np.int64)
-    gaps = np.diff(levels) > SETTINGS.clear_gap * np.ptp(levels)
-    return np.concatenate([[0], np.cumsum(gaps)])[index].astype(np.int64)
+    return apart[index].astype(np.int64)
 
 
 def below_noise(target: FitData) -> tuple[str, ...]:
