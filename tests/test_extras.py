@@ -1,13 +1,18 @@
 """Packages of extras: which are missing, and which are too old."""
 
+import re
 import sys
+import tomllib
 from importlib import metadata
+from pathlib import Path
 from types import ModuleType
 
 import pytest
 
 from st_codegen import errors
 from st_codegen.errors import MissingExtraError, extra_package, least_versions
+
+ROOT = Path(__file__).resolve().parents[1]
 
 
 @pytest.fixture
@@ -57,5 +62,11 @@ def test_no_requirements_and_no_version_refuse_nothing(asked, monkeypatch):
     assert extra_package("fruit", "fruit", "eating")
 
 
-def test_what_is_installed_is_new_enough():
-    assert {"sklearn", "lightgbm", "xgboost", "onnx", "onnxruntime", "skops"} <= set(least_versions())
+def test_the_page_of_models_names_the_oldest_libraries_that_are_allowed():
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    least = dict(text.split(">=") for key in ("sklearn", "lightgbm", "xgboost", "onnx") for text in extras[key])
+    page = (ROOT / "docs" / "models.md").read_text()
+    said = re.search(r"Needed are (.*?), or newer", page, re.DOTALL)[1]
+    titles = {"lightgbm": "LightGBM", "xgboost-cpu": "XGBoost"}
+    packages = ("scikit-learn", "lightgbm", "xgboost-cpu", "onnx", "onnxruntime")
+    assert said.replace(" and ", ", ").split(", ") == [f"{titles.get(one, one)} {least[one]}" for one in packages]
