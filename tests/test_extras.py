@@ -1,5 +1,6 @@
 """Packages of extras: which are missing, and which are too old."""
 
+import importlib
 import re
 import sys
 import tomllib
@@ -7,10 +8,14 @@ from importlib import metadata
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
 
 from st_codegen import errors
 from st_codegen.errors import MissingExtraError, extra_package, least_versions
+from st_codegen.walkers.objects import from_estimator
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -70,3 +75,27 @@ def test_the_page_of_models_names_the_oldest_libraries_that_are_allowed():
     titles = {"lightgbm": "LightGBM", "xgboost-cpu": "XGBoost"}
     packages = ("scikit-learn", "lightgbm", "xgboost-cpu", "onnx", "onnxruntime")
     assert said.replace(" and ", ", ").split(", ") == [f"{titles.get(one, one)} {least[one]}" for one in packages]
+
+
+def test_packages_are_imported_under_these_names():
+    """Of a package that is asked by another name than its requirement has no version would be too old."""
+    assert {"sklearn", "skops", "lightgbm", "xgboost", "onnx", "onnxruntime"} <= least_versions().keys()
+
+
+@pytest.mark.parametrize(
+    "name", ["lightgbm.LGBMRegressor", "xgboost.XGBRegressor", "sklearn.linear_model.LinearRegression"]
+)
+@pytest.mark.parametrize("is_part", [False, True])
+def test_an_object_of_a_library_that_is_too_old_is_refused(monkeypatch, name, is_part):
+    """Files alone were, and objects of scikit-learn: a pickle of LightGBM or XGBoost was compiled."""
+    module, _, kind = name.rpartition(".")
+    x = np.random.default_rng(0).random((40, 2))
+    learner = getattr(importlib.import_module(module), kind)()
+    estimator = make_pipeline(StandardScaler(), learner) if is_part else learner
+    estimator.fit(x, x[:, 0])
+    package = module.partition(".")[0]
+    monkeypatch.setattr(sys.modules[package], "__version__", "0.1")
+    with pytest.raises(
+        MissingExtraError, match=f"compiling this model needs the package '{package}', .* or newer; 0.1"
+    ):
+        from_estimator(estimator, "model")

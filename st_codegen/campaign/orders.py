@@ -162,8 +162,9 @@ def _sums_over(angle_deg: FloatArray, curve: Curve, band: int) -> Sums:
     theta, te = np.deg2rad(angle_deg), np.asarray(curve.te_deg, np.float64)
     off, begin = off_deg(te), float(theta[0])
     far = off != 0.0
-    turns = abs(float(theta[-1]) - begin) / (2.0 * np.pi) * len(te) / (len(te) - 1)
-    whole = te - off
+    # an angle that begins anew at 360 deg may end where it began, or a little beyond
+    turns = abs(float(np.unwrap(theta)[-1]) - begin) / (2.0 * np.pi) * len(te) / (len(te) - 1)
+    whole, turns = te - off, max(turns, 1.0)
     in_turn = round(len(te) / turns)
     # less than a sample more than a turn is what angles are off by
     turns = turns if in_turn < len(te) else 1.0

@@ -16,7 +16,7 @@ from st_codegen.files.text import whole_file
 from st_codegen.te.harmonics import Direction
 
 #: changes with the way sums are made, or files are judged: a file of another version is made anew
-_VERSION = 11
+_VERSION = 12
 _POLARS = ("polars", "train", "keeping what was read of a campaign")
 
 

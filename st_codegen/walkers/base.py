@@ -12,7 +12,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.errors import InputError, UnsupportedModelError, extra_package
 from st_codegen.ir import (
     Activation,
     AnyArray,
@@ -424,7 +424,12 @@ def trusted_types() -> frozenset[str]:
 
 
 def booster_of(estimator: Any, made: Callable[[Any], Any]) -> Any:
-    """A Booster itself, or that of a fitted estimator of LightGBM or XGBoost. Raises InputError where there is none."""
+    """A Booster itself, or that of a fitted estimator of LightGBM or XGBoost. Raises InputError where there is none.
+
+    Raises MissingExtraError where the library is older than those whose rules are known.
+    """
+    package = type(estimator).__module__.partition(".")[0]
+    extra_package(package, package, "compiling this model")
     if type(estimator).__name__ == "Booster":
         return estimator
     if not estimator.__sklearn_is_fitted__():

@@ -200,8 +200,22 @@ def test_a_curve_that_ends_behind_where_it_began_has_the_samples_of_a_turn(sampl
     """An encoder's lines, a hum's frequency and aliases were told by 404 samples a turn."""
     angle = 0.9 * np.arange(samples)
     angle = angle if direction > 0 else angle[::-1]
-    sums = curve_sums(Curve(angle, 0.02 + 1e-3 * np.cos(np.radians(29 * angle))), 60)
+    te = 0.02 + 1e-3 * np.cos(np.radians(29 * angle))
+    sums = curve_sums(Curve(angle, te), 60)
     assert (sums.in_turn, sums.holds_several) == (in_turn, several)
+    if direction > 0:
+        again = curve_sums(Curve(np.mod(angle, 360.0), te), 60)
+        assert (again.in_turn, again.holds_several) == (in_turn, several)
     if not several:
         lines = np.abs(sums.plain_fft)
         assert lines[29] == pytest.approx(1e-3, rel=1e-6) and np.delete(lines, [0, 29]).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("angle", "in_turn"),
+    [(np.append(0.9 * np.arange(400), 0.0), 400), (np.append(np.arange(361.0), np.arange(361.0)[::-1]), 722)],
+)
+def test_a_curve_that_ends_at_the_angle_where_it_began_is_read(angle, in_turn):
+    """One whose last angle is 0 for 360 deg, or that comes back, stopped the reading of a campaign."""
+    sums = curve_sums(Curve(angle, 0.02 + 1e-3 * np.cos(np.radians(2 * angle))), 60)
+    assert (sums.in_turn, sums.holds_several) == (in_turn, False)

@@ -226,9 +226,23 @@ def test_a_run_at_the_least_load_of_all_is_undecided(fitted):
     # both curves of a run are of one kind
     assert set(group.rows) == set(rows[:3]) and [row for row, _ in noise.suspects] == rows[3:]
     (text,) = undecided_runs(data, noise)
-    assert "smaller load" in text and ("no number is fitted" in text) != fitted
+    assert "smaller load than all of these in one direction" in text and ("no number is fitted" in text) != fitted
     noise = with_beside(data, suspected(data, rows[2:]), np.full(128, fitted))
     assert not noise.undecided and [row for row, _ in noise.suspects] == rows[2:]
+    # of a direction in which nothing is good no load is less than that of all others
+    noise = with_beside(data, suspected(data, range(64, 128)), np.full(128, True))
+    assert not noise.undecided and len(noise.suspects) == 64
+
+
+def test_of_runs_at_the_least_load_those_that_numbers_were_fitted_to_are_told_by_themselves():
+    """Of all it was said that what is fitted is fitted to them as well, where one of two had been left out."""
+    at = anywhere(64, np.random.default_rng(5))
+    first, second = np.argsort(at.torque_Nm[:64])[:2]
+    data = Observations(at, labels(at), ORDERS, np.zeros((128, len(ORDERS)), complex))
+    noise = with_beside(data, suspected(data, [first, second]), np.arange(128) == second)
+    assert [(group.rows, group.is_fitted) for group in noise.undecided] == [((first,), False), ((second,), True)]
+    left_out, held = undecided_runs(data, noise)
+    assert "no number is fitted to them" in left_out and "is fitted to them as well" in held
 
 
 def test_runs_that_are_off_where_something_stays_unexplained_alone_are_undecided():

@@ -188,13 +188,13 @@ class Undecided:
 
 
 def below_all_loads(at: Conditions, bad: BoolArray, good: BoolArray) -> list[Undecided]:
-    """The bad rows (n,) of each direction whose load is less than that of all its good ones.
+    """The bad rows (n,) of each direction whose load is less than that of all its good ones; none where it has none.
 
     Play, friction and contact do at small loads what they do at no larger one: no other run shows it.
     """
     load, found = np.abs(at.torque_Nm), np.zeros(len(at), bool)
     for side in at.by_direction():
-        found |= side & bad & (load < load[side & good].min(initial=np.inf))
+        found |= side & bad & (load < min(load[side & good], default=0.0))
     return [Undecided(tuple(np.flatnonzero(found).tolist()), "load")] if found.any() else []
 
 

@@ -91,9 +91,10 @@ def with_beside(data: Observations, noise: Noise, fitted: BoolArray) -> Noise:
     groups, taken = list[Undecided](), np.zeros(len(data), bool)
     for group in (*below_all_loads(data.at, may, noise.good), *beside_each_other(data.at, may & ~fitted)):
         runs = np.isin(data.number_of_run, data.number_of_run[list(group.rows)])
-        rows = np.flatnonzero(runs & may & ~taken & (~fitted | (group.condition == "load")))
-        taken[rows] = True
-        groups += [replace(group, rows=tuple(rows.tolist()), is_fitted=bool(fitted[rows].any()))] if len(rows) else []
+        for is_fitted in (False, True) if group.condition == "load" else (False,):
+            rows = np.flatnonzero(runs & may & ~taken & (fitted == is_fitted))
+            taken[rows] = True
+            groups += [replace(group, rows=tuple(rows.tolist()), is_fitted=is_fitted)] if len(rows) else []
     suspects = tuple(entry for entry in noise.suspects if not taken[entry[0]])
     return replace(noise, suspects=suspects, undecided=tuple(groups))
 
@@ -123,7 +124,7 @@ def undecided_runs(data: Observations, noise: Noise) -> tuple[str, ...]:
     for group in noise.undecided:
         where = "in nothing but orders that stay unexplained"
         if group.condition == "load":
-            where = "at a smaller load than all of these"
+            where = "at a smaller load than all of these in one direction"
         elif group.condition:
             axis = AXES.index(group.condition)
             values = at.axes[axis][list(group.rows)]
