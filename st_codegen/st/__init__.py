@@ -13,6 +13,27 @@ from st_codegen.st.run.natives import Library, NativeBlock, NativeCall
 from st_codegen.st.syntax.source import ParsedFiles, read_paths, read_texts
 from st_codegen.st.tree import Project
 
+__all__ = [
+    "DIALECTS",
+    "Dialect",
+    "Library",
+    "Machine",
+    "NativeBlock",
+    "NativeCall",
+    "Position",
+    "Problem",
+    "Project",
+    "StCheckError",
+    "StError",
+    "StRuntimeError",
+    "StSyntaxError",
+    "StUsageError",
+    "check_source",
+    "load_project",
+    "parse_project",
+    "read_paths",
+]
+
 
 def load_project(
     paths: Iterable[Path | str], dialect: Dialect | str = TWINCAT, libraries: Iterable[Library] = ()
