@@ -148,9 +148,15 @@ def extra_package(package: str, extra: str, purpose: str) -> Any:
     except ImportError:
         raise MissingExtraError(name, extra, purpose) from None
     installed, least = str(getattr(sys.modules[name], "__version__", "")), least_versions().get(name, "")
-    if installed and least and _numbers(installed) < _numbers(least):
+    if is_older(installed, least):
         raise MissingExtraError(name, extra, purpose, installed, least)
     return module
+
+
+def is_older(installed: str, least: str) -> bool:
+    """Whether a version is older than the least one; one that is not known (empty, `0+unknown`) is not."""
+    ours, wanted = ((*map(int, re.findall(r"\d+", version)[:3]), 0, 0, 0)[:3] for version in (installed, least))
+    return any(ours) and ours < wanted
 
 
 #: What is imported under another name than it is installed by.
@@ -168,11 +174,6 @@ def least_versions() -> dict[str, str]:
         return {}
     found = (re.match(r"([\w.-]+)>=([\d.]+)", text) for text in required)
     return {_IMPORTED_AS.get(one[1], one[1]): one[2] for one in found if one}
-
-
-def _numbers(version: str) -> tuple[int, ...]:
-    """The first three numbers of a version; those that it does not have are 0."""
-    return (*map(int, re.findall(r"\d+", version)[:3]), 0, 0, 0)[:3]
 
 
 class TargetError(InputError):

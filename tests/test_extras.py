@@ -38,7 +38,7 @@ def asked(monkeypatch):
     least_versions.cache_clear()
 
 
-@pytest.mark.parametrize("version", ["1.30", "1.30.0", "1.30.0+cpu", "1.31rc1", "2.0", "1.100.0"])
+@pytest.mark.parametrize("version", ["1.30", "1.30.0", "1.30.0+cpu", "1.31rc1", "2.0", "1.100.0", "0+unknown"])
 def test_a_package_that_is_new_enough(asked, version):
     module = asked(version)
     assert extra_package("fruit", "fruit", "eating") is module

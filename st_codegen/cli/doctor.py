@@ -10,6 +10,7 @@ from importlib import metadata
 import click
 
 from st_codegen import __version__
+from st_codegen.errors import is_older
 
 #: Extras that collect others, and those of developers.
 _COLLECTIONS = {"all", "dev"}
@@ -24,7 +25,7 @@ Examples:
 def command() -> None:
     """Show versions of Python, st-codegen and the packages of each extra, what is missing, and how to get it.
 
-    Exit code 1 where a package that st-codegen always needs is missing.
+    Exit code 1 where a package that st-codegen always needs is missing or too old.
     """
     click.echo(f"st-codegen {__version__}, Python {platform.python_version()} on {platform.platform()}")
     click.echo(f"from {sys.prefix}")
@@ -34,29 +35,35 @@ def command() -> None:
         click.echo("not installed as a package, only on the path: the requirements are not known")
         return
     missing: list[str] = []
-    for extra, names in _by_extra(required).items():
-        states = {name: _version(name) for name in names}
-        shown = ", ".join(f"{name} {version or 'MISSING'}" for name, version in states.items())
-        click.echo(f"{extra or 'always'}: {shown}")
-        if not all(states.values()):
-            missing.append(extra)
+    lacking: list[str] = []
+    for extra, packages in _by_extra(required).items():
+        shown = []
+        for name, least in packages.items():
+            version = _version(name)
+            bad = (
+                f"{version}, TOO OLD ({least} is needed)" if is_older(version, least) else "" if version else "MISSING"
+            )
+            shown.append(f"{name} {bad or version}")
+            if bad:
+                missing += [extra] * (extra not in missing)
+                lacking += [f"'{name}>={least}'" if least else name] * (not extra)
+        click.echo(f"{extra or 'always'}: {', '.join(shown)}")
     for extra in filter(None, missing):
-        click.echo(f"to get {extra}: pip install 'st-codegen[{extra}]'")
-    if "" in missing:
-        lacking = " ".join(name for name in _by_extra(required)[""] if not _version(name))
-        click.echo(f"packages that are always needed are missing: pip install {lacking}")
-    sys.exit(1 if "" in missing else 0)
+        click.echo(f"to get {extra}: pip install --upgrade 'st-codegen[{extra}]'")
+    if lacking:
+        click.echo(f"packages that are always needed are missing or too old: pip install {' '.join(lacking)}")
+    sys.exit(1 if lacking else 0)
 
 
-def _by_extra(required: list[str]) -> dict[str, list[str]]:
-    """The names of the packages of each extra, '' for those that are always needed."""
-    found: dict[str, list[str]] = {}
+def _by_extra(required: list[str]) -> dict[str, dict[str, str]]:
+    """The packages of each extra with their least versions, '' for those that are always needed."""
+    found: dict[str, dict[str, str]] = {}
     for text in required:
-        name = re.match(r"[A-Za-z0-9._-]+", text)
+        package = re.match(r"([A-Za-z0-9._-]+)(?:>=([\d.]+))?", text)
         extra = re.search(r"extra\s*==\s*['\"]([\w-]+)['\"]", text)
         key = extra[1] if extra else ""
-        if name is not None and name[0] != "st-codegen" and key not in _COLLECTIONS:
-            found.setdefault(key, []).append(name[0])
+        if package is not None and package[1] != "st-codegen" and key not in _COLLECTIONS:
+            found.setdefault(key, {})[package[1]] = package[2] or ""
     return dict(sorted(found.items()))
 
 

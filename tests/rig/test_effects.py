@@ -50,6 +50,7 @@ def test_the_part_that_has_an_order(order, part):
 
 def test_an_order_of_two_parts():
     assert Constants(cycloid_teeth=20).part_of(40) == "2 x 20 teeth of the cycloid or 1 x 40 pins"
+    assert Constants(reduction_ratio=1000 / 3).part_of(1000) == "3 x 333.3333333 turns of the input shaft"
 
 
 def test_the_catalogue_has_the_names_of_the_design():

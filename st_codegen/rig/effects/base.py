@@ -62,7 +62,7 @@ class Constants:
             (self.pin_orders(), self.pins, "pins"),
             (self.shaft_orders(), self.reduction_ratio, "turns of the input shaft"),
         )
-        found = [f"{round(order / one)} x {one:g} {name}" for orders, one, name in parts if order in orders]
+        found = [f"{round(order / one)} x {one:.10g} {name}" for orders, one, name in parts if order in orders]
         return " or ".join(found)
 
 
