@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from functools import cache
 from pathlib import PurePath
 from types import FrameType
-from typing import Any
+from typing import Any, NamedTuple
 
 from st_codegen.diagnostics import code_for
 
@@ -163,17 +163,34 @@ def is_older(installed: str, least: str) -> bool:
 _IMPORTED_AS = {"scikit-learn": "sklearn", "xgboost-cpu": "xgboost"}
 
 
-@cache
-def least_versions() -> dict[str, str]:
-    """The least version of each package that the requirements name, by the name that is imported; none without them."""
+class Requirement(NamedTuple):
+    """A package that st-codegen needs, the least version of it ("": any), and the extra ("": always) that needs it."""
+
+    package: str
+    least: str
+    extra: str
+
+
+def requirements() -> list[Requirement]:
+    """What the installed st-codegen says it needs. Raises PackageNotFoundError where it is on the path only."""
     from importlib import metadata
 
+    found = []
+    for text in metadata.requires("st-codegen") or []:
+        package = re.match(r"([\w.-]+)(?:>=([\d.]+))?", text)
+        extra = re.search(r"extra\s*==\s*['\"]([\w-]+)['\"]", text)
+        if package is not None and package[1] != "st-codegen":
+            found.append(Requirement(package[1], package[2] or "", extra[1] if extra else ""))
+    return found
+
+
+@cache
+def least_versions() -> dict[str, str]:
+    """The least version of each package that has one, by the name that is imported; none where nothing is required."""
     try:
-        required = metadata.requires("st-codegen") or []
-    except metadata.PackageNotFoundError:
+        return {_IMPORTED_AS.get(one.package, one.package): one.least for one in requirements() if one.least}
+    except ImportError:
         return {}
-    found = (re.match(r"([\w.-]+)>=([\d.]+)", text) for text in required)
-    return {_IMPORTED_AS.get(one[1], one[1]): one[2] for one in found if one}
 
 
 class TargetError(InputError):

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import platform
-import re
 import sys
 from importlib import metadata
 
 import click
 
 from st_codegen import __version__
-from st_codegen.errors import is_older
+from st_codegen.errors import is_older, requirements
 
 #: Extras that collect others, and those of developers.
 _COLLECTIONS = {"all", "dev"}
@@ -30,41 +29,28 @@ def command() -> None:
     click.echo(f"st-codegen {__version__}, Python {platform.python_version()} on {platform.platform()}")
     click.echo(f"from {sys.prefix}")
     try:
-        required = metadata.requires("st-codegen") or []
+        required = requirements()
     except metadata.PackageNotFoundError:
         click.echo("not installed as a package, only on the path: the requirements are not known")
         return
-    missing: list[str] = []
-    lacking: list[str] = []
-    for extra, packages in _by_extra(required).items():
-        shown = []
-        for name, least in packages.items():
-            version = _version(name)
-            bad = (
-                f"{version}, TOO OLD ({least} is needed)" if is_older(version, least) else "" if version else "MISSING"
-            )
-            shown.append(f"{name} {bad or version}")
-            if bad:
-                missing += [extra] * (extra not in missing)
-                lacking += [f"'{name}>={least}'" if least else name] * (not extra)
-        click.echo(f"{extra or 'always'}: {', '.join(shown)}")
-    for extra in filter(None, missing):
+    lacking: dict[str, list[str]] = {}
+    for extra in sorted({one.extra for one in required} - _COLLECTIONS):
+        states = []
+        for one in (one for one in required if one.extra == extra):
+            version = state = _version(one.package)
+            if not version:
+                state = "MISSING"
+            elif is_older(version, one.least):
+                state = f"{version}, TOO OLD ({one.least} is needed)"
+            states.append(f"{one.package} {state}")
+            if state != version:
+                lacking.setdefault(extra, []).append(f"'{one.package}>={one.least}'" if one.least else one.package)
+        click.echo(f"{extra or 'always'}: {', '.join(states)}")
+    for extra in filter(None, lacking):
         click.echo(f"to get {extra}: pip install --upgrade 'st-codegen[{extra}]'")
-    if lacking:
-        click.echo(f"packages that are always needed are missing or too old: pip install {' '.join(lacking)}")
-    sys.exit(1 if lacking else 0)
-
-
-def _by_extra(required: list[str]) -> dict[str, dict[str, str]]:
-    """The packages of each extra with their least versions, '' for those that are always needed."""
-    found: dict[str, dict[str, str]] = {}
-    for text in required:
-        package = re.match(r"([A-Za-z0-9._-]+)(?:>=([\d.]+))?", text)
-        extra = re.search(r"extra\s*==\s*['\"]([\w-]+)['\"]", text)
-        key = extra[1] if extra else ""
-        if package is not None and package[1] != "st-codegen" and key not in _COLLECTIONS:
-            found.setdefault(key, {})[package[1]] = package[2] or ""
-    return dict(sorted(found.items()))
+    if "" in lacking:
+        click.echo(f"packages that are always needed are missing or too old: pip install {' '.join(lacking[''])}")
+    sys.exit(1 if "" in lacking else 0)
 
 
 def _version(name: str) -> str:
