@@ -690,6 +690,10 @@ class Settings:
     across: float = chosen(4.0, CATALOGUE)
     #: share of the runs: more suspects than that are no bad runs, but something else
     most_suspects: float = 0.1
+    #: share of the power of what has no pattern; curves that hold it are named where they are few
+    held_by_few: float = 0.8
+    #: count; curves that are named for that: both of two runs
+    few_named: int = 4
 
     #: chance of as many wrong runs so close together along a condition: of rarer ones nobody knows whether they are
     #: wrong or the machine does something of its own there

@@ -1001,7 +1001,12 @@ def test_a_run_whose_torque_alone_is_read_wrong_has_the_label_of_no_other_run():
     right = data.values + RIG.coefficients(at, ORDERS.tolist()) - RIG.coefficients(data.at, ORDERS.tolist())
     wrong = torque + np.where(np.arange(2 * RUNS) % RUNS == 3, 250.0, 0.0)
     made = replace(data, values=right, at=replace(at, torque_Nm=wrong))
-    assert [one.name for one in examine(made, RIG, PATH).mistakes] == []
+    (one,) = examine(made, RIG, PATH).mistakes
+    assert one.name == "labels" and set(one.rows) == {3, 3 + RUNS} and "another torque" in one.text
+    assert float(re.search(r"agrees with about (\S+) N m", one.text)[1]) == pytest.approx(torque[3], abs=30)
+    largest = np.tile(np.arange(RUNS) == int(np.argmax(torque[:RUNS])), 2)
+    beyond = replace(data, values=right, at=replace(at, torque_Nm=torque + np.where(largest, 250.0, 0.0)))
+    assert not examine(beyond, RIG, PATH).mistakes
     other = np.tile(np.where(np.arange(RUNS) == 3, (np.arange(RUNS) + 7) % RUNS, np.arange(RUNS)), 2)
     exchanged = replace(at.rows(np.where(np.arange(2 * RUNS) < RUNS, other, other + RUNS)), sign=at.sign)
     (one,) = examine(replace(data, values=right, at=exchanged), RIG, PATH).mistakes

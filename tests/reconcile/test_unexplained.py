@@ -244,6 +244,23 @@ def test_more_than_the_noise_of_the_curves_is_said_even_without_a_pattern():
     assert one.rms_deg == pytest.approx(10 * SIGMA / np.sqrt(2), rel=0.05)
 
 
+@pytest.mark.parametrize(("wild", "named"), [([7], True), ([7, 20, 33, 41], True), (range(0, 60, 3), False)])
+def test_few_curves_that_hold_what_has_no_pattern_are_named(wild, named):
+    """Two runs under wrong labels held all of the mean: "repeat some runs" did not say which."""
+    at, random = grid(), np.random.default_rng(3)
+    values = SIGMA * (random.standard_normal((len(at), 3)) + 1j * random.standard_normal((len(at), 3)))
+    values[:, 0] = values[:, 0].real
+    values[list(wild), 2] += 300 * SIGMA * np.exp(2j * np.pi * random.random(len(wild)))
+    data = Observations(at, labels(at), ORDERS, values, spectral_deg=np.full(values.shape, SIGMA))
+    noise = estimate(data, values)
+    target = FitData(data, noise.sigma, np.ones(len(at), bool), groups_of(at))
+    (one,) = signatures(target, values, floors(target, values, noise.floor_rms))
+    assert one.order == 53
+    for row, label in enumerate(labels(at)):
+        assert (label in one.text) is (named and row in wild), one.text
+    assert f" in {len(wild)} of {len(at)} curves: " in one.text or not named
+
+
 def test_what_both_directions_of_a_run_have_is_no_noise():
     """A body that follows the oil late: no pattern over the conditions, and a floor 20 times the noise hid it."""
     at = grid()

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from st_codegen.reconcile.data.contrasts import beside_each_other, of_whole_levels
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations, first_of, rows_that_tell
 from st_codegen.reconcile.mistakes.votes import expected_of, noise_power
@@ -69,7 +70,9 @@ def mistaken_runs(data: Observations, rig: RigModel) -> list[Mistake] | None:
     blocks = [*wrong, *_block(data, asked.values, asked.known, asked.weight)]
     out = {row for mistake in blocks for row in mistake.rows}
     rest = np.array([row not in out for row in range(len(data))])
-    return [*blocks, *_labels(asked, rest)]
+    labels = _labels(asked, rest)
+    rest[[row for mistake in labels for row in mistake.rows]] = False
+    return [*blocks, *labels, *_torques(asked, rest)]
 
 
 def hidden_labels(data: Observations, rig: RigModel) -> tuple[str, ...]:
@@ -378,6 +381,34 @@ def _labels(asked: _Asked, rest: BoolArray) -> list[Mistake]:
     return [Mistake("labels", _seem(texts, "to carry the label of another run"), rows=tuple(wrong))]
 
 
+def _torques(asked: _Asked, rest: BoolArray) -> list[Mistake]:
+    """Runs that the rig explains well at another torque than their label's, and badly at that one.
+
+    Many of them, those that lie together, and those of the least and the largest torques are left: the machine may do
+    there what the rig does not. rest: the rows that are asked.
+    """
+    data, at = asked.data, asked.data.at
+    loss = (asked.weight * np.abs(asked.values - asked.known) ** 2).sum(axis=1)
+    _, limit = _usual_and_limit(asked, rest)
+    doubted = rest & (loss > limit)
+    right = at.torque_Nm[~doubted]
+    if not len(right) or doubted.sum() > SETTINGS.most_suspects * len(data):
+        return []
+    may = doubted & (right.min() < at.torque_Nm) & (at.torque_Nm < right.max()) & ~of_whole_levels(at, doubted)
+    may[[row for group in beside_each_other(at, doubted) for row in group.rows]] = False
+    wrong, texts = list[int](), list[str]()
+    for rows in data.runs:
+        if not may[rows].all():
+            continue
+        left, torque = _by_one_condition(asked, rows, "torque_Nm")
+        as_if = replace(at.rows(rows), torque_Nm=np.full(len(rows), torque))
+        there = asked.rig.coefficients(as_if, data.orders.tolist())[:, asked.sure]
+        if left <= SETTINGS.label_gain * float(loss[rows].sum()) and _gains_in_orders(asked, rows, there):
+            wrong += map(int, rows)
+            texts.append(f"{data.labels[rows[0]]} agrees with about {torque:.0f} N m, if not with another label")
+    return [Mistake("labels", _seem(texts, "to have had another torque"), rows=tuple(wrong))] if wrong else []
+
+
 def _nearest_labels(asked: _Asked, rows: IntArray, most: float) -> list[tuple[float, int]]:
     """What a run leaves under the labels that suit it best, and a row with each, the best first; none where even that
     leaves more than `most`, or is a matter of one order."""
@@ -442,18 +473,23 @@ def _seem(texts: list[str], what: str) -> str:
 
 
 def _most_agree(asked: _Asked, rows: IntArray, other: int) -> bool:
-    """Whether the label of another row explains a run better by more than the one order that gains most.
-
-    A missing effect moves one order, the mean above all, in any way; a resonance that moves changes all of its own.
-    """
-    at, values, known = asked.data.at, asked.values, asked.known
-    gain = np.zeros(values.shape[1])
+    """Whether the label of another row explains a run better by more than the one order that gains most."""
+    at, known = asked.data.at, asked.known.copy()
     for row in rows:
         same = (at.sign == at.sign[row]) & (at.speed_rpm == at.speed_rpm[other])
         same &= (at.torque_Nm == at.torque_Nm[other]) & (at.temperature_C == at.temperature_C[other])
         if same.any():
-            there = known[np.flatnonzero(same)[0]]
-            gain += asked.weight[row] * (np.abs(values[row] - known[row]) ** 2 - np.abs(values[row] - there) ** 2)
+            known[row] = asked.known[np.flatnonzero(same)[0]]
+    return _gains_in_orders(asked, rows, known[rows])
+
+
+def _gains_in_orders(asked: _Asked, rows: IntArray, there: ComplexArray) -> bool:
+    """Whether a run agrees better with other values (rows, orders) by more than the one order that gains most.
+
+    A missing effect moves one order, the mean above all, in any way; a resonance that moves changes all of its own.
+    """
+    values, known = asked.values[rows], asked.known[rows]
+    gain = (asked.weight[rows] * (np.abs(values - known) ** 2 - np.abs(values - there) ** 2)).sum(axis=0)
     orders = asked.data.orders[asked.sure]
     for effect in asked.rig.of_stage(Stage.STRUCTURE):
         own = np.isin(orders, effect.touched_orders())
@@ -470,7 +506,7 @@ def _is_elsewhere(asked: _Asked, rows: IntArray, other: tuple[float, int], *, is
     one, nor where runs seem to have passed on their labels (`_passed_on`): there it must lie clearly between them.
     """
     at, (loss, row) = asked.data.at, other
-    own = [_by_one_condition(asked, rows, key) for key in ("speed_rpm", "torque_Nm")]
+    own = [_by_one_condition(asked, rows, key)[0] for key in ("speed_rpm", "torque_Nm")]
     if min(own) < loss - SETTINGS.order_gain:
         return True
     scatters = not is_passed_on and 2 * len(np.unique(at.torque_Nm)) >= len(asked.data.runs)
@@ -480,8 +516,9 @@ def _is_elsewhere(asked: _Asked, rows: IntArray, other: tuple[float, int], *, is
     return bool(scatters and not is_torque and own[1] < loss + SETTINGS.order_gain)
 
 
-def _by_one_condition(asked: _Asked, rows: IntArray, key: str) -> float:
-    """The least loss of a run at another value of one condition than its label's, a part beyond the labels' as well."""
+def _by_one_condition(asked: _Asked, rows: IntArray, key: str) -> tuple[float, float]:
+    """The least loss of a run at another value of one condition than its label's, and that value; a part beyond all
+    labels as well."""
     data, values = asked.data, getattr(asked.data.at, key)
     beyond = SETTINGS.beyond_labels * np.abs([values.min(), values.max()])
     tried = np.linspace(values.min() - beyond[0], values.max() + beyond[1], SETTINGS.places_tried)
@@ -490,7 +527,8 @@ def _by_one_condition(asked: _Asked, rows: IntArray, key: str) -> float:
         as_if = replace(data.at.rows(np.full(len(tried), row)), **{key: tried})
         model = asked.rig.coefficients(as_if, data.orders.tolist())[:, asked.sure]
         found += (asked.weight[row] * np.abs(asked.values[row] - model) ** 2).sum(axis=1)
-    return float(found.min())
+    best = int(np.argmin(found))
+    return float(found[best]), float(tried[best])
 
 
 def _by_label(asked: _Asked, rows: IntArray) -> dict[int, float]:

@@ -239,7 +239,8 @@ def _scattered(
         else f"{name}: no louder than {what} over all runs, but single runs that are not called bad are far off in it"
     )
     text += _side(target, residual[:, k], own * (2 if order else 1))
-    text += "" if target.data.repeated or is_common else "; repeat some runs"
+    few = "" if is_common else _few_curves(target, residual[:, k])
+    text += few or ("" if target.data.repeated or is_common else "; repeat some runs")
     return Signature(
         order,
         size,
@@ -250,6 +251,20 @@ def _scattered(
         size * (np.sqrt(2) if order else 1.0),
         at_least=is_least,
     )
+
+
+def _few_curves(target: FitData, r: ComplexArray) -> str:
+    """Which curves hold most of the power of a residual (n,), where these are few; empty where many do."""
+    power, count = np.abs(np.where(target.good, r, 0.0)) ** 2, int(target.good.sum())
+    loudest = np.argsort(-power, kind="stable")[: min(SETTINGS.few_named, int(SETTINGS.most_suspects * count))]
+    shares = np.cumsum(power[loudest]) / max(float(power.sum()), 1e-300)
+    enough = np.flatnonzero(shares >= SETTINGS.held_by_few)
+    if not len(enough):
+        return ""
+    held = int(enough[0]) + 1
+    names = ", ".join(target.data.labels[row] for row in loudest[:held])
+    again = "repeat these" if held > 1 else "repeat it"
+    return f"; {100 * shares[held - 1]:.0f} % of its power is in {held} of {count} curves: {names}; {again}"
 
 
 _LIKE_THEM = "what runs differ by from others like them"
