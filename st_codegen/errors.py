@@ -134,7 +134,7 @@ class MissingExtraError(InputError):
         if installed:
             # rules of a library change: those of older versions were not read, and models would be compiled wrong
             what, how = f"{least} or newer; {installed} is installed", "pip install --upgrade"
-        super().__init__(f"{purpose} needs the package '{package}', {what}: {how} 'st-codegen[{extra}]'")
+        super().__init__(f"{purpose} needs the package '{package}', {what}: {how} \"st-codegen[{extra}]\"")
 
 
 def extra_package(package: str, extra: str, purpose: str) -> Any:

@@ -139,7 +139,7 @@ def test_the_command_line_shows_the_code_and_explains_it(lone_folder, tmp_path, 
     assert text.startswith("STC1501: There is no generated code")
     assert diagnostic("STC1501").cure in " ".join(text.split())
     assert run("explain", "STC1005") == 0
-    assert "'st-codegen[lightgbm]'" in capsys.readouterr().out  # in one line: it is to be copied
+    assert '"st-codegen[lightgbm]"' in capsys.readouterr().out  # in one line: it is to be copied
     # questions of reconcile were "no overlap", and an order that a table lacks had "file and line"
     assert run("explain", "STC1605") == 0
     assert "--accept" in capsys.readouterr().out

@@ -48,7 +48,7 @@ def test_a_package_that_is_new_enough(asked, version):
 def test_a_package_whose_rules_are_not_known_is_refused(asked, version):
     """With onnxruntime 1.27 labels of trees were others than those of the text, and nothing said so before `verify`."""
     asked(version)
-    message = f"needs the package 'fruit', 1.30 or newer; {version} is installed: pip install --upgrade 'st-codegen"
+    message = f"needs the package 'fruit', 1.30 or newer; {version} is installed: pip install --upgrade \"st-codegen"
     with pytest.raises(MissingExtraError, match=message):
         extra_package("fruit", "fruit", "eating")
 

@@ -44,10 +44,11 @@ def command() -> None:
                 state = f"{version}, TOO OLD ({one.least} is needed)"
             states.append(f"{one.package} {state}")
             if state != version:
-                lacking.setdefault(extra, []).append(f"'{one.package}>={one.least}'" if one.least else one.package)
+                lacking.setdefault(extra, []).append(f'"{one.package}>={one.least}"' if one.least else one.package)
         click.echo(f"{extra or 'always'}: {', '.join(states)}")
     for extra in filter(None, lacking):
-        click.echo(f"to get {extra}: pip install --upgrade 'st-codegen[{extra}]'")
+        # double quotes: cmd of Windows knows no others
+        click.echo(f'to get {extra}: pip install --upgrade "st-codegen[{extra}]"')
     if "" in lacking:
         click.echo(f"packages that are always needed are missing or too old: pip install {' '.join(lacking[''])}")
     sys.exit(1 if "" in lacking else 0)

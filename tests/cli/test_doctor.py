@@ -26,7 +26,7 @@ def test_versions_and_what_is_missing_are_told_with_the_command_that_helps(monke
         "always: click 8.1",
         "lightgbm: lightgbm 4.6",
         "onnx: onnx MISSING",
-        "to get onnx: pip install --upgrade 'st-codegen[onnx]'",
+        'to get onnx: pip install --upgrade "st-codegen[onnx]"',
     ]
     known |= {"click": "8.0.9", "lightgbm": "3.3"}
     assert run("doctor") == 1
@@ -34,9 +34,9 @@ def test_versions_and_what_is_missing_are_told_with_the_command_that_helps(monke
         "always: click 8.0.9, TOO OLD (8.1 is needed)",
         "lightgbm: lightgbm 3.3, TOO OLD (4.0 is needed)",
         "onnx: onnx MISSING",
-        "to get lightgbm: pip install --upgrade 'st-codegen[lightgbm]'",
-        "to get onnx: pip install --upgrade 'st-codegen[onnx]'",
-        "packages that are always needed are missing or too old: pip install 'click>=8.1'",
+        'to get lightgbm: pip install --upgrade "st-codegen[lightgbm]"',
+        'to get onnx: pip install --upgrade "st-codegen[onnx]"',
+        'packages that are always needed are missing or too old: pip install "click>=8.1"',
     ]
     known.clear()
     assert run("doctor") == 1

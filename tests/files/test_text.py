@@ -4,7 +4,7 @@ import pytest
 
 from st_codegen.errors import InputError
 from st_codegen.files.folders import write_texts
-from st_codegen.files.text import make_folder, whole_file, write_text
+from st_codegen.files.text import command_line, make_folder, whole_file, write_text
 
 
 def names(folder):
@@ -55,3 +55,21 @@ def test_several_files_are_written_together(tmp_path):
         write_texts(tmp_path / "new", {"a": "3\n", "b": "\ud800"})
     assert (tmp_path / "new" / "a").read_text() == "1\n"
     assert names(tmp_path / "new") == ["a", "b"]
+
+
+@pytest.mark.parametrize(
+    ("word", "elsewhere", "windows"),
+    [
+        ("models", "models", "models"),
+        ("C:\\bundles\\te.json", "'C:\\bundles\\te.json'", "C:\\bundles\\te.json"),
+        ("my models", "'my models'", '"my models"'),
+        ("D:\\my models\\", "'D:\\my models\\'", '"D:\\my models\\\\"'),
+        ("R&D", "'R&D'", '"R&D"'),
+        ("it's", "'it'\"'\"'s'", '"it\'s"'),
+        ("", "''", '""'),
+    ],
+)
+def test_commands_that_are_printed_can_be_copied_into_the_shell_of_their_system(word, elsewhere, windows):
+    """What quotes mean to cmd: nothing, where they are single."""
+    assert command_line("st-codegen", word, windows=False) == f"st-codegen {elsewhere}"
+    assert command_line("st-codegen", word, windows=True) == f"st-codegen {windows}"
