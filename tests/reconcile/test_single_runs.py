@@ -120,6 +120,16 @@ def test_runs_with_wrong_torques_have_passed_on_no_labels(seed):
         assert float(told) == pytest.approx(data.at.torque_Nm[row], abs=10)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_block_among_scattered_conditions_is_no_noise_between_neighbours(seed):
+    """Each run of it lay beside right ones: the noise was large, one order alone was sure, and nothing was named."""
+    _, data = scattered(seed, 1e-5)
+    factor = np.tile(np.where((np.arange(60) >= 20) & (np.arange(60) < 37), 2.0, 1.0), 2)
+    (mistake,) = examine(replace(data, values=data.values * factor[:, None]), RIG, PATH).mistakes
+    assert mistake.name == "block" and {row % 60 for row in mistake.rows} == set(range(20, 37))
+    assert "17 runs is 2 times as large" in mistake.text and "run 21 to run 37" in mistake.text
+
+
 def test_as_many_labels_among_each_other_are_counted_against_chance():
     assert [_ways(2, 2), _ways(3, 2), _ways(5, 5)] == [1, 9, 44]
     assert [_places(1, 3), _places(6, 2), _places(12, 3)] == [1, 14, 74]

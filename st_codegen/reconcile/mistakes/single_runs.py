@@ -333,10 +333,18 @@ def _asked(data: Observations, rig: RigModel, seen: BoolArray) -> _Asked:
 
     seen: (n, K), the coefficients that a curve tells; another one says nothing of its label.
     """
+
+    def of_most(values: FloatArray) -> FloatArray:
+        """The median of each order over the rows that tell it."""
+        return np.array([np.median(own[of]) if of.any() else np.inf for own, of in zip(values.T, seen.T, strict=True)])
+
     model = expected_of(data, rig)
-    sigma = estimate(data, data.values - model).sigma
-    z = np.abs(data.values - model) / sigma
-    usual = np.array([np.median(own[of]) if of.any() else np.inf for own, of in zip(z.T, seen.T, strict=True)])
+    left, sigma = np.abs(data.values - model), estimate(data, data.values - model).sigma
+    # wrong runs beside right ones make the noise between neighbours large: it is no more than what most runs keep, of
+    # which half is below 1.2 sigma of a complex number, and below 0.7 of the mean
+    most = np.where(data.orders == 0, 1.5, 1.0) * of_most(left) / np.median(sigma, axis=0)
+    sigma = sigma * np.clip(most, 1e-9, 1.0)
+    usual = of_most(left / sigma)
     power = np.median(np.abs(model), axis=0)
     sure = (usual < SETTINGS.sure_order) & (power > SETTINGS.shown_order * np.median(sigma, axis=0))
     return _Asked(data, rig, sure, data.values[:, sure], model[:, sure], seen[:, sure] / sigma[:, sure] ** 2)
