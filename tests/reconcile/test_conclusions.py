@@ -773,7 +773,7 @@ def test_the_twin_of_an_unexplained_sideband_is_open(left, is_open):
 
 @pytest.mark.parametrize("order", [40, 80])
 def test_what_an_expression_without_a_cause_lacks_is_no_sure_change(order):
-    """Of a wave that grew as the root of the torque --empirical took the proportional part; the rest was another pin."""
+    """Of a wave that grew as the root of the torque --empirical took a proportional one; the rest was another pin."""
     pin = effect("pin_error", order=40, amplitude_deg=1e-3)
     found = doubted(
         Conclusions(None, None, (), (Retuned(pin, pin, {}, 0.0),), False), (), (), (), (), [order], in_samples=False
