@@ -177,6 +177,7 @@ def _result(
 
     orders, in_samples = [one.order for one in left if one.order >= 0], data.angle_rad is not None
     beside = beside_the_rigs(orders, rig.orders())
+    expressed = {k for effect in rig.effects if effect.name == "empirical" for k in effect.touched_orders()}
     return Reconciliation(
         rig=rig,
         new_rig=_new_rig(rig, final, conclusions),
@@ -184,7 +185,7 @@ def _result(
         target=target,
         noise=noise,
         conclusions=doubted(
-            conclusions, orders, beside, rig.orders(), of_one_angle(final, before), in_samples=in_samples
+            conclusions, orders, beside, rig.orders(), of_one_angle(final, before), expressed, in_samples=in_samples
         ),
         judged=judged,
         unexplained=tuple(one.of_gap(gap_power).of_machine(rig.constants) for one in left),

@@ -771,6 +771,16 @@ def test_the_twin_of_an_unexplained_sideband_is_open(left, is_open):
     assert found.retuned[0].is_open is is_open
 
 
+@pytest.mark.parametrize("order", [40, 80])
+def test_what_an_expression_without_a_cause_lacks_is_no_sure_change(order):
+    """Of a wave that grew as the root of the torque --empirical took a proportional one; the rest was another pin."""
+    pin = effect("pin_error", order=40, amplitude_deg=1e-3)
+    found = doubted(
+        Conclusions(None, None, (), (Retuned(pin, pin, {}, 0.0),), False), (), (), (), (), [order], in_samples=False
+    )
+    assert found.retuned[0].is_open is (order == 40)
+
+
 @pytest.mark.parametrize("is_open", [True, False])
 def test_dry_friction_beside_play_that_may_be_something_else_may_be_so_as_well(is_open):
     """What the play lost above 70 N m the friction gained: only the one was said to be unsure."""

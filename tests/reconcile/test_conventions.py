@@ -23,6 +23,8 @@ WRITTEN = {
     "RMS in place of amplitudes and with phases of sines": lambda c: 1j * c / np.sqrt(2),
     "in mdeg, and the mean in deg": lambda c: 1e3 * c,
     "in arcmin, and the mean in deg": lambda c: 60 * c,
+    "in arcsec, and the mean in deg": lambda c: 3600 * c,
+    "with phases in turns": lambda c: np.abs(c) * np.exp(1j * np.angle(c) / (2 * np.pi)),
 }
 
 

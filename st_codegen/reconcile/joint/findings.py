@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import at_least
-from st_codegen.reconcile.joint.parts import KINDS, OTHERS, OVER_SPEED, RIGID, crossed
+from st_codegen.ir.arrays import FloatArray
+from st_codegen.reconcile.joint.parts import KINDS, OTHERS, OVER_SPEED, RIGID, TorquePart, crossed
 from st_codegen.reconcile.joint.run import JointResult
 from st_codegen.reconcile.joint.settings import JOINT
 from st_codegen.reconcile.joint.waves import ANGLE, TorqueWave
@@ -209,16 +210,15 @@ _POWERS = {"dry_friction": 0, "viscous_friction": 1, "square_friction": 2}
 
 def _driving(result: JointResult) -> list[str]:
     """Forms over speed that surely drive the joint: together with others they make a curve that none of them has."""
-    values = {name: result.chosen.value(name) for name in result.chosen.names() if name in _POWERS}
+    values = {name: result.chosen.value(name) for name in result.chosen.names() if name in OVER_SPEED}
     return [name for name, (value, error) in values.items() if value < 0 and _is_told(name, value, error)]
 
 
 def _at(result: JointResult, speed: float) -> tuple[float, float]:
     """Friction at a speed (rad/s) by its forms over speed together, and its standard error, N m."""
-    names = set(result.chosen.names()) & _POWERS.keys()
-    parts = [speed ** _POWERS[name] * np.array(result.chosen.value(name)) for name in names]
+    errors = [_curve(result, part, np.array([speed]))[0] * result.chosen.value(part.name)[1] for part in _forms(result)]
     # what one form takes from another leaves the sum as it is
-    return float(sum(part[0] for part in parts)), float(np.sqrt(sum(part[1] ** 2 for part in parts)))
+    return float(friction_curve(result, np.array([speed]))[0]), float(np.sqrt(sum(error**2 for error in errors)))
 
 
 def _not_apart(result: JointResult, slow: float, fast: float) -> JointFinding:
@@ -232,29 +232,34 @@ def _not_apart(result: JointResult, slow: float, fast: float) -> JointFinding:
         f"how much of it is dry, and how it changes with the speed, is not told: {_INSTEAD[_driving(result)[0]]} "
         "beside it has the wrong sign, so that the curve is another one"
     )
-    share = float(result.chosen.of(set(_POWERS)).var() / result.rows.torque.var())
+    share = float(result.chosen.of(set(OVER_SPEED)).var() / result.rows.torque.var())
     return JointFinding("friction", f"friction of {' and '.join(text)}", parameters, (), how, share)
 
 
 def _near_one_speed(result: JointResult, speed: float) -> JointFinding:
     """All of friction together where the speed hardly varied: its forms look alike there."""
-    names = set(result.chosen.names()) & _POWERS.keys()
     value, error = _at(result, speed)
     how = "the speed hardly varied: how much of it is dry and how much rises with speed is not told"
-    share = float(result.chosen.of(names).var() / result.rows.torque.var())
+    share = float(result.chosen.of(set(OVER_SPEED)).var() / result.rows.torque.var())
     text = f"friction of {number(value, error, 'Nm')} near {digits(speed, 2)} rad/s"
     return JointFinding("friction", text, {"friction_Nm": (value, error, "Nm")}, (), how, share)
 
 
-def friction_curve(result: JointResult, speed: np.ndarray) -> np.ndarray:
+def friction_curve(result: JointResult, speed: FloatArray) -> FloatArray:
     """Friction (N m) at positive speeds, the mean of both directions: what the parts over speed make together."""
-    found = np.zeros(len(speed))
+    parts = [result.chosen.value(part.name)[0] * _curve(result, part, speed) for part in _forms(result)]
+    return np.asarray(np.sum([np.zeros(len(speed)), *parts], axis=0), np.float64)
+
+
+def _forms(result: JointResult) -> list[TorquePart]:
+    """The forms of friction over speed that were taken."""
+    return [part for part in result.chosen.parts if part.name in OVER_SPEED]
+
+
+def _curve(result: JointResult, part: TorquePart, speed: FloatArray) -> FloatArray:
+    """What a form of friction is at positive speeds where its coefficient is 1."""
     there = replace(result.rows.where(np.zeros(len(speed), np.int64)), speed=speed)
-    for part in result.chosen.parts:
-        if part.name in OVER_SPEED:
-            column = KINDS[part.name].laws[part.law]
-            found += result.chosen.value(part.name)[0] * column(there, part.shape, np.zeros((len(speed), 2)))
-    return found
+    return KINDS[part.name].laws[part.law](there, part.shape, np.zeros((len(speed), 2)))
 
 
 def _stribeck(result: JointResult) -> JointFinding | None:

@@ -144,10 +144,13 @@ def _after_reversal(result: JointResult, name: str) -> Draw:
 
 def _spectrum(result: JointResult, left: Any, over: str, label: str, numbers: list[float]) -> Draw:
     number, size = spectrum(result.rows, left, over)
-    every = slice(None, None, max(1, len(number) // (4 * _SHOWN_POINTS)))
+    # the loudest of each group: a wave is a few numbers wide
+    groups = np.arange(0, len(number), max(1, len(number) // (4 * _SHOWN_POINTS)))
 
     def draw(axes: Any) -> None:
-        axes.plot(number[every], size[every], linewidth=0.6, label="what is left without the waves")
+        axes.plot(
+            number[groups], np.maximum.reduceat(size, groups), linewidth=0.6, label="what is left without the waves"
+        )
         for place in numbers:
             axes.axvline(place, color="k", linewidth=0.6, linestyle=":")
         axes.set(xlabel=label, ylabel="amplitude, N m")

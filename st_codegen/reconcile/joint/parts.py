@@ -6,7 +6,7 @@ torque = I ddq + a cos q + b sin q + c + the parts; a part is a few columns, wit
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -346,19 +346,25 @@ def choose(rows: JointRows, moves: Mapping[str, float], beside: Sequence[TorqueP
         if gain_of([group], rich, rows, crossed(stacked(rich), rows)).passed:
             # beside so many columns one kind of friction alone may predict nothing
             base += [group, *friction]
-    parts, not_told = [*base, *beside], set[str]()
+    parts, not_told, settled = [*base, *beside], set[str](), list[list[str]]()
     while True:
+        parts = _of_own_load(rows, parts)
         fit = crossed(stacked(parts), rows)
         gains = _gains(rows, parts, fit, not_told)
-        passed = [gain for gain in gains.values() if gain.passed]
-        if passed:
+        if passed := [gain for gain in gains.values() if gain.passed]:
             # what has no shape to bend goes first
             parts.append(min(passed, key=lambda gain: (gain.part.shape != 0, -gain.share)).part)
-        elif both := _both(rows, parts, fit, gains):
-            parts += both
-        else:
+            continue
+        # what hides behind another part is asked beside the right forms of friction: it would mend wrong ones
+        parts = _of_own_load(rows, _of_best_form(rows, parts))
+        names = sorted(part.name for part in parts)
+        fit = crossed(stacked(parts), rows)
+        pair = _pair(rows, parts, fit, _gains(rows, parts, fit, not_told).keys())
+        if not pair or names in settled:
             break
-    return _judged(rows, _of_best_form(rows, parts), not_told, moves)
+        settled.append(names)
+        parts += pair
+    return _judged(rows, parts, not_told - set(names), moves)
 
 
 def _gains(rows: JointRows, parts: Sequence[TorquePart], fit: Crossed, not_told: set[str]) -> dict[str, PartGain]:
@@ -376,19 +382,58 @@ def _gains(rows: JointRows, parts: Sequence[TorquePart], fit: Crossed, not_told:
     return gains
 
 
-def _both(
-    rows: JointRows, parts: Sequence[TorquePart], fit: Crossed, gains: Mapping[str, PartGain]
-) -> list[TorquePart]:
-    """Friction that falls and rises again with speed: each part alone may explain nothing."""
-    pair = ("viscous_friction", "curved_friction")
-    if not set(pair) <= set(gains):
-        return []
-    (rise,), falls = (KINDS[name].variants(name, rows) for name in pair)
-    joined = [
-        TorquePart("both", fall.shape, np.hstack([rise.columns, fall.columns]), n) for n, fall in enumerate(falls)
-    ]
-    gain = gain_of(joined, parts, rows, fit)
-    return [rise, falls[gain.part.law]] if gain.passed else []
+def _of_own_load(rows: JointRows, parts: list[TorquePart]) -> list[TorquePart]:
+    """The parts with friction by the load that they have now, as long as that predicts better.
+
+    When it was taken, parts that were still to come stood in the load.
+    """
+    fit = crossed(stacked(parts), rows)
+    while own := [part for part in parts if part.name == "load_dependent_friction"]:
+        variants = KINDS[own[0].name].variants(own[0].name, rows, load_of(Chosen(tuple(parts), fit)))
+        newer = [variants[part.law] if part is own[0] else part for part in parts]
+        better = crossed(stacked(newer), rows)
+        if float(better.held.sum()) > JOINT.settled * float(fit.held.sum()):
+            break
+        parts, fit = newer, better
+    return parts
+
+
+def _pair(rows: JointRows, parts: Sequence[TorquePart], fit: Crossed, names: Collection[str]) -> list[TorquePart]:
+    """The two parts that predict best together where each alone may explain nothing, as it is hidden by the other.
+
+    So is friction that falls and rises again with speed, or a drift beside friction that was not taken yet. None where
+    no two of them predict. Of two that both bend none is tried: they take what a form lacks that was not taken yet.
+    """
+    load = load_of(Chosen(tuple(parts), fit))
+    some = [one for name in names for one in KINDS[name].variants(name, rows, load)]
+    basis = np.linalg.qr(stacked(parts))[0]
+    columns = stacked(some)
+    columns = (columns - basis @ (basis.T @ columns)) / np.maximum(np.sqrt((columns**2).sum(axis=0)), 1e-300)
+    left = rows.torque - basis @ (basis.T @ rows.torque)
+    own, pull, power = columns.T @ columns, columns.T @ left, float(left @ left)
+    best: dict[tuple[str, str], tuple[float, int, int]] = {}
+    for i, j in itertools.combinations(range(len(some)), 2):
+        pair = some[i].name, some[j].name
+        rest = own[i, i] * own[j, j] - own[i, j] ** 2
+        if pair[0] == pair[1] or (some[i].shape and some[j].shape) or rest < JOINT.told * own[i, i] * own[j, j]:
+            continue
+        taken = own[j, j] * pull[i] ** 2 - 2 * own[i, j] * pull[i] * pull[j] + own[i, i] * pull[j] ** 2
+        best[pair] = max(best.get(pair, (0.0, 0, 0)), (float(taken / rest), i, j))
+    found = list[tuple[bool, float, list[TorquePart]]]()
+    # what takes little off all of the data takes less off left-out ones
+    for _, i, j in (one for one in best.values() if one[0] > JOINT.share * power):
+        shape = some[i].shape + some[j].shape
+        joined = TorquePart("pair", shape, np.hstack([some[i].columns, some[j].columns]))
+        gain = gain_of([joined], parts, rows, fit)
+        if gain.passed:
+            # what has no shape to bend goes first
+            found.append((not shape, gain.share, [some[i], some[j]]))
+    return max(found, key=lambda pair: pair[:2])[2] if found else []
+
+
+def _is_apart(part: TorquePart, beside: Sequence[TorquePart]) -> bool:
+    """Whether the motion tells a part from others."""
+    return told(part, np.linalg.qr(stacked(beside))[0]) > JOINT.told
 
 
 def _of_best_form(rows: JointRows, parts: list[TorquePart]) -> list[TorquePart]:
@@ -401,9 +446,8 @@ def _of_best_form(rows: JointRows, parts: list[TorquePart]) -> list[TorquePart]:
     forms = {part.name: part for part in parts if part.name in _FORMS}
     taken, before = set(forms), crossed(stacked(parts), rows)
     by_load = forms.pop("load_dependent_friction", None)
-    others_of = {name: [part for part in forms.values() if {part.name, name} != _ALIKE] for name in OVER_SPEED}
     for name in OVER_SPEED if taken else ():
-        basis = np.linalg.qr(stacked([*rest, *others_of[name]]))[0]
+        basis = np.linalg.qr(stacked(rest))[0]
         variants = [v for v in KINDS[name].variants(name, rows) if told(v, basis) > JOINT.told]
         if name not in forms and variants:
             forms[name] = gain_of(variants, parts, rows, before).part
@@ -416,13 +460,16 @@ def _of_best_form(rows: JointRows, parts: list[TorquePart]) -> list[TorquePart]:
         # two bends at once would take what the form of the other one lacks
         if len({part.name for part in some} & {"square_friction", "curved_friction"}) < 2
         and all(not taken & kind or kind & {part.name for part in some} for kind in (_LEVEL, _CHANGES))
+        and all(_is_apart(part, [*rest, *(one for one in some if one is not part)]) for part in some)
     ]
     fits = [crossed(stacked([*rest, *some]), rows).held for some in sets]
     best = min(fits, key=lambda held: float(held.sum()))
     good = [n for n, held in enumerate(fits) if not surely(held - best, held)]
 
-    def rank(n: int) -> tuple[bool, int, float]:
-        return any(part is by_load for part in sets[n]), len(sets[n]), float(fits[n].sum())
+    def rank(n: int) -> tuple[bool, int, bool, float]:
+        # what has no shape to bend goes first
+        bent = any(part.shape for part in sets[n])
+        return any(part is by_load for part in sets[n]), len(sets[n]), bent, float(fits[n].sum())
 
     return [*rest, *sets[min(good, key=rank)]]
 

@@ -171,6 +171,36 @@ def _check_jumps(name: str, angle: FloatArray) -> None:
             f"{name} jumps by {steps[row + 1]:.3g} from row {row + 3} to the next, elsewhere by {others[-1]:.2g} at "
             "most: are samples missing there, or is a turn lost? Put a file on each side"
         )
+    _check_missing(name, angle)
+
+
+def _check_missing(name: str, angle: FloatArray) -> None:
+    """Raise InputError where the angle moves on by several steps at once, though the time goes on evenly.
+
+    Between two steps on each side that are alike no motion makes one that is a whole number of times as long.
+    """
+    steps = np.diff(angle)
+    beside = np.stack([steps[:-4], steps[1:-3], steps[3:-1], steps[4:]])
+    usual = beside.mean(axis=0)
+    alike = np.abs(beside - usual).max(axis=0) < JOINT.alike_steps * np.abs(usual)
+    alike &= np.abs(usual) > JOINT.sure_step * noise_of(angle)
+    times = np.where(alike, steps[2:-2] / np.where(alike, usual, 1.0), 1.0)
+    count = np.round(times)
+    missing = np.flatnonzero((count > 1) & (np.abs(times - count) < JOINT.alike_steps))
+    if len(missing):
+        first, lost = int(missing[0]), int(count[missing].sum()) - len(missing)
+        raise InputError(
+            f"{name} moves on by {count[first]:.0f} steps at once from row {first + 4} to the next: "
+            f"as if {counted(lost, 'sample')} were missing in {counted(len(missing), 'place')}, though the time goes "
+            "on evenly. Put a file on each side of such a place"
+        )
+
+
+def noise_of(values: FloatArray) -> float:
+    """Standard deviation of what changes from sample to sample without a pattern, or more: by fourth differences."""
+    size = np.sort(np.abs(np.diff(values, 4)))
+    # what jumps (a reversal) is none of it; rounding steps are
+    return float(np.sqrt((size[: int(0.99 * len(size)) + 1] ** 2).mean() / 70.0))
 
 
 def is_standing(angle: FloatArray) -> bool:

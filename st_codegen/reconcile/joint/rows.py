@@ -13,7 +13,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d, minimum_filter1d
 
 from st_codegen.ir.arrays import FloatArray, IntArray
-from st_codegen.reconcile.joint.reading import JointRecording
+from st_codegen.reconcile.joint.reading import JointRecording, noise_of
 from st_codegen.reconcile.joint.settings import JOINT
 
 #: joints whose motion may act together with that of another: those of one arm
@@ -55,13 +55,6 @@ class JointRows:
         """The rows that a mask or an index array chooses, of every column."""
         own = {f.name: getattr(self, f.name) for f in fields(self)}
         return replace(self, **{name: x[kept] for name, x in own.items() if isinstance(x, np.ndarray)})
-
-
-def noise_of(values: FloatArray) -> float:
-    """Standard deviation of what changes from sample to sample without a pattern, or more: by fourth differences."""
-    size = np.sort(np.abs(np.diff(values, 4)))
-    # what jumps (a reversal) is none of it; rounding steps are
-    return float(np.sqrt((size[: int(0.99 * len(size)) + 1] ** 2).mean() / 70.0))
 
 
 def rows_of(

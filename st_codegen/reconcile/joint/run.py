@@ -214,7 +214,8 @@ def _below_mode(
             break
         (inertia, error, diluted), (other, more, _) = narrow, wide
         apart, sure = abs(inertia - other), JOINT.better * float(np.hypot(error, more))
-        if apart <= max(JOINT.one_inertia * abs(other), sure):
+        noisy = diluted > JOINT.one_inertia * abs(inertia) and 2 * kernel <= JOINT.kernel[1] * rows.step_s
+        if apart <= max(JOINT.one_inertia * abs(other), sure) and not noisy:
             break
         kernel, unseen = 2 * kernel, unseen or apart > sure + 2 * diluted
     return kernel, unseen

@@ -23,6 +23,10 @@ class JointSettings:
     jitter: float = 0.5
     #: steps; a wider one is a gap
     gap: float = chosen(1.5, UNRECORDED)
+    #: share by which steps of the angle side by side, or a step and a whole number of them, may differ and be alike
+    alike_steps: float = 0.2
+    #: noises of the angle that steps must be for this, so that noise makes none twice as long
+    sure_step: float = 20.0
     #: turns of a joint from which on an angle without a unit in its name is asked about
     turns: float = 5.0
     #: correlation with the rate of the angle that a given speed must have
@@ -83,6 +87,8 @@ class JointSettings:
     #: factor; the square of the speed must be so many times what else is left could make of it: it is the bend that
     #: every other curve over speed has in common with it
     bend: float = chosen(2.0, STRIBECK)
+    #: share of the left-out loss above which another round of the load it depends on takes off nothing more
+    settled: float = 0.999
     #: share of a part that another one would do in place of, which may be the other's: that one of them is there stays
     #: said
     of_another: float = 0.95

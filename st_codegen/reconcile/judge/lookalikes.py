@@ -417,6 +417,7 @@ def doubted(
     beside: Collection[int],
     made: Collection[int],
     places: Collection[int] = (),
+    expressed: Collection[int] = (),
     *,
     in_samples: bool,
 ) -> Conclusions:
@@ -427,13 +428,14 @@ def doubted(
     read wrong: what does that changes the orders between them, too; made: the rig's orders. Many others that are left,
     as a step at one angle makes them, or what dies away behind the start of a curve, reach all up to twice the highest,
     and the mean. In samples over time all that moves the mean slowly, as a step or a drift, moves what is
-    found of the mean as well. places: orders that one angle of the turn may have changed.
+    found of the mean as well. places: orders that one angle of the turn may have changed; expressed: those of which the
+    rig has an expression without a cause, whose law may be another one.
     """
     foreign = sorted(order for order in {*left, *_of_what_is_many(found)} if order > 0 and order not in made)
     is_broad = len(foreign) >= SETTINGS.shared_orders
     broad = set(range(2 * foreign[-1] + 1)) if is_broad else set()
     near = {order + off for order in beside for off in (-1, 1)}
-    moved = near | broad | set(left) | _reached(set(left))
+    moved = near | broad | set(left) | _reached(set(left)) | set(expressed)
     slow = {0} & set(left) if in_samples else set()
     # what changed in one direction alone is half of what turns with it, and half of what does not
     halves = ONE_SIDED if found.names >= ONE_SIDED else frozenset()
@@ -454,6 +456,8 @@ def doubted(
         and (claim.counted or slow)
         else claim.in_doubt("what stands at one angle of the turn may have changed all these orders")
         if is_of_one_angle(claim.piece.effect)
+        else claim.in_doubt("the rig's expression without a cause may follow another law")
+        if is_open(claim.piece.effect, expressed)
         else claim
         for claim in found.claims
     ]

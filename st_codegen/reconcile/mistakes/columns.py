@@ -231,11 +231,13 @@ _PHASES: tuple[tuple[str, _Turned], ...] = (
     ("with phases of the other sign, as where the angle counts the other way", np.conj),
     ("with phases of sines, of the other sign", lambda c: -1j * c.conj()),
     ("with phases of the other sign, 90 deg less than those of cosines", lambda c: 1j * c.conj()),
+    ("with phases in turns in place of rad", lambda c: np.abs(c) * np.exp(2j * np.pi * np.angle(c))),
 )
 _SIZES = (
     ("", 1.0), ("twice as large, from peak to peak", 2.0), ("half as large, one side of a spectrum", 0.5),
     ("RMS in place of amplitudes", 2**-0.5), ("one side of a spectrum, as RMS", 8**-0.5),
     ("in mdeg, and the mean in deg", 1e3), ("in arcmin, and the mean in deg", 60.0),
+    ("in arcsec, and the mean in deg", 3600.0),
 )  # fmt: skip
 #: of which curves, their sign (0: all); phases, and how they are read; sizes, and their factor
 _CONVENTIONS: list[tuple[str, float, str, _Turned, str, float]] = [
