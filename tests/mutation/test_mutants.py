@@ -34,6 +34,11 @@ def test_each_kind_of_change_is_made():
     assert ("|", "&") not in made and not any("1 + 1" in before for before, _ in made)
 
 
+def test_what_changes_nothing_in_a_program_that_is_right_stays():
+    source = "@dataclass(frozen=True, eq=False)\nclass A:\n    a = zip(b, strict=True)\n    c = f(strict=True)\n"
+    assert [(mutant.line, mutant.before) for mutant in _of_python("f.py", source)] == [(4, "True"), (1, "False")]
+
+
 def test_a_negated_parenthesis_stays_closed():
     source = "f = 1 if not (a or b) else 2\n"
     (negation,) = (mutant for mutant in _of_python("f.py", source) if mutant.before.startswith("not"))
