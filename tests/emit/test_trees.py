@@ -10,6 +10,7 @@ from st_codegen.errors import InputError
 from st_codegen.ir import Comparison, Precision, Rank, RankColumn, TreeColumn, reference
 from st_codegen.passes.prune import pruned
 from st_codegen.passes.ranks import ranked
+from st_codegen.passes.real import in_real
 from tests.emit.test_emitted import run
 from tests.models import model, random_trees
 
@@ -46,6 +47,13 @@ def test_only_inputs_that_may_lie_beyond_real_are_compared_with_its_range(limit,
     made = model(dataclasses.replace(trees, input_precision=Precision.FLOAT32))
     block = model_block(dataclasses.replace(made, magnitude_limits=(limit,) * len(made.features)), Limits(1000))
     assert any("REAL_LIMIT" in table.name for table in block.tables) == compared
+
+
+def test_a_threshold_without_end_keeps_its_side_in_real(tmp_path):
+    made = in_real(with_threshold(0.5))
+    numbers = np.float64(np.float32([0.5, 2.9e38, 3.3e38, -3.3e38, np.nan]))
+    x = np.stack(np.meshgrid(numbers, numbers, numbers), -1).reshape(-1, 3)
+    assert np.array_equal(reference.evaluate(made, x), run(made, "twincat", tmp_path, x), equal_nan=True)
 
 
 def test_a_tree_whose_nodes_all_equal_those_of_an_earlier_one_has_no_lines_of_its_own(tmp_path):
