@@ -7,9 +7,10 @@ import pytest
 
 from st_codegen.emit.blocks.model import Limits, model_block
 from st_codegen.errors import InputError
-from st_codegen.ir import Comparison, Rank, RankColumn, TreeColumn, reference
+from st_codegen.ir import Comparison, Precision, Rank, RankColumn, TreeColumn, reference
 from st_codegen.passes.prune import pruned
 from st_codegen.passes.ranks import ranked
+from st_codegen.passes.real import in_real
 from tests.emit.test_emitted import run
 from tests.models import model, random_trees
 
@@ -36,6 +37,22 @@ def test_thresholds_below_it_are_told_from_infinity(value, tmp_path):
     made = with_threshold(value)
     numbers = [value, np.nextafter(value, 0), np.nextafter(value, 2 * value), LARGEST, 1e307, np.inf, -np.inf, np.nan]
     x = np.stack(np.meshgrid(numbers, numbers, [0.0, value, np.nan]), -1).reshape(-1, 3)
+    assert np.array_equal(reference.evaluate(made, x), run(made, "twincat", tmp_path, x), equal_nan=True)
+
+
+@pytest.mark.parametrize(("limit", "compared"), [(None, True), (1e39, True), (1e38, False)])
+def test_only_inputs_that_may_lie_beyond_real_are_compared_with_its_range(limit, compared):
+    """REAL ends at 3.4e38."""
+    trees = random_trees(np.random.default_rng(5), trees=1, splits=4, comparison=Comparison.LESS)
+    made = model(dataclasses.replace(trees, input_precision=Precision.FLOAT32))
+    block = model_block(dataclasses.replace(made, magnitude_limits=(limit,) * len(made.features)), Limits(1000))
+    assert any("REAL_LIMIT" in table.name for table in block.tables) == compared
+
+
+def test_a_threshold_without_end_keeps_its_side_in_real(tmp_path):
+    made = in_real(with_threshold(0.5))
+    numbers = np.float64(np.float32([0.5, 2.9e38, 3.3e38, -3.3e38, np.nan]))
+    x = np.stack(np.meshgrid(numbers, numbers, numbers), -1).reshape(-1, 3)
     assert np.array_equal(reference.evaluate(made, x), run(made, "twincat", tmp_path, x), equal_nan=True)
 
 

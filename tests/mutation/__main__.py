@@ -5,7 +5,8 @@ seconds. A mutant is tried in a copy of the repository with the tests of its own
 A declaration, which the import executes, is tried with the tests that execute its uses. Coverage sees neither machine
 code nor other processes: a line that no test seems to execute is tried with the tests of its file, or else of its room.
 Templates are not Python, so theirs are all tests of their rooms. Limits are processor time, so that a busy machine does
-not turn a survivor into an endless loop.
+not turn a survivor into an endless loop. Tests that fail in an unchanged copy would notice everything: they are left
+out. What a limit ended no test noticed: it counts as not found, and the list says that it was too slow.
 
 With `--rooms`, mutants of these rooms only are tried, and only with the tests of these rooms: what is found then is a
 lower limit of what the whole suite finds.
@@ -35,11 +36,13 @@ from tests.mutation.executed import Executed
 from tests.mutation.mutants import Mutant, sample
 
 ROOT = Path(__file__).resolve().parents[2]
+#: What a measured run depends on.
+_CHANGED = ("st_codegen", "templates", "tests")
 #: A test run counts as too slow beyond so many times its seconds unchanged, and so many seconds for its start.
 _SLOWER = 4
 _START_SECONDS = 60
-#: Seconds on the clock after which a run that takes no processor time is stuck.
-_STUCK_SECONDS = 3600
+#: A run is stuck that takes so many times its limit of processor time on the clock.
+_STUCK = 10
 
 
 @dataclass(frozen=True)
@@ -53,32 +56,45 @@ class Verdict:
     @property
     def found(self) -> bool:
         """Whether the tests noticed it."""
-        return self.verdict in ("noticed", "too slow", "stuck")
+        return self.verdict == "noticed"
 
 
-def measure(folder: Path, jobs: int, rooms: list[str]) -> None:
-    """Run every folder of tests, or those of these rooms, below coverage; what is measured already stays."""
+def measure(folder: Path, copy: Path, jobs: int, rooms: list[str]) -> None:
+    """Run every folder of tests, or those of these rooms, below coverage, in a copy in which mutants are tried.
+
+    What is measured already stays, unless a file of the program or of the tests has changed since.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    groups = [path for path in sorted((ROOT / "tests").iterdir()) if path.is_dir() and any(path.rglob("test_*.py"))]
+    changed = max(path.stat().st_mtime for room in _CHANGED for path in (copy / room).rglob("*") if path.is_file())
+    for path in folder.iterdir():
+        if path.stat().st_mtime < changed:
+            path.unlink()
+    groups = [path for path in sorted((copy / "tests").iterdir()) if path.is_dir() and any(path.rglob("test_*.py"))]
     groups = [path for path in groups if not rooms or path.name in rooms]
-    groups += sorted((ROOT / "tests").glob("test_*.py")) if not rooms else []
+    groups += sorted((copy / "tests").glob("test_*.py")) if not rooms else []
     with ThreadPoolExecutor(jobs) as pool:
-        for name, seconds in pool.map(lambda path: _measure_one(path, folder), groups):
+        for name, seconds in pool.map(lambda path: _measure_one(path, folder, copy), groups):
             print(f"executed lines of {name}: {seconds:.0f} s", flush=True)
 
 
-def _measure_one(path: Path, folder: Path) -> tuple[str, float]:
+def _measure_one(path: Path, folder: Path, copy: Path) -> tuple[str, float]:
     target = folder / f"{path.stem}.coverage"
     start = time.perf_counter()
     if not target.exists():
         partial = target.with_suffix(".part")
         command = [sys.executable, "-m", "coverage", "run", "--source=st_codegen", f"--data-file={partial}"]
         command += ["-m", "pytest", "-q", "-m", "not slow", "-p", "tests.mutation.contexts", "-p", "no:cacheprovider"]
-        command.append(str(path))
-        subprocess.run(command, cwd=ROOT, check=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        command.append(path.relative_to(copy).as_posix())
+        environment = _environment(copy)
+        quiet = subprocess.DEVNULL
+        subprocess.run(command, cwd=copy, env=environment, check=False, stdout=quiet, stderr=quiet)
         Path(f"{partial}.seconds").rename(f"{target}.seconds")
         partial.rename(target)
     return path.name, time.perf_counter() - start
+
+
+def _environment(copy: Path) -> dict[str, str]:
+    return {**os.environ, "PYTHONDONTWRITEBYTECODE": "1", "PYTHONPATH": str(copy)}
 
 
 def copy_repository(target: Path) -> None:
@@ -102,12 +118,11 @@ def try_mutant(mutant: Mutant, tests: list[str], copy: Path, limit: int) -> Verd
     file.write_text(mutant.apply(source), encoding="utf-8")
     try:
         command = [sys.executable, "-m", "pytest", "-q", "-x", "-m", "not slow", "-p", "no:cacheprovider", *tests]
-        environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1", "PYTHONPATH": str(copy)}
         done = subprocess.run(
             command,
             cwd=copy,
-            env=environment,
-            timeout=_STUCK_SECONDS,
+            env=_environment(copy),
+            timeout=_STUCK * limit,
             capture_output=True,
             check=False,
             # the hard limit stays: tests give limits of their own to processes, which none could raise
@@ -134,14 +149,14 @@ def main() -> int:
     parser.add_argument("--json", type=Path, default=ROOT / "build" / "mutate.json")
     options = parser.parse_args()
     lines = ROOT / "build" / "executed"
-    measure(lines, options.jobs, options.rooms)
-    executed = Executed(lines)
     mutants = sample(ROOT, options.count, options.seed, options.rooms)
     random.Random(options.seed).shuffle(mutants)  # so that a run that is interrupted has tried a fair sample
     with tempfile.TemporaryDirectory(prefix="st-codegen-mutate-") as name:
         copies = [Path(name) / str(number) / "copy" for number in range(options.jobs)]
         for copy in copies:
             copy_repository(copy)
+        measure(lines, copies[0], options.jobs, options.rooms)
+        executed = Executed(lines)
         free = list(copies)
 
         def one(mutant: Mutant) -> Verdict:

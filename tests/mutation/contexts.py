@@ -1,4 +1,4 @@
-"""A plugin of pytest that tells coverage which test runs, and times each test: `-p tests.mutation.contexts`."""
+"""A plugin of pytest that tells coverage which test runs, and times those that pass: `-p tests.mutation.contexts`."""
 
 import json
 import time
@@ -10,6 +10,7 @@ import coverage
 import pytest
 
 _seconds: defaultdict[str, float] = defaultdict(float)
+_failed: set[str] = set()
 
 
 @pytest.hookimpl(hookwrapper=True)
@@ -25,8 +26,16 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, None, None]:
         measured.switch_context("")
 
 
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    """Remember what failed."""
+    if report.failed:
+        _failed.add(report.nodeid)
+
+
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Write the seconds of each test beside the data of coverage."""
+    """Write the seconds of each test that passed beside the data of coverage."""
     measured = coverage.Coverage.current()
     if measured is not None:
-        Path(f"{measured.config.data_file}.seconds").write_text(json.dumps(_seconds))
+        Path(f"{measured.config.data_file}.seconds").write_text(
+            json.dumps({test: seconds for test, seconds in _seconds.items() if test not in _failed})
+        )

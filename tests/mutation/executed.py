@@ -94,15 +94,17 @@ class Executed:
                     "join context on context.id = context_id"
                 )
                 for name, context, bits in rows:
-                    file = Path(name).relative_to(ROOT).as_posix()
+                    if context and context not in self._seconds:
+                        continue  # a test that fails unchanged
                     for line in numbits_to_nums(bits):
-                        self._tests[file, line].add(context)
+                        self._tests[name, line].add(context)
                         self._size[context] += 1
 
     def tests(self, mutant: Mutant) -> list[str]:
         """The tests to run, those of the mutant's own room first, then by how little else they execute."""
         if mutant.path.endswith(".j2"):
-            return [tests for tests in _OF_TEMPLATES if self.seconds([tests])]
+            ordered = [test for tests in _OF_TEMPLATES for test in self._seconds if test.startswith(tests)]
+            return list(dict.fromkeys(ordered))
         name, own = mutant.path, f"tests/{mutant.path.split('/')[1]}/"
         found = set().union(*(self._tests[name, line] for line in _statement(name, mutant.line)))
         imported = "" in found
@@ -124,8 +126,8 @@ class Executed:
         for test in self._seconds:
             beside[_file_of(test)].append(test)
         ordered += [test for file in dict.fromkeys(map(_file_of, ordered)) for test in beside[file]]
-        if imported and beside[_OF_SOURCES]:  # declarations are held by tests that read sources, too
-            ordered = [_OF_SOURCES, *ordered]
+        if imported:  # declarations are held by tests that read sources, too
+            ordered = [*beside[_OF_SOURCES], *ordered]
         chosen, seconds = [], 0.0
         for test in list(dict.fromkeys(ordered))[:_MOST_TESTS]:
             if not chosen or seconds + self._seconds.get(test, 0.0) <= _MOST_SECONDS:
@@ -134,7 +136,5 @@ class Executed:
         return chosen
 
     def seconds(self, tests: list[str]) -> float:
-        """Processor time of these tests, or of all tests of these folders and files, in the unchanged program."""
-        return sum(
-            seconds for test, seconds in self._seconds.items() if any(test.startswith(chosen) for chosen in tests)
-        )
+        """Processor time of these tests in the unchanged program."""
+        return sum(self._seconds.get(test, 0.0) for test in tests)

@@ -15,6 +15,7 @@ from pathlib import Path
 _COMPARED = {"==": "!=", "!=": "==", "<": "<=", "<=": "<", ">": ">=", ">=": ">", "is": "is not", "in": "not in"}
 _COMPUTED = {"+": "-", "-": "+", "*": "/", "/": "*", "//": "*", "%": "*", "@": "*"}
 _JOINED = {"and": "or", "or": "and"}
+_HELD = {("dataclass", "frozen"), ("zip", "strict")}
 #: In templates: what stands between spaces, or a whole number.
 _PRINTED = re.compile(r"(?<= )(<=|>=|<>|<|>|=|\+|-|\*|AND|OR|TRUE|FALSE)(?= |;|\))|(?<![\w#.'\"$])\d+(?![\w.])")
 _PRINTED_AS = {"<=": "<", "<": "<=", ">=": ">", ">": ">=", "=": "<>", "<>": "=", "+": "-", "-": "+", "*": "+"}
@@ -123,11 +124,16 @@ def _other_value(value: bool | int | float) -> str:
 
 
 def _code(tree: ast.AST) -> Iterator[ast.AST]:
-    """Yield the nodes of a file that decide what it does: no annotations, nothing inside f-strings."""
+    """Yield the nodes of a file that decide what it does: no annotations, nothing inside f-strings.
+
+    Nor `frozen` of dataclasses and `strict` of zip: without them a program that is right does the same.
+    """
     for field, value in ast.iter_fields(tree):
         if field in ("annotation", "returns", "type_params"):
             continue
         for node in value if isinstance(value, list) else [value]:
-            if isinstance(node, ast.AST) and not isinstance(node, ast.JoinedStr):
+            called = tree.func.id if isinstance(tree, ast.Call) and isinstance(tree.func, ast.Name) else ""
+            held = isinstance(node, ast.keyword) and (called, node.arg) in _HELD
+            if isinstance(node, ast.AST) and not isinstance(node, ast.JoinedStr) and not held:
                 yield node
                 yield from _code(node)

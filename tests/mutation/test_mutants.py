@@ -3,6 +3,7 @@
 import ast
 import json
 import resource
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import coverage
 import pytest
 
 from tests.mutation import executed
-from tests.mutation.__main__ import try_mutant
+from tests.mutation.__main__ import measure, try_mutant
 from tests.mutation.executed import Executed
 from tests.mutation.mutants import Mutant, _of_python, _of_template, sample
 
@@ -31,6 +32,11 @@ def test_each_kind_of_change_is_made():
     assert {("+", "-"), ("in", "not in"), ("1", "2"), ("==", "!=")} <= made
     assert any(text == "pass" for _, text in made)
     assert ("|", "&") not in made and not any("1 + 1" in before for before, _ in made)
+
+
+def test_what_changes_nothing_in_a_program_that_is_right_stays():
+    source = "@dataclass(frozen=True, eq=False)\nclass A:\n    a = zip(b, strict=True)\n    c = f(strict=True)\n"
+    assert [(mutant.line, mutant.before) for mutant in _of_python("f.py", source)] == [(4, "True"), (1, "False")]
 
 
 def test_a_negated_parenthesis_stays_closed():
@@ -74,7 +80,7 @@ def measured(tmp_path, monkeypatch):
         data = coverage.CoverageData(str(tmp_path / "data.coverage"))
         for context, numbers in lines.items():
             data.set_context(context)
-            data.add_lines({str(file): numbers})
+            data.add_lines({name: numbers})
         data.write()
         return Executed(tmp_path)
 
@@ -88,12 +94,42 @@ def test_a_declaration_is_tried_with_the_tests_that_read_sources(measured):
     seconds = {"tests/st/test_a.py::one": 1.0, f"{of_sources}::rules": 1.0}
     found = measured(name, "\n\n\n", seconds, {"": [1], "tests/st/test_a.py::one": [2]})
     declared, ran, unseen = (found.tests(Mutant(name, line, 0, 1, "1", "2")) for line in (1, 2, 3))
-    assert declared == [of_sources, "tests/st/test_a.py::one"]
+    assert declared == [f"{of_sources}::rules", "tests/st/test_a.py::one"]
     assert ran == unseen == ["tests/st/test_a.py::one"]
     other = Mutant("st_codegen/st/types.py", 1, 0, 1, "1", "2")
     assert found.tests(other) == ["tests/st/test_a.py::one"]
     assert found.tests(replace(other, path="st_codegen/te/check.py")) == []
     assert found.seconds(declared) == 2.0
+
+
+def test_a_test_that_fails_unchanged_is_not_chosen(measured):
+    """Nothing is known of its seconds: the plugin leaves those of failures out."""
+    ran = {"tests/st/test_a.py::fails": [1], "tests/st/test_a.py::passes": [1]}
+    found = measured("st_codegen/st/tree.py", "\n", {"tests/st/test_a.py::passes": 1.0}, ran)
+    assert found.tests(Mutant("st_codegen/st/tree.py", 1, 0, 1, "1", "2")) == ["tests/st/test_a.py::passes"]
+
+
+@pytest.mark.thorough
+def test_what_is_measured_is_of_the_copy_and_of_tests_that_pass(tmp_path):
+    copy, data = tmp_path / "copy", tmp_path / "data"
+    for name in ("pyproject.toml", "tests/__init__.py", "tests/mutation/__init__.py", "tests/mutation/contexts.py"):
+        (copy / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / name, copy / name)
+    for name in ("st_codegen", "templates", "tests/st"):
+        (copy / name).mkdir()
+    (copy / "st_codegen/testing.py").touch()  # pytest's own entry point
+    (copy / "st_codegen/__init__.py").write_text("def f():\n    return 1\n")
+    test = copy / "tests/st/test_f.py"
+    test.write_text("from st_codegen import f\n\ndef test_f():\n    assert f()\n\ndef test_g():\n    assert not f()\n")
+    times = []
+    for changed in (False, False, True):  # what is older than a file is measured again
+        test.touch() if changed else None
+        measure(data, copy, 1, ["st"])
+        assert list(json.loads((data / "st.coverage.seconds").read_text())) == ["tests/st/test_f.py::test_f"]
+        times.append((data / "st.coverage").stat().st_mtime_ns)
+    assert times[0] == times[1] < times[2]
+    chosen = Executed(data).tests(Mutant("st_codegen/__init__.py", 2, 0, 1, "1", "2"))
+    assert chosen == ["tests/st/test_f.py::test_f"]
 
 
 def test_a_constant_is_tried_with_the_tests_of_its_uses_and_a_line_with_those_of_its_statement(measured):
@@ -129,5 +165,5 @@ def test_only_processor_time_makes_a_mutant_too_slow(tmp_path, changed, limit, v
     )
     (mutant,) = (mutant for mutant in _of_python("f.py", "WHAT = 1\n"))
     found = try_mutant(replace(mutant, text=changed), ["test_f.py"], tmp_path, limit=limit)
-    assert found.verdict == verdict
+    assert (found.verdict, found.found) == (verdict, verdict == "noticed")
     assert (tmp_path / "f.py").read_text() == "WHAT = 1\n"

@@ -41,11 +41,11 @@ def behind(*steps, seed=0, features=1, **changes):
 
 
 LOG1P, EXPM1 = (Activation((0,), function, width=1) for function in (Function.LOG1P, Function.EXPM1))
-SCALED = Scale((0,), Operator.MULTIPLY, [3.0])
+SCALED, HALVED = (Scale((0,), Operator.MULTIPLY, [factor]) for factor in (3.0, 0.5))
 
 
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("steps", [(LOG1P,), (EXPM1,), (SCALED, LOG1P, SCALED), (LOG1P, EXPM1)])
+@pytest.mark.parametrize("steps", [(LOG1P,), (EXPM1,), (SCALED, LOG1P, HALVED), (LOG1P, EXPM1)])
 def test_the_rewritten_model_has_the_bits_of_the_functions_around_every_changeover(steps, seed):
     before = behind(*steps, seed=seed)
     after = without_inexact_steps(before)
@@ -112,6 +112,12 @@ def test_too_many_numbers_around_a_changeover_leave_the_step_in_place(monkeypatc
     monkeypatch.setattr(inexact, "_MOST_AROUND", 1)
     before = behind(LOG1P)
     assert without_inexact_steps(before).ops == before.ops
+
+
+def test_numbers_that_are_tried_in_batches_give_the_same_changeovers(monkeypatch):
+    together = without_inexact_steps(behind(LOG1P)).ops[0].threshold
+    monkeypatch.setattr(inexact, "_BATCH", 1)
+    assert np.array_equal(without_inexact_steps(behind(LOG1P)).ops[0].threshold, together)
 
 
 @pytest.mark.parametrize("function", [np.log1p, np.expm1])

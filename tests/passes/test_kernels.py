@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from st_codegen.ir import FactoredKernel, Kernel, KernelSum, Operator, Precision, Round, Scale, reference
-from st_codegen.passes.domain import limit_inputs
+from st_codegen.passes.domain import limit_inputs, magnitudes
 from st_codegen.passes.kernels import factored, grid_of
 from st_codegen.proof import bounds
 from st_codegen.proof.probes import probe_rows
@@ -64,6 +64,12 @@ def test_a_factored_kernel_stays_within_the_bound(seed, gamma, outputs, scaled, 
         assert np.all(np.abs(expected - got)[near] <= bound[near])
     inside = np.all(np.abs(x) < 3, axis=1)
     assert np.max(bound[inside]) < 1e-11
+
+
+def test_no_number_of_a_factored_kernel_is_larger_than_its_magnitude():
+    """Inputs up to 5 and 6, points up to 1 and 2 away from zero: 2 * (6 + 2)**2, and 3 + 4 kernels of at most 1."""
+    op = FactoredKernel((0,), (0, 1), (np.array([0.0, 1.0]), np.array([-2.0])), [[3.0, -4.0]], [-0.5], gamma=2.0)
+    assert magnitudes(op, [np.array([5.0, 6.0])]) == (128.0, [7.5])
 
 
 def test_the_bound_knows_of_the_factors():

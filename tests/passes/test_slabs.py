@@ -114,6 +114,16 @@ def test_what_gains_nothing_stays_whole(whole):
     assert [candidate.layout for candidate in decision.candidates] == [RANKS]
 
 
+def test_trees_that_are_too_many_or_too_flat_are_not_cut(whole, cut, monkeypatch):
+    found = pruned(ranked(whole))
+    (trees,) = (op for op in found.ops if isinstance(op, TreeEnsemble))
+    assert cut is not None
+    for limit, beyond in (("_NODES", trees.n_nodes - 1), ("_DEEP", depth_of(trees) + 1)):
+        with monkeypatch.context() as patched:
+            patched.setattr(slabs, limit, beyond)
+            assert slabs.cut_into_cells(found) is None
+
+
 def test_cells_give_way_where_the_tables_would_not_fit(whole):
     other = replace(whole, name="other")
     (alone,) = compile_models([whole], Options(table_bytes=1024)).decisions

@@ -55,6 +55,9 @@ def text(body: str) -> str:
 
 BOTH = [
     ("nX := zz;", "unknown name 'zz'"),
+    ("fX := zz.fOut;", "unknown name 'zz'"),
+    ("zz.Open(n := 1);", "unknown name 'zz'"),
+    ("fX := FB_A.fOut;", "unknown name 'FB_A'"),
     ("nX := nXX;", "unknown name 'nXX'; did you mean 'nX'?"),
     ("N := 1;", "'N' is a constant"),
     ("nX := fX;", "LREAL where DINT is needed: convert it with LREAL_TO_DINT"),

@@ -203,6 +203,11 @@ CASES = {
     "a coefficient too few": ("svr", svr(_dual_coef_=lambda v: v[:, 1:]), r"SVR._dual_coef_: shape"),
     "more classes than coefficients": ("svr", svr(_n_support=lambda v: np.ones(9, np.int32)), r"SVR._n_support: shape"),
     "fewer indices than vectors": ("svr", svr(support_=lambda v: v[1:]), r"SVR.support_: shape"),
+    "an index beyond 32 bits": (
+        "svr",
+        svr(support_=lambda v: v.astype(np.int64) + 2**31),
+        r"SVR.support_: number 0 is 2147483648, expected 0 \.\. 2147483647",
+    ),
     "a method that is hidden": ("svr", svr(predict=lambda v: 1), r"SVR.predict: hides what the class defines"),
     "the method of another model": ("svr", svr(predict=copy.deepcopy), r"SVR.predict: hides what the class defines"),
     "texts": ("linear", svr(coef_=lambda v: v.astype(str)), r"Ridge.coef_: values of type <U32, expected numbers"),

@@ -252,6 +252,14 @@ def test_the_number_of_the_largest_and_of_the_smallest(tmp_path, op_type, last, 
     assert loaded.predict(ties)[0, 0] == reference.evaluate(loaded.ir, ties)[0, 0] == (3 if last else 0)
 
 
+@pytest.mark.parametrize("op_type", ["ArgMax", "ArgMin"])
+def test_the_axis_of_the_columns_is_kept_as_one_number(tmp_path, op_type):
+    """Squeeze drops no axis of another length."""
+    ends = [helper.make_node(op_type, ["S"], ["I"], axis=1), helper.make_node("Squeeze", ["I", "axes"], ["Y"])]
+    model = network(*ends, outputs=[info("Y", None, INT64)], constants=[constant("axes", [1], np.int64)])
+    assert agree(build.load(model, tmp_path), np.random.default_rng(6).normal(size=(300, 3))).size < 10
+
+
 @pytest.mark.parametrize("labels", [("a", "b", "*) c", "d"), (10, 20, 30, 40)])
 @pytest.mark.parametrize("pick", ["ArrayFeatureExtractor", "Gather"])
 def test_labels_picked_from_a_constant_list(tmp_path, labels, pick):

@@ -234,6 +234,20 @@ def test_truth_values_and_a_constant_mask(tmp_path, op_type, operands):
     agree(loaded, rows(np.random.default_rng(6)))
 
 
+@pytest.mark.parametrize("op_type", ["And", "Or", "Xor", "Not"])
+def test_truth_values_that_stand_in_the_file(tmp_path, op_type):
+    nodes = [
+        helper.make_node(op_type, ["one", "other"][: 1 if op_type == "Not" else 2], ["T"]),
+        helper.make_node("Cast", ["T"], ["F"], to=FLOAT),
+        helper.make_node("Mul", ["X", "F"], ["Y"]),
+    ]
+    masks = [constant("one", [True, False, True], bool), constant("other", [True, False, False], bool)]
+    agree(
+        build.load(graph_model(nodes, [info("X", (None, 3))], [info("Y", None)], masks), tmp_path),
+        rows(np.random.default_rng(6)),
+    )
+
+
 @DTYPES
 def test_the_truth_of_a_number_is_that_it_is_not_zero(tmp_path, elem_type):
     """NaN and infinities, of which no sum or difference is taken in the libraries, are refused."""

@@ -385,6 +385,20 @@ def test_elements_that_cannot_be_scattered_are_refused(tmp_path, places, attribu
         assert_moved(tmp_path, ("ScatterElements", ["places", "parts"], {"axis": 1, **attributes}), (1, 3), given)
 
 
+@pytest.mark.parametrize("position", [3, -4])
+def test_elements_gathered_from_beyond_the_end_are_refused(tmp_path, position):
+    with pytest.raises(InputError, match=r"beyond those of shape \(1, 3\)"):
+        assert_moved(tmp_path, ("GatherElements", ["P"], {"axis": 1}), (1, 3), [constant("P", [[position]], np.int64)])
+
+
+@pytest.mark.parametrize(
+    ("marks", "dtype"), [([1, 0, 1], np.int64), ([True] * 4, np.bool_), ([[True, False, True]], np.bool_)]
+)
+def test_marks_that_are_no_short_list_of_truth_values_are_refused(tmp_path, marks, dtype):
+    with pytest.raises(InputError, match="not a list of at most 3 truth values"):
+        assert_moved(tmp_path, ("Compress", ["marks"], {"axis": 1}), (1, 3), [constant("marks", marks, dtype)])
+
+
 WAYS = ("asymmetric", "half_pixel", "pytorch_half_pixel", "align_corners")
 NEAREST = ("floor", "ceil", "round_prefer_floor", "round_prefer_ceil")
 

@@ -12,12 +12,17 @@ from typing import Any
 import numpy as np
 
 from st_codegen.emit.blocks.listing import Block, BlockVariable, CodeSection, Table
+from st_codegen.emit.blocks.trees import LARGEST_THRESHOLD, MISSING_VALUE
 from st_codegen.errors import DefectError
 from st_codegen.ir import FloatArray
 
 _LARGEST = float(np.finfo(np.float32).max)
-#: What is no number of the model, from so large on, and what stands for it: LARGEST_THRESHOLD, MISSING_VALUE, no end.
-_STAND_INS = ((1e307, _LARGEST), (1e306, float(np.float32(3.4e38))), (1e305, float(np.float32(3e38))))
+#: What is no number of the model, from so large on, and what stands for it; beyond the two of trees: no end.
+_STAND_INS = (
+    (1e307, _LARGEST),
+    (MISSING_VALUE, float(np.float32(3.4e38))),
+    (LARGEST_THRESHOLD, float(np.float32(3e38))),
+)
 
 
 def in_real_types(block: Block) -> Block:

@@ -52,8 +52,9 @@ class Module:
 
     def reserve(self, size: int) -> int:
         """Room in the frame of a row; its offset."""
+        offset = self.frame_bytes
         self.frame_bytes += aligned(size, 16)
-        return self.frame_bytes - aligned(size, 16)
+        return offset
 
     def instance_type(self, pou: t.Pou) -> BlockType:
         """The type of the instance that a unit runs on."""
