@@ -120,6 +120,19 @@ def test_runs_with_wrong_torques_have_passed_on_no_labels(seed):
         assert float(told) == pytest.approx(data.at.torque_Nm[row], abs=10)
 
 
+def test_small_torques_are_told_by_their_digits():
+    """Of 8 N m at most "about 7 N m" and "about 3 N m" were said, as if to one of them."""
+    random, data = scattered(0, 1e-8)
+    small = replace(data.at, torque_Nm=data.at.torque_Nm / 200.0)
+    values = data.values + RIG.coefficients(small, ORDERS.tolist()) - RIG.coefficients(data.at, ORDERS.tolist())
+    off = np.where(np.isin(np.arange(60), (5, 17, 40)), random.uniform(2.0, 6.0, 60) - small.torque_Nm[:60], 0.0)
+    at = replace(small, torque_Nm=small.torque_Nm + np.tile(off, 2))
+    (one,) = examine(replace(data, values=values, at=at, labels=labels(at)), RIG, PATH).mistakes
+    told = [float(number) for number in re.findall(r"agrees with about (\S+) N m", one.text)]
+    assert len(told) == 3
+    assert told == pytest.approx([small.torque_Nm[row] for row in one.rows[::2]], abs=0.03)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_block_among_scattered_conditions_is_no_noise_between_neighbours(seed):
     """Each run of it lay beside right ones: the noise was large, one order alone was sure, and nothing was named."""

@@ -413,7 +413,9 @@ def _torques(asked: _Asked, rest: BoolArray) -> list[Mistake]:
         there = asked.rig.coefficients(as_if, data.orders.tolist())[:, asked.sure]
         if left <= SETTINGS.label_gain * float(loss[rows].sum()) and _gains_in_orders(asked, rows, there):
             wrong += map(int, rows)
-            texts.append(f"{data.labels[rows[0]]} agrees with about {torque:.0f} N m, if not with another label")
+            # three digits, without a power of ten: the places that are tried lie no closer
+            about = f"{float(f'{torque:.3g}'):g}"
+            texts.append(f"{data.labels[rows[0]]} agrees with about {about} N m, if not with another label")
     return [Mistake("labels", _seem(texts, "to have had another torque"), rows=tuple(wrong))] if wrong else []
 
 
