@@ -90,7 +90,8 @@ def whole_file(path: Path) -> Iterator[Path]:
         partial.replace(path)
 
 
-_PLAIN_FOR_WINDOWS = re.compile(r"[\w@+=:,./\\~-]+")
+# none of @ and ~, which PowerShell replaces, nor a comma, at which it parts words
+_PLAIN_FOR_WINDOWS = re.compile(r"[\w+=:./\\-]+")
 
 
 def inert(text: str) -> str:

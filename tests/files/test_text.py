@@ -65,6 +65,8 @@ def test_several_files_are_written_together(tmp_path):
         ("my models", "'my models'", '"my models"'),
         ("D:\\my models\\", "'D:\\my models\\'", '"D:\\my models\\\\"'),
         ("R&D", "'R&D'", '"R&D"'),
+        ("sign,labels", "sign,labels", '"sign,labels"'),
+        ("@rows", "@rows", '"@rows"'),
         ("it's", "'it'\"'\"'s'", '"it\'s"'),
         ("", "''", '""'),
     ],

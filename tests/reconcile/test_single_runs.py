@@ -120,6 +120,29 @@ def test_runs_with_wrong_torques_have_passed_on_no_labels(seed):
         assert float(told) == pytest.approx(data.at.torque_Nm[row], abs=10)
 
 
+@pytest.mark.parametrize("seed", [1, 3, 6])
+def test_a_run_with_a_factor_of_its_own_agrees_with_no_label_and_no_torque(seed):
+    """Another label, or torque, took off most of what it left, and left ten thousand times the noise: it "agreed"."""
+    random, data = scattered(seed, 1e-5)
+    wrong = random.choice(60, 3, replace=False)
+    random.uniform(size=60)
+    factor = np.where(np.isin(np.arange(60), wrong), random.uniform(0.5, 1.6, 60), 1.0)
+    assert not examine(replace(data, values=data.values * np.tile(factor, 2)[:, None]), RIG, PATH).mistakes
+
+
+def test_small_torques_are_told_by_their_digits():
+    """Of 8 N m at most "about 7 N m" and "about 3 N m" were said, as if to one of them."""
+    random, data = scattered(0, 1e-8)
+    small = replace(data.at, torque_Nm=data.at.torque_Nm / 200.0)
+    values = data.values + RIG.coefficients(small, ORDERS.tolist()) - RIG.coefficients(data.at, ORDERS.tolist())
+    off = np.where(np.isin(np.arange(60), (5, 17, 40)), random.uniform(2.0, 6.0, 60) - small.torque_Nm[:60], 0.0)
+    at = replace(small, torque_Nm=small.torque_Nm + np.tile(off, 2))
+    (one,) = examine(replace(data, values=values, at=at, labels=labels(at)), RIG, PATH).mistakes
+    told = [float(number) for number in re.findall(r"agrees with about (\S+) N m", one.text)]
+    assert len(told) == 3
+    assert told == pytest.approx([small.torque_Nm[row] for row in one.rows[::2]], abs=0.03)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_block_among_scattered_conditions_is_no_noise_between_neighbours(seed):
     """Each run of it lay beside right ones: the noise was large, one order alone was sure, and nothing was named."""

@@ -372,14 +372,19 @@ def _gains(rows: JointRows, parts: Sequence[TorquePart], fit: Crossed, not_told:
     load, there = load_of(now), set(now.names())
     basis = np.linalg.qr(stacked(parts))[0]
     gains = {}
-    for name, kind in KINDS.items():
+    for name in KINDS:
         if name in there:
             continue
-        variants = [v for v in kind.variants(name, rows, load) if told(v, basis) > JOINT.told]
+        variants = _told_variants(name, rows, basis, load)
         (not_told.discard if variants else not_told.add)(name)
         if variants:
             gains[name] = gain_of(variants, parts, rows, fit)
     return gains
+
+
+def _told_variants(name: str, rows: JointRows, basis: FloatArray, load: FloatArray | None = None) -> list[TorquePart]:
+    """The variants of a part that the motion tells from others; basis: see `told`."""
+    return [one for one in KINDS[name].variants(name, rows, load) if told(one, basis) > JOINT.told]
 
 
 def _of_own_load(rows: JointRows, parts: list[TorquePart]) -> list[TorquePart]:
@@ -392,7 +397,9 @@ def _of_own_load(rows: JointRows, parts: list[TorquePart]) -> list[TorquePart]:
         variants = KINDS[own[0].name].variants(own[0].name, rows, load_of(Chosen(tuple(parts), fit)))
         newer = [variants[part.law] if part is own[0] else part for part in parts]
         better = crossed(stacked(newer), rows)
-        if float(better.held.sum()) > JOINT.settled * float(fit.held.sum()):
+        loss = float(fit.held.sum())
+        # without any noise it is rounding alone, of either sign
+        if loss - float(better.held.sum()) <= (1.0 - JOINT.settled) * abs(loss):
             break
         parts, fit = newer, better
     return parts
@@ -405,10 +412,13 @@ def _pair(rows: JointRows, parts: Sequence[TorquePart], fit: Crossed, names: Col
     no two of them predict. Of two that both bend none is tried: they take what a form lacks that was not taken yet.
     """
     load = load_of(Chosen(tuple(parts), fit))
-    some = [one for name in names for one in KINDS[name].variants(name, rows, load)]
     basis = np.linalg.qr(stacked(parts))[0]
+    some = [one for name in names for one in _told_variants(name, rows, basis, load)]
+    if not some:
+        return []
     columns = stacked(some)
-    columns = (columns - basis @ (basis.T @ columns)) / np.maximum(np.sqrt((columns**2).sum(axis=0)), 1e-300)
+    columns -= basis @ (basis.T @ columns)
+    columns /= np.sqrt((columns**2).sum(axis=0))
     left = rows.torque - basis @ (basis.T @ rows.torque)
     own, pull, power = columns.T @ columns, columns.T @ left, float(left @ left)
     best: dict[tuple[str, str], tuple[float, int, int]] = {}
@@ -448,7 +458,7 @@ def _of_best_form(rows: JointRows, parts: list[TorquePart]) -> list[TorquePart]:
     by_load = forms.pop("load_dependent_friction", None)
     for name in OVER_SPEED if taken else ():
         basis = np.linalg.qr(stacked(rest))[0]
-        variants = [v for v in KINDS[name].variants(name, rows) if told(v, basis) > JOINT.told]
+        variants = _told_variants(name, rows, basis)
         if name not in forms and variants:
             forms[name] = gain_of(variants, parts, rows, before).part
     if by_load is not None:
@@ -462,6 +472,9 @@ def _of_best_form(rows: JointRows, parts: list[TorquePart]) -> list[TorquePart]:
         and all(not taken & kind or kind & {part.name for part in some} for kind in (_LEVEL, _CHANGES))
         and all(_is_apart(part, [*rest, *(one for one in some if one is not part)]) for part in some)
     ]
+    if not sets:
+        # a form that the motion does not tell was taken for others' sake: whether it stays is asked elsewhere
+        return parts
     fits = [crossed(stacked([*rest, *some]), rows).held for some in sets]
     best = min(fits, key=lambda held: float(held.sum()))
     good = [n for n, held in enumerate(fits) if not surely(held - best, held)]

@@ -177,13 +177,15 @@ def _check_jumps(name: str, angle: FloatArray) -> None:
 def _check_missing(name: str, angle: FloatArray) -> None:
     """Raise InputError where the angle moves on by several steps at once, though the time goes on evenly.
 
-    Between two steps on each side that are alike no motion makes one that is a whole number of times as long.
+    Between two steps on each side that are alike no motion makes one that is a whole number of times as long; an
+    encoder does where they are one step of its own.
     """
     steps = np.diff(angle)
+    least = float(np.abs(steps[steps != 0]).min())
     beside = np.stack([steps[:-4], steps[1:-3], steps[3:-1], steps[4:]])
     usual = beside.mean(axis=0)
     alike = np.abs(beside - usual).max(axis=0) < JOINT.alike_steps * np.abs(usual)
-    alike &= np.abs(usual) > JOINT.sure_step * noise_of(angle)
+    alike &= (np.abs(usual) > JOINT.sure_step * noise_of(angle)) & (np.round(np.abs(usual) / least) > 1)
     times = np.where(alike, steps[2:-2] / np.where(alike, usual, 1.0), 1.0)
     count = np.round(times)
     missing = np.flatnonzero((count > 1) & (np.abs(times - count) < JOINT.alike_steps))

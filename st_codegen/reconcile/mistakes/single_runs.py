@@ -371,7 +371,8 @@ def _labels(asked: _Asked, rest: BoolArray) -> list[Mistake]:
     for number, rows in enumerate(runs):
         if not rest[rows].all() or loss[rows].min() < limit:
             continue
-        if found := _nearest_labels(asked, rows, SETTINGS.label_gain * float(loss[rows].sum())):
+        # under its own label it would not be doubted
+        if found := _nearest_labels(asked, rows, min(SETTINGS.label_gain * float(loss[rows].sum()), limit * len(rows))):
             near[number] = found
     passed_on = _passed_on(data, near) if len(near) <= SETTINGS.most_labels * len(runs) else {}
     for number, found in near.items():
@@ -411,9 +412,13 @@ def _torques(asked: _Asked, rest: BoolArray) -> list[Mistake]:
         left, torque = _by_one_condition(asked, rows, "torque_Nm")
         as_if = replace(at.rows(rows), torque_Nm=np.full(len(rows), torque))
         there = asked.rig.coefficients(as_if, data.orders.tolist())[:, asked.sure]
-        if left <= SETTINGS.label_gain * float(loss[rows].sum()) and _gains_in_orders(asked, rows, there):
+        if left <= min(SETTINGS.label_gain * float(loss[rows].sum()), limit * len(rows)) and _gains_in_orders(
+            asked, rows, there
+        ):
             wrong += map(int, rows)
-            texts.append(f"{data.labels[rows[0]]} agrees with about {torque:.0f} N m, if not with another label")
+            # three digits, without a power of ten: the places that are tried lie no closer
+            about = f"{float(f'{torque:.3g}'):g}"
+            texts.append(f"{data.labels[rows[0]]} agrees with about {about} N m, if not with another label")
     return [Mistake("labels", _seem(texts, "to have had another torque"), rows=tuple(wrong))] if wrong else []
 
 
@@ -529,13 +534,18 @@ def _by_one_condition(asked: _Asked, rows: IntArray, key: str) -> tuple[float, f
     labels as well."""
     data, values = asked.data, getattr(asked.data.at, key)
     beyond = SETTINGS.beyond_labels * np.abs([values.min(), values.max()])
-    tried = np.linspace(values.min() - beyond[0], values.max() + beyond[1], SETTINGS.places_tried)
-    found = np.zeros(len(tried))
-    for row in rows:
-        as_if = replace(data.at.rows(np.full(len(tried), row)), **{key: tried})
-        model = asked.rig.coefficients(as_if, data.orders.tolist())[:, asked.sure]
-        found += (asked.weight[row] * np.abs(asked.values[row] - model) ** 2).sum(axis=1)
-    best = int(np.argmin(found))
+    low, high = float(values.min() - beyond[0]), float(values.max() + beyond[1])
+    found, best = np.zeros(0), 0
+    # once more between those beside the best: no place on a grid is so near that noise alone is left
+    for _ in range(2):
+        tried = np.linspace(low, high, SETTINGS.places_tried)
+        found = np.zeros(len(tried))
+        for row in rows:
+            as_if = replace(data.at.rows(np.full(len(tried), row)), **{key: tried})
+            model = asked.rig.coefficients(as_if, data.orders.tolist())[:, asked.sure]
+            found += (asked.weight[row] * np.abs(asked.values[row] - model) ** 2).sum(axis=1)
+        best = int(np.argmin(found))
+        low, high = float(tried[max(best - 1, 0)]), float(tried[min(best + 1, len(tried) - 1)])
     return float(found[best]), float(tried[best])
 
 

@@ -9,14 +9,16 @@ import pytest
 
 from st_codegen.errors import InputError
 from st_codegen.reconcile.joint import page, waves
+from st_codegen.reconcile.joint import parts as joint_parts
 from st_codegen.reconcile.joint import run as joint_run
 from st_codegen.reconcile.joint.findings import findings, joint_report, number, signatures, verdict
 from st_codegen.reconcile.joint.mode import JointMode, JointResponse, _is_braked, find_mode, is_rigid
 from st_codegen.reconcile.joint.page import joint_summary
-from st_codegen.reconcile.joint.parts import Chosen
-from st_codegen.reconcile.joint.reading import JointRecording, read_joints
-from st_codegen.reconcile.joint.rows import rows_of
+from st_codegen.reconcile.joint.parts import KINDS, Chosen, _of_own_load, crossed, rigid
+from st_codegen.reconcile.joint.reading import JointRecording, _check_missing, read_joints
+from st_codegen.reconcile.joint.rows import JointRows, rows_of
 from st_codegen.reconcile.joint.run import JointResult, reconcile_joints
+from st_codegen.reconcile.joint.settings import JOINT
 from st_codegen.reconcile.outcome import Outcome
 from tests.cli.helpers import run
 
@@ -642,6 +644,61 @@ def test_samples_that_are_lost_under_even_times_are_asked_about(tmp_path):
         InputError, match=f"3 steps at once from row {place + 1} to the next: as if 2 samples .* 1 place"
     ):
         report(columns, tmp_path)
+
+
+@pytest.mark.parametrize("speed", [1.07, 1.2])
+def test_a_coarse_encoder_of_a_joint_that_mostly_stands_has_lost_no_samples(speed):
+    """Its step is now and then two of itself; in the mean over all samples, most of them at rest, it had no noise."""
+    moving = np.zeros(60_000)
+    moving[5_000:6_000], moving[30_000:31_000] = speed, -speed
+    _check_missing("q", np.round(np.cumsum(moving)) * 2 * np.pi / 4096)
+
+
+def spun(speed, tau, count=20_000, step=0.002):
+    """A joint that turns one way at a speed, a function of t, beside another one to and fro."""
+    random, t = np.random.default_rng(0), np.arange(count) * step
+    q, other = np.cumsum(speed(t)) * step, np.sin(1.3 * t) + 0.5 * np.sin(2.9 * t)
+    (v, w), noise = (np.gradient(x, step) for x in (q, other)), random.standard_normal((4, count))
+    a, b = np.gradient(v, step), np.gradient(w, step)
+    pulls = 0.5 * b * np.cos(q - other) + 0.5 * w**2 * np.sin(q - other)
+    own = 0.4 * b + 3.0 * np.cos(other) + 0.5 * np.sign(w) + 0.2 * w + 0.5 * a * np.cos(q - other)
+    torque = 0.8 * a + tau(t, q, v)
+    columns = {"t": t, "q_rad": q + 2e-6 * noise[0], "tau": torque + 0.03 * noise[2]}
+    pair = {"t": t, "q1_rad": columns["q_rad"], "q2_rad": other + 2e-6 * noise[1]}
+    return columns, pair | {"tau1": torque + pulls + 0.03 * noise[2], "tau2": own + 0.03 * noise[3]}
+
+
+def test_friction_that_no_motion_tells_beside_another_joint_is_not_named(tmp_path):
+    """Of a joint that turns one way dry friction is a constant: no form of it was left to choose from, a crash."""
+    _, columns = spun(
+        lambda t: 1.0 + 0.6 * np.sin(0.7 * t) + 0.2 * np.sin(2.1 * t + 1.0),
+        lambda t, q, v: 6.0 * np.cos(q) + np.sign(v) + 0.5 * v,
+    )
+    first, second = report(columns, tmp_path)
+    assert set(named(first)) == {"viscous_friction"}
+    assert set(named(second)) == {"dry_friction", "viscous_friction"}
+
+
+def test_a_joint_that_turns_at_one_speed_tells_no_other_part(tmp_path):
+    """Beside the drift that was taken there was none to ask about, alone or with another one: a crash."""
+    columns, _ = spun(lambda t: 1.0 + 0.0 * t, lambda t, q, v: 3.0 + 0.2 * t)
+    (joint,) = report(columns, tmp_path)
+    assert set(named(joint)) <= {"dry_friction_drift", "viscous_friction_drift", "torque_zero_drift"}
+
+
+def test_friction_by_the_load_of_data_without_any_noise_comes_to_an_end(monkeypatch):
+    """What rounding leaves may be less than nothing: it was never more than a share of itself, without an end."""
+    for seed in range(30):
+        fits = iter(range(20))
+        monkeypatch.setattr(joint_parts, "crossed", lambda *given, fits=fits: (next(fits), crossed(*given))[1])
+        random, count = np.random.default_rng(seed), 2400
+        q, v, a = (random.uniform(-most, most, count) for most in (2.0, 2.0, 5.0))
+        load, none, zero = 0.8 * a + 12.0 * np.cos(q), np.full(count, np.inf), np.zeros(count)
+        torque, block = load + 0.15 * np.sign(v) * np.abs(load), np.arange(count) * JOINT.blocks // count
+        rows = JointRows(zero, q, v, a, torque, zero, none, none, np.zeros((count, 0)), block, 0.01, (0, 0), 0, 0.01)
+        name = "load_dependent_friction"
+        part = KINDS[name].variants(name, rows, np.stack([load, load], axis=1))[0]
+        assert [one.name for one in _of_own_load(rows, [rigid(rows), part])] == ["rigid", name]
 
 
 def test_beside_a_curve_that_drives_the_joint_no_friction_is_dry(tmp_path):
