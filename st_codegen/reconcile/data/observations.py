@@ -267,6 +267,18 @@ def first_of(texts: Sequence[str], most: int, between: str = ", ") -> str:
     return between.join(texts[:most]) + (f"{between}.." if len(texts) > most else "")
 
 
+def whole_percent(share: float) -> str:
+    """A share in whole percent, neither all nor nothing where it is not.
+
+    >>> whole_percent(0.997), whole_percent(0.123), whole_percent(0.001), whole_percent(1.0)
+    ('more than 99', '12', 'less than 1', '100')
+    """
+    if share <= 0.0:
+        return "0"
+    rounded = round(100 * share)
+    return "more than 99" if rounded == 100 and share < 1.0 else str(rounded) if rounded else "less than 1"
+
+
 def rms_deg(values: ComplexArray, orders: IntArray) -> float:
     """RMS over angle and rows of curves with these coefficients, deg."""
     power = np.where(orders == 0, 1.0, 0.5) * np.abs(values) ** 2

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from st_codegen.reconcile.data.observations import rms_deg
+from st_codegen.reconcile.data.observations import rms_deg, whole_percent
 from st_codegen.reconcile.judge.claims import SOMETHING_ELSE, Claim, Retuned
 from st_codegen.reconcile.report.output import parameters_of
-from st_codegen.reconcile.report.sentences import form_text, plain, whole_percent, words
+from st_codegen.reconcile.report.sentences import form_text, plain, words
 from st_codegen.reconcile.result import Reconciliation
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect, Stage

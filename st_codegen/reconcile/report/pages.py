@@ -9,6 +9,7 @@ import numpy as np
 
 from st_codegen.errors import counted
 from st_codegen.ir.arrays import FloatArray
+from st_codegen.reconcile.data.observations import whole_percent
 from st_codegen.reconcile.report.evidence import evidence_panels, unexplained_panels
 from st_codegen.reconcile.report.findings import Finding, findings, share_text
 from st_codegen.reconcile.report.output import parameters_of, report_text, rig_diff
@@ -22,7 +23,6 @@ from st_codegen.reconcile.report.sentences import (
     taken_back_text,
     together_text,
     verdict_text,
-    whole_percent,
 )
 from st_codegen.reconcile.rest.unexplained import Signature
 from st_codegen.reconcile.result import OrderGap, Reconciliation

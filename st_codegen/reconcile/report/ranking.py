@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from st_codegen.reconcile.report.sentences import whole_percent
+from st_codegen.reconcile.data.observations import whole_percent
 from st_codegen.reconcile.result import Reconciliation
 from st_codegen.reconcile.search.candidates import Candidate
 from st_codegen.reconcile.search.evidence import Evidence

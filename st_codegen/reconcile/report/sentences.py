@@ -12,7 +12,7 @@ import numpy as np
 from st_codegen.campaign.orders import listed
 from st_codegen.errors import at_most, counted
 from st_codegen.ir.arrays import ComplexArray, FloatArray
-from st_codegen.reconcile.data.observations import first_of, rms_deg
+from st_codegen.reconcile.data.observations import first_of, rms_deg, whole_percent
 from st_codegen.reconcile.fit.state import Piece
 from st_codegen.reconcile.judge.claims import Claim
 from st_codegen.reconcile.judge.lookalikes import told_sides
@@ -63,18 +63,6 @@ def verdict_text(result: Reconciliation) -> str:
         bad, what = (len(runs), "run") if whole else (len(rows), "curve")
         also.append(f"a {what} that seems bad is left out" if bad == 1 else f"{bad} {what}s that seem bad are left out")
     return "; ".join([text.removesuffix("."), *filter(None, also)]) + "."
-
-
-def whole_percent(share: float) -> str:
-    """A share in whole percent, neither all nor nothing where it is not.
-
-    >>> whole_percent(0.997), whole_percent(0.123), whole_percent(0.001), whole_percent(1.0)
-    ('more than 99', '12', 'less than 1', '100')
-    """
-    if share <= 0.0:
-        return "0"
-    rounded = round(100 * share)
-    return "more than 99" if rounded == 100 and share < 1.0 else str(rounded) if rounded else "less than 1"
 
 
 def _hidden(result: Reconciliation) -> str:

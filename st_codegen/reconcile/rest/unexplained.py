@@ -17,6 +17,7 @@ from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.chances import f_tail
 from st_codegen.reconcile.data.contrasts import AXES, UNITS, levels_by_condition
 from st_codegen.reconcile.data.hum import Hum
+from st_codegen.reconcile.data.observations import whole_percent
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.rest.formulas import Formula, formula_of
 from st_codegen.reconcile.rest.in_time import Course
@@ -264,7 +265,7 @@ def _few_curves(target: FitData, r: ComplexArray) -> str:
     held = int(enough[0]) + 1
     names = ", ".join(target.data.labels[row] for row in loudest[:held])
     again = "repeat these" if held > 1 else "repeat it"
-    return f"; {100 * shares[held - 1]:.0f} % of its power is in {held} of {count} curves: {names}; {again}"
+    return f"; {whole_percent(float(shares[held - 1]))} % of its power is in {held} of {count} curves: {names}; {again}"
 
 
 _LIKE_THEM = "what runs differ by from others like them"
