@@ -23,7 +23,7 @@ import pytest
 
 from st_codegen.emit.output import FileChange, is_real, kinds_of_outputs
 from st_codegen.errors import GeneratedCodeError, counted
-from st_codegen.files.text import command_line
+from st_codegen.files.made_by import command_line
 
 if TYPE_CHECKING:
     from st_codegen.project.bundle import Bundle

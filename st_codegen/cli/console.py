@@ -20,8 +20,9 @@ from rich.table import Table
 from rich.text import Text
 
 from st_codegen.cli.choices import OUTPUTS
+from st_codegen.files.made_by import command_line
 from st_codegen.files.number_text import parse_number, parse_whole
-from st_codegen.files.text import command_line, inert
+from st_codegen.files.text import inert
 from st_codegen.project.build_options import BUILD_OPTIONS, option_name
 from st_codegen.walkers.limits import (
     DEFAULT_MAX_MODEL_BYTES,

@@ -35,7 +35,8 @@ def command(models: Path, training_data: Path | None, force: bool, trust_pickle:
     Files that cannot be read as models are left out, with the reason beside them.
     """
     from st_codegen.errors import InputError
-    from st_codegen.files.text import command_line, file_sha256, write_text
+    from st_codegen.files.made_by import command_line
+    from st_codegen.files.text import file_sha256, write_text
     from st_codegen.project.configuration import CONFIGURATION_FILE
     from st_codegen.project.initial import initial_configuration
     from st_codegen.proof.predict import read_table

@@ -5,8 +5,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
-import re
-import shlex
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -90,30 +88,9 @@ def whole_file(path: Path) -> Iterator[Path]:
         partial.replace(path)
 
 
-# none of @ and ~, which PowerShell replaces, nor a comma, at which it parts words
-_PLAIN_FOR_WINDOWS = re.compile(r"[\w+=:./\\-]+")
-
-
 def inert(text: str) -> str:
     """A text in which nothing acts on a terminal: what is not printable, but for tabs and line ends, is escaped."""
     return "".join(c if c.isprintable() or c in "\n\t" else repr(c)[1:-1] for c in text)
-
-
-def command_line(*words: Path | str, windows: bool = os.name == "nt") -> str:
-    """The words of a command as a shell reads them; a path that begins as an option does is told from one.
-
-    windows: of cmd and PowerShell there, of which the first knows double quotes alone; else of any other system.
-    """
-    told = [str(f"./{word}" if isinstance(word, Path) and str(word)[0] == "-" else word) for word in words]
-    return " ".join(map(_quoted_for_windows, told)) if windows else shlex.join(told)
-
-
-def _quoted_for_windows(word: str) -> str:
-    if _PLAIN_FOR_WINDOWS.fullmatch(word):
-        return word
-    # a backslash in front of the last quote would be taken as one of the quote's
-    last = word[len(word.rstrip("\\")) :]
-    return f'"{word}{last}"'
 
 
 def write_text(path: Path, text: str) -> None:

@@ -15,7 +15,7 @@ from st_codegen.cost.report import table_bytes
 from st_codegen.emit.output import MANIFEST, changed_since
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError
-from st_codegen.files.text import command_line
+from st_codegen.files.made_by import command_line
 from st_codegen.ir import BoolArray, FloatArray
 from st_codegen.proof.arithmetic import libraries_of
 from st_codegen.st import (

@@ -4,7 +4,8 @@ import pytest
 
 from st_codegen.errors import InputError
 from st_codegen.files.folders import write_texts
-from st_codegen.files.text import command_line, make_folder, whole_file, write_text
+from st_codegen.files.made_by import command_line
+from st_codegen.files.text import make_folder, whole_file, write_text
 
 
 def names(folder):

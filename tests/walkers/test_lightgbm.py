@@ -342,7 +342,7 @@ def test_reading_needs_no_package_but_predicting_does(tmp_path: Path, without_pa
     model = walker.load_file(path, "model")
     assert np.all(np.isfinite(reference.evaluate(model.ir, x)))
     with pytest.raises(
-        MissingExtraError, match=r"model\.txt by LightGBM needs .* pip install 'st-codegen\[lightgbm\]'"
+        MissingExtraError, match=r'model\.txt by LightGBM needs .* pip install "st-codegen\[lightgbm\]"'
     ):
         model.predict(x)
 

@@ -467,7 +467,7 @@ def test_reading_needs_no_package_but_predicting_does(tmp_path: Path, without_pa
     without_package("xgboost")
     model = walker.load_file(path, "model")
     assert np.all(np.isfinite(reference.evaluate(model.ir, x)))
-    with pytest.raises(MissingExtraError, match=r"model\.ubj by XGBoost needs .* pip install 'st-codegen\[xgboost\]'"):
+    with pytest.raises(MissingExtraError, match=r'model\.ubj by XGBoost needs .* pip install "st-codegen\[xgboost\]"'):
         model.predict(x)
 
 
