@@ -10,7 +10,7 @@ import re
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -327,6 +327,11 @@ class _Asked:
     known: ComplexArray
     weight: FloatArray
 
+    @cached_property
+    def loss(self) -> FloatArray:
+        """What each row leaves under its own label, (n,)."""
+        return np.asarray((self.weight * np.abs(self.values - self.known) ** 2).sum(axis=1))
+
 
 def _asked(data: Observations, rig: RigModel, seen: BoolArray) -> _Asked:
     """What judges labels: orders in which the rig is right for most runs, and loud.
@@ -352,9 +357,16 @@ def _asked(data: Observations, rig: RigModel, seen: BoolArray) -> _Asked:
 
 def _usual_and_limit(asked: _Asked, rest: BoolArray) -> tuple[float, float]:
     """The usual loss of a row, of those (n,) that are asked, and the one from which on its label is doubted."""
-    loss = (asked.weight * np.abs(asked.values - asked.known) ** 2).sum(axis=1)
-    usual = float(np.median(loss[rest])) if rest.any() else 0.0
+    usual = float(np.median(asked.loss[rest])) if rest.any() else 0.0
     return usual, SETTINGS.label_loss * max(usual, 2.0 * asked.values.shape[1])
+
+
+def _most_left(asked: _Asked, rows: IntArray, limit: float) -> float:
+    """What a run may leave under what is its own: a part of what it does under its label, and no reason to doubt that.
+
+    limit: of `_usual_and_limit`.
+    """
+    return min(SETTINGS.label_gain * float(asked.loss[rows].sum()), limit * len(rows))
 
 
 def _labels(asked: _Asked, rest: BoolArray) -> list[Mistake]:
@@ -363,16 +375,14 @@ def _labels(asked: _Asked, rest: BoolArray) -> list[Mistake]:
     rest: the rows that are asked.
     """
     data, at = asked.data, asked.data.at
-    loss = (asked.weight * np.abs(asked.values - asked.known) ** 2).sum(axis=1)
     _, limit = _usual_and_limit(asked, rest)
     wrong: list[int] = []
     texts = []
     runs, near = data.runs, dict[int, list[tuple[float, int]]]()
     for number, rows in enumerate(runs):
-        if not rest[rows].all() or loss[rows].min() < limit:
+        if not rest[rows].all() or asked.loss[rows].min() < limit:
             continue
-        # under its own label it would not be doubted
-        if found := _nearest_labels(asked, rows, min(SETTINGS.label_gain * float(loss[rows].sum()), limit * len(rows))):
+        if found := _nearest_labels(asked, rows, _most_left(asked, rows, limit)):
             near[number] = found
     passed_on = _passed_on(data, near) if len(near) <= SETTINGS.most_labels * len(runs) else {}
     for number, found in near.items():
@@ -397,9 +407,8 @@ def _torques(asked: _Asked, rest: BoolArray) -> list[Mistake]:
     there what the rig does not. rest: the rows that are asked.
     """
     data, at = asked.data, asked.data.at
-    loss = (asked.weight * np.abs(asked.values - asked.known) ** 2).sum(axis=1)
     _, limit = _usual_and_limit(asked, rest)
-    doubted = rest & (loss > limit)
+    doubted = rest & (asked.loss > limit)
     right = at.torque_Nm[~doubted]
     if not len(right) or doubted.sum() > SETTINGS.most_suspects * len(data):
         return []
@@ -412,9 +421,7 @@ def _torques(asked: _Asked, rest: BoolArray) -> list[Mistake]:
         left, torque = _by_one_condition(asked, rows, "torque_Nm")
         as_if = replace(at.rows(rows), torque_Nm=np.full(len(rows), torque))
         there = asked.rig.coefficients(as_if, data.orders.tolist())[:, asked.sure]
-        if left <= min(SETTINGS.label_gain * float(loss[rows].sum()), limit * len(rows)) and _gains_in_orders(
-            asked, rows, there
-        ):
+        if left <= _most_left(asked, rows, limit) and _gains_in_orders(asked, rows, there):
             wrong += map(int, rows)
             # three digits, without a power of ten: the places that are tried lie no closer
             about = f"{float(f'{torque:.3g}'):g}"
