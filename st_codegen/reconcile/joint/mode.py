@@ -44,7 +44,9 @@ class JointMode:
 
 def response(pieces: Sequence[tuple[FloatArray, FloatArray]], step_s: float) -> JointResponse | None:
     """From pieces of even samples of (angle, torque less what is no inertia); None where too little is coherent."""
-    length = min(4096, max(len(angle) for angle, _ in pieces) // 8)
+    # short pieces are no longer than a window, but there are many of them
+    sizes = [len(angle) for angle, _ in pieces]
+    length = min(4096, max(sizes) - 4, sum(sizes) // 8)
     length = 1 << max(int(np.log2(max(length, 1))), 0)
     if length < 128:
         return None

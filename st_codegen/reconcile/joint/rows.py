@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
+from scipy.fft import next_fast_len
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d, minimum_filter1d
 
 from st_codegen.ir.arrays import FloatArray, IntArray
@@ -68,13 +69,13 @@ def rows_of(
 
     acting: which of the columns of the other joints' motion are wanted; None: all.
     """
-    narrow = max(_kernel(one.angle[joint]) for one in recordings)
+    narrow = _kernel([one.angle[joint] for one in recordings])
     kernel = max(narrow, int(np.ceil(least_kernel_s / recordings[0].step_s)))
-    parts, start, reversals = [], 0.0, 0
-    for one in recordings:
+    parts, reversals = [], 0
+    for one, start in zip(recordings, starts_of(recordings), strict=True):
         part, count = _rows(one, joint, (narrow, kernel), shift, acting)
         parts.append([part[0] + start, *part[1:]])
-        start, reversals = start + one.step_s * (len(one.angle[joint]) + 1), reversals + count
+        reversals += count
     columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
     time = columns[0]
     every = max(1, -(-len(time) // _MOST_ROWS))
@@ -87,10 +88,8 @@ def rows_of(
         # what is left out must not come back in the next round
         block = (time[chosen] % period * (JOINT.blocks / period)).astype(np.int64)
     step = recordings[0].step_s
-    noise, shaken = (
-        float(np.sqrt(np.mean([noise_of(values[joint]) ** 2 for values in given])))
-        for given in ([one.torque for one in recordings], [one.angle for one in recordings])
-    )
+    noise = _together([one.torque[joint] for one in recordings])
+    shaken = _together([one.angle[joint] for one in recordings])
     time, angle, speed, acceleration, torque, rate, travel, since, others = (column[chosen] for column in columns)
     noises = (
         noise / np.sqrt(2 * np.sqrt(np.pi) * kernel),
@@ -102,21 +101,38 @@ def rows_of(
     )  # fmt: skip
 
 
+def starts_of(recordings: Sequence[JointRecording]) -> list[float]:
+    """The time at which each begins, s: files one after another, pieces of a file as far apart as they were."""
+    starts, start, end, file = [], 0.0, 0.0, None
+    for one in recordings:
+        if one.name != file:
+            start, file = end - one.at_s, one.name
+        starts.append(start + one.at_s)
+        end = starts[-1] + one.step_s * (len(next(iter(one.angle.values()))) + 1)
+    return starts
+
+
 def _period_s(recordings: Sequence[JointRecording]) -> float | None:
-    """The time after which all joints of one recording do the same again, once at least; None: they do not."""
-    if len(recordings) > 1:
+    """The time after which all joints of one file do the same again, once at least; None: they do not."""
+    if len({one.name for one in recordings}) > 1:
         return None
-    one = recordings[0]
-    moved = np.stack([(angle - angle.mean()) / max(float(angle.std()), 1e-300) for angle in one.angle.values()])
-    count = moved.shape[1]
-    most = count // 2
-    # sum of squares of what lies a lag apart, by way of the correlation
-    waves = np.fft.rfft(moved, 2 * count)
-    alike = np.fft.irfft(np.abs(waves) ** 2).sum(axis=0)[: most + 1]
-    power = np.concatenate([[0.0], np.cumsum((moved**2).sum(axis=0))])
-    lags = np.arange(most + 1)
-    apart = power[count - lags] + power[-1] - power[lags] - 2 * alike
-    off = apart / (moved.shape[0] * (count - lags))
+    step = recordings[0].step_s
+    angles = [np.stack(list(one.angle.values())) for one in recordings]
+    every = np.concatenate(angles, axis=1)
+    mean, size = every.mean(axis=1)[:, None], np.maximum(every.std(axis=1), 1e-300)[:, None]
+    firsts = [round(start / step) for start in starts_of(recordings)]
+    count = firsts[-1] + angles[-1].shape[1]
+    moved, is_there = np.zeros((len(every), count)), np.zeros(count)
+    for first, angle in zip(firsts, angles, strict=True):
+        own = slice(first, first + angle.shape[1])
+        moved[:, own], is_there[own] = (angle - mean) / size, 1.0
+    # sum of squares of what lies a lag apart, where both are there, by way of correlations
+    length = next_fast_len(2 * count, real=True)
+    waves, power, there = (np.fft.rfft(one, length) for one in (moved, (moved**2).sum(axis=0), is_there))
+    alike = (np.abs(waves) ** 2).sum(axis=0)
+    apart = np.fft.irfft(2 * (power * there.conj()).real - 2 * alike, length)[: count // 2 + 1]
+    pairs = np.fft.irfft(np.abs(there) ** 2, length)[: count // 2 + 1]
+    off = np.where(pairs > 0.5, apart / np.maximum(len(every) * pairs, 1.0), np.inf)
     far = np.flatnonzero(off > JOINT.repeats)
     if not len(far):
         return None
@@ -125,18 +141,23 @@ def _period_s(recordings: Sequence[JointRecording]) -> float | None:
         return None
     start = int(far[0] + back[0])
     near = off[start : start + max(start // 50, 2)]
-    return float(start + np.argmin(near)) * one.step_s
+    return float(start + np.argmin(near)) * step
 
 
-def _kernel(angle: FloatArray) -> int:
-    """The width (samples) at which the noise of the angle no longer matters in the acceleration."""
-    noise, (least, most) = noise_of(angle), JOINT.kernel
+def _kernel(angles: Sequence[FloatArray]) -> int:
+    """The width (samples) at which the noise of the angle no longer matters in the acceleration of all pieces."""
+    noise, (least, most) = _together(angles), JOINT.kernel
     for width in range(least, most):
         # the ends know nothing of what comes next to them
-        power = float(np.diff(gaussian_filter1d(angle, width)[4 * width : -4 * width], 2).var())
-        if noise**2 * 3 / (8 * np.sqrt(np.pi) * width**5) <= JOINT.dilution * power:
+        seconds = [np.diff(gaussian_filter1d(angle, width)[4 * width : -4 * width], 2) for angle in angles]
+        if noise**2 * 3 / (8 * np.sqrt(np.pi) * width**5) <= JOINT.dilution * float(np.concatenate(seconds).var()):
             return width
     return most
+
+
+def _together(columns: Sequence[FloatArray]) -> float:
+    """The noise of all pieces of a column."""
+    return float(np.sqrt(np.mean([noise_of(column) ** 2 for column in columns])))
 
 
 def _rows(

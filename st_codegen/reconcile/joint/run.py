@@ -27,7 +27,7 @@ from st_codegen.reconcile.joint.parts import (
     without_outliers,
 )
 from st_codegen.reconcile.joint.reading import JointRecording, is_standing
-from st_codegen.reconcile.joint.rows import JointRows, rows_of
+from st_codegen.reconcile.joint.rows import JointRows, rows_of, starts_of
 from st_codegen.reconcile.joint.settings import JOINT
 from st_codegen.reconcile.joint.waves import ANGLE, TorqueWave, columns, find_wave, most_waves
 
@@ -100,10 +100,7 @@ def reconcile_joints(
 
 
 def _scaled(recordings: Sequence[JointRecording], joint: str, factor: float) -> list[JointRecording]:
-    return [
-        JointRecording(r.name, r.step_s, r.angle, r.speed, {**r.torque, joint: factor * r.torque[joint]}, r.notes)
-        for r in recordings
-    ]
+    return [replace(one, torque={**one.torque, joint: factor * one.torque[joint]}) for one in recordings]
 
 
 def _joint(recordings: list[JointRecording], joint: str, accept: Collection[str]) -> JointResult | None:
@@ -119,7 +116,8 @@ def _joint(recordings: list[JointRecording], joint: str, accept: Collection[str]
         )
     acting = acting_of(rows)
     rows = rows_of(recordings, joint, acting=acting.columns) or rows
-    notes = [note for one in recordings for note in one.notes if f"dq{joint} " in note or "dq" not in note]
+    said = dict.fromkeys(note for one in recordings for note in one.notes)
+    notes = [note for note in said if f"dq{joint} " in note or "dq" not in note]
     if still:
         notes.append(f"joint {joint} stands in {', '.join(still)}: nothing is taken from there")
     if is_opposite(rows):
@@ -303,13 +301,12 @@ def _mode(
 
     rest: the torque that is no inertia's.
     """
-    start, pieces = 0.0, []
-    for one in recordings:
+    pieces = []
+    for one, start in zip(recordings, starts_of(recordings), strict=True):
         time = start + one.step_s * np.arange(len(one.angle[joint]))
         torque = np.roll(one.torque[joint], -shift) - np.interp(time, rows.time, rest)
         cut = abs(shift) + 1
         pieces.append((one.angle[joint][cut:-cut], torque[cut:-cut]))
-        start += one.step_s * (len(time) + 1)
     found = response(pieces, recordings[0].step_s)
     if found is None:
         return None, None, True

@@ -23,6 +23,12 @@ class JointSettings:
     jitter: float = 0.5
     #: steps; a wider one is a gap
     gap: float = chosen(1.5, UNRECORDED)
+    #: samples of a piece between lost ones at least: of a shorter one a kernel leaves little
+    piece: int = 100
+    #: share of a file's samples that such pieces must hold: where they hold less, it is the clock that jitters
+    kept_samples: float = 0.5
+    #: factor; a file that spans so many times the time of its samples is mostly pauses, over which nothing keeps time
+    span: float = 4.0
     #: share by which steps of the angle side by side, or a step and a whole number of them, may differ and be alike
     alike_steps: float = 0.2
     #: noises of the angle that steps must be for this, so that noise makes none twice as long

@@ -15,7 +15,7 @@ from st_codegen.reconcile.joint.findings import findings, joint_report, number, 
 from st_codegen.reconcile.joint.mode import JointMode, JointResponse, _is_braked, find_mode, is_rigid
 from st_codegen.reconcile.joint.page import joint_summary
 from st_codegen.reconcile.joint.parts import KINDS, Chosen, _of_own_load, crossed, rigid
-from st_codegen.reconcile.joint.reading import JointRecording, _check_missing, read_joints
+from st_codegen.reconcile.joint.reading import JointRecording, _unseen, read_joints
 from st_codegen.reconcile.joint.rows import JointRows, rows_of
 from st_codegen.reconcile.joint.run import JointResult, reconcile_joints
 from st_codegen.reconcile.joint.settings import JOINT
@@ -234,7 +234,7 @@ def test_radians_under_a_name_of_degrees_are_no_standing_joint(tmp_path):
 def test_a_clock_that_jitters_is_told_from_a_gap(tmp_path):
     columns = plain(count=800)
     columns["t"][300] += 0.004
-    with pytest.raises(InputError, match="where the clock jitters"):
+    with pytest.raises(InputError, match=r"lines 302 to 801 .* by up to 0.8 of one\. Where the clock jitters"):
         read_joints([write(columns, tmp_path / "a.csv")])
 
 
@@ -635,15 +635,68 @@ def test_friction_by_the_load_is_by_the_load_as_it_is_known_in_the_end(tmp_path)
     assert {"dry_friction", "viscous_friction"} <= set(found)
 
 
-def test_samples_that_are_lost_under_even_times_are_asked_about(tmp_path):
+def test_samples_that_are_lost_under_even_times_are_counted(tmp_path):
+    """The whole file was refused for them."""
     t, q, dq, a = moves()
     place = int(np.argmax(np.abs(dq)))
     kept = np.delete(np.arange(len(t)), [place, place + 1])
     columns = {"t": t[: len(kept)], "q": q[kept], "tau": (a + np.sign(dq))[kept]}
-    with pytest.raises(
-        InputError, match=f"3 steps at once from row {place + 1} to the next: as if 2 samples .* 1 place"
+    one, other = read_joints([write(columns, tmp_path / "joint.csv")])
+    (said,) = (note for note in one.notes if "steps at once" in note)
+    assert f"q moves on by 3 steps at once from line {place + 1} to the next: as if 2 samples" in said
+    assert len(one.angle[""]) == place and other.at_s == pytest.approx((place + 2) * t[1])
+
+
+def lossy(columns, lost):
+    """Columns without some of their samples."""
+    kept = np.delete(np.arange(len(columns["t"])), lost)
+    return {name: column[kept] for name, column in columns.items()}
+
+
+def test_a_recording_that_lost_samples_tells_what_a_whole_one_does(tmp_path):
+    """One lost sample of any number refused the file."""
+    columns = plain(ripple=0.2)
+    lost = [*range(333, 4000, 333), *range(2500, 2600)]
+    columns["tau"][[100, 2200]] = np.nan
+    (joint,) = report(lossy(columns, lost), tmp_path)
+    found = named(joint)
+    for name, key, true in (
+        ("dry_friction", "dry_friction_Nm", 1.0),
+        ("viscous_friction", "viscous_friction_Nm_s", 0.5),
+        ("torque_ripple", "amplitude_Nm", 0.2),
     ):
-        report(columns, tmp_path)
+        value = found[name]["parameters"][key]
+        assert abs(value["value"] - true) < 3 * value["stderr"] < 0.3 * true
+    assert set(found) == {"dry_friction", "viscous_friction", "torque_ripple"}
+    said = " ".join(joint["measurement"])
+    assert "line 102 and 1 more: values of tau are not finite" in said
+    assert "missing in 15 places, first after line 101: it is read in 14 pieces of 100 samples or more; the 67" in said
+
+
+def test_a_mode_is_seen_through_lost_samples(tmp_path):
+    columns = simulate(Joint(dry=1.0, viscous=0.8, spring_Hz=30.0), Measured(shake=2.0))
+    (joint,) = report(lossy(columns, range(900, len(columns["t"]), 900)), tmp_path)
+    assert "elasticity" in named(joint)
+
+
+def test_rounds_of_a_motion_are_seen_through_lost_samples(tmp_path):
+    columns = plain()
+    t = columns["t"]
+    columns = {"t": t, "q": np.sin(0.4 * np.pi * t) + 0.3 * np.sin(1.2 * np.pi * t), "tau": columns["tau"]}
+    pieces = read_joints([write(lossy(columns, [800, 1801, *range(2300, 2400)]), tmp_path / "joint.csv")])
+    assert len(pieces) == 4
+    rows = rows_of(pieces, "")
+    assert all(np.ptp(rows.time[rows.block == number] % 5.0) <= 5.0 / 12 + 0.02 for number in range(1, 11))
+
+
+def test_two_joints_that_lost_different_samples_are_cut_at_both(tmp_path):
+    columns = plain(count=2000)
+    columns |= {"q2": columns["q"], "tau2": columns["tau"].copy()}
+    del columns["dq"]
+    columns["tau2"][1000] = np.inf
+    names = {"q": "q1", "tau": "tau1"}
+    pieces = read_joints([write(lossy(columns, [500]), tmp_path / "joint.csv", names)])
+    assert [len(one.angle["1"]) for one in pieces] == [500, 499, 999]
 
 
 @pytest.mark.parametrize("speed", [1.07, 1.2])
@@ -651,7 +704,8 @@ def test_a_coarse_encoder_of_a_joint_that_mostly_stands_has_lost_no_samples(spee
     """Its step is now and then two of itself; in the mean over all samples, most of them at rest, it had no noise."""
     moving = np.zeros(60_000)
     moving[5_000:6_000], moving[30_000:31_000] = speed, -speed
-    _check_missing("q", np.round(np.cumsum(moving)) * 2 * np.pi / 4096)
+    angle, notes = np.round(np.cumsum(moving)) * 2 * np.pi / 4096, list[str]()
+    assert not _unseen("q", angle, [slice(0, len(angle))], np.arange(len(angle)), notes).any() and not notes
 
 
 def spun(speed, tau, count=20_000, step=0.002):

@@ -168,9 +168,12 @@ def with_value(column, row, value):
 
 
 BAD = {
-    "nan": (changed(tau=lambda c: with_value(c["tau"], 7, np.nan)), "values of tau are not finite"),
-    "repeats": (changed(t=lambda c: with_value(c["t"], 7, c["t"][6])), "does not rise from row 8"),
-    "gap": (changed(t=lambda c: c["t"] + 1.0 * (c["t"] > 2.0)), "not evenly spaced"),
+    "nan": (
+        changed(tau=lambda c: np.nan * c["tau"]),
+        "line 2 and 799 more: values of tau are not finite; these samples count as lost: 0 are left",
+    ),
+    "repeats": (changed(t=lambda c: with_value(c["t"], 7, c["t"][6])), "does not rise from line 8"),
+    "gaps": (changed(t=lambda c: np.cumsum(np.where(np.arange(800) % 90, 0.005, 0.05))), "8 wider ones only 0 of 800"),
     "deg": (changed(dq=lambda c: np.rad2deg(c["dq"])), "57.3 times the rate of q: dq in deg/s"),
     "degrees": ({key: 57.3 ** (key == "q") * plain()[key] for key in ("t", "q", "tau")}, "is it in degrees"),
     "other speed": (changed(dq=lambda c: c["dq"][::-1].copy()), "not the speed of q"),
@@ -180,8 +183,8 @@ BAD = {
     "sign": (plain() | {"tau": -plain()["tau"]}, "--accept sign turns it"),
     "unit": ({("q_mm" if key == "q" else key): value for key, value in plain(count=800).items()}, "unit of the column"),
     "huge": (changed(tau=lambda c: with_value(c["tau"], 7, 1e300)), r"line 9: tau of 1e\+300 is no value of a joint"),
-    "jump": (changed(q=lambda c: c["q"] + 0.3 * (c["t"] > 2.0)), r"q jumps by 0\.\d+ from row 402 to the next"),
-    "turn": (changed(q=lambda c: c["q"] + 6.283 * ((c["t"] > 2.0) & (c["t"] < 4.0))), r"q jumps by -?6\.\d+ from row"),
+    "jump": (changed(q=lambda c: c["q"] + 0.3 * (c["t"] > 2.0)), r"q jumps by 0\.\d+ from line 402 to the next"),
+    "turn": (changed(q=lambda c: c["q"] + 6.283 * ((c["t"] > 2.0) & (c["t"] < 4.0))), r"q jumps by -?6\.\d+ from line"),
     "rest": (changed(q=lambda c: c["q"] + 6.283 * (np.arange(800) % 2) * (c["t"] < 0.5)), r"q jumps by -?6\.\d+ from"),
     "missing": ({"t": plain()["t"], "q1": plain()["q"], "tau2": plain()["tau"]}, "column 'tau1' is missing"),
 }
