@@ -311,7 +311,7 @@ def _check(joint: str, name: str, pieces: Sequence[_Given], step: float, time: s
     if not np.ptp(np.concatenate([speed for _, speed in told])) and np.ptp(angle):
         return [f"dq{joint} never changes and is not looked at: speeds are derived from {name}"]
     # both in the mean over a few samples, so that the noise of the angle does not decide
-    width = min(max(5, len(angle) // 400), JOINT.piece // 2)
+    width = min(max(5, len(angle) // 400), min(len(one) for one, _ in told) // 2)
     derived = np.concatenate([(one[width:] - one[:-width]) / (width * step) for one, _ in told])
     sums = [np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2)]) for _, speed in told]
     given = np.concatenate([(one[width:] - one[:-width]) / width for one in sums])
