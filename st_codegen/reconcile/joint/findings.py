@@ -168,9 +168,12 @@ def _is_below_nothing(result: JointResult, name: str) -> bool:
     value, error = result.chosen.value(name)
     rows = result.rows
     mean = float((rows.sign * result.chosen.of({*OVER_SPEED, "load_dependent_friction"})).mean())
-    # what changes is half as large at an end, and is multiplied by this power of the speed
-    half = float((np.abs(rows.speed) ** _POWERS[level]).mean()) / 2
-    return half * abs(value) - mean > half * error
+    part = next(part for part in result.chosen.parts if part.name == name)
+    power = np.abs(rows.speed) ** _POWERS[level]
+    # what has been added at each time, or taken away, times the mean of this power of the speed
+    changed = rows.sign * part.columns[:, 0] / power * float(power.mean())
+    most = float(np.abs(changed[np.sign(changed) != np.sign(value)]).max(initial=0.0))
+    return most * abs(value) - mean > most * error
 
 
 def _part(result: JointResult, name: str) -> JointFinding | None:
@@ -259,7 +262,7 @@ def _forms(result: JointResult) -> list[TorquePart]:
 def _curve(result: JointResult, part: TorquePart, speed: FloatArray) -> FloatArray:
     """What a form of friction is at positive speeds where its coefficient is 1."""
     there = replace(result.rows.where(np.zeros(len(speed), np.int64)), speed=speed)
-    return KINDS[part.name].laws[part.law](there, part.shape, np.zeros((len(speed), 2)))
+    return KINDS[part.name].laws[part.law].column(there, part.shape, np.zeros((len(speed), 2)))
 
 
 def _stribeck(result: JointResult) -> JointFinding | None:
@@ -287,7 +290,7 @@ def _stribeck(result: JointResult) -> JointFinding | None:
 def _reversal(result: JointResult, name: str) -> JointFinding | None:
     value, error = result.chosen.value(name)
     shape = next(part.shape for part in result.chosen.parts if part.name == name)
-    if value >= 0 or shape <= JOINT.shortest * float(KINDS[name].shapes(result.rows)[0]):
+    if value >= 0 or shape <= JOINT.shortest * float(KINDS[name].laws[0].shapes(result.rows)[0]):
         return None
     over, unit, key = ("travel", "rad", "travel_rad") if name == "reversal_travel" else ("time", "s", "time_s")
     text = (

@@ -182,19 +182,26 @@ Columns = Callable[[JointRows, float, FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)
-class PartKind:
-    """A kind of part: its column from rows, shape and the load, by each of its laws; shapes that are tried."""
+class PartLaw:
+    """A law of a part: its column from rows, shape and the load; shapes that are tried."""
 
-    laws: tuple[Columns, ...]
+    column: Columns
     shapes: Callable[[JointRows], FloatArray] = lambda _: np.zeros(1)
+
+
+@dataclass(frozen=True)
+class PartKind:
+    """A kind of part: the laws that it may follow."""
+
+    laws: tuple[PartLaw, ...]
 
     def variants(self, name: str, rows: JointRows, load: FloatArray | None = None) -> list[TorquePart]:
         """The part with each law and shape; load: see `load_of`, nothing where it is not known yet."""
         load = np.zeros((len(rows.time), 2)) if load is None else load
         return [
-            TorquePart(name, float(s), column(rows, float(s), load)[:, None], law)
-            for law, column in enumerate(self.laws)
-            for s in self.shapes(rows)
+            TorquePart(name, float(s), law.column(rows, float(s), load)[:, None], number)
+            for number, law in enumerate(self.laws)
+            for s in law.shapes(rows)
         ]
 
 
@@ -216,30 +223,46 @@ def _fading(since: FloatArray) -> FloatArray:
 
 
 def _clock(rows: JointRows) -> FloatArray:
-    return np.asarray((rows.time - rows.time.mean()) / np.ptp(rows.time))
+    """The time, from 0 at the start of the recording to 1 at its end."""
+    return np.asarray((rows.time - rows.time.min()) / np.ptp(rows.time))
+
+
+def _drift(of: Callable[[JointRows], FloatArray]) -> PartKind:
+    """What changes by 1 from the start to the end, evenly or as what warms up does, and is 0 in the mean."""
+
+    def changed(rows: JointRows, by_now: FloatArray) -> FloatArray:
+        return np.asarray(of(rows) * (by_now - by_now.mean()))
+
+    def warmed(rows: JointRows, share: float, _: FloatArray) -> FloatArray:
+        return changed(rows, np.expm1(-_clock(rows) / share) / np.expm1(-1.0 / share))
+
+    even = PartLaw(lambda rows, _s, _: changed(rows, _clock(rows)))
+    return PartKind((even, PartLaw(warmed, lambda _: _between(*JOINT.warming))))
+
+
+def _kind(*columns: Columns, shapes: Callable[[JointRows], FloatArray] = lambda _: np.zeros(1)) -> PartKind:
+    return PartKind(tuple(PartLaw(column, shapes) for column in columns))
 
 
 KINDS: Mapping[str, PartKind] = {
-    "dry_friction": PartKind((lambda r, _s, _: r.sign,)),
-    "viscous_friction": PartKind((lambda r, _s, _: r.speed,)),
-    "square_friction": PartKind((lambda r, _s, _: r.speed * np.abs(r.speed),)),
-    "curved_friction": PartKind(
-        (
-            lambda r, s, _: r.sign * np.exp(-np.abs(r.speed) / s),
-            lambda r, s, _: r.sign * np.exp(-((r.speed / s) ** 2)),
-            lambda r, s, _: r.sign / (1 + np.abs(r.speed) / s),
-        ),
-        _speeds,
+    "dry_friction": _kind(lambda r, _s, _: r.sign),
+    "viscous_friction": _kind(lambda r, _s, _: r.speed),
+    "square_friction": _kind(lambda r, _s, _: r.speed * np.abs(r.speed)),
+    "curved_friction": _kind(
+        lambda r, s, _: r.sign * np.exp(-np.abs(r.speed) / s),
+        lambda r, s, _: r.sign * np.exp(-((r.speed / s) ** 2)),
+        lambda r, s, _: r.sign / (1 + np.abs(r.speed) / s),
+        shapes=_speeds,
     ),
-    "direction_dependent_friction": PartKind((lambda r, _s, _: np.abs(r.speed),)),
-    "load_dependent_friction": PartKind(
-        (lambda r, _, load: r.sign * np.abs(load[:, 0]), lambda r, _, load: r.sign * np.abs(load[:, 1]))
+    "direction_dependent_friction": _kind(lambda r, _s, _: np.abs(r.speed)),
+    "load_dependent_friction": _kind(
+        lambda r, _, load: r.sign * np.abs(load[:, 0]), lambda r, _, load: r.sign * np.abs(load[:, 1])
     ),
-    "dry_friction_drift": PartKind((lambda r, _s, _: r.sign * _clock(r),)),
-    "viscous_friction_drift": PartKind((lambda r, _s, _: r.speed * _clock(r),)),
-    "torque_zero_drift": PartKind((lambda r, _s, _: _clock(r),)),
-    "reversal_travel": PartKind((lambda r, s, _: r.sign * np.exp(-r.travel / s),), lambda r: _fading(r.travel)),
-    "reversal_time": PartKind((lambda r, s, _: r.sign * np.exp(-r.since / s),), lambda r: _fading(r.since)),
+    "dry_friction_drift": _drift(lambda r: r.sign),
+    "viscous_friction_drift": _drift(lambda r: r.speed),
+    "torque_zero_drift": _drift(lambda r: np.ones(len(r.time))),
+    "reversal_travel": _kind(lambda r, s, _: r.sign * np.exp(-r.travel / s), shapes=lambda r: _fading(r.travel)),
+    "reversal_time": _kind(lambda r, s, _: r.sign * np.exp(-r.since / s), shapes=lambda r: _fading(r.since)),
 }
 
 

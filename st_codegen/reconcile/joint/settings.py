@@ -109,6 +109,8 @@ class JointSettings:
     told: float = chosen(0.01, SEEDS)
     #: factor; what is left is noise up to so many times the noise of the torque at its highest frequencies
     noise: float = chosen(1.25, SEEDS)
+    #: shares of the recording that the time constant of what warms up may be: of a longer one it changes evenly
+    warming: tuple[float, float] = (0.15, 1.0)
     #: factor; a travel, or a time, of what comes back after a reversal that is no longer than so many times the
     #: shortest that was tried is none
     shortest: float = 1.001

@@ -54,7 +54,7 @@ def test_each_part_is_the_torque_of_its_law():
         np.zeros(2, int), 0.01, (0.0, 0.0), 0, STEP,
     )  # fmt: skip
     load = np.array([[5.0, 7.0], [-2.0, 3.0]])
-    drift = np.array([-0.5, 0.5])
+    drift = np.array([-0.5, 0.5])  # at both ends what warms up has changed by as much as what changes evenly
     expected = {
         "dry_friction": [[1, -1]],
         "viscous_friction": [speed],
@@ -66,13 +66,13 @@ def test_each_part_is_the_torque_of_its_law():
         ],
         "direction_dependent_friction": [[1, 3]],
         "load_dependent_friction": [[5, -2], [7, -3]],
-        "dry_friction_drift": [[1, -1] * drift],
-        "viscous_friction_drift": [speed * drift],
-        "torque_zero_drift": [drift],
+        "dry_friction_drift": 2 * [[1, -1] * drift],
+        "viscous_friction_drift": 2 * [speed * drift],
+        "torque_zero_drift": 2 * [drift],
         "reversal_travel": [[np.exp(-1.0), -np.exp(-2.0)]],
         "reversal_time": [[np.exp(-3.0), -np.exp(-0.5)]],
     }
-    found = {name: [law(rows, 2.0, load).tolist() for law in kind.laws] for name, kind in KINDS.items()}
+    found = {name: [law.column(rows, 2.0, load).tolist() for law in kind.laws] for name, kind in KINDS.items()}
     assert found == {name: [pytest.approx(np.array(law, float)) for law in laws] for name, laws in expected.items()}
 
 
