@@ -144,7 +144,10 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=300)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--rooms", nargs="*", default=[], help="only these rooms, tried with their own tests")
+    rooms = sorted(path.parent.name for path in ROOT.glob("st_codegen/*/__init__.py"))
+    parser.add_argument(
+        "--rooms", nargs="*", choices=rooms, default=[], help="only these rooms, tried with their own tests"
+    )
     parser.add_argument("--aim", type=float, default=0.9)
     parser.add_argument("--json", type=Path, default=ROOT / "build" / "mutate.json")
     options = parser.parse_args()
@@ -156,7 +159,7 @@ def main() -> int:
         for copy in copies:
             copy_repository(copy)
         measure(lines, copies[0], options.jobs, options.rooms)
-        executed = Executed(lines)
+        executed = Executed(lines, options.rooms)
         free = list(copies)
 
         def one(mutant: Mutant) -> Verdict:

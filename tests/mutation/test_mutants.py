@@ -76,7 +76,7 @@ def measured(tmp_path, monkeypatch):
         file.parent.mkdir(parents=True)
         file.write_text(source)
         executed._parsed.cache_clear()
-        (tmp_path / "data.seconds").write_text(json.dumps(seconds))
+        (tmp_path / "data.coverage.seconds").write_text(json.dumps(seconds))
         data = coverage.CoverageData(str(tmp_path / "data.coverage"))
         for context, numbers in lines.items():
             data.set_context(context)
@@ -128,8 +128,9 @@ def test_what_is_measured_is_of_the_copy_and_of_tests_that_pass(tmp_path):
         assert list(json.loads((data / "st.coverage.seconds").read_text())) == ["tests/st/test_f.py::test_f"]
         times.append((data / "st.coverage").stat().st_mtime_ns)
     assert times[0] == times[1] < times[2]
-    chosen = Executed(data).tests(Mutant("st_codegen/__init__.py", 2, 0, 1, "1", "2"))
-    assert chosen == ["tests/st/test_f.py::test_f"]
+    mutant = Mutant("st_codegen/__init__.py", 2, 0, 1, "1", "2")
+    assert Executed(data).tests(mutant) == Executed(data, ["st"]).tests(mutant) == ["tests/st/test_f.py::test_f"]
+    assert Executed(data, ["te"]).tests(mutant) == []  # what an earlier run measured is of another room
 
 
 def test_a_constant_is_tried_with_the_tests_of_its_uses_and_a_line_with_those_of_its_statement(measured):
