@@ -137,6 +137,6 @@ class Executed:
                 seconds += self._seconds.get(test, 0.0)
         return chosen
 
-    def seconds(self, tests: list[str]) -> float:
-        """Processor time of these tests in the unchanged program."""
-        return sum(self._seconds.get(test, 0.0) for test in tests)
+    def seconds(self, tests: list[str]) -> dict[str, float]:
+        """Processor time of each of these tests in the unchanged program."""
+        return {test: self._seconds.get(test, 0.0) for test in tests}
