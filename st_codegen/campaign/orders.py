@@ -60,8 +60,8 @@ class Sums:
     plain_fft: ComplexArray
     ends: FloatArray
     spikes: FloatArray
-    begin: float = 0.0
-    turns: float = 1.0
+    begin: float
+    turns: float
     moved_deg: float = 0.0
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 
@@ -158,7 +159,8 @@ class Accesses:
                 return self._element(node, state)
             case t.PointerTarget(pointer=pointer):
                 cost = self.value(pointer, state)
-                region = Region((), "pointer", self._pou.key, self._size(node.type))
+                # it may point anywhere, and elsewhere each time: what it points to is as large as the memory
+                region = Region((), "pointer", self._pou.key, sys.maxsize, True)
                 return cost, _Address(region, varies=frozenset({new_version()}))
             case _:
                 return self.value(node, state), _Address(None)

@@ -34,7 +34,7 @@ class Region:
     name: str
     owner: str
     size: int
-    is_shared: bool = False
+    is_shared: bool
 
     @property
     def lines(self) -> int:

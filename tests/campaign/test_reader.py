@@ -119,6 +119,15 @@ def test_processes_and_cache_give_the_same_bits(folder, tmp_path, monkeypatch):
     assert [path.name for path in cache.parent.iterdir()] == ["curves.parquet"]
 
 
+def test_a_campaign_of_one_curve_is_kept_too(tmp_path, monkeypatch):
+    theta, conditions = np.linspace(0, 360, 2000, endpoint=False), OperatingPoint(100.0, 100.0, 25.0)
+    curves = {Direction.FORWARD: Curve(theta, 0.01 * np.cos(np.deg2rad(theta)))}
+    write_run(Run(conditions, curves), tmp_path / "campaign" / conditions.rig_path())
+    read_campaign(tmp_path / "campaign", jobs=1, cache=tmp_path / "kept.parquet")
+    monkeypatch.setattr(reader, "read_run", lambda path, conditions: pytest.fail(f"{path} was read again"))
+    assert len(read_campaign(tmp_path / "campaign", jobs=1, cache=tmp_path / "kept.parquet").curves) == 1
+
+
 def test_changed_files_are_read_again(folder, tmp_path):
     cache = tmp_path / "curves.parquet"
     read_campaign(folder, jobs=1, cache=cache)

@@ -80,6 +80,14 @@ STATEMENTS = {
         "loop": 4,
         "sqrt": 1,
     },
+    # the only round may leave, too
+    "FOR i := 0 TO 0 DO IF b THEN x := SQRT(y); EXIT; END_IF; END_FOR;": {
+        "load": 2,
+        "store": 2,
+        "branch": 1,
+        "loop": 1,
+        "sqrt": 1,
+    },
     "FOR i := 0 TO 3 DO IF b THEN CONTINUE; END_IF; x := y; END_FOR;": {"load": 8, "store": 5, "branch": 4, "loop": 5},
     "i := 0; WHILE i < 3 DO i := i + 1; END_WHILE;": {"load": 7, "store": 4, "compare": 4, "branch": 4, "integer": 3},
     "i := 0; WHILE b AND i < 3 DO i := i + 1; END_WHILE;": {

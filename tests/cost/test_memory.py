@@ -97,6 +97,17 @@ def test_the_table_of_a_block_is_shared_by_its_instances_and_its_memory_is_not()
     assert len(found["FB_I variables"]) == 2
 
 
+@pytest.mark.parametrize(
+    ("body", "lines"),
+    [("x := p^ + o^;", 2), ("FOR i := 0 TO 7 DO p := ADR(a[i]); x := x + p^; END_FOR;", 8)],
+)
+def test_pointers_may_point_anywhere_each_time(body, lines):
+    """All that the pointers of a unit point to was one line."""
+    found = unit(body, variables=VARIABLES + "p : POINTER TO LREAL; o : POINTER TO LREAL;")
+    regions = {region.name: number for region, number in lines_by_region(found.cost.touches).items()}
+    assert regions["pointer"] == lines
+
+
 def test_tables_beyond_the_first_cache_wait_for_the_second_one_even_when_warm():
     def text(rows):
         return (

@@ -209,6 +209,13 @@ def test_a_profile_is_written_whatever_its_name_is(tmp_path):
         assert (load_profile(path).name, load_profile(path).compute_factor) == (stem, 2.0)
 
 
+def test_a_profile_without_factors_takes_the_model_s_times(tmp_path):
+    path = tmp_path / "p.toml"
+    text = PROFILE.text.replace("[factors]", "").replace("compute = 1.0\nmemory = 1.0\n", "")
+    path.write_text(text, encoding="utf-8")
+    assert (load_profile(path).compute_factor, load_profile(path).memory_factor) == (1.0, 1.0)
+
+
 @pytest.mark.parametrize(("us", "message"), [("1e-300", "is not in 0.001"), ("1e300", "is not in 0.001")])
 def test_times_that_no_call_has_are_refused(tmp_path, us, message):
     (tmp_path / "t.csv").write_text(f"block,caches,us\nFB_A,warm,{us}\n")

@@ -26,6 +26,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,12 +34,13 @@ from pathlib import Path
 import coverage
 
 from tests.mutation.executed import Executed
+from tests.mutation.limits import LIMITS
 from tests.mutation.mutants import Mutant, sample
 
 ROOT = Path(__file__).resolve().parents[2]
 #: What a measured run depends on.
 _CHANGED = ("st_codegen", "templates", "tests")
-#: A test run counts as too slow beyond so many times its seconds unchanged, and so many seconds for its start.
+#: A test counts as too slow beyond so many times its seconds unchanged, and so many seconds for the start of all.
 _SLOWER = 4
 _START_SECONDS = 60
 #: A run is stuck that takes so many times its limit of processor time on the clock.
@@ -108,25 +110,28 @@ def copy_repository(target: Path) -> None:
         (target.parent / "shared").symlink_to(ROOT.parent / "shared")
 
 
-def try_mutant(mutant: Mutant, tests: list[str], copy: Path, limit: int) -> Verdict:
-    """Run tests against one mutant in a copy of the repository, for so many seconds of processor time at most."""
+def try_mutant(mutant: Mutant, tests: Mapping[str, float], copy: Path) -> Verdict:
+    """Run tests, with their seconds unchanged, against one mutant in a copy of the repository."""
     start, hard = time.perf_counter(), resource.getrlimit(resource.RLIMIT_CPU)[1]
     if not tests:
         return Verdict(mutant, "not executed", 0.0)
     file = copy / mutant.path
     source = file.read_text(encoding="utf-8")
     file.write_text(mutant.apply(source), encoding="utf-8")
+    limits = {test: _START_SECONDS + _SLOWER * seconds for test, seconds in tests.items()}
+    own = copy.parent / f"{copy.name}.limits"
+    own.write_text(json.dumps(limits))
     try:
-        command = [sys.executable, "-m", "pytest", "-q", "-x", "-m", "not slow", "-p", "no:cacheprovider", *tests]
+        command = [sys.executable, "-m", "pytest", "-q", "-x", "-m", "not slow", "-p", "no:cacheprovider"]
         done = subprocess.run(
-            command,
+            [*command, "-p", "tests.mutation.limits", *tests],
             cwd=copy,
-            env=_environment(copy),
-            timeout=_STUCK * limit,
+            env={**_environment(copy), LIMITS: str(own)},
+            timeout=_STUCK * (_START_SECONDS + _SLOWER * sum(tests.values())),
             capture_output=True,
             check=False,
             # the hard limit stays: tests give limits of their own to processes, which none could raise
-            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (limit, hard)),
+            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (_START_SECONDS, hard)),
         )
         # 5: none of the tests exists, so that nothing was tried
         verdicts = {0: "survived", 5: "not executed", -signal.SIGXCPU: "too slow"}
@@ -144,7 +149,10 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=300)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--rooms", nargs="*", default=[], help="only these rooms, tried with their own tests")
+    rooms = sorted(path.parent.name for path in ROOT.glob("st_codegen/*/__init__.py"))
+    parser.add_argument(
+        "--rooms", nargs="*", choices=rooms, default=[], help="only these rooms, tried with their own tests"
+    )
     parser.add_argument("--aim", type=float, default=0.9)
     parser.add_argument("--json", type=Path, default=ROOT / "build" / "mutate.json")
     options = parser.parse_args()
@@ -156,14 +164,13 @@ def main() -> int:
         for copy in copies:
             copy_repository(copy)
         measure(lines, copies[0], options.jobs, options.rooms)
-        executed = Executed(lines)
+        executed = Executed(lines, options.rooms)
         free = list(copies)
 
         def one(mutant: Mutant) -> Verdict:
             copy = free.pop()
             try:
-                tests = executed.tests(mutant)
-                return try_mutant(mutant, tests, copy, _START_SECONDS + int(_SLOWER * executed.seconds(tests)))
+                return try_mutant(mutant, executed.seconds(executed.tests(mutant)), copy)
             finally:
                 free.append(copy)
 

@@ -7,6 +7,7 @@ import collections
 import json
 import re
 import sqlite3
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
@@ -79,15 +80,16 @@ def _uses(name: str, line: int) -> list[tuple[str, int]]:
 
 
 class Executed:
-    """Which tests execute a line, from runs below coverage."""
+    """Which tests execute a line, from runs below coverage: of these rooms, or of all that were measured."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, rooms: Sequence[str] = ()) -> None:
         self._tests: dict[tuple[str, int], set[str]] = collections.defaultdict(set)
         self._size: collections.Counter[str] = collections.Counter()
         self._seconds: dict[str, float] = {}
-        for path in sorted(folder.glob("*.seconds")):
-            self._seconds |= json.loads(path.read_text())
-        for path in sorted(folder.glob("*.coverage")):
+        measured = [path for path in sorted(folder.glob("*.coverage")) if not rooms or path.stem in rooms]
+        for path in measured:
+            self._seconds |= json.loads(Path(f"{path}.seconds").read_text())
+        for path in measured:
             with sqlite3.connect(path) as data:
                 rows = data.execute(
                     "select path, context, numbits from line_bits join file on file.id = file_id "
@@ -135,6 +137,6 @@ class Executed:
                 seconds += self._seconds.get(test, 0.0)
         return chosen
 
-    def seconds(self, tests: list[str]) -> float:
-        """Processor time of these tests in the unchanged program."""
-        return sum(self._seconds.get(test, 0.0) for test in tests)
+    def seconds(self, tests: list[str]) -> dict[str, float]:
+        """Processor time of each of these tests in the unchanged program."""
+        return {test: self._seconds.get(test, 0.0) for test in tests}

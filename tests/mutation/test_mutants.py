@@ -10,6 +10,7 @@ from pathlib import Path
 import coverage
 import pytest
 
+from tests.mutation import __main__ as mutation
 from tests.mutation import executed
 from tests.mutation.__main__ import measure, try_mutant
 from tests.mutation.executed import Executed
@@ -76,7 +77,7 @@ def measured(tmp_path, monkeypatch):
         file.parent.mkdir(parents=True)
         file.write_text(source)
         executed._parsed.cache_clear()
-        (tmp_path / "data.seconds").write_text(json.dumps(seconds))
+        (tmp_path / "data.coverage.seconds").write_text(json.dumps(seconds))
         data = coverage.CoverageData(str(tmp_path / "data.coverage"))
         for context, numbers in lines.items():
             data.set_context(context)
@@ -99,7 +100,7 @@ def test_a_declaration_is_tried_with_the_tests_that_read_sources(measured):
     other = Mutant("st_codegen/st/types.py", 1, 0, 1, "1", "2")
     assert found.tests(other) == ["tests/st/test_a.py::one"]
     assert found.tests(replace(other, path="st_codegen/te/check.py")) == []
-    assert found.seconds(declared) == 2.0
+    assert sum(found.seconds(declared).values()) == 2.0
 
 
 def test_a_test_that_fails_unchanged_is_not_chosen(measured):
@@ -109,12 +110,17 @@ def test_a_test_that_fails_unchanged_is_not_chosen(measured):
     assert found.tests(Mutant("st_codegen/st/tree.py", 1, 0, 1, "1", "2")) == ["tests/st/test_a.py::passes"]
 
 
-@pytest.mark.thorough
-def test_what_is_measured_is_of_the_copy_and_of_tests_that_pass(tmp_path):
-    copy, data = tmp_path / "copy", tmp_path / "data"
-    for name in ("pyproject.toml", "tests/__init__.py", "tests/mutation/__init__.py", "tests/mutation/contexts.py"):
+def copied(copy, *names):
+    """A folder with these files of the repository, and those that make packages of them."""
+    for name in ("tests/__init__.py", "tests/mutation/__init__.py", *names):
         (copy / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(ROOT / name, copy / name)
+    return copy
+
+
+@pytest.mark.thorough
+def test_what_is_measured_is_of_the_copy_and_of_tests_that_pass(tmp_path):
+    copy, data = copied(tmp_path / "copy", "pyproject.toml", "tests/mutation/contexts.py"), tmp_path / "data"
     for name in ("st_codegen", "templates", "tests/st"):
         (copy / name).mkdir()
     (copy / "st_codegen/testing.py").touch()  # pytest's own entry point
@@ -128,8 +134,9 @@ def test_what_is_measured_is_of_the_copy_and_of_tests_that_pass(tmp_path):
         assert list(json.loads((data / "st.coverage.seconds").read_text())) == ["tests/st/test_f.py::test_f"]
         times.append((data / "st.coverage").stat().st_mtime_ns)
     assert times[0] == times[1] < times[2]
-    chosen = Executed(data).tests(Mutant("st_codegen/__init__.py", 2, 0, 1, "1", "2"))
-    assert chosen == ["tests/st/test_f.py::test_f"]
+    mutant = Mutant("st_codegen/__init__.py", 2, 0, 1, "1", "2")
+    assert Executed(data).tests(mutant) == Executed(data, ["st"]).tests(mutant) == ["tests/st/test_f.py::test_f"]
+    assert Executed(data, ["te"]).tests(mutant) == []  # what an earlier run measured is of another room
 
 
 def test_a_constant_is_tried_with_the_tests_of_its_uses_and_a_line_with_those_of_its_statement(measured):
@@ -151,19 +158,23 @@ def test_whole_texts_are_compared_first(measured):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    ("changed", "limit", "verdict"),
+    ("changed", "least", "verdict"),
     [("2", 3, "too slow"), ("3", 600, "survived"), ("4", 600, "noticed")],
     ids=["loops", "within its limit", "fails"],
 )
-def test_only_processor_time_makes_a_mutant_too_slow(tmp_path, changed, limit, verdict):
+def test_only_processor_time_of_a_test_makes_a_mutant_too_slow(tmp_path, monkeypatch, changed, least, verdict):
     # only the loop gets a limit that the start of pytest alone could reach: its verdict would be the same
-    (tmp_path / "f.py").write_text("WHAT = 1\n")
-    (tmp_path / "test_f.py").write_text(
+    monkeypatch.setattr(mutation, "_START_SECONDS", least)
+    copy = copied(tmp_path / "copy", "tests/mutation/limits.py")
+    (copy / "f.py").write_text("WHAT = 1\n")
+    (copy / "test_f.py").write_text(
         "import resource\nfrom f import WHAT\n\ndef test_f():\n    while WHAT == 2:\n        pass\n"
-        f"    assert resource.getrlimit(resource.RLIMIT_CPU) == {(limit, resource.getrlimit(resource.RLIMIT_CPU)[1])}\n"
-        "    assert WHAT != 4\n"
+        f"    assert resource.getrlimit(resource.RLIMIT_CPU)[1] == {resource.getrlimit(resource.RLIMIT_CPU)[1]}\n"
+        "    assert WHAT != 4\n\ndef test_long():\n    pass\n"
     )
     (mutant,) = (mutant for mutant in _of_python("f.py", "WHAT = 1\n"))
-    found = try_mutant(replace(mutant, text=changed), ["test_f.py"], tmp_path, limit=limit)
+    # what the other test may take, 40,000 s of processor time, is not the first one's
+    tests = {"test_f.py::test_f": 0.0, "test_f.py::test_long": 1e4}
+    found = try_mutant(replace(mutant, text=changed), tests, copy)
     assert (found.verdict, found.found) == (verdict, verdict == "noticed")
-    assert (tmp_path / "f.py").read_text() == "WHAT = 1\n"
+    assert (copy / "f.py").read_text() == "WHAT = 1\n"

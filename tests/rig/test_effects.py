@@ -8,7 +8,7 @@ import pytest
 
 from st_codegen.errors import InputError
 from st_codegen.rig.effects import Conditions, Constants, Form, Stage, catalogue
-from st_codegen.rig.effects.axis import ControlLag
+from st_codegen.rig.effects.axis import ControlLag, CouplingCompliance
 from st_codegen.rig.effects.empirical import TERMS, term_values
 from st_codegen.rig.effects.resonance import StructuralResonance
 from st_codegen.rig.model import RigModel, parse_rig, read_rig
@@ -245,6 +245,13 @@ def test_control_lag_follows_a_ramp_and_a_sine():
     assert answer == pytest.approx(exact, abs=(w * 1e-3) ** 2 / 12)
 
 
+def test_a_coupling_twists_under_the_torque_at_the_motor():
+    """162 N m at the output of a reducer of 81 are 2 N m here; of the play it takes half."""
+    coupling = CouplingCompliance({"stiffness_Nm_per_rad": 1000.0, "backlash_arcmin": 6.0}, CONSTANTS)
+    twist = np.rad2deg(2e-3) + 0.05
+    assert coupling.twist(Conditions.of([1, -1], 900, 162, 30)) == pytest.approx([-twist, twist])
+
+
 def test_parameters_are_linear_where_they_say_so():
     """What reconcile relies on: doubling a LINEAR scalar doubles, halving an INVERSE one doubles."""
     at = Conditions.of([1, -1], [500, 1500], [300, 900], [25, 35])
@@ -316,6 +323,12 @@ amplitude_deg = [0.1]
         "an order stands there twice", "has 1 entry, orders has 2",
     ):  # fmt: skip
         assert part in message, part
+
+
+def test_a_reducer_may_have_one_of_each_part():
+    smallest = {"reduction_ratio": 1.0, "cycloid_teeth": 1, "pins": 1, "cranks": 1}
+    rig = parse_rig("[rig]\n" + "".join(f"{key} = {number}\n" for key, number in smallest.items()))
+    assert {key: getattr(rig.constants, key) for key in smallest} == smallest
 
 
 OWN = """

@@ -83,6 +83,11 @@ def test_small_sets_have_the_shortest_chain(targets):
     assert len(addition_chain(targets)) == shortest(targets, max(targets))
 
 
+def test_where_the_search_gives_up_a_number_may_lie_on_the_way_to_a_larger_one():
+    """With the gap below the smallest closed first there are three links more."""
+    assert len(addition_chain({91, 327})) == len(addition_chain({327}))
+
+
 def test_numbers_below_one_are_refused():
     with pytest.raises(ValueError, match="0"):
         addition_chain({0, 3})

@@ -61,6 +61,11 @@ def test_a_harmonic_that_may_vanish_has_any_phase():
     assert np.all(np.isfinite(amplitude * phase))
 
 
+def test_a_harmonic_that_is_exactly_nothing_has_a_phase():
+    nothing = dict.fromkeys((Quantity.COSINE, Quantity.SINE), np.zeros(1))
+    assert _polar(nothing, nothing)[3] < 1e-12
+
+
 def test_squares_that_underflow_are_within_the_bound_of_an_amplitude():
     tiny = np.array([1e-160, 3e-162, 1e-300])
     parts = {Quantity.COSINE: tiny, Quantity.SINE: tiny}

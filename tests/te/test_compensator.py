@@ -270,6 +270,8 @@ def test_reduction_ratios_that_are_none_are_refused(ratio):
 
     with pytest.raises(InputError, match="reduction ratio"):
         compensation(dataclasses.replace(described()[1], reduction_ratio=ratio))
+    for taken in (1e-3, 1e6):  # what the message gives as the ends
+        compensation(dataclasses.replace(described()[1], reduction_ratio=taken))
 
 
 def header_of(block):

@@ -95,6 +95,12 @@ def test_folds_are_of_one_size_and_cover_all():
     assert not np.array_equal(numbers, fold_numbers(x, 10, 1))
 
 
+@pytest.mark.parametrize("folds", [0, 1])
+def test_less_than_two_folds_leave_nothing_out(folds):
+    outcome = run_task(the_tasks((Learner("DT", {}),), folds)[0])
+    assert np.isnan(outcome.folds).all() and np.isfinite(outcome.test).all()
+
+
 def test_out_of_fold_predictions_never_saw_their_row():
     task = the_tasks((Learner("DT", {}),))[0]
     outcome = run_task(task)

@@ -11,6 +11,7 @@ from st_codegen.project.bundle import load
 from st_codegen.proof.prove.axis import NotProvedError
 from st_codegen.proof.prove.blocks import prove_block
 from st_codegen.proof.runner import GeneratedCode
+from st_codegen.st import parse_project
 from tests.changes import change_once
 
 GOLDEN = Path(__file__).resolve().parents[3] / "golden" / "bundle"
@@ -103,3 +104,10 @@ def test_a_limit_that_is_left_out_shows_in_the_claims(models, tmp_path):
     (folder / "golden.st").write_text(changed)
     limits = {limit.output: limit.upper for limit in proof(folder, models).limits}
     assert limits["fTE_deg"] > 360.0
+
+
+@pytest.mark.parametrize(("start", "limits"), [(8.0, (0.0, 4.0)), (-8.0, (-4.0, 0.0))])
+def test_a_number_that_shrinks_call_by_call_does_not_pass_zero(start, limits):
+    text = f"FUNCTION_BLOCK FB_T VAR_OUTPUT fY : LREAL := {start}; END_VAR\nfY := fY * 0.5;\nEND_FUNCTION_BLOCK\n"
+    (limit,) = prove_block(parse_project({"t.st": text}, "iec"), "FB_T", {}).limits
+    assert (limit.lower, limit.upper) == limits

@@ -118,3 +118,10 @@ def test_equal_expressions_have_no_row_and_are_evaluated_as_they_are_written():
     assert not len(rows_of(one, terms.real("mul", x, 2.0)))
     (value,) = evaluated([terms.real("exp", terms.real("neg", terms.real("abs", x)))], {x: np.array([0.0, 1.0])}, 2)
     assert value.tolist() == [1.0, float(np.exp(-1.0))]
+
+
+def test_an_input_whose_range_has_none_of_the_numbers_is_searched():
+    terms = Terms()
+    x = terms.leaf(("input", 0), "real", (5.0, 6.0, False))
+    found = rows_of(terms.real("mul", x, 3.0), terms.real("mul", x, 4.0), low=5.0, high=6.0)
+    assert len(found) and found.min() >= 5.0 and found.max() <= 6.0
