@@ -470,9 +470,7 @@ def _side(target: FitData, r: ComplexArray, noise: float) -> str:
         pairs = pairs_of(target)
         turned = -(r[pairs[:, 0]] * r[pairs[:, 1]].conj()).real
         shared = SETTINGS.opposed * (np.abs(r[pairs]) ** 2).sum() / 2
-        return (
-            ", of the other sign backward" if len(pairs) >= SETTINGS.least_contrasts and turned.sum() > shared else ""
-        )
+        return ", of the other sign backward" if len(pairs) >= SETTINGS.rows_of_noise and turned.sum() > shared else ""
     is_quiet = _quietest_direction(target, r) < noise * (1.0 + SETTINGS.told / np.sqrt(rows))
     return f", {direction} only" if is_quiet else f", mostly {direction}"
 
