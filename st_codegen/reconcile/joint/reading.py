@@ -29,7 +29,10 @@ _UNITS_OF_TIME = {"seconds": 1.0, "milliseconds": 1e-3, "microseconds": 1e-6}
 
 @dataclass(frozen=True)
 class JointRecording:
-    """One file: a step in s, and angle (rad), speed as given (rad/s; None) and torque (N m) of each joint, (n,)."""
+    """One file: a step in s, and angle (rad), speed as given (rad/s; None) and torque (N m) of each joint, (n,).
+
+    without_unit: joints whose angle has no unit in its name, and is taken to be in rad.
+    """
 
     name: str
     step_s: float
@@ -37,6 +40,7 @@ class JointRecording:
     speed: Mapping[str, FloatArray | None]
     torque: Mapping[str, FloatArray]
     notes: tuple[str, ...] = ()
+    without_unit: frozenset[str] = frozenset()
 
 
 def joint_files(path: Path) -> list[Path]:
@@ -121,7 +125,9 @@ def _read(path: Path) -> JointRecording:
     if time == "t" and not any(tells):
         notes.append(f"t is taken to be in s: a sample every {step:g} s")
     torque = {joint: si["tau", joint] for joint in joints}
-    return JointRecording(path.name, step, angle, speed, torque, tuple(f"{path.name}: {note}" for note in notes))
+    without = frozenset(joint for joint in joints if columns["q", joint][0] == f"q{joint}")
+    notes = [f"{path.name}: {note}" for note in notes]
+    return JointRecording(path.name, step, angle, speed, torque, tuple(notes), without)
 
 
 def _check_values(table: CsvTable, values: Mapping[str, FloatArray], problems: Problems) -> None:
