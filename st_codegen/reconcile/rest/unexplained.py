@@ -123,8 +123,9 @@ class Signature:
 
     def of_machine(self, constants: Constants) -> Signature:
         """This one with the part of the machine that has its order, which need not be what makes it."""
-        part = constants.part_of(self.order)
-        return replace(self, text=f"{self.text} ({self.order} = {part})") if part else self
+        part = constants.shaft_of(self.periods) if self.periods else constants.part_of(self.order)
+        name = f"{self.periods:.1f}" if self.periods else self.order
+        return replace(self, text=f"{self.text} ({name} = {part})") if part else self
 
 
 def of_a_hum(hum: Hum) -> Signature:
