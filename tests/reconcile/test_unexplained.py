@@ -9,6 +9,7 @@ import pytest
 from scipy.signal import lfilter
 
 from st_codegen.reconcile.data.contrasts import neighbours
+from st_codegen.reconcile.data.hum import Hum
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
 from st_codegen.reconcile.fit.target import FitData, groups_of
@@ -27,9 +28,9 @@ from st_codegen.reconcile.rest.structure import (
     structure,
     wander_within_turns,
 )
-from st_codegen.reconcile.rest.unexplained import _scattered, main_cause, signatures
+from st_codegen.reconcile.rest.unexplained import _scattered, main_cause, of_a_hum, signatures
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Conditions
+from st_codegen.rig.effects import Conditions, Constants
 from st_codegen.rig.effects.empirical import TERMS
 
 SIGMA = 1.3e-5
@@ -718,6 +719,11 @@ def test_the_steps_of_an_encoder_are_those_of_one():
     assert of_an_encoder(target, residual)[1:12].tolist() == [65536] * 11
     (said,) = scatter_of_encoder(target, residual)
     assert "orders 16, 32, 48" in said and "of 65536 lines" in said
+    # beside a wave that was taken out an order has what one turn does not tell from it
+    wave = Hum(0.0, 1e-3, (96, 96), np.zeros(201), order=16.3)
+    beside, *others = scatter_of_encoder(replace(target, data=replace(target.data, hums=(wave,))), residual)
+    assert beside.startswith("order 16 differs from run to run, as far as one turn tells it from the wave of 16.3")
+    assert "orders 32, 48" in others[0]
     # a few of them may be there by chance
     alone = replace(
         target, data=replace(target.data, orders=np.where((orders > 32) & (orders < 200), orders + 5, orders))
@@ -755,6 +761,26 @@ def test_a_direction_that_has_less_of_it_is_not_said_to_have_none():
         loud[:, 12] += wave * np.where(target.data.at.sign > 0, 1.0, share)
         (said,) = (s.text for s in signatures(target, loud, np.full(21, 1e-5)) if s.order == 12)
         assert said.endswith(side), said
+
+
+def test_a_wave_of_the_input_shaft_is_said_to_be_that():
+    """Of a ratio of 80.6 its 80.6 periods a turn were only "as of a bearing, a belt or another shaft"."""
+    for periods, ratio, part in (
+        (80.6, 80.6, "(80.6 = 1 x 80.6 turns of"),
+        (161.3, 80.65, "(161.3 = 2 x 80.65"),
+        (80.6, 81.0, ""),
+    ):
+        wave = of_a_hum(Hum(0.0, 1e-3, (96, 96), np.zeros(201), order=periods))
+        said = wave.of_machine(Constants(reduction_ratio=ratio)).text
+        assert part in said and ("input shaft" in said) is bool(part)
+
+
+def test_twelve_runs_tell_that_the_mean_turns_with_the_direction():
+    """Of 0.3 arcmin of friction in twelve runs it said that the mean was constant, as a moved zero is."""
+    target, residual = curves_over_runs({}, runs=12)
+    residual[:, 0] = 5e-3 * target.data.at.sign
+    (said,) = (s.text for s in signatures(target, residual, np.full(21, 1e-5)) if not s.order)
+    assert said.endswith("of the other sign backward"), said
 
 
 def test_what_moves_twice_is_said_to_change_with_time():

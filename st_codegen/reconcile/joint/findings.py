@@ -471,20 +471,25 @@ def cannot_show(result: JointResult) -> list[str]:
     if hidden and rows.reversals:
         found.append(f"{', '.join(hidden)}: the motion does not tell {'them' if hidden[1:] else 'it'} from other parts")
     found.append("friction that differs by direction at all speeds alike: a zero of the torque looks the same")
-    if result.told_to_Hz is None:
+    if not result.told_Hz:
         found.append("an elasticity: no band of frequencies in which the motion explains the torque")
     elif result.mode is None and not result.is_rigid:
         found.append(
-            f"an elasticity: the torque up to {digits(result.told_to_Hz, 3)} Hz is not that of one inertia, and no "
+            f"an elasticity: the torque up to {digits(result.told_Hz[-1][1], 3)} Hz is not that of one inertia, and no "
             "mode was resolved in it; what happens at reversals can do that as well"
         )
-    elif result.mode is None:
-        found.append(f"an elasticity above {digits(result.told_to_Hz, 3)} Hz: the motion explains the torque below")
+    else:
+        bands = " and ".join(f"{digits(low, 3)} to {digits(high, 3)} Hz" for low, high in result.told_Hz)
+        what = "an elasticity" if result.mode is None else "a second elasticity (one is looked for), and any"
+        found.append(f"{what} outside of {bands}: the motion explains the torque there alone")
     if not result.waves:
         fewest = JOINT.least_waves * 2 * np.pi / float(np.ptp(rows.angle))
         found.append(f"waves of fewer than {digits(fewest, 2)} per revolution")
     found.append(f"what changes faster than about {digits(0.2 / rows.kernel_s, 2)} Hz, other than an elasticity")
     found.append(f"standstill, and speeds below {at_least(float(np.abs(rows.speed).min()))} rad/s")
+    if not result.unit_is_told:
+        q = f"q{result.joint}"
+        found.append(f"the unit of {q}: its name has none, these data do not tell it, and it is taken to be in rad")
     found.append("a torque constant that is off: all sizes in N m are off by the same factor")
     return found
 

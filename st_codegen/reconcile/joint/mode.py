@@ -8,12 +8,15 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.stats import chi2
 
 from st_codegen.ir.arrays import ComplexArray, FloatArray
 from st_codegen.reconcile.joint.settings import JOINT
 
 #: a fit that is stopped before it has converged ends elsewhere on another processor
 _MOST_STEPS = 400
+#: frequencies near a mode that tell it
+_FEWEST = 4
 #: Torque per acceleration from parameters at angular frequencies.
 Form = Callable[[FloatArray, FloatArray], ComplexArray]
 
@@ -27,6 +30,15 @@ class JointResponse:
     error: FloatArray
     halves: tuple[ComplexArray, ComplexArray]
     half_error: FloatArray
+
+    @property
+    def bands(self) -> tuple[tuple[float, float], ...]:
+        """Bands (Hz) in which a mode would be seen: no wider gap than it is, and as many frequencies as tell one."""
+        wide = (np.diff(self.frequency) > JOINT.gap * float(np.diff(self.frequency).min())) & (
+            self.frequency[1:] > (1 + 3 * JOINT.narrowest) * self.frequency[:-1]
+        )
+        runs = np.split(self.frequency, np.flatnonzero(wide) + 1)
+        return tuple((float(run[0]), float(run[-1])) for run in runs if len(run) >= _FEWEST)
 
 
 @dataclass(frozen=True)
@@ -100,7 +112,7 @@ def find_mode(found: JointResponse) -> JointMode | None:
     inertia = max(float(np.median(np.abs(found.value[: max(3, len(w) // 6)]))), 1e-12)
     error = np.maximum(found.error, JOINT.least_error * np.abs(found.value))
     rigid, p0 = _fit(_plain, np.array([inertia, 0.0, 0.0, 0.0]), found.value, error, w)
-    if _is_within_errors(rigid, w):
+    if _is_within_errors(rigid, p0, found, error):
         return None
     # what is fitted without a mode may be far from what is there beside one
     plain = np.array([inertia, 0.0, 0.0, 0.0])
@@ -141,12 +153,18 @@ def is_rigid(found: JointResponse) -> bool:
     w = 2 * np.pi * found.frequency
     inertia = max(float(np.median(np.abs(found.value[: max(3, len(w) // 6)]))), 1e-12)
     error = np.maximum(found.error, JOINT.least_error * np.abs(found.value))
-    return _is_within_errors(_fit(_plain, np.array([inertia, 0.0, 0.0, 0.0]), found.value, error, w)[0], w)
+    rigid, p = _fit(_plain, np.array([inertia, 0.0, 0.0, 0.0]), found.value, error, w)
+    return _is_within_errors(rigid, p, found, error)
 
 
-def _is_within_errors(rigid: Any, w: FloatArray) -> bool:
-    # half of a chi-square of two numbers each
-    return bool(rigid.cost < JOINT.rigid * len(w))
+def _is_within_errors(rigid: Any, p: FloatArray, found: JointResponse, error: FloatArray) -> bool:
+    """Whether a rigid joint is off by errors alone, in the mean and side by side: a mode may be small in the mean."""
+    w = 2 * np.pi * found.frequency
+    off = np.abs((_plain(p, w) - found.value) / error) ** 2
+    beside = np.convolve(off, np.ones(_FEWEST), mode="valid")
+    # half of a chi-square of two numbers each; of those side by side the window makes about one number
+    most = 2 * chi2.isf(JOINT.by_chance / len(w), _FEWEST)
+    return bool(rigid.cost < JOINT.rigid * len(w) and beside.max() < JOINT.rigid * most)
 
 
 def _is_mode(p: FloatArray, w: FloatArray) -> bool:
@@ -157,7 +175,7 @@ def _is_mode(p: FloatArray, w: FloatArray) -> bool:
     if wide or negative or not w[1] < p[4] < w[-2]:
         return False
     near = np.abs(w / p[4] - 1) < 3 * max(p[5], JOINT.narrowest)
-    return bool(near.sum() >= 4 and (w[near] < p[4]).any() and (w[near] > p[4]).any())
+    return bool(near.sum() >= _FEWEST and (w[near] < p[4]).any() and (w[near] > p[4]).any())
 
 
 def _is_filter(p: FloatArray) -> bool:

@@ -34,6 +34,7 @@ class JointRecording:
 
     A step in s, and angle (rad), speed as given (rad/s; None) and torque (N m) of each joint, (n,). at_s: time of the
     first sample after the first one that is taken of the file; where nearly all of that is pauses, without them.
+    without_unit: joints whose angle has no unit in its name, and is taken to be in rad.
     """
 
     name: str
@@ -43,6 +44,7 @@ class JointRecording:
     torque: Mapping[str, FloatArray]
     notes: tuple[str, ...] = ()
     at_s: float = 0.0
+    without_unit: frozenset[str] = frozenset()
 
 
 def joint_files(path: Path) -> list[Path]:
@@ -145,9 +147,10 @@ def _read(path: Path) -> list[JointRecording]:
         return {joint: si[kind, joint][own] for joint in joints if (kind, joint) in si}
 
     said = tuple(f"{path.name}: {note}" for note in notes)
+    without = frozenset(joint for joint in joints if columns["q", joint][0] == f"q{joint}")
     unknown = dict.fromkeys(joints)
     return [
-        JointRecording(path.name, step, of("q", own), {**unknown, **of("dq", own)}, of("tau", own), said, at)
+        JointRecording(path.name, step, of("q", own), {**unknown, **of("dq", own)}, of("tau", own), said, at, without)
         for own, at in pieces
     ]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from st_codegen.errors import InputError, Problems
 from st_codegen.ir.arrays import FloatArray
-from st_codegen.reconcile.joint.mode import JointMode, find_mode, is_rigid, response
+from st_codegen.reconcile.joint.mode import JointMode, JointResponse, find_mode, is_rigid, response
 from st_codegen.reconcile.joint.parts import (
     OTHERS,
     RICH,
@@ -37,9 +37,9 @@ class JointResult:
     """What one joint's torque is made of; without its name where it is the only one.
 
     late_s: how much later than the motion the torque is, as far as a shift tells; as_late_s: the least and the most of
-    what does as well; outliers: rows left out; told_to_Hz:
-    up to where the motion explains the torque; is_rigid: whether all of that is a rigid joint's; unseen_mode: the
-    inertia is not one at all frequencies.
+    what does as well; outliers: rows left out; told_Hz: bands in which the motion explains the torque; is_rigid:
+    whether all of that is a rigid joint's; unseen_mode: the inertia is not one at all frequencies; unit_is_told: that
+    of the angle is known by more than its having no other in its name.
     """
 
     joint: str
@@ -50,10 +50,11 @@ class JointResult:
     late_s: float
     as_late_s: tuple[float, float]
     outliers: int
-    told_to_Hz: float | None
+    told_Hz: tuple[tuple[float, float], ...]
     is_rigid: bool
     unseen_mode: bool
     notes: tuple[str, ...]
+    unit_is_told: bool = True
 
     @property
     def gap(self) -> tuple[float, float, float]:
@@ -105,8 +106,9 @@ def _scaled(recordings: Sequence[JointRecording], joint: str, factor: float) -> 
 
 def _joint(recordings: list[JointRecording], joint: str, accept: Collection[str]) -> JointResult | None:
     # in a folder one joint may move in each file
-    still = [one.name for one in recordings if is_standing(one.angle[joint])]
+    files = dict.fromkeys(one.name for one in recordings)
     recordings = [one for one in recordings if not is_standing(one.angle[joint])]
+    still = [name for name in files if name not in {one.name for one in recordings}]
     rows = rows_of(recordings, joint) if recordings else None
     if rows is None:
         return None
@@ -118,6 +120,7 @@ def _joint(recordings: list[JointRecording], joint: str, accept: Collection[str]
     rows = rows_of(recordings, joint, acting=acting.columns) or rows
     said = dict.fromkeys(note for one in recordings for note in one.notes)
     notes = [note for note in said if f"dq{joint} " in note or "dq" not in note]
+    told = _unit_is_told(recordings, joint, rows)
     if still:
         notes.append(f"joint {joint} stands in {', '.join(still)}: nothing is taken from there")
     if is_opposite(rows):
@@ -144,12 +147,28 @@ def _joint(recordings: list[JointRecording], joint: str, accept: Collection[str]
         waves.append(wave)
         chosen = choose(rows, acting.moves, [one.gain.part for one in waves])
     kept = tuple(wave for wave in waves if wave.gain.part.name in chosen.names())
-    rest = chosen.of(set(chosen.names())) - chosen.fit.values[0] * rows.acceleration
-    mode, most, rigid = _mode(recordings, joint, rows, rest, shift)
+    rests = [(rows, chosen.of(set(chosen.names())) - chosen.fit.values[0] * rows.acceleration)]
+    narrow = rows_of(recordings, joint, shift, acting=acting.columns)
+    if narrow is not None and narrow.kernel_s < rows.kernel_s:
+        # where a joint is shaken, friction turns with it from sample to sample: a wide kernel knows nothing of that
+        rests.append((narrow, _not_inertia(narrow, ripples)))
+    mode, bands, rigid = _mode(recordings, joint, rests, shift)
     late, *as_late = (one * recordings[0].step_s for one in (shift, min(alike), max(alike)))
     unseen = unseen and mode is None
     return JointResult(
-        joint, rows, chosen, kept, mode, late, (as_late[0], as_late[1]), outliers, most, rigid, unseen, tuple(notes)
+        joint,
+        rows,
+        chosen,
+        kept,
+        mode,
+        late,
+        (as_late[0], as_late[1]),
+        outliers,
+        bands,
+        rigid,
+        unseen,
+        tuple(notes),
+        told,
     )
 
 
@@ -178,6 +197,33 @@ def _seen(rows: JointRows) -> list[tuple[str, float]]:
     return seen
 
 
+def _unit_is_told(recordings: list[JointRecording], joint: str, rows: JointRows) -> bool:
+    """Whether name or gravity tell the unit of the angle. Raises InputError where gravity tells that it is in degrees.
+
+    An angle in degrees and a speed in deg/s agree as well as those in rad and rad/s; gravity is a wave of the turn.
+    """
+    if not any(joint in one.without_unit for one in recordings):
+        return True
+    other = [
+        replace(
+            one, angle={name: q * (np.pi / 180 if name in one.without_unit else 1.0) for name, q in one.angle.items()}
+        )
+        for one in recordings
+    ]
+    turned = rows_of(other, joint)
+    turned = turned and (rows_of(other, joint, acting=acting_of(turned).columns) or turned)
+    if turned is None or len(turned.time) != len(rows.time):
+        return False
+    in_rad, in_deg = (crossed(stacked(_rich(one)), one).held for one in (rows, turned))
+    # what is a line over less than a turn may be a spring's
+    if np.ptp(rows.angle) > 2 * np.pi and surely(in_rad - in_deg, in_rad):
+        raise InputError(
+            f"gravity is a wave of q{joint} if that is in degrees, and none if it is in rad: name the column "
+            f"q{joint}_deg or q{joint}_rad (and dq{joint}_deg_s or dq{joint}_rad_s, if it is there)"
+        )
+    return surely(in_deg - in_rad, in_deg)
+
+
 def is_opposite(rows: JointRows) -> bool:
     """Whether inertia and friction are negative beyond their errors, beside friction that rises with speed or not."""
     parts, sure = base_of(rows), -JOINT.errors
@@ -197,9 +243,7 @@ def _below_mode(
     seen: Sequence[tuple[str, float]],
 ) -> tuple[float, bool]:
     """The kernel (s) that leaves modes out: below them a joint is rigid. Whether there is one that was not seen."""
-    known = stacked(_rich(rows, seen))
-    values = crossed(known, rows).values
-    mode, *_ = _mode(recordings, joint, rows, known[:, 1:] @ values[1:], 0)
+    mode, *_ = _mode(recordings, joint, [(rows, _not_inertia(rows, seen))], 0)
     kernel = rows.kernel_s
     if mode is not None:
         lowest = mode.antiresonance_Hz or mode.resonance_Hz
@@ -294,20 +338,33 @@ def _shift(
     return best, alike
 
 
-def _mode(
-    recordings: list[JointRecording], joint: str, rows: JointRows, rest: FloatArray, shift: int
-) -> tuple[JointMode | None, float | None, bool]:
-    """The mode, up to which frequency the motion tells the torque, and whether it is all a rigid joint's.
+def _not_inertia(rows: JointRows, seen: Sequence[tuple[str, float]]) -> FloatArray:
+    """The torque that is no inertia's, beside all that friction may be, N m (rows,)."""
+    known = stacked(_rich(rows, seen))
+    return np.asarray(known[:, 1:] @ crossed(known, rows).values[1:])
 
-    rest: the torque that is no inertia's.
+
+def _mode(
+    recordings: list[JointRecording], joint: str, rests: Sequence[tuple[JointRows, FloatArray]], shift: int
+) -> tuple[JointMode | None, tuple[tuple[float, float], ...], bool]:
+    """The mode, in which bands (Hz) the motion tells the torque, and whether it is all a rigid joint's.
+
+    rests: rows with the torque that is no inertia's; of several the one counts that leaves most to be told.
     """
+    responses = [_response(recordings, joint, rows, rest, shift) for rows, rest in rests]
+    found = max((one for one in responses if one is not None), key=lambda one: len(one.frequency), default=None)
+    if found is None:
+        return None, (), True
+    return find_mode(found), found.bands, is_rigid(found)
+
+
+def _response(
+    recordings: list[JointRecording], joint: str, rows: JointRows, rest: FloatArray, shift: int
+) -> JointResponse | None:
     pieces = []
     for one, start in zip(recordings, starts_of(recordings), strict=True):
         time = start + one.step_s * np.arange(len(one.angle[joint]))
         torque = np.roll(one.torque[joint], -shift) - np.interp(time, rows.time, rest)
         cut = abs(shift) + 1
         pieces.append((one.angle[joint][cut:-cut], torque[cut:-cut]))
-    found = response(pieces, recordings[0].step_s)
-    if found is None:
-        return None, None, True
-    return find_mode(found), float(found.frequency[-1]), is_rigid(found)
+    return response(pieces, recordings[0].step_s)

@@ -150,6 +150,8 @@ class JointSettings:
     most_off: float = chosen(3.0, UNRECORDED)
     #: factor; a response is a rigid joint's where it leaves no more than so many times what its errors do
     rigid: float = chosen(1.5, UNRECORDED)
+    #: share of rigid joints of which chance may put so much side by side in a response that it is not called rigid
+    by_chance: float = 1e-4
     #: factor; cost of a fit that is a mode, over that of the best one, up to which it counts: what is none may fit a
     #: little better
     as_good: float = chosen(1.5, UNRECORDED)

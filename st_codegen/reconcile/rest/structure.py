@@ -501,6 +501,15 @@ def scatter_of_encoder(target: FitData, residual: ComplexArray) -> tuple[str, ..
     follows = structure(target, residual).significant
     columns = [k for k in scatter(target, residual) if lines[k] and not follows[k]]
     found = []
+    # within a turn a wave that lies less than one order away is not told from it: each takes of the other
+    for wave in (hum.order for hum in data.hums if hum.order):
+        beside = [k for k in columns if abs(data.orders[k] - wave) < 1.0]
+        columns = [k for k in columns if k not in beside]
+        found += [
+            f"order {data.orders[k]} differs from run to run, as far as one turn tells it from the wave of {wave:.1f} "
+            "periods a turn: it counts as noise"
+            for k in beside
+        ]
     for number in np.unique(lines[columns]):
         own = [int(data.orders[k]) for k in columns if lines[k] == number]
         which = f"order {own[0]} differs" if len(own) == 1 else f"orders {listed(own)} differ"

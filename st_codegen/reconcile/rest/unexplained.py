@@ -123,8 +123,9 @@ class Signature:
 
     def of_machine(self, constants: Constants) -> Signature:
         """This one with the part of the machine that has its order, which need not be what makes it."""
-        part = constants.part_of(self.order)
-        return replace(self, text=f"{self.text} ({self.order} = {part})") if part else self
+        part = constants.shaft_of(self.periods) if self.periods else constants.part_of(self.order)
+        name = f"{self.periods:.1f}" if self.periods else self.order
+        return replace(self, text=f"{self.text} ({name} = {part})") if part else self
 
 
 def of_a_hum(hum: Hum) -> Signature:
@@ -470,9 +471,7 @@ def _side(target: FitData, r: ComplexArray, noise: float) -> str:
         pairs = pairs_of(target)
         turned = -(r[pairs[:, 0]] * r[pairs[:, 1]].conj()).real
         shared = SETTINGS.opposed * (np.abs(r[pairs]) ** 2).sum() / 2
-        return (
-            ", of the other sign backward" if len(pairs) >= SETTINGS.least_contrasts and turned.sum() > shared else ""
-        )
+        return ", of the other sign backward" if len(pairs) >= SETTINGS.rows_of_noise and turned.sum() > shared else ""
     is_quiet = _quietest_direction(target, r) < noise * (1.0 + SETTINGS.told / np.sqrt(rows))
     return f", {direction} only" if is_quiet else f", mostly {direction}"
 

@@ -65,6 +65,13 @@ class Constants:
         found = [f"{round(order / one)} x {one:.10g} {name}" for orders, one, name in parts if order in orders]
         return " or ".join(found)
 
+    def shaft_of(self, periods: float) -> str:
+        """As `part_of`, of a wave of no whole number of periods a turn, known to one decimal."""
+        ratio = self.reduction_ratio
+        multiple = round(periods / ratio)
+        is_shaft = 1 <= multiple <= 4 and round(periods, 1) == round(multiple * ratio, 1)
+        return f"{multiple} x {ratio:.10g} turns of the input shaft" if is_shaft else ""
+
 
 class Form(Enum):
     """How a contribution depends on a scalar: LINEAR in it, in its INVERSE, or otherwise (SHAPE)."""

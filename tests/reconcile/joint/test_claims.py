@@ -147,6 +147,50 @@ def test_a_mode_is_sought_among_those_that_can_be_one():
     assert not is_rigid(found) and is_rigid(response(1.8 + 0.5 / s, frequency))
 
 
+def test_a_link_that_is_light_is_no_rigid_joint():
+    """In a band that was wide enough its mode was small in the mean: an elasticity could be above the band only."""
+    frequency, random = np.linspace(1.0, 400.0, 1600), np.random.default_rng(0)
+    s, w = 2j * np.pi * frequency, 2 * np.pi * 20.0
+    spring = 0.05 * (0.04 * s / w + 1) / ((s / w) ** 2 + 0.04 * s / w + 1)
+    noise = 0.01 * (random.standard_normal(1600) + 1j * random.standard_normal(1600))
+    assert is_rigid(response(1.0 + 0.05 + noise, frequency))
+    assert not is_rigid(response(1.0 + spring + noise, frequency))
+
+
+def test_no_mode_is_seen_where_the_motion_does_not_explain_the_torque():
+    """It named the last frequency only: "an elasticity above 90 Hz", though nothing was told from 2 to 30 Hz."""
+    frequency = np.concatenate([np.arange(0.5, 1.1, 0.25), np.arange(10.0, 15.1, 0.25), np.arange(30.0, 90.1, 0.25)])
+    assert response(1.0 + 0j * frequency, frequency).bands == ((10.0, 15.0), (30.0, 90.0))
+    assert response(1.0 + 0j * frequency[3:24], frequency[3:24]).bands == ((10.0, 15.0),)
+
+
+def test_a_low_mode_of_a_joint_whose_friction_is_shaken(tmp_path):
+    """Read through the kernel that leaves the mode out, friction hid it: the joint was called rigid up to 90 Hz."""
+    (joint,) = report(shaken(6.0), tmp_path)
+    mode = named(joint)["elasticity"]["parameters"]
+    assert mode["resonance_Hz"]["value"] == pytest.approx(6.0 * 2**0.5, rel=0.02)
+    assert mode["antiresonance_Hz"]["value"] == pytest.approx(6.0, rel=0.02)
+    assert any("a second elasticity" in text for text in joint["cannot_show"])
+
+
+def shaken(spring_Hz, count=40_000, step=1e-3):
+    """Two inertias of 1 kg m^2 and a spring between them, on a path and shaken, by their linear response."""
+    random, t = np.random.default_rng(3), np.arange(count) * step
+    frequency = np.fft.rfftfreq(count, step)
+    s, w = 2j * np.pi * frequency, 2 * np.pi * spring_Hz
+    inertia = 1.0 + (0.04 * s / w + 1) / ((s / w) ** 2 + 0.04 * s / w + 1)
+    drive = np.fft.rfft(random.standard_normal(count)) * ((frequency > 1.0) & (frequency < 150.0))
+    moved = np.zeros(len(s), complex)
+    moved[1:] = drive[1:] / (inertia * s**2)[1:]
+    for f, size in ((4, 0.8), (9, 0.4), (17, 0.15)):
+        # whole waves in the recording
+        moved[f] += size * count / 2 * np.exp(1j * f)
+    q, v, tau = (np.fft.irfft(x, count) for x in (moved, moved * s, moved * inertia * s**2))
+    noise = random.standard_normal((2, count))
+    tau = tau + np.tanh(v / 0.003) + 0.8 * v + 0.02 * noise[0]
+    return {"t": t, "q": q + 1e-6 * noise[1], "dq": v, "tau": tau}
+
+
 def test_a_joint_that_is_not_rigid_is_not_said_to_have_its_elasticity_elsewhere(tmp_path, monkeypatch):
     """Where no mode was resolved it said that one could be above the last frequency only."""
     monkeypatch.setattr(joint_run, "find_mode", lambda _: None)
@@ -201,6 +245,26 @@ def test_a_time_of_another_unit_than_that_in_its_name_is_asked_about(tmp_path):
         columns["t"] = factor * columns["t"]
         with pytest.raises(InputError, match=words):
             read_joints([write(columns, tmp_path / "joint.csv", {"t": name})])
+
+
+def test_an_angle_in_degrees_beside_a_speed_in_degrees_a_second(tmp_path):
+    """They agree with each other: friction of 0.5 N m per rad/s was said to be 0.0087."""
+    columns = plain()
+    small = columns | {"tau": columns["tau"] - 4.0 * np.cos(columns["q"])}
+    for weight, stroke, what in ((4.0, 0.2, "asked"), (0.0, 0.2, "said"), (4.0, 0.02, "said")):
+        q = stroke * columns["q"]
+        tau = stroke * (small["tau"] - np.sign(columns["dq"])) + np.sign(columns["dq"]) + weight * np.sin(q + 0.5)
+        degrees = {"t": columns["t"], "q": np.degrees(q), "dq": stroke * np.degrees(columns["dq"]), "tau": tau}
+        if what == "asked":
+            with pytest.raises(InputError, match="name the column q_deg or q_rad"):
+                report(degrees, tmp_path)
+        else:
+            (joint,) = report(degrees, tmp_path)
+            assert any(text.startswith("the unit of q: its name has none") for text in joint["cannot_show"])
+    # gravity of a whole turn, or the name, tells it
+    for told in (columns, {"q_rad" if name == "q" else name: value for name, value in small.items()}):
+        (joint,) = report(told, tmp_path)
+        assert not any("the unit of" in text for text in joint["cannot_show"])
 
 
 def test_a_joint_without_a_number_beside_others_is_asked_about(tmp_path):
@@ -671,6 +735,16 @@ def test_a_recording_that_lost_samples_tells_what_a_whole_one_does(tmp_path):
     said = " ".join(joint["measurement"])
     assert "line 102 and 1 more: values of tau are not finite" in said
     assert "missing in 15 places, first after line 101: it is read in 14 pieces of 100 samples or more; the 67" in said
+
+
+def test_a_joint_that_stands_in_a_piece_of_a_file_does_not_stand_in_all_of_it(tmp_path):
+    columns = plain()
+    columns["q"][2000:] = columns["q"][1999]
+    columns["tau"][2000:] = columns["tau"][1999]
+    del columns["dq"]
+    (joint,) = report(lossy(columns, [2000, 3000]), tmp_path)
+    assert "dry_friction" in named(joint)
+    assert not any("stands in" in text for text in joint["measurement"])
 
 
 def test_a_mode_is_seen_through_lost_samples(tmp_path):
