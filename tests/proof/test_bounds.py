@@ -113,7 +113,7 @@ def test_a_line_between_two_knots_may_be_computed_from_either():
     values = reference.apply(op, [x])
     bound = step(op, [x], [np.zeros_like(x)], values)
     difference = np.abs(0.1 * (1 - x) + 0.7 * x - values)
-    assert 0 < difference.max() and np.all(difference <= bound) and bound.max() < 1e-14
+    assert difference.max() > 0 and np.all(difference <= bound) and bound.max() < 1e-14
 
 
 def test_units_of_roundoff_are_those_of_the_formats():
