@@ -118,7 +118,7 @@ FAULTS = {
 }
 
 
-@pytest.mark.parametrize("start", [100.0, 0.0])
+@pytest.mark.parametrize("start", [100.0, 0.5, 0.0])
 def test_a_turn_that_starts_anywhere_is_read_on(tmp_path, start):
     """Its angle begins anew at 360 deg, which was "the angle runs down; are the directions exchanged?"."""
     up = (np.arange(720) * 0.5 + start) % 360.0

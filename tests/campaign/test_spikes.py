@@ -66,6 +66,7 @@ def test_samples_in_a_row_that_are_anything_are_left_out():
     te = a_curve(coefficients(), 1000, noise=1e-4).te_deg.copy()
     te[400:430] += random.uniform(0.2, 2.0, 30) * random.choice([-1, 1], 30)
     assert np.flatnonzero(off_deg(te)).tolist() == [*range(400, 430)]
+    assert np.array_equal(off_deg(te[::-1])[::-1], off_deg(te))  # whichever way the axis runs
 
 
 def test_what_rises_or_falls_back_over_several_samples_is_none():

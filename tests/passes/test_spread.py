@@ -90,6 +90,11 @@ def test_the_costliest_call_is_as_cheap_as_its_costliest_model(monkeypatch):
     assert spent[-1] == min(spent)  # the last call makes harmonics of all answers
 
 
+def test_the_cheapest_model_goes_where_least_is_to_do(monkeypatch):
+    calls = shared_out(monkeypatch, {"a": 4e4, "b": 2.8e4, "c": 2e4, "d": 1e4}, 2)
+    assert sorted(calls) == [("a", "d"), ("b", "c")]  # 50 and 48 us, where b, c and d were 58
+
+
 def test_a_model_that_costs_a_little_more_stays_where_it_is(monkeypatch):
     more = COSTS | {"c": 4.3e4, "d": 4.8e4}
     assert shared_out(monkeypatch, more, 2) == shared_out(monkeypatch, COSTS, 2)

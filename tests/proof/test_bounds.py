@@ -17,6 +17,7 @@ from st_codegen.ir import (
     KernelSum,
     Linear,
     Operator,
+    Piecewise,
     Precision,
     Scale,
     Select,
@@ -104,6 +105,15 @@ def test_a_product_of_what_differs_may_lose_a_digit_below_the_normal_numbers():
     unsure = Linear((0,), [[1.0, 1.0, 1.0]], [0.0])
     behind = model(unsure, Scale((1,), Operator.MULTIPLY, [1e-320]))
     assert difference_bound(behind, np.array([[0.1, 0.2, 0.3]])) >= 2.0**-1074
+
+
+def test_a_line_between_two_knots_may_be_computed_from_either():
+    op = Piecewise((0,), [0, 2], [0.0, 1.0], [0.1, 0.7], [[0.1, 0.0], [0.1, 0.6], [0.7, 0.0]])
+    x = np.random.default_rng(0).random((500, 1))
+    values = reference.apply(op, [x])
+    bound = step(op, [x], [np.zeros_like(x)], values)
+    difference = np.abs(0.1 * (1 - x) + 0.7 * x - values)
+    assert difference.max() > 0 and np.all(difference <= bound) and bound.max() < 1e-14
 
 
 def test_units_of_roundoff_are_those_of_the_formats():

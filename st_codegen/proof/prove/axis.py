@@ -231,21 +231,19 @@ class AxisValue:
             raise NotProvedError("ABS of a lane on both sides of zero")
         return value
 
-    def cut_where(self, holds: Callable[[FloatArray, IntArray], BoolArray], lanes: IntArray) -> bool:
-        """Cut the lanes (of chains) in which a monotone decision is not the same at both ends; whether any was.
+    def cut_where(self, holds: Callable[[FloatArray, IntArray], BoolArray], lanes: IntArray) -> None:
+        """Cut the lanes (of chains) in which a monotone decision is not the same at both ends; then all have one.
 
         `holds` decides for values in lanes.
         """
         self.lift()
         if self.chain is None:
-            return False
+            return
         lanes = lanes[(self.chain[lanes] > 0) & (lanes < len(self.axis.ends))]
         first, last = self.ends()
         open_ = lanes[holds(first[lanes], lanes) != holds(last[lanes], lanes)]
-        if not open_.size:
-            return False
-        self.cut_lanes(open_, lambda x, places: holds(x, open_[places]))
-        return True
+        if open_.size:
+            self.cut_lanes(open_, lambda x, places: holds(x, open_[places]))
 
     def cut_lanes(self, lanes: IntArray, holds: Callable[[FloatArray, IntArray], BoolArray]) -> None:
         """Cut lanes (of chains) in each of which a monotone decision changes over.

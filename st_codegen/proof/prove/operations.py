@@ -97,9 +97,7 @@ class ValueOperations(Joining):
 
     def _float_on_axis(self, name: str, values: list[Value], axis: InputAxis, mask: Value) -> AxisValue | None:
         if name == "abs" and isinstance(values[0], AxisValue):
-            whole = np.arange(axis.lanes)
-            while values[0].cut_where(lambda x, _: x < 0, whole):
-                whole = np.arange(axis.lanes)
+            values[0].cut_where(lambda x, _: x < 0, np.arange(axis.lanes))
         on_axis = [self._on_axis(value, axis) for value in values]
         moving = [value for value in on_axis if value.chain is not None and np.any(value.chain > 0)]
         active = self._active_on_axis(mask, axis)
@@ -196,11 +194,10 @@ class ValueOperations(Joining):
         compare = COMPARE[operator]
         steps = [compare] if operator not in ("EQ", "NE") else [np.less, np.less_equal]
         for step in steps:
-            while one.cut_where(
+            one.cut_where(
                 lambda x, lanes, step=step: step(x, other.lift().constant[lanes]),  # type: ignore[misc]
                 np.flatnonzero(self._active_on_axis(mask, axis)),
-            ):
-                pass
+            )
         first, _ = one.ends()
         number = other.lift().constant
         active = self._active_on_axis(mask, axis)

@@ -411,6 +411,14 @@ def test_a_condition_narrows_what_it_compares_in_its_branch_only():
         terms.real("div", 1.0, terms.real("sub", x, 5.0))
 
 
+def test_a_difference_of_which_only_the_largest_size_is_known_may_be_zero():
+    terms = Terms()
+    difference = terms.real("sub", terms.leaf("x", "real", (-10.0, 10.0, False)), 2.0)
+    near = terms.compare("LT", terms.real("abs", difference), 5.0)
+    with terms.assuming(near), pytest.raises(NotProvedError, match="division"):
+        terms.real("div", 1.0, difference)
+
+
 @pytest.mark.parametrize(("side", "expected"), [("GE", (0.25, 2.0)), ("LE", (-2.0, -0.25))])
 def test_a_divisor_is_as_far_from_zero_as_is_known_where_zero_ends_its_interval(side, expected):
     terms = Terms()

@@ -111,3 +111,10 @@ def test_a_number_that_shrinks_call_by_call_does_not_pass_zero(start, limits):
     text = f"FUNCTION_BLOCK FB_T VAR_OUTPUT fY : LREAL := {start}; END_VAR\nfY := fY * 0.5;\nEND_FUNCTION_BLOCK\n"
     (limit,) = prove_block(parse_project({"t.st": text}, "iec"), "FB_T", {}).limits
     assert (limit.lower, limit.upper) == limits
+
+
+def test_every_branch_of_a_case_is_followed():
+    text = "FUNCTION_BLOCK FB_T VAR_INPUT n : DINT; END_VAR VAR_OUTPUT fY : LREAL; END_VAR\n"
+    text += "CASE n OF 1: fY := 2.0; 2..3: fY := -1.0; ELSE fY := 0.5; END_CASE\nEND_FUNCTION_BLOCK\n"
+    (limit,) = prove_block(parse_project({"t.st": text}, "iec"), "FB_T", {}).limits
+    assert (limit.lower, limit.upper) == (-1.0, 2.0)
