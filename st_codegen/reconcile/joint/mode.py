@@ -34,7 +34,7 @@ class JointResponse:
     @property
     def bands(self) -> tuple[tuple[float, float], ...]:
         """Bands (Hz) in which a mode would be seen: no wider gap than it is, and as many frequencies as tell one."""
-        wide = (np.diff(self.frequency) > 1.5 * float(np.diff(self.frequency).min())) & (
+        wide = (np.diff(self.frequency) > JOINT.gap * float(np.diff(self.frequency).min())) & (
             self.frequency[1:] > (1 + 3 * JOINT.narrowest) * self.frequency[:-1]
         )
         runs = np.split(self.frequency, np.flatnonzero(wide) + 1)

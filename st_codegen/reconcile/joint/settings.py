@@ -21,7 +21,7 @@ class JointSettings:
     samples: int = 500
     #: steps; how far a sample may be off even ones
     jitter: float = 0.5
-    #: steps; a wider one is a gap
+    #: steps, of time or between frequencies; a wider one is a gap
     gap: float = chosen(1.5, UNRECORDED)
     #: share by which steps of the angle side by side, or a step and a whole number of them, may differ and be alike
     alike_steps: float = 0.2
