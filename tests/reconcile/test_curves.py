@@ -9,6 +9,7 @@ from st_codegen.campaign.orders import curve_sums, fit_orders
 from st_codegen.campaign.reader import Campaign, MeasuredCurve
 from st_codegen.errors import InputError
 from st_codegen.reconcile.data import reading
+from st_codegen.reconcile.mistakes.examine import examine
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.te.harmonics import Direction
 
@@ -211,13 +212,14 @@ def test_a_campaign_of_which_no_curve_is_whole_is_refused(tmp_path, monkeypatch)
 
 
 def test_a_reduction_ratio_that_is_one_tooth_off_is_said_as_it_is(tmp_path, monkeypatch):
-    """A ramp in steps has smaller orders than a smooth one: 80 was said to be 80.0089."""
+    """A ramp in steps has larger orders than a smooth one: 80 was said to be 80.0089."""
 
     def wrong(_, angle, te):
         return angle, te + angle * (1.0 - 81.0 / 80.0)
 
-    with pytest.raises(InputError, match=r"reduction ratio of 80(\.000\d)?, not 81"):
-        read(tmp_path, monkeypatch, wrong, TORQUES * 3)
+    data = read(tmp_path, monkeypatch, wrong, TORQUES * 3)
+    with pytest.raises(InputError, match=r"reduction ratio of 80(\.000\d)? instead of 81; give --accept ratio to take"):
+        examine(data, RIG, tmp_path)
 
 
 def spiky(random, angle, te):

@@ -1,5 +1,6 @@
 """What benches have that the rig has not: loud runs, steps, starts of curves, days; none of it gets a false name."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -242,6 +243,20 @@ def test_what_begins_with_the_curves_but_stays_is_no_start(name, sigma):
     assert "behind the start" not in _asked(data)
     is_ratio = "at every run, as if it had been computed with a reduction ratio" in _asked(data)
     assert is_ratio == (name == "a ramp")
+
+
+@pytest.mark.parametrize("rise", [0.02, 2.0])
+def test_a_ramp_in_steps_is_taken_out_whatever_its_size(rise):
+    """A large one was refused whatever --accept said; of a small one the highest orders kept a fifth: "order 213"."""
+    orders, samples = np.arange(121), 512
+    # the samples of a curve jump between the last and the first
+    half = np.pi * np.maximum(orders, 1) / samples
+    steps = np.where(orders > 0, 1j * rise / samples * np.exp(1j * half) / np.sin(half), rise / 2)
+    data = replace(curves(WHOLE, AT, orders, 1e-6, 0, added=steps), samples=samples)
+    used = 81.0 / (1.0 - rise / 360.0)
+    assert float(re.search(r"reduction ratio of ([\d.]+) ", _asked(data))[1]) == pytest.approx(used, abs=1e-3 * rise)
+    left = examine(data, WHOLE, PATH, accept={"ratio"}).data.values - WHOLE.coefficients(AT, orders.tolist())
+    assert np.abs(left[:, 1:]).max() < 1e-2 * rise / samples + 1e-5
 
 
 def _asked(data):

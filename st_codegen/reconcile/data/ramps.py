@@ -27,9 +27,18 @@ def ramp_waves(size: FloatArray | float, orders: IntArray, start: float = 0.0) -
     return np.asarray(1j * size / (np.pi * np.maximum(orders, 1)) * np.exp(-1j * start * orders))
 
 
+def in_steps(orders: IntArray, samples: int) -> FloatArray:
+    """How many times a ramp's coefficients those of so many samples a turn of it are, (orders,); of 0 samples once.
+
+    It begins between two of them, wherever that is: half of a step before the one.
+    """
+    return np.asarray(1.0 / np.sinc(orders / samples) if samples else np.ones(len(orders)))
+
+
 def without_ramp(data: Observations, size: float, start: float = 0.0) -> Observations:
     """Data without a rise (deg) over each turn, from an angle (rad) on."""
-    of_ramp = np.where(data.orders == 0, size / 2, ramp_waves(size, data.orders, start))
+    waves = ramp_waves(size, data.orders, start) * in_steps(data.orders, data.samples)
+    of_ramp = np.where(data.orders == 0, size / 2, waves)
     return replace(data, values=data.values - of_ramp)
 
 

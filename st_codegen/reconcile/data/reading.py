@@ -22,7 +22,6 @@ from st_codegen.processes import Progress
 from st_codegen.reconcile.data.checks import check_speeds
 from st_codegen.reconcile.data.hum import Hum, without_hums, without_waves_between
 from st_codegen.reconcile.data.observations import Observations, first_of, from_table, labels, sorted_by
-from st_codegen.reconcile.data.ramps import begin_text, ramp_deg
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects.wear import bump
 from st_codegen.rig.model import RigModel
@@ -94,7 +93,7 @@ def _without_foreign_waves(campaign: Campaign, rig: RigModel) -> tuple[Campaign,
     """The campaign without waves that do not turn with the machine, and these.
 
     Of curves of several turns a line over the number of the sample is no order: there none is looked for. Raises
-    InputError where curves are none of the rig's: another ratio, or speeds of nothing that turns.
+    InputError where speeds are of nothing that turns.
     """
     several = _hold_several_turns(campaign)
     sums, between = [curve.sums for curve in campaign.curves], tuple[Hum, ...]()
@@ -102,7 +101,6 @@ def _without_foreign_waves(campaign: Campaign, rig: RigModel) -> tuple[Campaign,
         sums, between = without_waves_between(sums, rig.orders(), campaign.at.sign)
     # a wave that does not come back looks like a ramp
     campaign = _with_sums(campaign, sums)
-    _check_ratio(campaign, rig)
     problems = Problems(str(campaign.folder))
     check_speeds(campaign.at, [curve.path.name for curve in campaign.curves], problems)
     problems.raise_if_any()
@@ -369,26 +367,6 @@ def _not_looked_at(
     if unseen:
         found[-1] += f"; the curves hold {unseen:.2g} deg RMS there in the median, which is more than their noise"
     return tuple(found)
-
-
-def _check_ratio(campaign: Campaign, rig: RigModel) -> None:
-    """Refuse curves that all rise over the turn: then every order is loud, and none of them says anything."""
-    low, high = SETTINGS.ramp_orders
-    band = min(curve.sums.band for curve in campaign.curves)
-    if band < 2 * low:
-        return
-    orders = np.arange(low, min(band, high) + 1)
-    samples = np.array([curve.sums.samples for curve in campaign.curves])[:, None]
-    waves = np.stack([curve.sums.te[orders] for curve in campaign.curves]) * 2.0 / samples
-    # of a ramp in steps the orders are smaller by x / tan x
-    size, scatter, start = ramp_deg(orders, waves * np.tan(np.pi * orders / samples) / (np.pi * orders / samples))
-    if abs(size) > SETTINGS.ramp * scatter:
-        ratio = rig.constants.reduction_ratio
-        raise InputError(
-            f"{campaign.folder}: TE rises by {size:.3g} deg over a turn{begin_text(start)} in every curve, as if "
-            f"computed with a reduction ratio of {ratio / (1 - size / 360.0):.6g}, not {ratio:g}. Compute TE with the "
-            "ratio of the rig, or correct reduction_ratio in the rig file"
-        )
 
 
 def _listed_runs(folder: Path, campaign: Campaign) -> tuple[IntArray | None, str]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from st_codegen.errors import at_least
 from st_codegen.ir.arrays import FloatArray
-from st_codegen.reconcile.joint.parts import KINDS, OTHERS, OVER_SPEED, RIGID, TorquePart, crossed
+from st_codegen.reconcile.joint.parts import BODIES, KINDS, LOADED, OTHERS, OVER_SPEED, TorquePart, crossed
 from st_codegen.reconcile.joint.run import JointResult
 from st_codegen.reconcile.joint.settings import JOINT
 from st_codegen.reconcile.joint.waves import ANGLE, TorqueWave
@@ -35,11 +35,10 @@ class JointFinding:
 def findings(result: JointResult, constants: Constants | None) -> list[JointFinding]:
     """The findings of one joint, the largest first, the elasticity last."""
     chosen = result.chosen
-    parts = [
-        _part(result, name) for name in chosen.names() if name not in (RIGID, OTHERS) and not name.startswith("wave_")
-    ]
+    parts = [_part(result, name) for name in chosen.names() if name not in BODIES and not name.startswith("wave_")]
     # where one speed tells no forms apart, friction is one finding
     found = list({one.name: one for one in parts if one is not None}.values())
+    found += [_changed_load(result)] if LOADED in chosen.names() else []
     found += [_ripple(result, wave, constants) for wave in _ripples(result) if _is_told(ANGLE, *_size(result, wave))]
     found.sort(key=lambda one: -(one.share or 0.0))
     return found + ([_elasticity(result)] if result.mode is not None else [])
@@ -73,7 +72,7 @@ def _left(result: JointResult) -> Iterator[tuple[str, bool]]:
                 how = f"or of {other} per revolution: the speed does not tell a hum from a ripple"
             yield what + how, True
     for name in result.chosen.names():
-        if name not in (RIGID, OTHERS) and not name.startswith("wave_") and _part(result, name) is None:
+        if name not in BODIES and not name.startswith("wave_") and _part(result, name) is None:
             size, error = result.chosen.value(name)
             yield _unnamed(result, name), abs(size) > error
     if result.unseen_mode:
@@ -285,6 +284,31 @@ def _stribeck(result: JointResult) -> JointFinding | None:
     }
     remark = "which law it follows is not known: the split into dry and viscous friction depends on it"
     return JointFinding("stribeck", text, parameters, alternatives, remark, _share(result, "curved_friction"))
+
+
+def _changed_load(result: JointResult) -> JointFinding:
+    own = result.chosen.place(LOADED)
+    assert own is not None
+    values, errors = result.chosen.fit.values[own], result.chosen.fit.errors[own]
+    if result.chosen.by_law is not None:
+        errors = np.hypot(errors, result.chosen.by_law[own])
+    begin = next(part.shape for part in result.chosen.parts if part.name == LOADED)
+    weight, way = float(np.hypot(*values[1:3])), "less" if values[0] < 0 else "more"
+    error = float(np.hypot(*(values[1:3] * errors[1:3]))) / max(weight, 1e-300)
+    inertia = number(abs(float(values[0])), float(errors[0]), "kg m^2")
+    text = (
+        f"another load from about {digits(begin, 3)} s on: {inertia} {way} inertia, "
+        f"and gravity that differs by up to {number(weight, error, 'Nm')}"
+    )
+    parameters: dict[str, Value] = {
+        "begin_s": (begin, None, "s"),
+        "inertia_kg_m2": (float(values[0]), float(errors[0]), "kg m^2"),
+        "gravity_Nm": (weight, error, "Nm"),
+    }
+    remark = "the time counts through all files; one change is looked for; all else is said of both loads together"
+    return JointFinding(
+        LOADED, text, parameters, ("several changes, of which this is the largest",), remark, _share(result, LOADED)
+    )
 
 
 def _reversal(result: JointResult, name: str) -> JointFinding | None:

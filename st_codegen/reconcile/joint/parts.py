@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,6 +18,10 @@ from st_codegen.reconcile.joint.settings import JOINT
 
 #: parts that are no claim of a cause: the rigid joint, and what the motion of others explains
 RIGID, OTHERS = "rigid", "other_joints"
+#: a rigid joint that is another one from a time on, as with a load in its hand
+LOADED = "changed_load"
+#: parts of several columns that no friction is
+BODIES = (RIGID, OTHERS, LOADED)
 
 
 @dataclass(frozen=True)
@@ -130,6 +134,31 @@ def others(rows: JointRows) -> TorquePart | None:
     whitened = known - known.mean(axis=0)
     u, size, _ = np.linalg.svd(whitened / np.maximum(whitened.std(axis=0), 1e-12), full_matrices=False)
     return TorquePart(OTHERS, 0.0, u[:, size > JOINT.least_acting * size[0]] * np.sqrt(len(u)))
+
+
+def changed_load(rows: JointRows, beside: Sequence[TorquePart]) -> TorquePart | None:
+    """What a load adds that the joint carries from a time on, its shape (s); None where none is told.
+
+    A zero of the torque that steps there, or drifts of friction and of zero, leave most of it. What is wrong in any way
+    is a little less so in two pieces: that is no load.
+    """
+    drifts = [one for name in KINDS if name.endswith("_drift") for one in KINDS[name].variants(name, rows)]
+    body, parts = rigid(rows).columns, [*beside, *drifts]
+    before, step = crossed(stacked(parts), rows), float(np.ptp(rows.time)) / (4 * JOINT.blocks)
+
+    def best_of(times: Sequence[float]) -> PartGain:
+        steps = [TorquePart(LOADED, s, body * (rows.time > s)[:, None]) for s in times]
+        return gain_of(steps, parts, rows, before)
+
+    coarse = best_of((float(rows.time.min()) + step * np.arange(1, 4 * JOINT.blocks)).tolist())
+    gain = best_of((coarse.part.shape + step * np.linspace(-1.0, 1.0, 41)).tolist())
+    if not gain.passed or gain.share < JOINT.most:
+        return None
+    zero = [*parts, replace(gain.part, columns=gain.part.columns[:, -1:])]
+    gain = gain_of([replace(gain.part, columns=gain.part.columns[:, :-1])], zero, rows, crossed(stacked(zero), rows))
+    if not gain.passed or gain.share < JOINT.most:
+        return None
+    return TorquePart(LOADED, gain.part.shape, body * (rows.time > gain.part.shape)[:, None])
 
 
 @dataclass(frozen=True)
@@ -317,14 +346,14 @@ class Chosen:
         return size, float(np.hypot(*(values * errors))) / max(size, 1e-300)
 
     @cached_property
-    def _places(self) -> list[slice]:
+    def places(self) -> list[slice]:
         """Where the coefficients of each part stand."""
         ends = itertools.accumulate((part.columns.shape[1] for part in self.parts), initial=0)
         return [slice(*pair) for pair in itertools.pairwise(ends)]
 
     def place(self, name: str) -> slice | None:
         """Where the coefficients of a part stand; None where it is not among the parts."""
-        return next((own for part, own in zip(self.parts, self._places, strict=True) if part.name == name), None)
+        return next((own for part, own in zip(self.parts, self.places, strict=True) if part.name == name), None)
 
     def own(self, name: str) -> FloatArray:
         """What a part contributes, N m."""
@@ -333,7 +362,7 @@ class Chosen:
     def of(self, names: set[str]) -> FloatArray:
         """What parts contribute together, N m."""
         found = np.zeros(len(self.parts[0].columns))
-        for part, own in zip(self.parts, self._places, strict=True):
+        for part, own in zip(self.parts, self.places, strict=True):
             if part.name in names:
                 found = found + part.columns @ self.fit.values[own]
         return found
@@ -345,8 +374,11 @@ class Chosen:
 
 def load_of(chosen: Chosen) -> FloatArray:
     """The torque through the joint, without its friction: all of it, and what does not accelerate it, N m (n, 2)."""
-    whole = chosen.of({RIGID, OTHERS})
-    return np.stack([whole, whole - chosen.fit.values[0] * chosen.parts[0].columns[:, 0]], axis=1)
+    whole, inert = chosen.of(set(BODIES)), np.zeros(len(chosen.parts[0].columns))
+    for part, own in zip(chosen.parts, chosen.places, strict=True):
+        if part.name in (RIGID, LOADED):
+            inert = inert + chosen.fit.values[own.start] * part.columns[:, 0]
+    return np.stack([whole, whole - inert], axis=1)
 
 
 def floor_of(chosen: Chosen, rows: JointRows) -> float:
@@ -369,6 +401,9 @@ def choose(rows: JointRows, moves: Mapping[str, float], beside: Sequence[TorqueP
         if gain_of([group], rich, rows, crossed(stacked(rich), rows)).passed:
             # beside so many columns one kind of friction alone may predict nothing
             base += [group, *friction]
+    loaded = changed_load(rows, base if base[1:] else [*base, *friction])
+    if loaded is not None:
+        base.append(loaded)
     parts, not_told, settled = [*base, *beside], set[str](), list[list[str]]()
     while True:
         parts = _of_own_load(rows, parts)
@@ -517,7 +552,7 @@ def _judged(rows: JointRows, parts: list[TorquePart], not_told: set[str], moves:
         gains, alternatives, of_forms = {}, {}, np.zeros(len(fit.values))
         now = Chosen(tuple(parts), fit)
         for part in parts:
-            if part.name in (RIGID, OTHERS):
+            if part.name in BODIES:
                 continue
             rest = [p for p in parts if p is not part]
             before = crossed(stacked(rest), rows)

@@ -21,7 +21,7 @@ class JointSettings:
     samples: int = 500
     #: steps; how far a sample may be off even ones
     jitter: float = 0.5
-    #: steps; a wider one is a gap
+    #: steps, of time or between frequencies; a wider one is a gap
     gap: float = chosen(1.5, UNRECORDED)
     #: samples of a piece between lost ones at least: of a shorter one a kernel leaves little
     piece: int = 100

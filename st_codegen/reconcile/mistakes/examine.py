@@ -22,6 +22,7 @@ from st_codegen.reconcile.data.noise import middle_of
 from st_codegen.reconcile.data.observations import SIGNS, Observations
 from st_codegen.reconcile.data.ramps import (
     begin_text,
+    in_steps,
     is_one_slope,
     ramp,
     ramp_deg,
@@ -192,7 +193,7 @@ def _with_expected(data: Observations, rig: RigModel) -> Observations:
 
 
 def _ratio(data: Observations, rig: RigModel) -> list[Mistake]:
-    size, scatter, start = ramp_deg(data.orders, data.values)
+    size, scatter, start = ramp_deg(data.orders, data.values / in_steps(data.orders, data.samples))
     # single waves have any phase: only a ramp has one slope at all orders
     if (data.orders > 0).sum() < SETTINGS.least_votes or abs(size) < SETTINGS.ramp * scatter:
         size, start = _ramp_of_gap(data, rig)
@@ -216,7 +217,7 @@ def _is_the_same_in_all_runs(data: Observations, rig: RigModel, size: float, sta
     """
     told = data.orders > 0
     k = data.orders[told]
-    gap = (data.values - expected_of(data, rig))[:, told] * np.exp(1j * start * k)
+    gap = (data.values - expected_of(data, rig))[:, told] * np.exp(1j * start * k) / in_steps(k, data.samples)
     each = ramp(gap, noise_power(data)[:, told], k)
     for values in (data.at.speed_rpm, np.abs(data.at.torque_Nm), data.at.temperature_C):
         low = values <= np.median(values)
@@ -237,7 +238,7 @@ def _ramp_of_gap(data: Observations, rig: RigModel) -> tuple[float, float]:
     """
     told = data.orders > 0
     orders, rows = data.orders[told], len(data)
-    gaps = (data.values - expected_of(data, rig))[:, told]
+    gaps = (data.values - expected_of(data, rig))[:, told] / in_steps(orders, data.samples)
     gap = gaps.mean(axis=0)
     least = SETTINGS.told * (np.abs(gaps - gap) ** 2).mean(axis=0) / rows
     start = start_of_ramp(gap[None], least[None], orders)

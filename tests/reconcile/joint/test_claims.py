@@ -147,6 +147,40 @@ def test_a_mode_is_sought_among_those_that_can_be_one():
     assert not is_rigid(found) and is_rigid(response(1.8 + 0.5 / s, frequency))
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_load_that_is_taken_up_or_put_down_is_named_and_friction_told_beside_it(tmp_path, sign):
+    """Of a load of a tenth friction was 0.82 +- 0.7 N m per rad/s, and a zero drifted; of more nothing had a name."""
+    columns = plain()
+    load = 0.3 * np.gradient(columns["dq"], columns["t"]) + 1.2 * np.cos(columns["q"])
+    (joint,) = report(columns | {"tau": columns["tau"] + sign * load * (columns["t"] > 12.3)}, tmp_path)
+    found = named(joint)
+    assert set(found) == {"dry_friction", "viscous_friction", "changed_load"}
+    for name, key, true in (
+        ("changed_load", "inertia_kg_m2", sign * 0.3),
+        ("changed_load", "gravity_Nm", 1.2),
+        ("dry_friction", "dry_friction_Nm", 1.0),
+        ("viscous_friction", "viscous_friction_Nm_s", 0.5),
+    ):
+        value = found[name]["parameters"][key]
+        assert abs(value["value"] - true) < 3 * value["stderr"] < 0.3 * abs(true)
+    assert found["changed_load"]["parameters"]["begin_s"]["value"] == pytest.approx(12.3, abs=0.3)
+    assert f"{'more' if sign > 0 else 'less'} inertia" in found["changed_load"]["text"]
+
+
+@pytest.mark.parametrize("kind", ["a zero that steps", "a load now and then", "more friction"])
+def test_what_is_no_load_from_a_time_on_is_not_called_one(tmp_path, kind):
+    columns = plain()
+    t, q, dq = (columns[name] for name in ("t", "q", "dq"))
+    load, later = 0.3 * np.gradient(dq, t) + 1.2 * np.cos(q), t > 12.3
+    added = {
+        "a zero that steps": 1.0 * later,
+        "a load now and then": load * ((t // 2.0) % 2),
+        "more friction": (0.6 * np.sign(dq) + 0.4 * dq) * later,
+    }[kind]
+    (joint,) = report(columns | {"tau": columns["tau"] + added}, tmp_path)
+    assert "changed_load" not in named(joint)
+
+
 def test_a_link_that_is_light_is_no_rigid_joint():
     """In a band that was wide enough its mode was small in the mean: an elasticity could be above the band only."""
     frequency, random = np.linspace(1.0, 400.0, 1600), np.random.default_rng(0)
