@@ -142,7 +142,7 @@ def changed_load(rows: JointRows, beside: Sequence[TorquePart]) -> TorquePart | 
     A zero of the torque that steps there, or drifts of friction and of zero, leave most of it. What is wrong in any way
     is a little less so in two pieces: that is no load.
     """
-    drifts = [one for name in KINDS if name.endswith("_drift") for one in KINDS[name].variants(name, rows)]
+    drifts = first_of_kinds(rows, *(name for name in KINDS if name.endswith("_drift")))
     body, parts = rigid(rows).columns, [*beside, *drifts]
     before, step = crossed(stacked(parts), rows), float(np.ptp(rows.time)) / (4 * JOINT.blocks)
 
