@@ -314,7 +314,9 @@ def _changed_load(result: JointResult) -> JointFinding:
 def _reversal(result: JointResult, name: str) -> JointFinding | None:
     value, error = result.chosen.value(name)
     shape = next(part.shape for part in result.chosen.parts if part.name == name)
-    if value >= 0 or shape <= JOINT.shortest * float(KINDS[name].laws[0].shapes(result.rows)[0]):
+    too_fast = shape <= JOINT.shortest * float(KINDS[name].laws[0].shapes(result.rows)[0])
+    # what shakes a joint at its mode turns it both ways while it is slow, where dry friction is less in the mean
+    if value >= 0 or too_fast or result.mode is not None:
         return None
     over, unit, key = ("travel", "rad", "travel_rad") if name == "reversal_travel" else ("time", "s", "time_s")
     text = (
@@ -353,8 +355,11 @@ def _unnamed(result: JointResult, name: str) -> str:
         )
     if name in ("curved_friction", "square_friction"):
         return f"friction over speed is bent ({value}), not as by Stribeck's effect"
-    over = f"over {'travel' if name == 'reversal_travel' else 'time'} after each reversal"
-    return f"a torque that fades {over}, of no known cause or too fast to be measured ({value})"
+    over = "travel" if name == "reversal_travel" else "time"
+    why = "of no known cause or too fast to be measured"
+    if result.mode is not None:
+        why = "as what shakes the joint at its mode, while it is slow, makes one"
+    return f"a torque that fades over {over} after each reversal, {why} ({value})"
 
 
 def _size(result: JointResult, wave: TorqueWave) -> tuple[float, float]:

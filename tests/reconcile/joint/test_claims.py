@@ -709,6 +709,29 @@ def moved(tau, rng=2):
     return {"t": t, "q": q + 2e-6 * noise[0], "dq": dq, "tau": tau(t, q, dq, ddq) + 0.03 * noise[1]}
 
 
+def test_what_comes_back_after_a_reversal_has_no_name_where_a_mode_is_shaken(tmp_path):
+    """Beside a mode 0.011 +- 0.008 N m "came back over a travel of 0.2 rad": dry friction of a joint that is shaken."""
+    rng, t = np.random.default_rng(5), np.arange(0.0, 40.0, 2e-3)
+    q = 0.8 * np.sin(1.1 * t) + 0.5 * np.sin(2.3 * t + 1.0)
+    dq = np.gradient(q, t)
+    turned = np.maximum.accumulate(np.where(np.diff(np.sign(dq), prepend=0.0) != 0, np.arange(len(t)), 0))
+    back = np.where(turned > 0, 0.3 * np.exp(-np.abs(q - q[turned]) / 0.1), 0.0)
+    tau = 0.8 * np.gradient(dq, t) + 6.0 * np.cos(q) + np.sign(dq) * (1.0 - back) + 0.4 * dq
+    noise = rng.standard_normal((2, len(t)))
+    path = write(
+        {"t": t, "q": q + 1e-6 * noise[0], "tau": tau + 0.02 * noise[1]}, tmp_path / "joint.csv", {"q": "q_rad"}
+    )
+    (result,) = reconcile_joints(read_joints([path]))
+    values = {one.name: one.parameters for one in findings(result, None)}
+    short, error, _ = values["reversal_hysteresis"]["short_Nm"]
+    assert abs(short - 0.3) < 3 * error < 0.1
+    one = response(np.ones(3, complex), np.arange(1.0, 4.0))
+    shaken = replace(result, mode=JointMode(42.0, 0.02, 0.1, 0.001, 30.0, one, one.value))
+    assert "reversal_hysteresis" not in {one.name for one in findings(shaken, None)}
+    (text,) = [text for text in signatures(shaken) if "after each reversal" in text]
+    assert "as what shakes the joint at its mode" in text
+
+
 def test_parts_that_hide_each_other_are_taken_together(tmp_path):
     """Beside the drift viscous friction predicts nothing surely, and the other way round."""
     columns = moved(lambda t, q, dq, a: 0.8 * a + 6.0 * np.cos(q) + np.sign(dq) + 0.5 * dq + 0.015 * t)
