@@ -64,7 +64,7 @@ def response(pieces: Sequence[tuple[FloatArray, FloatArray]], step_s: float) -> 
         return None
     window = np.hanning(length)
     sums = []
-    for angle, torque in pieces:
+    for angle, torque in (piece for piece in pieces if len(piece[0]) > length):
         acceleration = np.gradient(np.gradient(angle, step_s), step_s)
         for start in range(2, len(angle) - length - 1, length // 2):
             own = slice(start, start + length)

@@ -733,6 +733,13 @@ def test_friction_by_the_load_is_by_the_load_as_it_is_known_in_the_end(tmp_path)
     assert {"dry_friction", "viscous_friction"} <= set(found)
 
 
+def test_a_torque_that_is_late_by_more_than_half_of_a_short_piece(tmp_path):
+    """Nothing was left of that piece, which ended in an error of the program."""
+    columns = plain()
+    (joint,) = report(lossy(columns | {"tau": np.roll(columns["tau"], 60)}, [105, 211]), tmp_path)
+    assert set(named(joint)) == {"dry_friction", "viscous_friction"}
+
+
 def test_samples_that_are_lost_under_even_times_are_counted(tmp_path):
     """The whole file was refused for them."""
     t, q, dq, a = moves()
