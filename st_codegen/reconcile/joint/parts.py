@@ -151,7 +151,9 @@ def changed_load(rows: JointRows, beside: Sequence[TorquePart]) -> TorquePart | 
         return gain_of(steps, parts, rows, before)
 
     coarse = best_of((float(rows.time.min()) + step * np.arange(1, 4 * JOINT.blocks)).tolist())
-    gain = best_of((coarse.part.shape + step * np.linspace(-1.0, 1.0, 41)).tolist())
+    fine = best_of((coarse.part.shape + step * np.linspace(-1.0, 1.0, 41)).tolist())
+    # when within a stretch a load changed is not known where that stretch is left out
+    gain = best_of([fine.part.shape])
     if not gain.passed or gain.share < JOINT.most:
         return None
     zero = [*parts, replace(gain.part, columns=gain.part.columns[:, -1:])]

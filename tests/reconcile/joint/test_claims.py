@@ -167,6 +167,14 @@ def test_a_load_that_is_taken_up_or_put_down_is_named_and_friction_told_beside_i
     assert f"{'more' if sign > 0 else 'less'} inertia" in found["changed_load"]["text"]
 
 
+def test_a_load_is_named_wherever_in_a_stretch_it_changes(tmp_path):
+    """The stretch in which it lies does not know when, while it is left out: two of eleven had no name."""
+    columns = plain()
+    load = 0.3 * np.gradient(columns["dq"], columns["t"]) + 1.2 * np.cos(columns["q"])
+    (joint,) = report(columns | {"tau": columns["tau"] + load * (columns["t"] > 14.6)}, tmp_path)
+    assert named(joint)["changed_load"]["parameters"]["begin_s"]["value"] == pytest.approx(14.6, abs=0.1)
+
+
 @pytest.mark.parametrize("kind", ["a zero that steps", "a load now and then", "more friction"])
 def test_what_is_no_load_from_a_time_on_is_not_called_one(tmp_path, kind):
     columns = plain()
