@@ -142,8 +142,7 @@ def changed_load(rows: JointRows, beside: Sequence[TorquePart]) -> TorquePart | 
     A zero of the torque that steps there, or drifts of friction and of zero, leave most of it. What is wrong in any way
     is a little less so in two pieces: that is no load.
     """
-    drifts = [one for name in KINDS if name.endswith("_drift") for one in KINDS[name].variants(name, rows)]
-    body, parts = rigid(rows).columns, [*beside, *drifts]
+    body, parts = rigid(rows).columns, [*beside, *drifts_of(rows)]
     before, step = crossed(stacked(parts), rows), float(np.ptp(rows.time)) / (4 * JOINT.blocks)
 
     def best_of(times: Sequence[float]) -> PartGain:
@@ -304,6 +303,11 @@ RICH = ("dry_friction", "viscous_friction", "curved_friction")
 def first_of_kinds(rows: JointRows, *names: str) -> list[TorquePart]:
     """Parts of some kinds, each by its first law and shape."""
     return [KINDS[name].variants(name, rows)[0] for name in names]
+
+
+def drifts_of(rows: JointRows) -> list[TorquePart]:
+    """All that friction and zero may do over the recording."""
+    return [one for name in KINDS if name.endswith("_drift") for one in KINDS[name].variants(name, rows)]
 
 
 #: what friction may be over speed: forms of which one may take the place of another

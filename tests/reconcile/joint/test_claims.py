@@ -748,6 +748,16 @@ def test_a_torque_that_is_late_by_more_than_half_of_a_short_piece(tmp_path):
     assert set(named(joint)) == {"dry_friction", "viscous_friction"}
 
 
+def test_what_warms_up_on_a_way_in_one_direction_is_no_gravity_in_degrees(tmp_path):
+    """Its angle goes with the time, of which the torque is a curve: the file was refused."""
+    t = np.arange(0.0, 34.0, 0.005)
+    v = 0.8 + 0.3 * np.sin(0.4 * np.pi * t) + 0.2 * np.sin(3.7 * t + 1.0)
+    noise = 0.02 * np.random.default_rng(1).standard_normal(len(t))
+    tau = 2.0 * np.gradient(v, t) + 0.8 * v + 1.7 + 0.4 * np.exp(-3 * t / t[-1]) + noise
+    (joint,) = report({"t": t, "q": np.cumsum(v) * 0.005, "dq": v, "tau": tau}, tmp_path)
+    assert any(text.startswith("the unit of q: its name has none") for text in joint["cannot_show"])
+
+
 def test_samples_that_are_lost_under_even_times_are_counted(tmp_path):
     """The whole file was refused for them."""
     t, q, dq, a = moves()
