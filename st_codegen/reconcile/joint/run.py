@@ -357,7 +357,8 @@ def _mode(
     found = max((one for one in responses if one is not None), key=lambda one: len(one.frequency), default=None)
     if found is None:
         return None, (), True
-    return find_mode(found), found.bands, is_rigid(found)
+    mode = find_mode(found)
+    return mode, found.bands(mode.damping if mode is not None else 0.0), is_rigid(found)
 
 
 def _response(

@@ -11,10 +11,10 @@ from st_codegen.errors import InputError
 from st_codegen.reconcile.joint import page, waves
 from st_codegen.reconcile.joint import parts as joint_parts
 from st_codegen.reconcile.joint import run as joint_run
-from st_codegen.reconcile.joint.findings import findings, joint_report, number, signatures, verdict
+from st_codegen.reconcile.joint.findings import cannot_show, findings, joint_report, number, signatures, verdict
 from st_codegen.reconcile.joint.mode import JointMode, JointResponse, _is_braked, find_mode, is_rigid
 from st_codegen.reconcile.joint.page import joint_summary
-from st_codegen.reconcile.joint.parts import KINDS, Chosen, _of_own_load, crossed, rigid
+from st_codegen.reconcile.joint.parts import KINDS, Chosen, _of_own_load, crossed, rigid, stacked
 from st_codegen.reconcile.joint.reading import JointRecording, _unseen, read_joints
 from st_codegen.reconcile.joint.rows import JointRows, rows_of
 from st_codegen.reconcile.joint.run import JointResult, reconcile_joints
@@ -202,8 +202,22 @@ def test_a_link_that_is_light_is_no_rigid_joint():
 def test_no_mode_is_seen_where_the_motion_does_not_explain_the_torque():
     """It named the last frequency only: "an elasticity above 90 Hz", though nothing was told from 2 to 30 Hz."""
     frequency = np.concatenate([np.arange(0.5, 1.1, 0.25), np.arange(10.0, 15.1, 0.25), np.arange(30.0, 90.1, 0.25)])
-    assert response(1.0 + 0j * frequency, frequency).bands == ((10.0, 15.0), (30.0, 90.0))
-    assert response(1.0 + 0j * frequency[3:24], frequency[3:24]).bands == ((10.0, 15.0),)
+    assert response(1.0 + 0j * frequency, frequency).bands() == ((10.0, 15.0), (30.0, 90.0))
+    assert response(1.0 + 0j * frequency[3:24], frequency[3:24]).bands() == ((10.0, 15.0),)
+
+
+def test_a_mode_of_a_few_frequencies_far_apart_is_no_second_one(tmp_path):
+    """It was named, and beside it stood that the motion explains the torque in no band, or below the mode alone."""
+    frequency = np.concatenate([[1.0, 1.25, 1.5, 1.75], np.geomspace(2.0, 60.0, 14)])
+    s, w = 2j * np.pi * frequency, 2 * np.pi * 14.0
+    found = response((s / w) ** 2 + 0.4 * s / w + 1, frequency)
+    mode = find_mode(found)
+    ((low, high),) = found.bands(mode.damping)
+    assert low < mode.resonance_Hz < high
+    rows = rows_of(read_joints([write(plain(), tmp_path / "joint.csv")]), "")
+    chosen = Chosen((rigid(rows),), crossed(stacked([rigid(rows)]), rows))
+    result = JointResult("", rows, chosen, (), mode, 0.0, (0.0, 0.0), 0, (), False, False, ())
+    assert any(text.startswith("a second elasticity (one is looked for): no band") for text in cannot_show(result))
 
 
 def test_a_low_mode_of_a_joint_whose_friction_is_shaken(tmp_path):
