@@ -500,8 +500,9 @@ def cannot_show(result: JointResult) -> list[str]:
     if hidden and rows.reversals:
         found.append(f"{', '.join(hidden)}: the motion does not tell {'them' if hidden[1:] else 'it'} from other parts")
     found.append("friction that differs by direction at all speeds alike: a zero of the torque looks the same")
+    what = "an elasticity" if result.mode is None else "a second elasticity (one is looked for)"
     if not result.told_Hz:
-        found.append("an elasticity: no band of frequencies in which the motion explains the torque")
+        found.append(f"{what}: no band of frequencies in which the motion explains the torque")
     elif result.mode is None and not result.is_rigid:
         found.append(
             f"an elasticity: the torque up to {digits(result.told_Hz[-1][1], 3)} Hz is not that of one inertia, and no "
@@ -509,7 +510,7 @@ def cannot_show(result: JointResult) -> list[str]:
         )
     else:
         bands = " and ".join(f"{digits(low, 3)} to {digits(high, 3)} Hz" for low, high in result.told_Hz)
-        what = "an elasticity" if result.mode is None else "a second elasticity (one is looked for), and any"
+        what += ", and any" if result.mode is not None else ""
         found.append(f"{what} outside of {bands}: the motion explains the torque there alone")
     if not result.waves:
         fewest = JOINT.least_waves * 2 * np.pi / float(np.ptp(rows.angle))

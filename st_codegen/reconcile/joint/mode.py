@@ -31,11 +31,13 @@ class JointResponse:
     halves: tuple[ComplexArray, ComplexArray]
     half_error: FloatArray
 
-    @property
-    def bands(self) -> tuple[tuple[float, float], ...]:
-        """Bands (Hz) in which a mode would be seen: no wider gap than it is, and as many frequencies as tell one."""
+    def bands(self, damping: float = 0.0) -> tuple[tuple[float, float], ...]:
+        """Bands (Hz) in which a mode would be seen: no wider gap than it is, and as many frequencies as tell one.
+
+        damping: ratio of the mode, where it is known; of others the narrowest counts.
+        """
         wide = (np.diff(self.frequency) > JOINT.gap * float(np.diff(self.frequency).min())) & (
-            self.frequency[1:] > (1 + 3 * JOINT.narrowest) * self.frequency[:-1]
+            self.frequency[1:] > (1 + 3 * max(damping, JOINT.narrowest)) * self.frequency[:-1]
         )
         runs = np.split(self.frequency, np.flatnonzero(wide) + 1)
         return tuple((float(run[0]), float(run[-1])) for run in runs if len(run) >= _FEWEST)
@@ -64,7 +66,7 @@ def response(pieces: Sequence[tuple[FloatArray, FloatArray]], step_s: float) -> 
         return None
     window = np.hanning(length)
     sums = []
-    for angle, torque in pieces:
+    for angle, torque in (piece for piece in pieces if len(piece[0]) > length):
         acceleration = np.gradient(np.gradient(angle, step_s), step_s)
         for start in range(2, len(angle) - length - 1, length // 2):
             own = slice(start, start + length)

@@ -142,8 +142,7 @@ def changed_load(rows: JointRows, beside: Sequence[TorquePart]) -> TorquePart | 
     A zero of the torque that steps there, or drifts of friction and of zero, leave most of it. What is wrong in any way
     is a little less so in two pieces: that is no load.
     """
-    drifts = first_of_kinds(rows, *(name for name in KINDS if name.endswith("_drift")))
-    body, parts = rigid(rows).columns, [*beside, *drifts]
+    body, parts = rigid(rows).columns, [*beside, *drifts_of(rows)]
     before, step = crossed(stacked(parts), rows), float(np.ptp(rows.time)) / (4 * JOINT.blocks)
 
     def best_of(times: Sequence[float]) -> PartGain:
@@ -151,7 +150,9 @@ def changed_load(rows: JointRows, beside: Sequence[TorquePart]) -> TorquePart | 
         return gain_of(steps, parts, rows, before)
 
     coarse = best_of((float(rows.time.min()) + step * np.arange(1, 4 * JOINT.blocks)).tolist())
-    gain = best_of((coarse.part.shape + step * np.linspace(-1.0, 1.0, 41)).tolist())
+    fine = best_of((coarse.part.shape + step * np.linspace(-1.0, 1.0, 41)).tolist())
+    # when within a stretch a load changed is not known where that stretch is left out
+    gain = best_of([fine.part.shape])
     if not gain.passed or gain.share < JOINT.most:
         return None
     zero = [*parts, replace(gain.part, columns=gain.part.columns[:, -1:])]
@@ -302,6 +303,11 @@ RICH = ("dry_friction", "viscous_friction", "curved_friction")
 def first_of_kinds(rows: JointRows, *names: str) -> list[TorquePart]:
     """Parts of some kinds, each by its first law and shape."""
     return [KINDS[name].variants(name, rows)[0] for name in names]
+
+
+def drifts_of(rows: JointRows) -> list[TorquePart]:
+    """All that friction and zero may do over the recording."""
+    return [one for name in KINDS if name.endswith("_drift") for one in KINDS[name].variants(name, rows)]
 
 
 #: what friction may be over speed: forms of which one may take the place of another

@@ -20,6 +20,7 @@ from st_codegen.reconcile.joint.parts import (
     base_of,
     choose,
     crossed,
+    drifts_of,
     first_of_kinds,
     floor_of,
     stacked,
@@ -214,12 +215,13 @@ def _unit_is_told(recordings: list[JointRecording], joint: str, rows: JointRows)
     turned = turned and (rows_of(other, joint, acting=acting_of(turned).columns) or turned)
     if turned is None or len(turned.time) != len(rows.time):
         return False
-    in_rad, in_deg = (crossed(stacked(_rich(one)), one).held for one in (rows, turned))
+    # in one direction what changes with time changes with the angle
+    in_rad, in_deg = (crossed(stacked([*_rich(one), *drifts_of(one)]), one).held for one in (rows, turned))
     # what is a line over less than a turn may be a spring's
     if np.ptp(rows.angle) > 2 * np.pi and surely(in_rad - in_deg, in_rad):
         raise InputError(
-            f"gravity is a wave of q{joint} if that is in degrees, and none if it is in rad: name the column "
-            f"q{joint}_deg or q{joint}_rad (and dq{joint}_deg_s or dq{joint}_rad_s, if it is there)"
+            f"the torque goes with q{joint} as gravity does if that is in degrees, and not if it is in rad: name the "
+            f"column q{joint}_deg or q{joint}_rad (and dq{joint}_deg_s or dq{joint}_rad_s, if it is there)"
         )
     return surely(in_deg - in_rad, in_deg)
 
@@ -355,7 +357,8 @@ def _mode(
     found = max((one for one in responses if one is not None), key=lambda one: len(one.frequency), default=None)
     if found is None:
         return None, (), True
-    return find_mode(found), found.bands, is_rigid(found)
+    mode = find_mode(found)
+    return mode, found.bands(mode.damping if mode is not None else 0.0), is_rigid(found)
 
 
 def _response(

@@ -11,10 +11,10 @@ from st_codegen.errors import InputError
 from st_codegen.reconcile.joint import page, waves
 from st_codegen.reconcile.joint import parts as joint_parts
 from st_codegen.reconcile.joint import run as joint_run
-from st_codegen.reconcile.joint.findings import findings, joint_report, number, signatures, verdict
+from st_codegen.reconcile.joint.findings import cannot_show, findings, joint_report, number, signatures, verdict
 from st_codegen.reconcile.joint.mode import JointMode, JointResponse, _is_braked, find_mode, is_rigid
 from st_codegen.reconcile.joint.page import joint_summary
-from st_codegen.reconcile.joint.parts import KINDS, Chosen, _of_own_load, crossed, rigid
+from st_codegen.reconcile.joint.parts import KINDS, Chosen, _of_own_load, crossed, rigid, stacked
 from st_codegen.reconcile.joint.reading import JointRecording, _unseen, read_joints
 from st_codegen.reconcile.joint.rows import JointRows, rows_of
 from st_codegen.reconcile.joint.run import JointResult, reconcile_joints
@@ -167,6 +167,14 @@ def test_a_load_that_is_taken_up_or_put_down_is_named_and_friction_told_beside_i
     assert f"{'more' if sign > 0 else 'less'} inertia" in found["changed_load"]["text"]
 
 
+def test_a_load_is_named_wherever_in_a_stretch_it_changes(tmp_path):
+    """The stretch in which it lies does not know when, while it is left out: two of eleven had no name."""
+    columns = plain()
+    load = 0.3 * np.gradient(columns["dq"], columns["t"]) + 1.2 * np.cos(columns["q"])
+    (joint,) = report(columns | {"tau": columns["tau"] + load * (columns["t"] > 14.6)}, tmp_path)
+    assert named(joint)["changed_load"]["parameters"]["begin_s"]["value"] == pytest.approx(14.6, abs=0.1)
+
+
 @pytest.mark.parametrize("kind", ["a zero that steps", "a load now and then", "more friction"])
 def test_what_is_no_load_from_a_time_on_is_not_called_one(tmp_path, kind):
     columns = plain()
@@ -194,8 +202,22 @@ def test_a_link_that_is_light_is_no_rigid_joint():
 def test_no_mode_is_seen_where_the_motion_does_not_explain_the_torque():
     """It named the last frequency only: "an elasticity above 90 Hz", though nothing was told from 2 to 30 Hz."""
     frequency = np.concatenate([np.arange(0.5, 1.1, 0.25), np.arange(10.0, 15.1, 0.25), np.arange(30.0, 90.1, 0.25)])
-    assert response(1.0 + 0j * frequency, frequency).bands == ((10.0, 15.0), (30.0, 90.0))
-    assert response(1.0 + 0j * frequency[3:24], frequency[3:24]).bands == ((10.0, 15.0),)
+    assert response(1.0 + 0j * frequency, frequency).bands() == ((10.0, 15.0), (30.0, 90.0))
+    assert response(1.0 + 0j * frequency[3:24], frequency[3:24]).bands() == ((10.0, 15.0),)
+
+
+def test_a_mode_of_a_few_frequencies_far_apart_is_no_second_one(tmp_path):
+    """It was named, and beside it stood that the motion explains the torque in no band, or below the mode alone."""
+    frequency = np.concatenate([[1.0, 1.25, 1.5, 1.75], np.geomspace(2.0, 60.0, 14)])
+    s, w = 2j * np.pi * frequency, 2 * np.pi * 14.0
+    found = response((s / w) ** 2 + 0.4 * s / w + 1, frequency)
+    mode = find_mode(found)
+    ((low, high),) = found.bands(mode.damping)
+    assert low < mode.resonance_Hz < high
+    rows = rows_of(read_joints([write(plain(), tmp_path / "joint.csv")]), "")
+    chosen = Chosen((rigid(rows),), crossed(stacked([rigid(rows)]), rows))
+    result = JointResult("", rows, chosen, (), mode, 0.0, (0.0, 0.0), 0, (), False, False, ())
+    assert any(text.startswith("a second elasticity (one is looked for): no band") for text in cannot_show(result))
 
 
 def test_a_low_mode_of_a_joint_whose_friction_is_shaken(tmp_path):
@@ -754,6 +776,23 @@ def test_friction_by_the_load_is_by_the_load_as_it_is_known_in_the_end(tmp_path)
     assert own["value"] == pytest.approx(0.15, abs=3 * own["stderr"])
     assert own["stderr"] < 0.01
     assert {"dry_friction", "viscous_friction"} <= set(found)
+
+
+def test_a_torque_that_is_late_by_more_than_half_of_a_short_piece(tmp_path):
+    """Nothing was left of that piece, which ended in an error of the program."""
+    columns = plain()
+    (joint,) = report(lossy(columns | {"tau": np.roll(columns["tau"], 60)}, [105, 211]), tmp_path)
+    assert set(named(joint)) == {"dry_friction", "viscous_friction"}
+
+
+def test_what_warms_up_on_a_way_in_one_direction_is_no_gravity_in_degrees(tmp_path):
+    """Its angle goes with the time, of which the torque is a curve: the file was refused."""
+    t = np.arange(0.0, 34.0, 0.005)
+    v = 0.8 + 0.3 * np.sin(0.4 * np.pi * t) + 0.2 * np.sin(3.7 * t + 1.0)
+    noise = 0.02 * np.random.default_rng(1).standard_normal(len(t))
+    tau = 2.0 * np.gradient(v, t) + 0.8 * v + 1.7 + 0.4 * np.exp(-3 * t / t[-1]) + noise
+    (joint,) = report({"t": t, "q": np.cumsum(v) * 0.005, "dq": v, "tau": tau}, tmp_path)
+    assert any(text.startswith("the unit of q: its name has none") for text in joint["cannot_show"])
 
 
 def test_samples_that_are_lost_under_even_times_are_counted(tmp_path):
