@@ -762,6 +762,14 @@ def test_a_torque_that_is_late_by_more_than_half_of_a_short_piece(tmp_path):
     assert set(named(joint)) == {"dry_friction", "viscous_friction"}
 
 
+def test_pieces_that_are_too_short_for_the_noise_of_the_angle_are_named(tmp_path):
+    """Nothing said why a joint that moves all the time "does not move for long enough"; numpy warned of nothing."""
+    columns = plain()
+    columns["q"] = columns["q"] + 5e-3 * np.random.default_rng(1).standard_normal(len(columns["q"]))
+    with pytest.raises(InputError, match="samples are missing in 33 places"):
+        report(lossy(columns, range(120, len(columns["t"]), 121)), tmp_path)
+
+
 def test_what_warms_up_on_a_way_in_one_direction_is_no_gravity_in_degrees(tmp_path):
     """Its angle goes with the time, of which the torque is a curve: the file was refused."""
     t = np.arange(0.0, 34.0, 0.005)
