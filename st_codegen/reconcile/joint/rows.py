@@ -106,7 +106,7 @@ def starts_of(recordings: Sequence[JointRecording]) -> list[float]:
     starts, start, end, file = [], 0.0, 0.0, None
     for one in recordings:
         if one.name != file:
-            start, file = end - one.at_s, one.name
+            start, file = end, one.name
         starts.append(start + one.at_s)
         end = starts[-1] + one.step_s * (len(next(iter(one.angle.values()))) + 1)
     return starts
