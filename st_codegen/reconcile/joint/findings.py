@@ -305,7 +305,10 @@ def _changed_load(result: JointResult) -> JointFinding:
         "inertia_kg_m2": (float(values[0]), float(errors[0]), "kg m^2"),
         "gravity_Nm": (weight, error, "Nm"),
     }
-    remark = "the time counts through all files; one change is looked for; all else is said of both loads together"
+    remark = (
+        "the time counts through all files in which the joint moves; one change is looked for; all else is said of "
+        "both loads together"
+    )
     return JointFinding(
         LOADED, text, parameters, ("several changes, of which this is the largest",), remark, _share(result, LOADED)
     )

@@ -33,7 +33,7 @@ class JointRecording:
     """Even samples of one file, all of them or a piece between lost ones.
 
     A step in s, and angle (rad), speed as given (rad/s; None) and torque (N m) of each joint, (n,). at_s: time of the
-    first sample after the first one that is taken of the file; where nearly all of that is pauses, without them.
+    first sample after the first one of the file; where nearly all of that is pauses, without them.
     without_unit: joints whose angle has no unit in its name, and is taken to be in rad.
     """
 
@@ -223,7 +223,7 @@ def _pieces(
     at = clock + step * np.cumsum(unseen)
     if at[-1] - at[0] > JOINT.span * step * len(at):
         at = step * np.arange(len(at))
-    return step, [(own, float(at[own.start] - at[pieces[0].start])) for own in pieces]
+    return step, [(own, float(at[own.start] - at[0])) for own in pieces]
 
 
 def _between(cuts: IntArray, count: int) -> list[slice]:

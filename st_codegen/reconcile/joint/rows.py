@@ -106,7 +106,7 @@ def starts_of(recordings: Sequence[JointRecording]) -> list[float]:
     starts, start, end, file = [], 0.0, 0.0, None
     for one in recordings:
         if one.name != file:
-            start, file = end - one.at_s, one.name
+            start, file = end, one.name
         starts.append(start + one.at_s)
         end = starts[-1] + one.step_s * (len(next(iter(one.angle.values()))) + 1)
     return starts
@@ -149,8 +149,11 @@ def _kernel(angles: Sequence[FloatArray]) -> int:
     noise, (least, most) = _together(angles), JOINT.kernel
     for width in range(least, most):
         # the ends know nothing of what comes next to them
-        seconds = [np.diff(gaussian_filter1d(angle, width)[4 * width : -4 * width], 2) for angle in angles]
-        if noise**2 * 3 / (8 * np.sqrt(np.pi) * width**5) <= JOINT.dilution * float(np.concatenate(seconds).var()):
+        inner = [gaussian_filter1d(angle, width)[4 * width : -4 * width] for angle in angles]
+        seconds = np.concatenate([np.diff(angle, 2) for angle in inner])
+        noisy = noise**2 * 3 / (8 * np.sqrt(np.pi) * width**5)
+        # where nothing is left a wider one leaves nothing either
+        if not len(seconds) or noisy <= JOINT.dilution * float(seconds.var()):
             return width
     return most
 

@@ -91,8 +91,10 @@ def reconcile_joints(
     moving = [one for one in found if one is not None]
     least = f"a joint that travels less than {JOINT.travel:g} rad, or one step of its encoder, counts as standing"
     if not moving:
+        # as of samples that are missing, between which it does not
+        said = "".join(f"; {note}" for note in dict.fromkeys(note for one in recordings for note in one.notes))
         raise InputError(
-            f"no joint moves for long enough: nothing can be told of friction, ripple or elasticity; {least}"
+            f"no joint moves for long enough: nothing can be told of friction, ripple or elasticity; {least}{said}"
         )
     if still := [joint for joint in recordings[0].angle if joint not in {one.joint for one in moving}]:
         which, they = ("joints", "they do") if still[1:] else ("joint", "it does")

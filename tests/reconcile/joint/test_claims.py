@@ -785,6 +785,26 @@ def test_a_torque_that_is_late_by_more_than_half_of_a_short_piece(tmp_path):
     assert set(named(joint)) == {"dry_friction", "viscous_friction"}
 
 
+def test_pieces_that_are_too_short_for_the_noise_of_the_angle_are_named(tmp_path):
+    """Nothing said why a joint that moves all the time "does not move for long enough"; numpy warned of nothing."""
+    columns = plain()
+    columns["q"] = columns["q"] + 5e-3 * np.random.default_rng(1).standard_normal(len(columns["q"]))
+    with pytest.raises(InputError, match="samples are missing in 33 places"):
+        report(lossy(columns, range(120, len(columns["t"]), 121)), tmp_path)
+
+
+def test_the_time_of_a_load_counts_from_the_begin_of_the_file(tmp_path):
+    """It counted from the first piece in which the joint moves: of 12.3 s after 5 s at rest it said 12.3."""
+    columns = plain()
+    load = 0.3 * np.gradient(columns["dq"], columns["t"]) + 1.2 * np.cos(columns["q"])
+    columns["tau"] = columns["tau"] + load * (columns["t"] > 12.3)
+    columns = {name: np.concatenate([np.full(1000, column[0]), column]) for name, column in columns.items()}
+    columns["t"] = 0.005 * np.arange(5000)
+    del columns["dq"]
+    (joint,) = report(lossy(columns, [990]), tmp_path)
+    assert named(joint)["changed_load"]["parameters"]["begin_s"]["value"] == pytest.approx(17.3, abs=0.1)
+
+
 def test_what_warms_up_on_a_way_in_one_direction_is_no_gravity_in_degrees(tmp_path):
     """Its angle goes with the time, of which the torque is a curve: the file was refused."""
     t = np.arange(0.0, 34.0, 0.005)
