@@ -509,9 +509,9 @@ class Settings:
     other_names: int = 3
     #: counts; names that were true, of how many, where an order alone or few runs give them: so often is such a name
     #: true
-    names_by_order: tuple[int, int] = chosen((50, 60), COUNTED)
-    #: counts; the same where more gives them; of 501 cases of the suite of other physics (make blind-form)
-    names_by_more: tuple[int, int] = chosen((153, 155), COUNTED)
+    names_by_order: tuple[int, int] = chosen((167, 192), COUNTED)
+    #: counts; the same where more gives them; of 1,501 cases of the suite of other physics (make blind-form)
+    names_by_more: tuple[int, int] = chosen((415, 418), COUNTED)
     #: damping ratio whose peak fits between two speeds of a campaign
     narrow: float = 0.006
     #: share of its size in the rig below which an effect may be one that the machine does not have
