@@ -6,10 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from st_codegen.errors import InputError
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.fit.fitting import fit
 from st_codegen.reconcile.fit.state import OFFSET, State, piece_of
 from st_codegen.reconcile.fit.target import FitData, groups_of
+from st_codegen.reconcile.joint import run as joints
+from st_codegen.reconcile.joint.reading import JointRecording
 from st_codegen.reconcile.judge import conclusions
 from st_codegen.reconcile.judge.claims import Conclusions, Retuned
 from st_codegen.reconcile.judge.conclusions import conclude, settled
@@ -24,6 +27,7 @@ from st_codegen.reconcile.judge.lookalikes import (
     of_its_order,
 )
 from st_codegen.reconcile.judge.retuned import changes, with_piece_held
+from st_codegen.reconcile.plan import next_runs
 from st_codegen.reconcile.report.findings import Finding, share_text
 from st_codegen.reconcile.rest.lasting import alike
 from st_codegen.reconcile.rest.structure import is_lacking, loud_and_foreign
@@ -524,10 +528,27 @@ def test_spread_of_a_frequency_in_a_bracket_is_that_of_an_equal_distribution():
     assert spread(55.5, (53.0, 55.0)) == pytest.approx(np.sqrt(((values - 55.5) ** 2).mean()), rel=1e-6)
 
 
-def test_linear_algebra_has_one_thread_while_reconciling():
-    pools = pytest.importorskip("threadpoolctl")
-    with one_thread():
-        assert {pool["num_threads"] for pool in pools.threadpool_info() if pool["user_api"] == "blas"} <= {1}
+def test_linear_algebra_has_one_thread_while_reconciling(monkeypatch):
+    """Digits of proposed runs and of joints were those of one number of cores, and busy cores waited for each other."""
+    pools, seen = pytest.importorskip("threadpoolctl"), []
+
+    def threads(*_):
+        seen.append({pool["num_threads"] for pool in pools.threadpool_info() if pool["user_api"] == "blas"})
+        raise InputError("enough")
+
+    monkeypatch.setattr(next_runs, "other_models", threads)
+    monkeypatch.setattr(joints, "_joint", threads)
+    campaign = SimpleNamespace(data=SimpleNamespace(angle_rad=None), conclusions=SimpleNamespace(final=None))
+    joint = JointRecording("", 0.01, {"": np.zeros(1)}, {"": None}, {"": np.zeros(1)})
+    with pools.threadpool_limits(limits=2):
+        for run, given in (
+            (one_thread()(threads), ()),
+            (next_runs.next_runs, campaign),
+            (joints.reconcile_joints, [joint]),
+        ):
+            with pytest.raises(InputError, match="enough"):
+                run(given)
+    assert seen == [{1}, {1}, {1}]
 
 
 def test_a_small_share_is_told_by_the_gap_of_its_own_orders():

@@ -31,6 +31,7 @@ from st_codegen.reconcile.joint.reading import JointRecording, is_standing
 from st_codegen.reconcile.joint.rows import JointRows, rows_of, starts_of
 from st_codegen.reconcile.joint.settings import JOINT
 from st_codegen.reconcile.joint.waves import ANGLE, TorqueWave, columns, find_wave, most_waves
+from st_codegen.threads import one_thread
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,7 @@ class JointResult:
         return self.rows.torque - self.chosen.of(set(self.chosen.names()))
 
 
+@one_thread()
 def reconcile_joints(
     recordings: Sequence[JointRecording], scale: float | None = None, accept: Collection[str] = ()
 ) -> tuple[JointResult, ...]:

@@ -29,6 +29,7 @@ from st_codegen.reconcile.plan.questions import (
 from st_codegen.reconcile.result import Reconciliation
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Form
+from st_codegen.threads import one_thread
 
 
 @dataclass(frozen=True)
@@ -82,6 +83,7 @@ class NextRuns:
         return csv_text([["file", *CONDITION_COLUMNS, "purpose"], *rows])
 
 
+@one_thread()
 def next_runs(result: Reconciliation) -> NextRuns:
     """The runs that would tell most of what a reconciliation leaves open."""
     data, final = result.data, result.conclusions.final

@@ -161,7 +161,10 @@ class Unknown:
 
 
 def _kernel(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.asarray(np.exp(-0.5 * cdist(a, b, "sqeuclidean")))
+    found = np.asarray(np.exp(-0.5 * cdist(a, b, "sqeuclidean")))
+    # what is far away is none: products of numbers so small are subnormal, which processors are slow with
+    found[found < np.finfo(np.float64).eps ** 2] = 0.0
+    return found
 
 
 def unexplained(result: Reconciliation, rows: Rows) -> list[Question]:
