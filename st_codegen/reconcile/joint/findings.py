@@ -309,9 +309,12 @@ def _changed_load(result: JointResult) -> JointFinding:
         "the time counts through all files in which the joint moves; one change is looked for; all else is said of "
         "both loads together"
     )
-    return JointFinding(
-        LOADED, text, parameters, ("several changes, of which this is the largest",), remark, _share(result, LOADED)
+    alternatives = (
+        "several changes, of which this is the largest",
+        "a load that rises or falls slowly",
+        "another torque that follows the angle from then on",
     )
+    return JointFinding(LOADED, text, parameters, alternatives, remark, _share(result, LOADED))
 
 
 def _reversal(result: JointResult, name: str) -> JointFinding | None:

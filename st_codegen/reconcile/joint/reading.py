@@ -135,11 +135,7 @@ def _read(path: Path) -> list[JointRecording]:
         with problems.collect():
             notes += _check(joint, columns["q", joint][0], parts, step, time)
     problems.raise_if_any()
-    tells = [
-        name in moving and np.ptp(si.get(("dq", joint), np.zeros(1)))
-        for (kind, joint), (name, _) in columns.items()
-        if kind == "q"
-    ]
+    tells = [columns["q", joint][0] in moving and np.ptp(si.get(("dq", joint), np.zeros(1))) for joint in joints]
     if time == "t" and not any(tells):
         notes.append(f"t is taken to be in s: a sample every {step:g} s")
 
@@ -217,7 +213,8 @@ def _pieces(
     if len(found) > 1:
         short = f"; the {len(clock) - kept} samples of shorter ones are not used" if kept < len(clock) else ""
         notes.append(
-            f"samples are missing in {counted(len(found) - 1, 'place')}, first after line {lines[found[1].start - 1]}: "
+            f"samples are missing, or none were taken, in {counted(len(found) - 1, 'place')}, first after line "
+            f"{lines[found[1].start - 1]}: "
             f"it is read in {counted(len(pieces), 'piece')} of {JOINT.piece} samples or more{short}"
         )
     at = clock + step * np.cumsum(unseen)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -144,14 +144,7 @@ def _joint(recordings: list[JointRecording], joint: str, accept: Collection[str]
     shift, alike = _shift(recordings, joint, kernel, acting.columns, seen)
     rows = rows_of(recordings, joint, shift, kernel, acting.columns) or rows
     rows, outliers = without_outliers(rows)
-    chosen, waves = choose(rows, acting.moves), list[TorqueWave]()
-    while len(waves) < JOINT.waves:
-        wave = find_wave(rows, chosen)
-        if wave is None or any(abs(wave.number - w.number) < wave.resolution and w.over == wave.over for w in waves):
-            break
-        waves.append(wave)
-        chosen = choose(rows, acting.moves, [one.gain.part for one in waves])
-    kept = tuple(wave for wave in waves if wave.gain.part.name in chosen.names())
+    chosen, kept = _with_waves(rows, acting.moves)
     rests = [(rows, chosen.of(set(chosen.names())) - chosen.fit.values[0] * rows.acceleration)]
     narrow = rows_of(recordings, joint, shift, acting=acting.columns)
     if narrow is not None and narrow.kernel_s < rows.kernel_s:
@@ -175,6 +168,18 @@ def _joint(recordings: list[JointRecording], joint: str, accept: Collection[str]
         tuple(notes),
         told,
     )
+
+
+def _with_waves(rows: JointRows, moves: Mapping[str, float]) -> tuple[Chosen, tuple[TorqueWave, ...]]:
+    """The parts of the torque, and the waves among them, each looked for in what those before it leave."""
+    chosen, waves = choose(rows, moves), list[TorqueWave]()
+    while len(waves) < JOINT.waves:
+        wave = find_wave(rows, chosen)
+        if wave is None or any(abs(wave.number - w.number) < wave.resolution and w.over == wave.over for w in waves):
+            break
+        waves.append(wave)
+        chosen = choose(rows, moves, [one.gain.part for one in waves])
+    return chosen, tuple(wave for wave in waves if wave.gain.part.name in chosen.names())
 
 
 def _rich(rows: JointRows, seen: Sequence[tuple[str, float]] = ()) -> list[TorquePart]:

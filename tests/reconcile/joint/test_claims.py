@@ -789,7 +789,7 @@ def test_pieces_that_are_too_short_for_the_noise_of_the_angle_are_named(tmp_path
     """Nothing said why a joint that moves all the time "does not move for long enough"; numpy warned of nothing."""
     columns = plain()
     columns["q"] = columns["q"] + 5e-3 * np.random.default_rng(1).standard_normal(len(columns["q"]))
-    with pytest.raises(InputError, match="samples are missing in 33 places"):
+    with pytest.raises(InputError, match="samples are missing, or none were taken, in 33 places"):
         report(lossy(columns, range(120, len(columns["t"]), 121)), tmp_path)
 
 
@@ -850,7 +850,10 @@ def test_a_recording_that_lost_samples_tells_what_a_whole_one_does(tmp_path):
     assert set(found) == {"dry_friction", "viscous_friction", "torque_ripple"}
     said = " ".join(joint["measurement"])
     assert "line 102 and 1 more: values of tau are not finite" in said
-    assert "missing in 15 places, first after line 101: it is read in 14 pieces of 100 samples or more; the 67" in said
+    assert (
+        "or none were taken, in 15 places, first after line 101: it is read in 14 pieces of 100 samples or more; the 67"
+        in said
+    )
 
 
 def test_a_joint_that_stands_in_a_piece_of_a_file_does_not_stand_in_all_of_it(tmp_path):
