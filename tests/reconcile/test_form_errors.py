@@ -402,3 +402,12 @@ def test_points_at_one_speed_tell_one_flank_of_a_resonance():
     at = replace(at, speed_rpm=speeds)
     waves = {k: size * by_force(at, k, 54.4, 0.02) for k, size in ((156, 1e-3), (240, 6e-3))}
     assert reconciled("", at, orders, waves).held_out_is_bound
+
+
+def test_two_waves_of_the_shaft_that_the_rig_lacks_do_not_hide_one_another():
+    """Each was said to be no more than what lies around it, which was the other one: neither had a name."""
+    at = grid([200.0, 500.0, 900.0, 1400.0], np.linspace(0, 1600, 6), [25.0, 30.0, 35.0])
+    waves = {order: np.full(len(at), 6 * SIGMA * np.exp(1j * order)) for order in (1, 2)}
+    found = reconciled("", at, [*range(13), 39], waves, are_curves=False)
+    named = [one.piece.effect.name for one in found.conclusions.claims]
+    assert sorted(named) == ["output_shaft_eccentricity", "output_shaft_ovality"]

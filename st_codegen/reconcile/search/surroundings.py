@@ -48,9 +48,19 @@ def stands_out(current: Fit, own: ComplexArray, lacking: BoolArray | None = None
     for k in np.flatnonzero(size > SETTINGS.part_of_change * size.max(initial=0.0)):
         near = np.flatnonzero(nobodys & (np.abs(known - orders[k]) <= SETTINGS.around_order))
         near = near[np.argsort(np.abs(known[near] - orders[k]), kind="stable")][: SETTINGS.shared_orders]
-        if len(near) < SETTINGS.shared_orders or size[k] > SETTINGS.stands_out * around[near].mean():
+        if len(near) < SETTINGS.shared_orders or size[k] > SETTINGS.stands_out * _without_largest(around[near]):
             return True
     return False
+
+
+def _without_largest(powers: FloatArray) -> float:
+    """The mean that powers of random waves have, told by all but the largest: an order may lack an effect of its own.
+
+    Of n that are exponential, the largest has 1 + 1/2 + .. 1/n of their mean (Renyi).
+    """
+    count = len(powers)
+    rest = count - (1.0 / np.arange(1, count + 1)).sum()
+    return float((powers.sum() - powers.max()) / rest)
 
 
 def _lines_stand_out(current: Fit, own: ComplexArray) -> bool:
