@@ -373,6 +373,8 @@ class Settings:
     most_kept_bytes: int = 400_000_000
     #: count; and pieces that are
     most_cached: int = 300
+    #: count; coefficients from which on some fits take far longer than copies of the process
+    large: int = 5_000
 
     # --- evidence ---
     #: chance of a false addition that each test of one candidate is allowed: about a hundred candidates are tried on a

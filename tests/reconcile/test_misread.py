@@ -8,13 +8,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from st_codegen import processes
 from st_codegen.errors import InputError
 from st_codegen.reconcile.core import reconcile_observations
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
-from st_codegen.reconcile.fit.fitting import fit
+from st_codegen.reconcile.fit.fitting import fit, fits
 from st_codegen.reconcile.fit.state import State, piece_of
 from st_codegen.reconcile.fit.target import FitData, groups_of
-from st_codegen.reconcile.judge.misread import READINGS, _as_meant, in_place_of_additions, misread
+from st_codegen.reconcile.judge.misread import (
+    READINGS,
+    _as_meant,
+    in_place_of_additions,
+    in_place_of_the_rest,
+    misread,
+)
 from st_codegen.reconcile.mistakes.examine import Examined, examine
 from st_codegen.reconcile.mistakes.single_runs import Mistake
 from st_codegen.reconcile.report.output import report
@@ -27,6 +34,7 @@ from st_codegen.rig.model import read_rig
 from .test_measurement import of_the_fast_shaft
 
 pytestmark = pytest.mark.thorough
+needs_copies = pytest.mark.skipif(not processes.can_be_copied(), reason="no copies of a process here")
 
 KNOWN = catalogue()
 WHOLE = read_rig(Path(__file__).resolve().parents[2] / "examples" / "rv160n" / "rig.toml", KNOWN)
@@ -439,3 +447,39 @@ def test_beside_many_changes_of_the_rig_a_reading_is_told_that_does_what_one_of_
     true = 1.03 * friction.before.scalar("viscous_arcmin_per_krpm")
     off = abs(friction.after.scalar("viscous_arcmin_per_krpm") - true)
     assert off < 2.0 * friction.stderr["viscous_arcmin_per_krpm"]
+
+
+@needs_copies
+def test_work_that_copies_of_the_process_share_has_the_same_digits(monkeypatch):
+    """Readings in place of changes and of what stays unexplained, and fits: in this process, and shared by three."""
+    data = measured(2e-5, read=replace(AT, torque_Nm=AT.torque_Nm * 1.02))
+    data = replace(data, values=data.values + np.where(ORDERS == 39, 2e-3 * (AT.speed_rpm / 1800)[:, None], 0.0))
+    free = ("torsional_compliance", "backlash", "friction_windup")
+    pieces = [piece_of(effect, added=False, origin=effect) for effect in RIG.effects]
+    pieces = tuple(piece if piece.effect.name in free else piece.held() for piece in pieces)
+    changed = [i for i, piece in enumerate(pieces) if piece.free]
+    target = FitData(data, np.full(data.values.shape, 2e-5), np.ones(len(AT), bool), groups_of(AT))
+    state = State(RIG, RIG.zero_offset_deg, pieces)
+    made, copies = processes.make_copy, []
+    monkeypatch.setattr(FitData, "is_large", True)
+    monkeypatch.setattr(processes, "make_copy", lambda action: copies.append(others) or made(action))
+
+    def found():
+        final, held = fits(target, [state, state.held({*changed})])
+        readings = (*misread(final, changed), *in_place_of_the_rest(final, [39]))
+        return [final, held, *(one.best for one in readings)], [
+            (one.text, one.sizes.tolist(), one.instead_of, one.touched, one.unexplained) for one in readings
+        ]
+
+    results = []
+    for others in (0, 2):
+        monkeypatch.setattr(processes, "other_processors", lambda others=others: 0 if processes._IS_COPY else others)
+        results.append(found())
+    (alone, said), (shared, same) = results
+    assert said == same and len(said) > 1
+    for one, other in zip(alone, shared, strict=True):
+        assert one.loss == other.loss and np.array_equal(one.residual, other.residual)
+        assert np.array_equal(one.inverse, other.inverse)
+        assert one.state.numbers == other.state.numbers
+        assert [piece.origin for piece in one.state.pieces] == [piece.origin for piece in other.state.pieces]
+    assert set(copies) == {2}

@@ -158,6 +158,11 @@ class Observations:
         return replace(self.rows(first), not_looked_at=(*self.not_looked_at, text))
 
     @cached_property
+    def reread(self) -> dict[object, Observations]:
+        """These as they would be, had they been read in other ways: kept by those who ask."""
+        return {}
+
+    @cached_property
     def few_points(self) -> bool:
         """Whether there are too few operating points to tell noise from what differs between them."""
         return self.angle_rad is None and len(np.unique(self.at.points, axis=0)) < SETTINGS.least_contrasts

@@ -7,16 +7,19 @@ cluster-robust errors are made from them.
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
+from st_codegen.processes import shared_out
 from st_codegen.reconcile.data.contrasts import AXES
 from st_codegen.reconcile.fit.normal import Normal, by_group, gather, inverse, root_of_inverse
 from st_codegen.reconcile.fit.propagation import Propagation
-from st_codegen.reconcile.fit.state import Piece, State
+from st_codegen.reconcile.fit.state import Numbers, Piece, State
 from st_codegen.reconcile.fit.target import Column, FitData
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect, Form, Stage
@@ -46,6 +49,11 @@ class Fit:
     columns: tuple[Column, ...]
     prior: FloatArray
     centre: FloatArray
+
+    @property
+    def packed(self) -> Packed:
+        """What tells this fit from another one of the same data and effects, as it travels between processes."""
+        return self.state.numbers, self.residual, self.loss, self.prior, self.centre
 
     @cached_property
     def _whole(self) -> tuple[FloatArray, FloatArray]:
@@ -146,6 +154,17 @@ class Fit:
         return found
 
 
+#: numbers of the state, residual, loss, prior and centre of a fit
+Packed = tuple[Numbers, ComplexArray, float, FloatArray, FloatArray]
+
+
+def unpacked(made: Packed, target: FitData, state: State) -> Fit:
+    """The fit of which `packed` has come back; state: one of the same effects."""
+    numbers, residual, loss, prior, centre = made
+    state = state.with_numbers(numbers)
+    return Fit(target, state, residual, loss, _columns(target, state), prior, centre)
+
+
 def _identified(whole: FloatArray, own: FloatArray) -> bool:
     """Whether every combination of parameters keeps a part of what is known of it when the fold is left out."""
     size = np.sqrt(np.maximum(np.diag(whole), 1e-300))
@@ -191,11 +210,12 @@ def fit(target: FitData, state: State, *, steps: int = 12, tolerance: float = 1e
     residual = target.residual(state.model())
     loss = _penalised(target, residual, vector, centre, prior)
     damping = 1e-6
-    columns: list[Column] = []
+    columns: tuple[Column, ...] = ()
     normal = None
     for _ in range(steps):
         if normal is None:
-            columns, normal = _linearised(target, state, residual)
+            columns = _columns(target, state)
+            normal = gather(target, columns, residual, target.weights(residual), by_cell=False)
         step = _damped_step(normal, prior, centre, vector, bounds, damping)
         trial = state.with_vector(np.clip(vector + step, *bounds))
         new_vector = trial.vector()
@@ -212,17 +232,23 @@ def fit(target: FitData, state: State, *, steps: int = 12, tolerance: float = 1e
             if damping > SETTINGS.most_damping:
                 break
     if normal is None:
-        columns, _ = _linearised(target, state, residual)
+        columns = _columns(target, state)
     plain = float(target.losses(residual).sum())
-    return Fit(target, state, residual, plain, tuple(columns), prior, centre)
+    return Fit(target, state, residual, plain, columns, prior, centre)
 
 
-def _linearised(target: FitData, state: State, residual: ComplexArray) -> tuple[list[Column], Normal]:
+def fits(target: FitData, states: Sequence[State], *, steps: int = 12, tolerance: float = 1e-3) -> list[Fit]:
+    """The fits of several states to the same data, in their order; all processors share them where these are large."""
+    found = shared_out(
+        lambda state: fit(target, state, steps=steps, tolerance=tolerance).packed, states, is_large=target.is_large
+    )
+    return [unpacked(made, target, state) for made, state in zip(found, states, strict=True)]
+
+
+def _columns(target: FitData, state: State) -> tuple[Column, ...]:
     propagation = Propagation(state.model(), target.data)
-    columns = [propagation.offset_column()]
-    for piece in state.pieces:
-        columns += propagation.cached_columns(piece, target.cache)
-    return columns, gather(target, columns, residual, target.weights(residual), by_cell=False)
+    own = (propagation.cached_columns(piece, target.cache) for piece in state.pieces)
+    return (propagation.offset_column(), *itertools.chain(*own))
 
 
 def _penalised(

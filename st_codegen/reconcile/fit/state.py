@@ -193,6 +193,9 @@ def _put(values: dict[str, Any], effect: Effect, key: str, place: int, value: fl
 #: what stands for the rig's offset among the numbers of pieces
 OFFSET = -1
 
+#: the offset and whether it is free, and of each effect its values and the keys that are free
+Numbers = tuple[float, bool, tuple[tuple[dict[str, Any], frozenset[str]], ...]]
+
 
 @dataclass(frozen=True)
 class State:
@@ -246,6 +249,22 @@ class State:
         if OFFSET in numbers:
             return replace(self, pieces=pieces, offset=self.rig.zero_offset_deg, offset_free=False)
         return replace(self, pieces=pieces)
+
+    @property
+    def numbers(self) -> Numbers:
+        """What tells this state from another one of the same effects."""
+        return self.offset, self.offset_free, tuple((dict(piece.effect.values), piece.free) for piece in self.pieces)
+
+    def with_numbers(self, numbers: Numbers) -> State:
+        """This state with the numbers of another one of the same effects."""
+        offset, offset_free, of_pieces = numbers
+
+        def numbered(piece: Piece, values: dict[str, Any], free: frozenset[str]) -> Piece:
+            is_own = piece.own.values == values
+            return replace(piece, effect=piece.own if is_own else piece.effect.with_values(values), free=free)
+
+        pieces = tuple(numbered(piece, *its) for piece, its in zip(self.pieces, of_pieces, strict=True))
+        return replace(self, offset=offset, offset_free=offset_free, pieces=pieces)
 
     def replaced(self, number: int, piece: Piece) -> State:
         """This state with another piece in place of piece `number`."""

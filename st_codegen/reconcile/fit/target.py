@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from st_codegen.processes import can_be_copied
 from st_codegen.reconcile.data.contrasts import equal_parts, speed_levels
 from st_codegen.reconcile.data.noise import sigma_of
 from st_codegen.reconcile.data.observations import Observations
@@ -84,6 +85,11 @@ class FitData:
     corrected: frozenset[str] = frozenset()
     cache: dict[object, tuple[Column, ...]] = field(default_factory=dict, compare=False)
     responses: dict[object, ComplexArray] = field(default_factory=dict, compare=False)
+
+    @property
+    def is_large(self) -> bool:
+        """Whether work on it is shared out to copies of this process."""
+        return self.data.values.size >= SETTINGS.large and can_be_copied()
 
     @property
     def spread(self) -> FloatArray:

@@ -10,14 +10,17 @@ import heapq
 import itertools
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 
 from st_codegen.ir.arrays import ComplexArray, FloatArray
+from st_codegen.processes import shared_out
 from st_codegen.reconcile.data.chances import chi_square_tail
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.data.ramps import without_ramp
-from st_codegen.reconcile.fit.fitting import Fit, fit
+from st_codegen.reconcile.fit.fitting import Fit, Packed, fit, unpacked
 from st_codegen.reconcile.fit.normal import gather, inverse
 from st_codegen.reconcile.fit.state import OFFSET, State
 from st_codegen.reconcile.fit.target import Column, FitData
@@ -269,16 +272,46 @@ def misread(final: Fit, changed: Collection[int]) -> tuple[Misread, ...]:
     if not everything or final.target.data.angle_rad is not None:
         return ()
     plain = fit(final.target, final.state.held({*changed, OFFSET}), steps=SETTINGS.quick_steps)
-    standing = list[Misread]()
-    for reading in READINGS:
+
+    def of_one(reading: WrongReading) -> Misread | None:
         chance = _chance_beside(final, reading, everything)
-        found = _instead(final, plain, reading, chance) or _beside_the_rest(final, reading, chance)
-        standing += [] if found is None else [found]
+        return _instead(final, plain, reading, chance) or _beside_the_rest(final, reading, chance)
+
+    def of_two(pair: WrongReading) -> Misread | None:
+        return _instead(final, plain, pair, _chance_beside(final, pair, everything))
+
+    standing = _that_stand(final, READINGS, of_one)
     if len(everything) >= SETTINGS.changes_of_two and not any(one.is_asked for one in standing):
-        for pair in _likely_pairs(plain):
-            found = _instead(final, plain, pair, _chance_beside(final, pair, everything))
-            standing += [] if found is None else [found]
+        standing += _that_stand(final, _likely_pairs(plain), of_two)
     return tuple(sorted(standing, key=lambda one: (-len(one.instead_of), len(one.sizes), one.best.loss)))
+
+
+def _that_stand(
+    final: Fit, readings: Sequence[WrongReading], looked_at: Callable[[WrongReading], Misread | None]
+) -> list[Misread]:
+    """What was found for each reading, but for None; all processors share the work where the data are large.
+
+    looked_at: what there is for one, with a best fit to the data as it means them; final: one of the same effects.
+    """
+
+    def made(number: int) -> tuple[dict[str, Any], Packed] | None:
+        one = looked_at(readings[number])
+        if one is None:
+            return None
+        # a reading is made of functions, which cannot travel
+        return {key: value for key, value in vars(one).items() if key not in ("reading", "best")}, one.best.packed
+
+    target, standing = final.target, list[Misread]()
+    for reading in readings:
+        if not reading.steps:
+            _read_once(target.data, reading)  # not by each copy
+    found = shared_out(made, range(len(readings)), is_large=target.is_large)
+    for reading, one in zip(readings, found, strict=True):
+        if one is not None:
+            rest, made_of = one
+            best = unpacked(made_of, _as_meant(target, reading, rest["sizes"]), final.state)
+            standing.append(Misread(reading=reading, best=best, **rest))
+    return standing
 
 
 def _both(one: WrongReading, other: WrongReading) -> WrongReading:
@@ -326,21 +359,25 @@ def in_place_of_additions(final: Fit) -> tuple[Misread, ...]:
         piece = final.state.pieces[number]
         without = final.state.replaced(number, replace(piece, effect=piece.absent, free=frozenset()))
         plain = fit(final.target, without, steps=SETTINGS.quick_steps)
-        own = np.isin(final.target.data.orders, piece.effect.touched_orders())
         if plain.loss - final.loss < SETTINGS.as_good:
             continue  # where the rest does as well by itself, a reading of nothing would, too
-        for reading in READINGS:
-            if reading.steps and _gain(plain, reading) < SETTINGS.clear_beside * (plain.loss - final.loss):
-                continue
-            sizes, best = _read(plain.target, plain.state, reading, known=plain if reading.steps else None)
-            # what it gains on other orders does not make it a name for what this one does on its own, nor for one that
-            # it leaves worse
-            worse = best.target.losses(best.residual).sum(axis=0) - final.target.losses(final.residual).sum(axis=0)
-            lost = max(best.loss - final.loss, float(worse.max()), float(worse[own].sum()))
-            extra = len(sizes) - len(piece.coordinates())
-            if lost + 2.0 * max(extra, 0) < SETTINGS.as_good:
-                standing.append(Misread(reading, sizes, frozenset({number}), best))
+        standing += _that_stand(final, READINGS, partial(_does_as_well, final, plain, number))
     return tuple(sorted(standing, key=lambda one: (len(one.sizes), one.best.loss)))
+
+
+def _does_as_well(final: Fit, plain: Fit, number: int, reading: WrongReading) -> Misread | None:
+    """A reading in place of the added piece of a number; plain: the fit without it. None where it does less."""
+    piece = final.state.pieces[number]
+    if reading.steps and _gain(plain, reading) < SETTINGS.clear_beside * (plain.loss - final.loss):
+        return None
+    sizes, best = _read(plain.target, plain.state, reading, known=plain if reading.steps else None)
+    # what it gains on other orders does not make it a name for what this one does on its own, nor for one that it
+    # leaves worse
+    worse = best.target.losses(best.residual).sum(axis=0) - final.target.losses(final.residual).sum(axis=0)
+    own = np.isin(final.target.data.orders, piece.effect.touched_orders())
+    lost = max(best.loss - final.loss, float(worse.max()), float(worse[own].sum()))
+    extra = len(sizes) - len(piece.coordinates())
+    return Misread(reading, sizes, frozenset({number}), best) if lost + 2.0 * max(extra, 0) < SETTINGS.as_good else None
 
 
 def _gain(plain: Fit, reading: WrongReading) -> float:
@@ -396,24 +433,28 @@ def in_place_of_the_rest(final: Fit, orders: Collection[int]) -> tuple[Misread, 
     columns = np.isin(data.orders, list(orders)) & (left(final) > 2.0 * told)
     if not columns.any():
         return ()
-    before, told, found = left(final)[columns], told[columns], list[Misread]()
-    for reading in READINGS:
+    before, told = left(final)[columns], told[columns]
+
+    def looked_at(reading: WrongReading) -> Misread | None:
         sizes, best = _read(target, final.state, reading, rounds=1, known=final if reading.steps else None)
         if left(best)[columns].sum() < SETTINGS.begins_to_do * before.sum():
             sizes, best = _read(target, best.state, reading, sizes, known=best)
         after = left(best)[columns]
         gone = after < SETTINGS.left_of_rest * before + told
-        if 2 * gone.sum() > len(gone) and (after < before + told).all():
-            # what wanders while the runs are made passes for noise where runs are compared with their neighbours
-            drifts = changes_with_time(target, best.residual)
-            drifts |= np.array([course is not None for course in structure(best.target, best.residual).courses])
-            drifts = drifts[columns][gone]
-            rest = frozenset(data.orders[columns][gone][~drifts].tolist())
-            is_noise = bool((after < told)[gone].all())
-            if rest:
-                read = Misread(reading, sizes, frozenset(), best, unexplained=rest, leaves_noise=is_noise)
-                found.append(_with_what_changed(read, target))
-    return tuple(sorted(found, key=lambda one: (-len(one.instead_of), one.best.loss)))
+        if 2 * gone.sum() <= len(gone) or not (after < before + told).all():
+            return None
+        # what wanders while the runs are made passes for noise where runs are compared with their neighbours
+        drifts = changes_with_time(target, best.residual)
+        drifts |= np.array([course is not None for course in structure(best.target, best.residual).courses])
+        drifts = drifts[columns][gone]
+        rest = frozenset(data.orders[columns][gone][~drifts].tolist())
+        if not rest:
+            return None
+        is_noise = bool((after < told)[gone].all())
+        read = Misread(reading, sizes, frozenset(), best, unexplained=rest, leaves_noise=is_noise)
+        return _with_what_changed(read, target)
+
+    return tuple(sorted(_that_stand(final, READINGS, looked_at), key=lambda one: (-len(one.instead_of), one.best.loss)))
 
 
 def _with_what_changed(one: Misread, target: FitData) -> Misread:
@@ -540,12 +581,19 @@ def _freed(state: State, final: Fit, number: int) -> State:
 
 def _as_meant(target: FitData, reading: WrongReading, sizes: FloatArray) -> FitData:
     """What is fitted where data were read wrong by so much, and the noise with it."""
-    data = reading.meant(target.data, sizes)
+    data = reading.meant(target.data, sizes) if reading.steps else _read_once(target.data, reading)
     noise = np.ones((1, 1)) if reading.gain is None else np.abs(reading.gain(target.data, sizes))
     wide = None if target.wide is None else target.wide / noise
     made = replace(target, data=data, sigma=target.sigma / noise, wide=wide)
     # what was kept of columns is that of these conditions
     return made if data.at is target.data.at else replace(made, cache={}, responses={})
+
+
+def _read_once(data: Observations, reading: WrongReading) -> Observations:
+    """The data that were meant by a reading without sizes: some take long."""
+    if reading.texts not in data.reread:
+        data.reread[reading.texts] = reading.meant(data, np.zeros(0))
+    return data.reread[reading.texts]
 
 
 def _slopes(target: FitData, best: Fit, reading: WrongReading, sizes: FloatArray) -> list[Column]:

@@ -11,8 +11,8 @@ import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.reconcile.data.contrasts import levels_of
-from st_codegen.reconcile.fit.fitting import Fit, fit
-from st_codegen.reconcile.fit.state import Coordinate, Piece
+from st_codegen.reconcile.fit.fitting import Fit, fit, fits
+from st_codegen.reconcile.fit.state import Coordinate, Piece, State
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.rest.structure import is_lacking
 from st_codegen.reconcile.search.candidates import price_of_number
@@ -341,16 +341,15 @@ def two_that_stay(fitted: Fit, number: int) -> Fit:
     staying = piece.without(moves | (load if half else set()))
     at, damping = target.data.at.rows(target.good), effect.scalar("damping_ratio")
     hertz = effect.scalar("frequency_Hz") * effect.shift(at.torque_Nm, at.temperature_C)
-    two = list[Fit]()
+    states = list[State]()
     # where one stays it stands between two of like phase, and at one of two that are opposed
     far = SETTINGS.same_resonance
     beside = [(1.0 - damping, 1.0 + damping), (1.0 - far, 1.0), (1.0, 1.0 + far)]
     starts = [np.median(hertz) * np.array(pair) for pair in beside]
     for ends in [np.quantile(hertz, (0.25, 0.75)), starts[0]] if moves else starts:
         low, high = (staying.with_values({**staying.effect.values, **half, "frequency_Hz": float(x)}) for x in ends)
-        state = fitted.state.replaced(number, low).with_piece(replace(high, added=True, origin=None))
-        two.append(fit(target, state, steps=SETTINGS.long_steps))
-    return min(two, key=lambda one: one.loss)
+        states.append(fitted.state.replaced(number, low).with_piece(replace(high, added=True, origin=None)))
+    return min(fits(target, states, steps=SETTINGS.long_steps), key=lambda one: one.loss)
 
 
 def beats_waves(without: Fit, fitted: Fit, own: BoolArray, laws: FloatArray | ComplexArray) -> bool:

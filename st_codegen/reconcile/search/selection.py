@@ -11,7 +11,7 @@ import numpy as np
 from st_codegen.ir.arrays import ComplexArray
 from st_codegen.processes import Progress
 from st_codegen.reconcile.data.noise import Noise, estimate
-from st_codegen.reconcile.fit.fitting import Fit, fit
+from st_codegen.reconcile.fit.fitting import Fit, fit, fits
 from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.rest.structure import is_lacking
@@ -188,7 +188,8 @@ def _first_that_passes(
     # a clear first needs no comparison with others
     likely = [c for c in ranked[: SETTINGS.tries] if finder.net(c) > SETTINGS.clear * finder.net(ranked[0])]
     steps, tolerance = SETTINGS.quick_steps, SETTINGS.quick_tolerance
-    tried = [(fit(seen.target, c.put_into(seen.state), steps=steps, tolerance=tolerance), c) for c in likely]
+    states = [c.put_into(seen.state) for c in likely]
+    tried = list(zip(fits(seen.target, states, steps=steps, tolerance=tolerance), likely, strict=True))
     # weighed by how far coefficients scatter about the model as it is, a poor candidate loses little to a good one:
     # they are compared by how far they scatter about the best
     spreads = [seen.target.about(fitted.residual).spread for fitted, _ in tried]
