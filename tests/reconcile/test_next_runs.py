@@ -125,7 +125,7 @@ def test_refused_effects_that_gain_most_on_open_orders_are_rivals_each_once(monk
         )
     ]  # fmt: skip
     model = SimpleNamespace(state=SimpleNamespace(model=lambda: RIG))
-    monkeypatch.setattr(questions, "fit", lambda *_, **__: model)
+    monkeypatch.setattr(questions, "fits", lambda _, states, **__: [model] * len(states))
     final = SimpleNamespace(state=SimpleNamespace(pieces=(piece("there", 3),)), target=None)
     result = SimpleNamespace(
         judged=refused,

@@ -7,7 +7,7 @@ runs: what a Gaussian process that is known at its neighbours learns there.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -17,13 +17,14 @@ from scipy.spatial.distance import cdist
 
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.data.contrasts import AXES, step_between
-from st_codegen.reconcile.fit.fitting import Fit, fit
+from st_codegen.reconcile.fit.fitting import Fit, fits
 from st_codegen.reconcile.fit.propagation import Propagation
 from st_codegen.reconcile.fit.state import Coordinate
 from st_codegen.reconcile.fit.target import by_place
 from st_codegen.reconcile.outcome import Outcome
 from st_codegen.reconcile.plan.points import Rows, summed
 from st_codegen.reconcile.result import Reconciliation
+from st_codegen.reconcile.search.candidates import Candidate
 from st_codegen.reconcile.search.peaks import has_a_frequency
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect
@@ -294,17 +295,21 @@ def other_models(result: Reconciliation) -> list[Rival]:
     return [*as_good, *_refused(result)]
 
 
-def _refused(result: Reconciliation) -> Iterator[Rival]:
+def _refused(result: Reconciliation) -> list[Rival]:
     """Effects that were refused although they gain on orders that are still unexplained."""
     final = result.conclusions.final
     open_orders = {signature.order for signature in result.unexplained}
     taken = {(piece.effect.name, piece.effect.orders) for piece in final.state.pieces}
+    refused = list[Candidate]()
     for candidate, _ in sorted(result.judged, key=lambda pair: -pair[1].loss_saved):
         effect = candidate.piece.effect
         kind = (effect.name, effect.orders)
         if candidate.number is None and kind not in taken and open_orders & set(effect.touched_orders()):
             taken.add(kind)
-            other = fit(final.target, candidate.put_into(final.state), steps=SETTINGS.quick_steps)
-            yield Rival("what was found", f"{effect.name} as well, which the data refused so far", other.state.model())
-        if len(taken) == len(final.state.pieces) + SETTINGS.most_rivals:
-            return
+            refused.append(candidate)
+    refused = refused[: SETTINGS.most_rivals]
+    states = [candidate.put_into(final.state) for candidate in refused]
+    return [
+        Rival("what was found", f"{one.piece.effect.name} as well, which the data refused so far", other.state.model())
+        for one, other in zip(refused, fits(final.target, states, steps=SETTINGS.quick_steps), strict=True)
+    ]
