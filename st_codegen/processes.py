@@ -10,6 +10,7 @@ a new thread computes in a copy: it has had none.
 from __future__ import annotations
 
 import contextlib
+import contextvars
 import gc
 import multiprocessing
 import os
@@ -155,8 +156,11 @@ def _in_copies(
         turns.write(b"".join(number.to_bytes(4) for number in range(len(items))))
         turns.seek(0)  # the place in a file is common to all copies
 
+        maker = os.getpid()
+
         def taken() -> Iterator[int]:
-            while True:
+            # a copy whose maker was killed has nobody to compute for
+            while maker in (os.getpid(), os.getppid()):
                 fcntl.lockf(turns, fcntl.LOCK_EX)
                 number = turns.read(4)
                 fcntl.lockf(turns, fcntl.LOCK_UN)
@@ -231,7 +235,7 @@ def make_copy(action: Callable[[], object]) -> int:
             code = 0
 
     try:
-        thread = threading.Thread(target=compute)
+        thread = threading.Thread(target=contextvars.copy_context().run, args=(compute,))
         thread.start()
         thread.join()
     finally:

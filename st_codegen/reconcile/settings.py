@@ -373,6 +373,8 @@ class Settings:
     most_kept_bytes: int = 400_000_000
     #: count; and pieces that are
     most_cached: int = 300
+    #: bytes that fits may take which are computed at the same time
+    most_shared_bytes: int = 4_000_000_000
     #: count; coefficients from which on some fits take far longer than copies of the process
     large: int = 5_000
 
@@ -439,7 +441,8 @@ class Settings:
     most_cuts: int = 512
 
     # --- what lies around ---
-    #: factor; power of one of many random waves over their mean: exponential, so that one in 8,000 is so large
+    #: factor; power of one of many random waves over their mean: exponential, so that one in 8,000 is so large, and one
+    #: in 420 over the mean of eight others
     stands_out: float = 9.0
     #: count; orders on a side of one whose median says what most have there
     least_on_a_side: int = 3

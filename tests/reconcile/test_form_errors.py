@@ -366,6 +366,18 @@ def test_sidebands_at_every_distance_are_not_those_of_the_carrier():
     assert not found.conclusions.claims and len(found.unexplained) == 6
 
 
+@pytest.mark.parametrize(("law", "lower"), [("load", 1.0), ("load", 1.5), ("none", 1.0)])
+def test_one_of_two_sidebands_is_no_wave_of_the_pins_where_it_has_their_order(law, lower):
+    """Once a turn the teeth are louder: the orders on both sides, one of which happens to be that of the pins."""
+    at = grid([200.0, 500.0, 900.0, 1400.0], np.linspace(0, 1600, 6), [25.0, 30.0, 35.0])
+    size = 30 * SIGMA * (at.torque_Nm / 1600 if law == "load" else np.ones(len(at)))
+    text = wave("cycloid_tooth_error", 39, 1e-3, 0.4) + wave("cycloid_tooth_error", 78, 5e-4, 1.4)
+    orders = [*range(13), *range(30, 50), *range(70, 90)]
+    found = reconciled(text, at, orders, {38: lower * size * np.exp(0.3j), 40: size * np.exp(0.5j)}, are_curves=False)
+    assert not found.conclusions.claims and not found.conclusions.retuned
+    assert {one.order for one in found.unexplained} == {38, 40}
+
+
 def test_a_gap_where_one_held_out_run_meets_what_was_added_is_said_to_be_the_least():
     """Of eight held-out runs one lies at the narrow peak: what it leaves says nothing of another beside it."""
     at, orders = grid(np.arange(100, 1701, 50.0), [0.0, 900.0], [25.0]), [0, 39, 78, 156, 240]

@@ -461,7 +461,7 @@ def test_work_that_copies_of_the_process_share_has_the_same_digits(monkeypatch):
     target = FitData(data, np.full(data.values.shape, 2e-5), np.ones(len(AT), bool), groups_of(AT))
     state = State(RIG, RIG.zero_offset_deg, pieces)
     made, copies = processes.make_copy, []
-    monkeypatch.setattr(FitData, "is_large", True)
+    monkeypatch.setattr(FitData, "at_once", 3)
     monkeypatch.setattr(processes, "make_copy", lambda action: copies.append(others) or made(action))
 
     def found():

@@ -28,9 +28,9 @@ _BY_ROW = ("values", "angle_rad", "run", "spectral_deg", "left_out", "seen", "be
 _BY_ORDER = ("values", "spectral_deg", "seen")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Observations:
-    """Measured coefficients.
+    """Measured coefficients; they are equal to themselves alone.
 
     at: conditions (n,); labels: name of each row for messages; orders: int (K,), rising; values: complex128 (n, K),
     deg. spectral_deg: the noise of each value by its own curve's spectrum, (n, K), where that is known; seen: bool
@@ -156,11 +156,6 @@ class Observations:
         more = f" and {counted(len(copies) - 1, 'more curve')}" if len(copies) > 1 else ""
         text = f"{self.labels[copies[0]]}{more}: the digits of an earlier curve, which counts once"
         return replace(self.rows(first), not_looked_at=(*self.not_looked_at, text))
-
-    @cached_property
-    def reread(self) -> dict[object, Observations]:
-        """These as they would be, had they been read in other ways: kept by those who ask."""
-        return {}
 
     @cached_property
     def few_points(self) -> bool:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -52,7 +52,7 @@ class Fit:
 
     @property
     def packed(self) -> Packed:
-        """What tells this fit from another one of the same data and effects, as it travels between processes."""
+        """What tells this fit from another one of the same data and pieces, as it travels between processes."""
         return self.state.numbers, self.residual, self.loss, self.prior, self.centre
 
     @cached_property
@@ -159,7 +159,7 @@ Packed = tuple[Numbers, ComplexArray, float, FloatArray, FloatArray]
 
 
 def unpacked(made: Packed, target: FitData, state: State) -> Fit:
-    """The fit of which `packed` has come back; state: one of the same effects."""
+    """The fit of which `packed` has come back; state: one with the same pieces, but for values and what is free."""
     numbers, residual, loss, prior, centre = made
     state = state.with_numbers(numbers)
     return Fit(target, state, residual, loss, _columns(target, state), prior, centre)
@@ -239,9 +239,10 @@ def fit(target: FitData, state: State, *, steps: int = 12, tolerance: float = 1e
 
 def fits(target: FitData, states: Sequence[State], *, steps: int = 12, tolerance: float = 1e-3) -> list[Fit]:
     """The fits of several states to the same data, in their order; all processors share them where these are large."""
-    found = shared_out(
-        lambda state: fit(target, state, steps=steps, tolerance=tolerance).packed, states, is_large=target.is_large
-    )
+    fitted = partial(fit, target, steps=steps, tolerance=tolerance)
+    if target.at_once == 1:
+        return [fitted(state) for state in states]
+    found = shared_out(lambda state: fitted(state).packed, states, is_large=True, at_once=target.at_once)
     return [unpacked(made, target, state) for made, state in zip(found, states, strict=True)]
 
 

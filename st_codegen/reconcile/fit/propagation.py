@@ -71,15 +71,16 @@ class Propagation:
         nothing = self.change(piece.unit()) if stage is Stage.MEASURING else 0.0
         # the size of one of several orders shows on that order alone: those of all orders are computed at once
         is_by_order = stage is Stage.STRUCTURE and piece.effect.orders_key == "orders" and self.data.angle_rad is None
-        sizes: dict[str, ComplexArray] = {}
+        sizes: dict[tuple[str, int], ComplexArray] = {}
         found = []
         for number, c in enumerate(coordinates):
             if is_by_order and c.part:
-                if c.key not in sizes:
-                    alike = [other for other in coordinates if (other.key, other.part) == (c.key, 1)]
-                    sizes[c.key] = self.measured(self.change(piece.unit(*alike)), stage)
-                places, own = self._column(sizes[c.key], self.data.orders == piece.effect.orders[c.place])
-                found.append((places, own if c.part == 1 else 1j * own))
+                size = c.key, c.part
+                if size not in sizes:
+                    alike = [other for other in coordinates if (other.key, other.part) == size]
+                    sizes[size] = self.measured(self.change(piece.unit(*alike)), stage)
+                own = self.data.orders == piece.effect.orders[c.place]
+                found.append(self._column(sizes[size], own))
                 continue
             change = self.change(piece.unit(c)) - nothing if c.linear else self._slope(piece, vector, number, c)
             found.append(self._column(self.measured(change, stage)))
@@ -115,5 +116,5 @@ class Propagation:
 
     @staticmethod
     def _column(values: ComplexArray, own: BoolArray | bool = True) -> Column:
-        touched = np.flatnonzero(values.any(axis=0) & own)
+        touched = np.flatnonzero((np.abs(values).max(axis=0, initial=0.0) > 0) & own)
         return touched, np.ascontiguousarray(values[:, touched])

@@ -252,11 +252,11 @@ class State:
 
     @property
     def numbers(self) -> Numbers:
-        """What tells this state from another one of the same effects."""
+        """What tells this state from another one with the same pieces, but for values and what is free."""
         return self.offset, self.offset_free, tuple((dict(piece.effect.values), piece.free) for piece in self.pieces)
 
     def with_numbers(self, numbers: Numbers) -> State:
-        """This state with the numbers of another one of the same effects."""
+        """This state with the numbers of another one with the same pieces."""
         offset, offset_free, of_pieces = numbers
 
         def numbered(piece: Piece, values: dict[str, Any], free: frozenset[str]) -> Piece:

@@ -87,9 +87,13 @@ class FitData:
     responses: dict[object, ComplexArray] = field(default_factory=dict, compare=False)
 
     @property
-    def is_large(self) -> bool:
-        """Whether work on it is shared out to copies of this process."""
-        return self.data.values.size >= SETTINGS.large and can_be_copied()
+    def at_once(self) -> int:
+        """How many fits may be computed at a time, each in a copy of this process: one where data are small.
+
+        Each takes some arrays of the size of the data.
+        """
+        is_large = self.data.values.size >= SETTINGS.large and can_be_copied()
+        return max(SETTINGS.most_shared_bytes // (6 * self.data.values.nbytes), 1) if is_large else 1
 
     @property
     def spread(self) -> FloatArray:

@@ -10,7 +10,7 @@ import heapq
 import itertools
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -148,6 +148,12 @@ def _turned_each(data: Observations, size: FloatArray) -> Observations:
     return _turned(-1.0)(_turned(1.0, -1.0)(data, size[:1]), size[1:])
 
 
+@lru_cache(maxsize=1)
+def _over_the_output(data: Observations) -> Observations:
+    """As `over_the_output`, which takes long: asked for the same data by all that may be read wrong."""
+    return over_the_output(data)
+
+
 def _wound(data: Observations, size: FloatArray) -> Observations:
     """Angles of a shaft that the load winds up, by a size at the largest, backward the other way."""
     load = data.at.sign * data.at.torque_Nm / max(float(np.abs(data.at.torque_Nm).max()), 1e-300)
@@ -239,7 +245,7 @@ READINGS = (
     ),
     WrongReading(
         _ANGLE, ("all angles those of the fast shaft over the reduction ratio",),
-        lambda data, _size: over_the_output(data),
+        lambda data, _size: _over_the_output(data),
     ),
     WrongReading(
         _ANGLE, ("every angle {:.3g} deg too {} at the largest load, in proportion at others, backward the other way",),
@@ -294,23 +300,26 @@ def _that_stand(
     looked_at: what there is for one, with a best fit to the data as it means them; final: one of the same effects.
     """
 
-    def made(number: int) -> tuple[dict[str, Any], Packed] | None:
-        one = looked_at(readings[number])
+    target = final.target
+    if target.at_once == 1:
+        return [one for one in map(looked_at, readings) if one is not None]
+    for reading in readings:
+        if not reading.steps:
+            reading.meant(target.data, np.zeros(0))  # what takes long is kept for all copies
+
+    def made(reading: WrongReading) -> tuple[FloatArray, Packed, tuple[Any, ...]] | None:
+        one = looked_at(reading)
         if one is None:
             return None
         # a reading is made of functions, which cannot travel
-        return {key: value for key, value in vars(one).items() if key not in ("reading", "best")}, one.best.packed
+        return one.sizes, one.best.packed, (one.instead_of, one.touched, one.unexplained, one.leaves_noise)
 
-    target, standing = final.target, list[Misread]()
-    for reading in readings:
-        if not reading.steps:
-            _read_once(target.data, reading)  # not by each copy
-    found = shared_out(made, range(len(readings)), is_large=target.is_large)
-    for reading, one in zip(readings, found, strict=True):
+    standing = list[Misread]()
+    for reading, one in zip(readings, shared_out(made, readings, is_large=True, at_once=target.at_once), strict=True):
         if one is not None:
-            rest, made_of = one
-            best = unpacked(made_of, _as_meant(target, reading, rest["sizes"]), final.state)
-            standing.append(Misread(reading=reading, best=best, **rest))
+            sizes, best, (instead, *rest) = one
+            found = unpacked(best, _as_meant(target, reading, sizes), final.state)
+            standing.append(Misread(reading, sizes, instead, found, *rest))
     return standing
 
 
@@ -581,19 +590,12 @@ def _freed(state: State, final: Fit, number: int) -> State:
 
 def _as_meant(target: FitData, reading: WrongReading, sizes: FloatArray) -> FitData:
     """What is fitted where data were read wrong by so much, and the noise with it."""
-    data = reading.meant(target.data, sizes) if reading.steps else _read_once(target.data, reading)
+    data = reading.meant(target.data, sizes)
     noise = np.ones((1, 1)) if reading.gain is None else np.abs(reading.gain(target.data, sizes))
     wide = None if target.wide is None else target.wide / noise
     made = replace(target, data=data, sigma=target.sigma / noise, wide=wide)
     # what was kept of columns is that of these conditions
     return made if data.at is target.data.at else replace(made, cache={}, responses={})
-
-
-def _read_once(data: Observations, reading: WrongReading) -> Observations:
-    """The data that were meant by a reading without sizes: some take long."""
-    if reading.texts not in data.reread:
-        data.reread[reading.texts] = reading.meant(data, np.zeros(0))
-    return data.reread[reading.texts]
 
 
 def _slopes(target: FitData, best: Fit, reading: WrongReading, sizes: FloatArray) -> list[Column]:

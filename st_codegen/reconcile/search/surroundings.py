@@ -27,6 +27,7 @@ def stands_out(current: Fit, own: ComplexArray, lacking: BoolArray | None = None
     """Whether a contribution (n, K) is clearly larger on one of its orders than what nobody explains on those around.
 
     Where all orders hold about as much that no effect makes, one of them says nothing of the effect that it belongs to.
+    Where the loudest of those around is one that a part of the machine makes by itself, the others tell.
     lacking: bool (K,), the orders that keep more than noise, where that is known: others hold nothing, however far
     single runs lie off.
     """
@@ -39,24 +40,29 @@ def stands_out(current: Fit, own: ComplexArray, lacking: BoolArray | None = None
     # an effect of one angle reaches all orders: what is left of them is its form's
     waves = [piece.effect for piece in current.state.pieces if not piece.effect.least_foreign]
     made = {order for effect in waves for order in effect.touched_orders()}
-    size, left = (np.abs(own[rows]) ** 2).mean(axis=0), left.mean(axis=0)
+    size, left = (np.abs(own[rows]) ** 2).mean(axis=0), np.maximum(left.mean(axis=0), 0.0)
     # orders of curves that are not looked at are no louder than noise; what a table lacks nobody knows
     known = orders if target.data.spectral_deg is None else np.arange(1, orders.max(initial=0) + 1)
     around = np.zeros(len(known))
     around[np.isin(known, orders)] = left[np.isin(orders, known)]
-    nobodys = ~np.isin(known, list(made))
+    nobodys, of_parts = ~np.isin(known, list(made)), np.isin(known, current.state.rig.constants.part_orders())
     for k in np.flatnonzero(size > SETTINGS.part_of_change * size.max(initial=0.0)):
         near = np.flatnonzero(nobodys & (np.abs(known - orders[k]) <= SETTINGS.around_order))
         near = near[np.argsort(np.abs(known[near] - orders[k]), kind="stable")][: SETTINGS.shared_orders]
-        if len(near) < SETTINGS.shared_orders or size[k] > SETTINGS.stands_out * _without_largest(around[near]):
+        if len(near) < SETTINGS.shared_orders:
+            return True
+        most = around[near].mean()
+        if of_parts[near[around[near].argmax()]]:
+            most = min(most, _without_largest(around[near]))  # the loudest may lack an effect of its own
+        if size[k] > SETTINGS.stands_out * most:
             return True
     return False
 
 
 def _without_largest(powers: FloatArray) -> float:
-    """The mean that powers of random waves have, told by all but the largest: an order may lack an effect of its own.
+    """The mean that powers of random waves have, told by all but the largest.
 
-    Of n that are exponential, the largest has 1 + 1/2 + .. 1/n of their mean (Renyi).
+    Of n that are exponential, the largest has 1 + 1/2 + .. 1/n times their mean (Renyi).
     """
     count = len(powers)
     rest = count - (1.0 / np.arange(1, count + 1)).sum()

@@ -42,6 +42,10 @@ class Constants:
         """Orders of teeth, pins and the fast shaft."""
         return tuple(sorted({*self.tooth_orders(), *self.pin_orders(), *self.shaft_orders()}))
 
+    def part_orders(self) -> tuple[int, ...]:
+        """Orders that a part makes by itself: those of the mesh, the cranks, and the output once and twice a turn."""
+        return tuple(sorted({1, 2, self.cranks, *self.mesh_orders()}))
+
     def tooth_orders(self) -> tuple[int, ...]:
         """Multiples of the cycloid's teeth, up to the 10th."""
         return tuple(self.cycloid_teeth * m for m in range(1, 11))
