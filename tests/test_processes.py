@@ -225,3 +225,37 @@ def test_copies_share_no_work_out(monkeypatch):
 
     found = shared_out(work, range(2), is_large=True)
     assert dict(found) == {process: int(process == os.getpid()) for process, _ in found}
+
+
+@pytest.mark.skipif(not processes.can_be_copied(), reason="no copies of a process here")
+def test_copies_of_a_killed_process_begin_no_other_item(monkeypatch, tmp_path):
+    """They took all that was left, with nobody to tell."""
+    monkeypatch.setattr(joblib, "cpu_count", lambda: 2)
+    file = os.open(tmp_path / "begun", os.O_CREAT | os.O_APPEND | os.O_WRONLY)
+
+    def work(number):
+        os.write(file, bytes([number]))
+        if number == 1:
+            time.sleep(0.3)
+            os.kill(maker, signal.SIGKILL)
+        time.sleep(0.3 if os.getpid() != maker else 60.0)
+
+    if not (maker := processes.fork()):
+        maker = os.getpid()
+        shared_out(work, range(20), is_large=True)
+        os._exit(0)
+    assert os.WTERMSIG(os.waitpid(maker, 0)[1]) == signal.SIGKILL
+    time.sleep(1.5)
+    assert len((tmp_path / "begun").read_bytes()) <= 3
+
+
+def test_a_copy_computes_in_the_surroundings_of_its_maker(monkeypatch):
+    monkeypatch.setattr(joblib, "cpu_count", lambda: 2)
+
+    def work(_):
+        time.sleep(0.2)
+        return os.getpid(), np.geterr()["divide"]
+
+    with np.errstate(divide="raise"):
+        found = shared_out(work, range(2), is_large=True)
+    assert {told for _, told in found} == {"raise"}
