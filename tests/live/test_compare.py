@@ -7,6 +7,7 @@ import socket
 import struct
 import threading
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -502,6 +503,8 @@ def test_what_was_not_compared_is_no_agreement_and_is_said():
         "numbers (st-codegen.toml can give it): te", "opcua x does not say whether the PLC is in RUN",
     ):  # fmt: skip
         assert part in said
+    summary = record_sections(replace(report, models=[partly]))[0]
+    assert "9 rows, but for 2 rows without a bound, not judged and 1 row whose label rounding leaves open" in summary
 
 
 @pytest.mark.parametrize(
