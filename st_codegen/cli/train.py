@@ -120,6 +120,8 @@ def command(
 
     if campaign.is_file():
         refuse_unused(f"on a harmonic table ({campaign})", "most_orders", "skip_bad", "cache")
+    elif orders != "auto":
+        refuse_unused("where --orders are given", "most_orders")
     for option, file in (("--table", table_out), ("--report", report)):
         if file is not None and _is_measured(file, campaign):
             what = f"is the measured table {campaign}" if campaign.is_file() else f"lies among the curves of {campaign}"

@@ -167,6 +167,12 @@ def test_bad_files_stop_it_and_nothing_is_written(tmp_path, capsys):
     assert not (tmp_path / "m").exists()
 
 
+def test_how_many_orders_there_may_be_says_nothing_where_they_are_given(tmp_path, capsys):
+    (tmp_path / "c").mkdir()
+    said = refused(capsys, "train", tmp_path / "c", "--orders", "1,39", "--most-orders", "1")
+    assert "--most-orders: without effect where --orders are given" in " ".join(said.split())
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
