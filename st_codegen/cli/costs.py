@@ -84,8 +84,8 @@ def print_verdict(target: str, cost: ProjectCost, cycle_us: float | None) -> Non
         fits = cost.fits(cycle_us)
         line.append(cost.profile.judged(fits=fits), "green" if fits else "bold red")
     say(line)
-    if not cost.profile.is_calibrated:
-        tell(f"{cost.profile.name} was not calibrated: the times are estimates (st-codegen calibrate)")
+    if cost.profile.remark:
+        tell(cost.profile.remark)
 
 
 def times_text(cost: ProjectCost, cycle_us: float | None = None) -> str:

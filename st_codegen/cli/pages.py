@@ -165,8 +165,8 @@ def _cost_section(target: str, cost: ProjectCost, cycle_us: float | None) -> Pag
         text += f" Budget: {plain_number(cycle_us)} us: it {cost.profile.judged(fits=cost.fits(cycle_us))}."
     if len(parts) < len(cost.parts):
         text += f" Of {len(cost.parts)} units the {len(parts)} slowest are listed."
-    if not cost.profile.is_calibrated:
-        text += " The profile was not calibrated: the times are estimates."
+    if cost.profile.remark:
+        text += f" {cost.profile.remark}."
 
     def bars(axes: Any) -> None:
         names = [part.unit for part in parts][::-1]
