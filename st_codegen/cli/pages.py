@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from st_codegen.cli.costs import magnitude_text, times_text
+from st_codegen.cli.costs import magnitude_text, rounded_up, times_text
 from st_codegen.cli.prove import VERDICT_COLUMNS, sentence, verdict_rows
 from st_codegen.emit.output import MANIFEST
 from st_codegen.errors import at_most, counted
@@ -199,7 +199,7 @@ def explain_sections(found: Sequence[Explanation]) -> tuple[str, list[PageSectio
 
 
 def _worst_text(cost: ProjectCost) -> str:
-    return "no bound is known" if cost.unbounded else f"{cost.cold_us:.1f} us in the worst case"
+    return "no bound is known" if cost.unbounded else f"{rounded_up(cost.cold_us, 1)} us in the worst case"
 
 
 def _layouts_section(entry: Explanation) -> PageSection:

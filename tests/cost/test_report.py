@@ -6,12 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from st_codegen.cli.costs import cost_table
+from st_codegen.cli.costs import cost_table, times_text
+from st_codegen.cli.pages import _worst_text
 from st_codegen.cost.calibrate import Calibration, Measurement, calibrate, read_measurements, with_factors
 from st_codegen.cost.operations import CostClass
 from st_codegen.cost.profile import load_profile, profiles_folder
 from st_codegen.cost.profile_files import profile_names
-from st_codegen.cost.report import UnitPart, project_cost
+from st_codegen.cost.report import BlockCost, ProjectCost, UnitPart, project_cost
 from st_codegen.errors import InputError, at_most
 from tests.cost.helpers import CONSTANTS, PROFILE, VARIABLES, block, cost, project
 from tests.cost.test_counts import STATEMENTS
@@ -218,6 +219,15 @@ def test_parts_of_less_than_a_five_hundredth_are_added_up_in_one_row():
     table = cost_table("all", parts)
     assert list(table.columns[0].cells) == ["FB_A", "FB_B", "2 others", "sum"]
     assert list(table.columns[-1].cells) == ["99.5%", "0.2%", "0.2%", "100.0%"]
+
+
+def test_a_worst_case_is_rounded_up_wherever_it_is_told():
+    """A page said 7.6 us on top and 7.7 us below, of 7.64; so did the sum of a table and the line below it."""
+    part = UnitPart("FB_A", {}, 1, 1, 0, 0, 0.04, 7.64)
+    told = ProjectCost(PROFILE, {"FB_A": BlockCost("FB_A", (part,), ())}, ("FB_A",))
+    assert "7.7 us with cold ones" in times_text(told)
+    assert _worst_text(told) == "7.7 us in the worst case"
+    assert list(cost_table("all", told.parts).columns[-2].cells) == ["7.7", "7.7"]
 
 
 def test_a_profile_is_written_whatever_its_name_is(tmp_path):
