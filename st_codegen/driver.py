@@ -34,7 +34,7 @@ from st_codegen.project.bundle import Bundle, load
 from st_codegen.project.purpose import Purpose
 from st_codegen.proof.emitted import check_emitted, reader
 from st_codegen.proof.isolated import isolated
-from st_codegen.proof.probes import operating_range, range_source
+from st_codegen.proof.probes import range_source, stated_range
 from st_codegen.proof.prove.range_bound import largest_loss
 from st_codegen.proof.vectors import check_row, reference_vectors
 
@@ -567,7 +567,7 @@ def _model_facts(model: ModelIR, compiled: Compiled) -> dict[str, Any]:
     location = compiled.locations[model.name]
     trees = [op for op in model.ops if isinstance(op, TreeEnsemble)]
     kernels = [op for op in model.ops if isinstance(op, KernelSum)]
-    lower, upper = operating_range(model)
+    lower, upper = stated_range(model)
     return {
         "block": block_name(location.model),
         "block_outputs": list(location.outputs),

@@ -145,11 +145,11 @@ def test_decimal_commas_are_read_as_in_training(lone_folder, tmp_path):
 
 
 def test_brackets_in_data_are_shown(lone_folder, tmp_path, capsys):
-    (lone_folder / "[nan.txt").write_text("no model [red]at[/red] all")
     path = tmp_path / "x.csv"
     path.write_text("f0,f1,f2\n1,2,[nan\n")
     assert run("predict", lone_folder, "-i", path, "-o", tmp_path / "y.csv") == 2
     assert "'[nan' is not a number" in capsys.readouterr().err
+    (lone_folder / "[nan.txt").write_text("no model [red]at[/red] all")
     assert run(lone_folder, "--out", tmp_path) == 2
     assert "[nan.txt: not a LightGBM text model" in capsys.readouterr().err
     (lone_folder / "[nan.txt").write_text((lone_folder / "te.txt").read_text())

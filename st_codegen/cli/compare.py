@@ -106,7 +106,8 @@ def command(
         report = compare(bundle, folder, connect, rows=rows, seed=seed, block=block, progress=progress)
     report.same_bits = same_bits
     _write(report, given.models, json_file, html)
-    if times is not None and report.passed:
+    unknown = _why_no_times(report)
+    if times is not None and not unknown:
         write_text(times, times_csv(report))
     if not given.quiet:
         console.print(agreement_table(f"library and controller compared, {report.address}", report.models))
@@ -114,8 +115,8 @@ def command(
             say(line)
     for name, line in report.failures():
         say(Text.assemble((name, "red"), f": {line}"))
-    if times is not None and not report.passed:
-        say(f"{times} is not written: {_OF_ANOTHER}")
+    if times is not None and unknown:
+        say(f"{times} is not written: {unknown}")
     if calibrated is not None:
         _calibrate(report, folder, base, calibrated, quiet=given.quiet)
     if not report.passed:
@@ -123,8 +124,13 @@ def command(
     sys.exit(0 if report.passed else 1)
 
 
-#: Why times of a comparison that failed are kept nowhere.
-_OF_ANOTHER = "the times may be those of another text"
+def _why_no_times(report: LiveReport) -> str:
+    """Why times are kept nowhere; empty where they are."""
+    from st_codegen.live.live_report import known_times
+
+    if not report.passed:
+        return "the times may be those of another text"
+    return "" if known_times(report) else "all calls were quicker than the controller's clock"
 
 
 def _write(report: LiveReport, models: Path, json_file: Path | None, html: Path | None) -> None:
@@ -146,9 +152,7 @@ def _calibrate(report: LiveReport, folder: Path, base: Profile, out: Path, *, qu
     from st_codegen.live.live_report import known_times
 
     measured = tuple(Measurement(name, False, high_us) for name, high_us in known_times(report).items())
-    if not report.passed:
-        say(f"{out} is not written: {_OF_ANOTHER}")
-    elif not measured:
-        say(f"{out} is not written: all calls were quicker than the controller's clock")
+    if unknown := _why_no_times(report):
+        say(f"{out} is not written: {unknown}")
     else:
         write_profile(folder, base, measured, out, quiet=quiet)

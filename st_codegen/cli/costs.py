@@ -84,18 +84,18 @@ def print_verdict(target: str, cost: ProjectCost, cycle_us: float | None) -> Non
         fits = cost.fits(cycle_us)
         line.append(cost.profile.judged(fits=fits), "green" if fits else "bold red")
     say(line)
-    if not cost.profile.is_calibrated:
-        tell(f"{cost.profile.name} was not calibrated: the times are estimates (st-codegen calibrate)")
+    if cost.profile.remark:
+        tell(cost.profile.remark)
 
 
 def times_text(cost: ProjectCost, cycle_us: float | None = None) -> str:
     """Both times; the worst case is rounded up, but not beyond a budget that it fits into."""
     most = math.inf if cycle_us is None or cost.cold_us > cycle_us else cycle_us
-    digits = next(n for n in count(1) if float(_up(cost.cold_us, n)) <= most)
-    return f"{cost.warm_us:.1f} us with warm caches, {_up(cost.cold_us, digits)} us with cold ones"
+    digits = next(n for n in count(1) if float(rounded_up(cost.cold_us, n)) <= most)
+    return f"{cost.warm_us:.1f} us with warm caches, {rounded_up(cost.cold_us, digits)} us with cold ones"
 
 
-def _up(time_us: float, digits: int) -> str:
+def rounded_up(time_us: float, digits: int) -> str:
     """A time rounded up to so many digits behind the point."""
     return f"{Decimal(repr(float(time_us))).quantize(Decimal(1).scaleb(-digits), ROUND_CEILING):f}"
 
@@ -157,6 +157,6 @@ def _cells(parts: Sequence[UnitPart], total: float) -> list[str]:
         f"{64 * sum(part.lines for part in parts):,}",
         f"{sum(part.code_bytes for part in parts):,}",
         f"{sum(part.warm_us for part in parts):.1f}",
-        f"{cold:.1f}",
+        rounded_up(cold, 1),
         percent(cold / total),
     ]

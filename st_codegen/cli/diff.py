@@ -173,7 +173,7 @@ def _feature(feature: dict[str, Any]) -> str:
     """Name and unit of a feature, and its range where one is known, in all digits, with what it is known from."""
     text = f"{feature['name']} [{feature['unit']}]" if feature["unit"] else str(feature["name"])
     if (known := feature.get("range")) is not None:
-        text += f" {plain_number(known[0])} .. {plain_number(known[1])}"
+        text += f" {plain_number(known[0])} " + ("only" if known[0] == known[1] else f".. {plain_number(known[1])}")
     if source := feature.get("range_from"):
         text += f" ({source}{', limited' if feature.get('limited') else ''})"
     return text

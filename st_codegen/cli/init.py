@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from functools import partial
 from pathlib import Path
 
 import click
@@ -44,7 +45,7 @@ def command(models: Path, training_data: Path | None, force: bool, trust_pickle:
     path = models / CONFIGURATION_FILE
     if path.exists() and not force:
         raise InputError(f"{path} is there already; --force replaces it")
-    table = None if training_data is None else read_table(training_data)
+    table = None if training_data is None else partial(read_table, training_data)
     digest = "" if training_data is None else file_sha256(training_data)
     text = initial_configuration(models, table, digest, trust_pickle=trust_pickle)
     write_text(path, text)

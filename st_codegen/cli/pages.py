@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from st_codegen.cli.costs import magnitude_text, times_text
+from st_codegen.cli.costs import magnitude_text, rounded_up, times_text
 from st_codegen.cli.prove import VERDICT_COLUMNS, sentence, verdict_rows
 from st_codegen.emit.output import MANIFEST
 from st_codegen.errors import at_most, counted
@@ -165,8 +165,8 @@ def _cost_section(target: str, cost: ProjectCost, cycle_us: float | None) -> Pag
         text += f" Budget: {plain_number(cycle_us)} us: it {cost.profile.judged(fits=cost.fits(cycle_us))}."
     if len(parts) < len(cost.parts):
         text += f" Of {len(cost.parts)} units the {len(parts)} slowest are listed."
-    if not cost.profile.is_calibrated:
-        text += " The profile was not calibrated: the times are estimates."
+    if cost.profile.remark:
+        text += f" {cost.profile.remark}."
 
     def bars(axes: Any) -> None:
         names = [part.unit for part in parts][::-1]
@@ -199,7 +199,7 @@ def explain_sections(found: Sequence[Explanation]) -> tuple[str, list[PageSectio
 
 
 def _worst_text(cost: ProjectCost) -> str:
-    return "no bound is known" if cost.unbounded else f"{cost.cold_us:.1f} us in the worst case"
+    return "no bound is known" if cost.unbounded else f"{rounded_up(cost.cold_us, 1)} us in the worst case"
 
 
 def _layouts_section(entry: Explanation) -> PageSection:

@@ -30,7 +30,8 @@ Examples:
     "source",
     type=PLACE,
     required=True,
-    help="CSV with a header of feature names (f0, f1, .. by place); nan and inf are allowed.",
+    help="CSV with a header of feature names (f0, f1, .. by place), other columns are passed over; nan and inf are "
+    "allowed.",
 )
 @click.option("-o", "--output", "result", type=FILE, required=True, help="CSV to write, - for output.")
 @click.option(
@@ -48,12 +49,12 @@ def command(given: GivenModels, source: Path, result: Path, engine: str, outputs
     A classifier gives the library's own labels, and further outputs beside them.
     """
     from st_codegen.driver import Evaluator, predict
-    from st_codegen.proof.predict import read_table, table_text
+    from st_codegen.proof.predict import columns_of, read_table, table_text
 
     if result.exists() and result.samefile(source):
         raise click.BadParameter(f"{result} is the table of inputs; give another file.", param_hint="'--output'")
-    table = read_table(source)
     bundle = given.load(outputs, real=False)
+    table = read_table(source, columns_of(bundle.irs))
     text = table_text(predict(bundle, table, Evaluator(engine), table=str(source)))
     if str(result) == "-":
         click.echo(text, nl=False)

@@ -120,6 +120,8 @@ def command(
 
     if campaign.is_file():
         refuse_unused(f"on a harmonic table ({campaign})", "most_orders", "skip_bad", "cache")
+    elif orders != "auto":
+        refuse_unused("where --orders are given", "most_orders")
     for option, file in (("--table", table_out), ("--report", report)):
         if file is not None and _is_measured(file, campaign):
             what = f"is the measured table {campaign}" if campaign.is_file() else f"lies among the curves of {campaign}"
@@ -223,9 +225,11 @@ def _summary(lesson: Lesson, faulty_are: str) -> Table:
     others = (
         "" if faulty_are == "kept" or lesson.left_out == faulty else f" ({lesson.left_out} of all runs for the models)"
     )
+    unknown = lesson.faulty.not_judged and not faulty
+    told = "faulty runs not looked for, 0" if unknown else counted(faulty, "faulty run")
     title = (
         f"{lesson.direction}: worst case {lesson.cost_us:.3g} us (a quick estimate; verify counts the text), "
-        f"{counted(faulty, 'faulty run')} {faulty_are}{others}; errors at the operating points of "
+        f"{told} {faulty_are}{others}; errors at the operating points of "
         f"{counted(len(lesson.study.test), 'run')} that were kept apart"
     )
     table = table_of(title, ">order", "models", ">amplitude MAE, deg", ">phase MAE, rad", ">complex MAE, deg")

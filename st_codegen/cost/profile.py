@@ -34,7 +34,10 @@ _MAY_BE_ZERO = {"mispredicted_warm", "mispredicted_cold", "mispredict_cycles", "
 
 @dataclass(frozen=True)
 class Profile:
-    """One machine. `machine` and `cycles` by name; `sources` says where each number is from; `text` is the file."""
+    """One machine. `machine` and `cycles` by name; `sources` says where each number is from; `text` is the file.
+
+    longest: of the times that it was calibrated with, over its own, where one is longer than that; else 1.
+    """
 
     name: str
     machine: Mapping[str, float]
@@ -43,6 +46,7 @@ class Profile:
     memory_factor: float
     sources: Mapping[str, str]
     text: str
+    longest: float = 1.0
 
     def weights(self, *, is_cold: bool) -> dict[CostClass, float]:
         """Cycles of each operation, wrong predictions included."""
@@ -66,7 +70,19 @@ class Profile:
             return "DOES NOT FIT"
         # a calibration that could not tell the memory's factor leaves it at 1, or at the other one
         told = self.is_calibrated and self.memory_factor not in (1.0, self.compute_factor)
-        return "fits" if told else "fits by estimate"
+        return "fits" if told and self.longest <= 1.0 else "fits by estimate"
+
+    @property
+    def remark(self) -> str:
+        """Why its times are no bound; empty where no measurement says so."""
+        if not self.is_calibrated:
+            return f"{self.name} was not calibrated: the times are estimates (st-codegen calibrate)"
+        if self.longest <= 1.0:
+            return ""
+        return (
+            f"{self.name}: its times are no bound, since some that it was calibrated with are up to {self.longest:g} "
+            "times as long; divide a budget by that at least"
+        )
 
     @property
     def estimates(self) -> tuple[str, ...]:
@@ -106,11 +122,18 @@ def _profile(file: TomlTable, name: str, text: str) -> Profile:
     with file.table("cycles", required=True) as table:
         cycles = {operation: _sourced(table, operation.value, 0.0, 1e6, sources) for operation in CostClass}
     with file.table("factors") as table:
-        compute, memory = (
-            table.number(key, 1.0, low=SMALLEST_FACTOR, high=LARGEST_FACTOR) for key in ("compute", "memory")
+        compute, memory, longest = (
+            table.number(key, 1.0, low=SMALLEST_FACTOR, high=LARGEST_FACTOR) for key in ("compute", "memory", "longest")
         )
     return Profile(
-        name, MappingProxyType(machine), MappingProxyType(cycles), compute, memory, MappingProxyType(sources), text
+        name,
+        MappingProxyType(machine),
+        MappingProxyType(cycles),
+        compute,
+        memory,
+        MappingProxyType(sources),
+        text,
+        longest,
     )
 
 

@@ -65,6 +65,8 @@ class CsvTable:
     def number(self, row: CsvRow, name: str, *, is_finite: bool = True) -> float:
         """A cell as a number. Raises RowError."""
         cell = self.text(row, name)
+        if not cell and not is_finite:
+            raise RowError(row.line, f"{name}: '' is not a number; a missing one is written nan")
         try:
             return parse_number(cell, decimal_comma=self.decimal_comma, is_finite=is_finite)
         except ValueError as error:
@@ -127,9 +129,14 @@ def with_underscores(columns: Mapping[str, npt.NDArray[np.float64]]) -> dict[str
     (`Dataset::set_feature_names`.) No name stands for a column where two columns would bear it, unless one bears it
     in the table.
     """
-    made = [name.replace(" ", "_") for name in columns]
+    made = [underscored(name) for name in columns]
     times = Counter(made)
     return {name: columns[own] for name, own in zip(made, columns, strict=True) if times[name] == 1} | dict(columns)
+
+
+def underscored(name: str) -> str:
+    """The name that LightGBM makes of that of a column."""
+    return name.replace(" ", "_")
 
 
 def header_of(path: Path) -> tuple[str, ...]:

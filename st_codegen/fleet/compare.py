@@ -99,6 +99,7 @@ class Growth:
 class FleetComparison:
     """All that is seen from axis to axis and from campaign to campaign; the limit of `Growth.times`.
 
+    growth_axes: how many axes have a parameter that was compared with that limit;
     copies: the axes of which a campaign has the numbers of another campaign, of its own or of another axis.
     """
 
@@ -106,6 +107,7 @@ class FleetComparison:
     rare: tuple[Rare, ...] = ()
     growth: tuple[Growth, ...] = ()
     growth_limit: float | None = None
+    growth_axes: int = 0
     copies: tuple[str, ...] = ()
     not_looked_at: tuple[str, ...] = ()
 
@@ -125,9 +127,9 @@ def compare(fleet: Sequence[Campaigns]) -> FleetComparison:
         for spread in spreads
     ]
     rare = [one for kind, axes in types.items() if len(axes) >= LEAST_AXES for one in _rare(kind, axes)]
-    growth, limit = _growth(fleet)
+    growth, limit, grown_of = _growth(fleet)
     unseen = tuple(_not_looked_at(types, fleet, limited))
-    return FleetComparison(tuple(limited), tuple(rare), growth, limit, _copies(fleet), unseen)
+    return FleetComparison(tuple(limited), tuple(rare), growth, limit, grown_of, _copies(fleet), unseen)
 
 
 def _copies(fleet: Sequence[Campaigns]) -> tuple[str, ...]:
@@ -191,8 +193,8 @@ def _rare(kind: str, axes: Sequence[Campaigns]) -> list[Rare]:
     ]
 
 
-def _growth(fleet: Sequence[Campaigns]) -> tuple[tuple[Growth, ...], float | None]:
-    """What grew since the last campaign but the newest, and the limit that growth passed."""
+def _growth(fleet: Sequence[Campaigns]) -> tuple[tuple[Growth, ...], float | None, int]:
+    """What grew since the last campaign but the newest, the limit that growth passed, and of how many axes it is."""
     compared, new = [], []
     for axis in fleet:
         if len(axis.estimates) < 2:
@@ -209,10 +211,11 @@ def _growth(fleet: Sequence[Campaigns]) -> tuple[tuple[Growth, ...], float | Non
             grown = now.grows * (abs(now.value) - abs(old.value)) / math.hypot(now.stderr, old.stderr)
             compared.append(Growth(axis.axis, *key, now.unit, old.value, now.value, grown, history))
     if not compared:
-        return tuple(new), None
+        return tuple(new), None, 0
     limit = NormalDist().inv_cdf(1.0 - FALSE_ALARM / len(compared))
     grown_most = sorted(compared, key=lambda one: -(one.times or 0.0))
-    return (*(one for one in grown_most if (one.times or 0.0) > limit), *new), limit
+    beyond = tuple(one for one in grown_most if (one.times or 0.0) > limit)
+    return (*beyond, *new), limit, len({one.axis for one in compared})
 
 
 def _not_looked_at(

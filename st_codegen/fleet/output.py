@@ -109,7 +109,8 @@ class FleetReport:
             few = f"of whose type fewer than {LEAST_AXES} have a parameter with an error in common"
             parts.append(f"Nothing is said of who stands out among axes {few}: {_named(others)}.")
         if compared.growth_limit is not None:
-            parts.append(f"With effects that have grown: {_named(grown)}.")
+            of = f"of {counted(compared.growth_axes, 'axis', 'axes')} compared with a campaign before"
+            parts.append(f"With effects that have grown, {of}: {_named(grown)}.")
         if new:
             parts.append(f"With effects that their last campaign before did not find: {_named(new)}.")
         if compared.copies:

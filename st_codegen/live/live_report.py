@@ -7,7 +7,7 @@ from typing import Any
 
 from st_codegen.errors import at_most, counted
 from st_codegen.live.controller import SOFT_PLC, UNKNOWN
-from st_codegen.proof.verify_report import ModelReport, guesses
+from st_codegen.proof.verify_report import ModelReport, but_for, guesses
 from st_codegen.report import PageSection, PageTable
 
 
@@ -154,10 +154,11 @@ def record_of(report: LiveReport) -> dict[str, Any]:
 def record_sections(report: LiveReport) -> tuple[str, list[PageSection]]:
     """The summary of the record, and its sections."""
     wrong = list(dict.fromkeys(name for name, _ in report.failures()))
+    tried = sum(model.n for model in report.models)
     verdict = f"FAILED: {', '.join(wrong)}" if wrong else "All agree"
     summary = (
-        f"{verdict}: library and controller on a sample of {counted(report.sent, 'row')}, {report.at}, "
-        f"{report.address}{f' ({report.device})' if report.device else ''}, project {report.fingerprint}."
+        f"{verdict}: library and controller on a sample of {counted(tried, 'row')}{but_for(report.models)}, "
+        f"{report.at}, {report.address}{f' ({report.device})' if report.device else ''}, project {report.fingerprint}."
     )
     rows = [(m.name, m.n, m.max_abs_err, at_most(m.bound, 4), m.max_ulp, m.verdict) for m in report.models]
     strong = {(row, 5) for row, model in enumerate(report.models) if model.name in wrong}

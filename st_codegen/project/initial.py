@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -30,16 +30,16 @@ _ROUNDING = 1e-3
 
 def initial_configuration(
     folder: Path,
-    training_data: Mapping[str, FloatArray] | None = None,
+    training_data: Callable[[Collection[str]], Mapping[str, FloatArray]] | None = None,
     training_sha256: str = "",
     *,
     trust_pickle: bool = False,
 ) -> str:
     """The text of a configuration for a folder of models.
 
-    `training_data` has a column of values for each feature, of which the range is written; `training_sha256` is that of
-    its file. Raises InputError where the folder has no model file, or is described by a file of its own, and where a
-    model was trained with other data.
+    `training_data` gives a table with a column of values for each feature that it is asked for, of which the range is
+    written; `training_sha256` is that of its file. Raises InputError where the folder has no model file, or is
+    described by a file of its own, and where a model was trained with other data.
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder")
@@ -58,8 +58,9 @@ def initial_configuration(
     if not models:
         why = "".join(f"\n  - {name}: {reason}" for name, reason in reasons.items())
         raise InputError(f"{folder}: no model files; supported are {known_formats()}{why}")
-    if training_data is not None:
-        _check_trained_with(training_data, models)
+    table = None if training_data is None else training_data([feature.name for feature in _features(models)])
+    if table is not None:
+        _check_trained_with(table, models)
     project = _plain(folder.resolve().name, "") or "Models"
     lines = [_HEAD, "[project]", f"name = {toml_value(project)}"]
     if reasons:
@@ -67,7 +68,7 @@ def initial_configuration(
     lines += ["", "[build]", 'target = ["twincat"]', 'out = "generated"']
     variables = _variables(models)
     for feature in _features(models):
-        lines += ["", *_input(feature, variables[feature.name], training_data)]
+        lines += ["", *_input(feature, variables[feature.name], table)]
     for file, name in _names(models).items():
         lines += ["", *_model(file, name, models[file])]
         lines += [f"training_sha256 = {toml_value(training_sha256)}"] if training_sha256 else []
@@ -96,16 +97,20 @@ def _check_trained_with(table: Mapping[str, FloatArray], models: Mapping[str, Mo
             problems.add(f"no column '{name}'; there are {', '.join(table)}{near}")
     for file, feature in ((file, feature) for file, model in models.items() for feature in model.features):
         values = columns.get(feature.name, np.empty(0))
-        # with use_missing=false LightGBM reads a missing number as 0, and its file has the range of what it read
-        values = np.append(values[np.isfinite(values)], np.zeros(int(np.isnan(values).any())))
         if feature.seen is None or not values.size:
             continue
         low, high = feature.seen
         rounding = _ROUNDING * (high - low)
-        if values.min() > low + rounding or values.max() < high - rounding:
+        numbers = values[np.isfinite(values)]
+        # with use_missing=false LightGBM reads a missing number as 0, and its file has the range of what it read
+        read = np.append(numbers, np.zeros(int(np.isnan(values).any())))
+        if not read.size or read.min() > low + rounding or read.max() < high - rounding:
+            reaches = "has no finite number"
+            if numbers.size:
+                reaches = f"reaches from {numbers.min():.6g} to {numbers.max():.6g}"
             problems.add(
-                f"column '{feature.name}' reaches from {values.min():.6g} to {values.max():.6g}, and {file} was "
-                f"trained with values from {low:.6g} to {high:.6g}: give the table that it was trained with"
+                f"column '{feature.name}' {reaches}, and {file} was trained with values from {low:.6g} to "
+                f"{high:.6g}: give the table that it was trained with"
             )
     problems.raise_if_any()
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from st_codegen.emit.output import block_of
 from st_codegen.errors import InputError, Problems
-from st_codegen.files.csv_tables import csv_text, meant_column, read_csv, with_underscores
+from st_codegen.files.csv_tables import csv_text, meant_column, read_csv, underscored, with_underscores
 from st_codegen.ir import AnyArray, Classes, FloatArray, ModelIR, reference
 from st_codegen.project.bundle import Bundle
 from st_codegen.proof.isolated import answers_to
@@ -91,11 +91,12 @@ def by_text(code: GeneratedCode) -> Answer:
     return answer
 
 
-def read_table(path: Path) -> dict[str, FloatArray]:
+def read_table(path: Path, features: Collection[str] = ()) -> dict[str, FloatArray]:
     """A CSV table with a header, as columns of numbers; `nan` and `inf` allowed.
 
-    Raises one InputError that lists every bad cell (the first of many) with its line. A row without a number is one,
-    since predictions are found by their rows.
+    Of a table that has more than `features`, such as what is to be predicted in words, only their columns are read; the
+    others have NaN. Without any all are. Raises one InputError that lists every bad cell (the first of many) with its
+    line. A row without a number is one, since predictions are found by their rows.
     """
     problems = Problems(str(path))
     table = read_csv(path)
@@ -106,9 +107,16 @@ def read_table(path: Path) -> dict[str, FloatArray]:
         )
     for line in table.empty:
         problems.add(f"line {line}: all cells are empty; a missing number is written nan")
-    values = table.numbers(table.names, problems, is_finite=False)
+    read = [name for name in table.names if not features or name in features or underscored(name) in features]
+    values = table.numbers(read, problems, is_finite=False)
     problems.raise_if_any()
-    return dict(zip(table.names, values.T, strict=True))
+    others = dict.fromkeys(table.names, np.full(len(table.rows), np.nan))
+    return others | dict(zip(read, values.T, strict=True))
+
+
+def columns_of(models: Sequence[ModelIR]) -> set[str]:
+    """The names that columns of a table may have of which models are predicted."""
+    return {name for model in models for n, feature in enumerate(model.features) for name in (feature.name, f"f{n}")}
 
 
 def table_text(columns: dict[str, AnyArray]) -> str:

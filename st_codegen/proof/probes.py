@@ -114,14 +114,23 @@ def _rows_of(points: list[FloatArray], usual: _Usual, random: np.random.Generato
 def operating_range(model: ir.ModelIR) -> tuple[FloatArray, FloatArray]:
     """Lower and upper ends of each feature, between which models are tried.
 
+    Those of `stated_range`, but where it has one value only: one below and above it are tried, too.
+    """
+    low, high = stated_range(model)
+    one = low == high
+    return np.where(one, low - 1.0, low), np.where(one, high + 1.0, high)
+
+
+def stated_range(model: ir.ModelIR) -> tuple[FloatArray, FloatArray]:
+    """Lower and upper ends of each feature.
+
     As declared, else of the training data where they are known, else (`RangeSource.GUESS`) as the thresholds, vectors
     and scalers suggest.
     """
     low, high = _suggested_range(model)
     for number, feature in enumerate(model.features):
-        known = feature.checked or feature.seen
-        if known is not None:
-            low[number], high[number] = known if known[0] < known[1] else (known[0] - 1.0, known[1] + 1.0)
+        if (known := feature.checked or feature.seen) is not None:
+            low[number], high[number] = known
     return low, high
 
 

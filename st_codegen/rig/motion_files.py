@@ -19,6 +19,7 @@ from st_codegen.rig.motion import MotionOutcome, MotionPlan, MotionRecord, Rig, 
 #: Columns of recordings in time (docs/effects.md): s, deg of the fast side, deg of the output, rpm, N m, degC.
 RECORDING = "t,theta_ref,theta_mot,theta_in,theta_out,speed_rpm,torque_Nm,temperature_C"
 _POINTS = 1500
+_MOST_DRAWN = 6
 #: What the error after compensation is, as the page says it.
 _MEANING = (
     "Error before: theta_out - theta_in / ratio of the motion without compensation, as the encoders show it (Eq. 1). "
@@ -155,7 +156,7 @@ def html(study: MotionStudy) -> str:
     profile = study.plan.profile
     sections = [
         PageSection("Before and after", "\n\n".join([_MEANING, *remarks(study)]), _table(study)),
-        PageSection("Error of the output", figures=[_error_picture(study)]),
+        PageSection("Error of the output", _drawn(study), figures=[_error_picture(study)]),
         PageSection(
             "Prediction",
             "What the generated code said the error was, over the angle, and what it was.",
@@ -231,6 +232,12 @@ def _thin(count: int) -> slice:
     return slice(None, None, max(count // _POINTS, 1))
 
 
+def _drawn(study: MotionStudy) -> str:
+    """Which cases a picture lacks, whose curves would cover each other."""
+    count = len(study.outcomes)
+    return f"Of {count} cases the first {_MOST_DRAWN} are drawn." if count > _MOST_DRAWN else ""
+
+
 def _error_picture(study: MotionStudy) -> str:
     time = study.plan.time_s[study.plan.first :]
     thin = _thin(len(time))
@@ -238,7 +245,7 @@ def _error_picture(study: MotionStudy) -> str:
     def draw(axes: Any) -> None:
         before = study.outcomes[0].error_before_deg
         axes.plot(time[thin], before[thin], color="#999999", linewidth=1.0, label="not compensated")
-        for outcome in study.outcomes[:6]:
+        for outcome in study.outcomes[:_MOST_DRAWN]:
             axes.plot(time[thin], outcome.error_after_deg[thin], linewidth=0.8, label=label(study, outcome))
         axes.legend(fontsize=7, loc="best")
 

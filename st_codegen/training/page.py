@@ -97,6 +97,8 @@ def _faulty_section(lesson: Lesson) -> PageSection:
         for orders in (lesson.faulty.orders[row],)
     ]
     columns = ("speed, rpm", "torque, N m", "oil, degC", "score", "orders that are off")
+    if lesson.faulty.not_judged and not rows:
+        return PageSection(f"Faulty runs, {lesson.direction}", f"{lesson.faulty.not_judged.capitalize()}.")
     title = f"Faulty runs, {lesson.direction}: {len(rows)}"
     return PageSection(title, RULE, PageTable(columns, rows) if rows else None)
 

@@ -1,17 +1,19 @@
 """Budgets, profiles and calibration."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from st_codegen.cli.costs import cost_table
+from st_codegen.cli.costs import cost_table, times_text
+from st_codegen.cli.pages import _worst_text
 from st_codegen.cost.calibrate import Calibration, Measurement, calibrate, read_measurements, with_factors
 from st_codegen.cost.operations import CostClass
 from st_codegen.cost.profile import load_profile, profiles_folder
 from st_codegen.cost.profile_files import profile_names
-from st_codegen.cost.report import UnitPart, project_cost
-from st_codegen.errors import InputError
+from st_codegen.cost.report import BlockCost, ProjectCost, UnitPart, project_cost
+from st_codegen.errors import InputError, at_most
 from tests.cost.helpers import CONSTANTS, PROFILE, VARIABLES, block, cost, project
 from tests.cost.test_counts import STATEMENTS
 
@@ -125,7 +127,7 @@ def test_every_problem_of_a_profile_is_in_one_message(tmp_path):
 
 def test_calibration_finds_the_factors_that_made_the_times(tmp_path):
     checked = project(TWO)
-    text = with_factors(PROFILE, type("F", (), {"compute": 0.6, "memory": 1.7}), "true")
+    text = with_factors(PROFILE, Calibration(0.6, 1.7, (), True), "true")
     (tmp_path / "true.toml").write_text(text, encoding="utf-8")
     true = load_profile(tmp_path / "true.toml")
     assert true.name == "true"
@@ -169,6 +171,23 @@ def test_noisy_times_give_the_least_squares_factors():
     assert fit.modelled == pytest.approx([measured.microseconds for measured in noisy], rel=0.25)
 
 
+def test_a_budget_is_not_said_to_be_kept_by_a_profile_that_was_measured_to_be_too_quick(tmp_path):
+    """`calibrate` told to divide a budget by 1.5; `verify` said that a cycle fits into all of it."""
+    checked = project(TWO)
+    made = project_cost(checked, PROFILE).blocks["FB_Other"]
+    times = [(False, 2.0 * made.warm_us), (False, 3.0 * made.warm_us), (True, 4.0 * made.cold_us)]
+    fit = calibrate(checked, PROFILE, tuple(Measurement("FB_Other", cold, us) for cold, us in times))
+    assert fit.is_memory_known and fit.longest > 1.1
+    path = tmp_path / "quick.toml"
+    path.write_text(with_factors(PROFILE, fit, "quick"), encoding="utf-8")
+    quick = load_profile(path)
+    assert quick.longest == float(at_most(fit.longest, 4))
+    assert quick.judged(fits=True) == "fits by estimate"
+    assert f"are up to {quick.longest:g} times as long; divide a budget by that" in quick.remark
+    path.write_text(with_factors(quick, replace(fit, longest=1.0), "right"), encoding="utf-8")
+    assert (load_profile(path).judged(fits=True), load_profile(path).remark) == ("fits", "")
+
+
 def test_measured_times_are_read_with_all_their_problems(tmp_path):
     path = tmp_path / "t.csv"
     path.write_text("block,caches,us\nFB_A,warm,1.5\nFB_B,cold,2\n")
@@ -202,6 +221,15 @@ def test_parts_of_less_than_a_five_hundredth_are_added_up_in_one_row():
     assert list(table.columns[-1].cells) == ["99.5%", "0.2%", "0.2%", "100.0%"]
 
 
+def test_a_worst_case_is_rounded_up_wherever_it_is_told():
+    """A page said 7.6 us on top and 7.7 us below, of 7.64; so did the sum of a table and the line below it."""
+    part = UnitPart("FB_A", {}, 1, 1, 0, 0, 0.04, 7.64)
+    told = ProjectCost(PROFILE, {"FB_A": BlockCost("FB_A", (part,), ())}, ("FB_A",))
+    assert "7.7 us with cold ones" in times_text(told)
+    assert _worst_text(told) == "7.7 us in the worst case"
+    assert list(cost_table("all", told.parts).columns[-2].cells) == ["7.7", "7.7"]
+
+
 def test_a_profile_is_written_whatever_its_name_is(tmp_path):
     for stem in ('a"b', r"a\1", "größe", "a'b"):
         path = tmp_path / f"{stem}.toml"
@@ -211,7 +239,11 @@ def test_a_profile_is_written_whatever_its_name_is(tmp_path):
 
 def test_a_profile_without_factors_takes_the_model_s_times(tmp_path):
     path = tmp_path / "p.toml"
-    text = PROFILE.text.replace("[factors]", "").replace("compute = 1.0\nmemory = 1.0\n", "")
+    text = (
+        PROFILE.text.replace("[factors]", "")
+        .replace("compute = 1.0\nmemory = 1.0\n", "")
+        .replace("longest = 1.0\n", "")
+    )
     path.write_text(text, encoding="utf-8")
     assert (load_profile(path).compute_factor, load_profile(path).memory_factor) == (1.0, 1.0)
 
@@ -236,7 +268,7 @@ def test_what_a_calibration_does_not_know_is_said():
     assert "the times are 965 times those of the profile: are they in us" in unit
     (alike,) = Calibration(0.5, 0.5, (2.0, 9.0), False).remarks(times)
     assert "one factor for both" in alike
-    alone, longer = Calibration(0.5, 1.0, (0.8, 9.0), False).remarks(times)
+    alone, longer = Calibration(0.5, 1.0, (0.8, 9.0), False, 1.25).remarks(times)
     assert "memory keeps the factor 1" in alone
     assert longer.startswith("1 of 2 measured times are longer than the model gives, by up to 25 %: ")
     assert longer.endswith("divide a budget by 1.25 at least")

@@ -118,8 +118,11 @@ def test_an_effect_that_was_not_found_before_is_not_said_to_have_grown():
         for number, found in enumerate(([play], [replace(play, value=0.301), tooth]))
     )
     axis = FleetAxis("r", "small", Path("c"), (Path("b"),), Path("rig.toml"), AxisOptions())
-    report = FleetReport.of([axis], {"r": AxisResult({CHECK: {"passed": True}, "earlier 1": before, RECONCILE: now})})
-    said = "With effects that have grown: none. With effects that their last campaign before did not find: 1 (r)."
+    result = AxisResult({CHECK: {"passed": True}, "earlier 1": before, RECONCILE: now})
+    new = AxisResult({CHECK: {"passed": True}, RECONCILE: now})
+    report = FleetReport.of([axis, replace(axis, name="s", earlier=())], {"r": result, "s": new})
+    grown = "With effects that have grown, of 1 axis compared with a campaign before: none."  # the other has none
+    said = f"{grown} With effects that their last campaign before did not find: 1 (r)."
     assert said in report.summary()
     assert "What has grown, or was not found in the last campaign before: 1" in report.html()
 

@@ -7,6 +7,7 @@ import socket
 import struct
 import threading
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,12 +15,13 @@ import skops.io
 from sklearn.ensemble import HistGradientBoostingRegressor
 
 from st_codegen import generate, load
+from st_codegen.cli.compare import _why_no_times
 from st_codegen.cost.calibrate import read_measurements
 from st_codegen.errors import GeneratedCodeError, InputError
 from st_codegen.live.compare import LiveCode, _times, compare, compared_project
 from st_codegen.live.controller import UNKNOWN, Signal, connected
 from st_codegen.live.failures import ControllerError, NotRunningError
-from st_codegen.live.live_report import LiveReport, record_of, record_sections, times_csv
+from st_codegen.live.live_report import BlockTimes, LiveReport, record_of, record_sections, times_csv
 from st_codegen.live.plc import PlcState
 from st_codegen.live.record import recorded_project
 from st_codegen.live.rows import _around, comparison_rows
@@ -489,6 +491,16 @@ def test_rows_around_a_threshold_that_float32_does_not_have():
     assert {1e300, float(np.finfo(np.float32).max)} <= set(rows[:, 1])
 
 
+def test_times_below_the_steps_of_the_clock_are_written_nowhere():
+    """`--times` wrote a file without rows, which `calibrate` refuses, and said nothing."""
+    report = LiveReport("opcua x", UNKNOWN, "0", "folder", times={"FB_A": BlockTimes(9, 0.0, 0.0)})
+    assert _why_no_times(report) == "all calls were quicker than the controller's clock"
+    report.times["FB_B"] = BlockTimes(9, 0.0, 0.1)
+    assert not _why_no_times(report)
+    report.models.append(ModelReport("worn", n=5, nothing_compared=True))
+    assert _why_no_times(report) == "the times may be those of another text"
+
+
 def test_what_was_not_compared_is_no_agreement_and_is_said():
     """A block that takes no row that was tried; rows that it refuses, labels and ranges that are open."""
     none = ModelReport("worn", n=5, nothing_compared=True)
@@ -502,6 +514,8 @@ def test_what_was_not_compared_is_no_agreement_and_is_said():
         "numbers (st-codegen.toml can give it): te", "opcua x does not say whether the PLC is in RUN",
     ):  # fmt: skip
         assert part in said
+    summary = record_sections(replace(report, models=[partly]))[0]
+    assert "9 rows, but for 2 rows without a bound, not judged and 1 row whose label rounding leaves open" in summary
 
 
 @pytest.mark.parametrize(

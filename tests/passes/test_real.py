@@ -207,6 +207,18 @@ def test_what_cannot_be_computed_in_real_is_refused_with_its_reason(lone_folder,
         generate(bundle, "scl", tmp_path)
 
 
+def test_an_infinite_input_without_a_range_is_refused_beside_one_with_a_range(tmp_path):
+    """It was limited to the largest REAL, which a tree takes, where the header says that it is refused."""
+    tree, skops = pytest.importorskip("sklearn.tree"), pytest.importorskip("skops.io")
+    x = np.random.default_rng(0).uniform(0.0, 10.0, (80, 2))
+    skops.dump(tree.DecisionTreeRegressor(max_depth=3).fit(x, x.sum(axis=1)), tmp_path / "tree.skops")
+    (tmp_path / "st-codegen.toml").write_text('[[input]]\nfeature = "f0"\nmin = 1.0\nmax = 9.0\n')
+    models = load(tmp_path, real=True)
+    generate(models, "iec", tmp_path / "out")
+    report = verify(models, tmp_path / "out", rows=300)
+    assert report.passed, [str(failure) for model in report.models for failure in model.failures]
+
+
 def test_an_input_that_the_library_refuses_is_refused():
     model = dataclasses.replace(forest(), magnitude_limits=(16777217.0,), accepted=((-0.1, 1e7 + 0.3),))
     real = in_real(model)

@@ -525,9 +525,24 @@ def test_init_refuses_a_table_that_a_model_was_not_trained_with(lone_folder, tmp
     shifted = [known[0], (low - high, -50.0), known[2]]
     assert init_with(shifted) == 2
     assert "column 'torque_Nm' reaches" in capsys.readouterr().err
+    assert init_with([shifted[0], (float("nan"),) * 2, shifted[2]]) == 2
+    assert "column 'torque_Nm' has no finite number, and te.txt was trained" in capsys.readouterr().err
     with_gap = [(*ends, ends[1]) for ends in shifted]
     with_gap[1] = (*shifted[1], float("nan"))
     assert init_with(with_gap) == 0
+
+
+def test_a_table_may_have_columns_in_words_that_no_model_reads(lone_folder, tmp_path, capsys):
+    """Training data have what is to be predicted, too: the labels of a classifier were refused as no numbers."""
+    known, table = ranges_of(lone_folder), tmp_path / "rows.csv"
+    rows = [f"{','.join(map(str, ends))},hot,2026-11-30" for ends in zip(*known, strict=True)]
+    table.write_text("\n".join(["speed_rpm,torque_Nm,temperature_C,state,day", *rows]) + "\n")
+    assert run("init", lone_folder, "--training-data", table) == 0
+    assert ranges_of(lone_folder) == known
+    assert run("predict", lone_folder, "-e", "reference", "-i", table, "-o", tmp_path / "y.csv") == 0
+    table.write_text(table.read_text().replace("speed_rpm", "speed"))
+    assert run("predict", lone_folder, "-e", "reference", "-i", table, "-o", tmp_path / "y.csv") == 2
+    assert "the header has speed, torque_Nm, temperature_C, state, day" in capsys.readouterr().err
 
 
 def test_init_claims_no_range_of_infinite_or_missing_values_and_no_table_without_rows(lone_folder, tmp_path, capsys):

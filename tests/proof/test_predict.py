@@ -99,7 +99,7 @@ def test_tables_keep_every_bit(tmp_path):
         ("a,\n1,2\n", "a column has no name"),
         ("a,b\n1_0,\u0661\n1e999,0x1\n", "(?s)'1_0' is not.*'\u0661' is not.*too large.*'0x1' is not"),
         ("a,b\n1\n", "line 2: 1 value, the header has 2"),
-        ("a,b\n1,x\n2,\n", r"(?s)line 2: b: 'x' is not a number.*line 3: b: ''"),
+        ("a,b\n1,x\n2,\n", r"(?s)line 2: b: 'x' is not a.*line 3: b: '' is not a number; a missing one is written nan"),
         ("a,a\n1,2\n", "'a' is there twice"),
         ("a,b\n1,2\n,\n3,4\n", "line 3: all cells are empty; a missing number is written nan"),
         ('a\n1\n""\n3\n', "line 3: all cells are empty"),

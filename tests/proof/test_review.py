@@ -74,6 +74,17 @@ def test_names_units_and_plausible_ranges_of_a_block_are_told(lone_folder, tmp_p
     assert "no output moved" not in shown
 
 
+def test_a_range_of_one_value_is_told_as_it_is_and_not_left(bundle_folder, tmp_path, capsys):
+    """It was told as one below to one above it, and points were taken there, at which the block's input is limited."""
+    change_once(bundle_folder / "bundle.toml", "max = 35.0", "max = 25.0")
+    old = make(bundle_folder, tmp_path / "a")
+    change_once(bundle_folder / "bundle.toml", "max = 1800.0", "max = 1700.0")
+    assert run("diff", old, make(bundle_folder, tmp_path / "b"), "-n", 50, "--html", tmp_path / "review.html") == 1
+    assert "temperature_C [°C] 25 only (configuration, limited)" in capsys.readouterr().out
+    (model, *_) = diff(old, tmp_path / "b", rows=50).models
+    assert {output.where["temperature_C"] for output in model.outputs} == {25.0}
+
+
 def test_a_manifest_that_tells_nothing_of_outputs_is_no_change_of_them(lone_folder, tmp_path, capsys):
     """Those of earlier versions: each unit was told as new in a project of which nothing had changed."""
     (lone_folder / "st-codegen.toml").write_text('[[model]]\nfile = "te.txt"\noutputs = [{name = "fP", unit = "kW"}]\n')

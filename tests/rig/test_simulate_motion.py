@@ -59,6 +59,12 @@ def test_no_two_cases_of_a_study_have_one_label():
     ]  # fmt: skip
 
 
+def test_the_page_says_how_many_cases_its_picture_has():
+    """Of two sets of orders by two laws and two forms two cases were in the table alone."""
+    assert motion_files._drawn(SimpleNamespace(outcomes=[None] * 8)) == "Of 8 cases the first 6 are drawn."
+    assert not motion_files._drawn(SimpleNamespace(outcomes=[None] * 6))
+
+
 def test_rows_curves_and_a_recording(out):
     rows = json.loads((out / "motion.json").read_text())
     assert [(row["orders"], row["tasks"]) for row in rows] == [

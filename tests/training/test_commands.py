@@ -167,6 +167,12 @@ def test_bad_files_stop_it_and_nothing_is_written(tmp_path, capsys):
     assert not (tmp_path / "m").exists()
 
 
+def test_how_many_orders_there_may_be_says_nothing_where_they_are_given(tmp_path, capsys):
+    (tmp_path / "c").mkdir()
+    said = refused(capsys, "train", tmp_path / "c", "--orders", "1,39", "--most-orders", "1")
+    assert "--most-orders: without effect where --orders are given" in " ".join(said.split())
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -262,13 +268,18 @@ def test_tables_of_made_up_data(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("faulty", "text"), [((True, False), "1 faulty run kept;"), ((True, True), "2 faulty runs kept;")]
+    ("faulty", "not_judged", "text"),
+    [
+        ((True, False), "", "1 faulty run kept;"),
+        ((True, True), "and others look so", "2 faulty runs kept;"),
+        ((False, False), "none was looked for", "faulty runs not looked for, 0 kept;"),
+    ],
 )
-def test_faulty_runs_that_were_kept_are_not_said_to_be_left_out(faulty, text):
+def test_faulty_runs_are_said_to_be_kept_or_not_to_have_been_looked_for(faulty, not_judged, text):
     lesson = SimpleNamespace(
         direction="forward",
         cost_us=1.0,
-        faulty=SimpleNamespace(rows=np.array(faulty)),
+        faulty=SimpleNamespace(rows=np.array(faulty), not_judged=not_judged),
         study=SimpleNamespace(test=[0]),
         choice=SimpleNamespace(solutions=()),
     )

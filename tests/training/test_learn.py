@@ -33,7 +33,7 @@ from st_codegen.training.learn import (
     play_deg,
     split_rows,
 )
-from st_codegen.training.page import _models_section
+from st_codegen.training.page import _faulty_section, _models_section
 from st_codegen.training.paper import reconstruction
 from st_codegen.training.search import Fitting, fold_numbers
 from st_codegen.training.store import FitStore
@@ -328,6 +328,15 @@ def test_ranges_are_those_of_the_runs_learned_from():
     with FitStore(None) as store:
         lesson = learn(rows, direction, LearningPlan(settings), Fitting(store))
     assert bundle_head(lesson.learned_from, "small", 81.0).ranges[0, 1] < speed[fastest]
+
+
+def test_a_page_counts_no_faulty_runs_that_were_not_looked_for():
+    """Of 20 runs it said that none is faulty, with the rule by which they are found."""
+    few = faulty_runs(a_table().rows(np.arange(8)))
+    lesson = SimpleNamespace(direction="forward", faulty=few, train=SimpleNamespace(conditions=np.zeros((8, 3))))
+    section = _faulty_section(lesson)
+    assert section.title == "Faulty runs, forward"
+    assert section.text == "None was looked for, since there are too few runs to tell them."
 
 
 def test_a_faulty_run_among_those_kept_apart_is_not_one_of_the_training_part():

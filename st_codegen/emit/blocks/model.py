@@ -381,6 +381,9 @@ def check_inputs(
         limit = listing.table(
             "INPUT_LIMIT", "LREAL", [0.0 if v is None else _largest_below(v, model.is_real) for v in limits]
         )
+    # what stands for "no range" is the largest REAL, to which an infinite input would be limited, and accepted
+    apart = all(value is None or feature.lower is None for value, feature in zip(limits, model.features, strict=True))
+    limit_first = model.is_real and apart and bool(limit and lower)
     listing.section(
         "inputs, checked",
         "inputs",
@@ -396,6 +399,7 @@ def check_inputs(
         lower=lower,
         upper=upper,
         limit=limit,
+        limit_first=limit_first,
         flag_lower=flag_lower,
         flag_upper=flag_upper,
         some_unlimited=any(value is None for value in limits),
