@@ -1,6 +1,7 @@
 """Trees behind encoders, bins and flags: columns that are constant between some numbers of one input."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -47,6 +48,7 @@ from tests.classifiers import GAPS, RANDOM, SCORE, THREE, X, loaded
 
 UNKNOWN_IS_MISSING = OrdinalEncoder(handle_unknown="use_encoded_value", unknown_value=np.nan)
 KINDS = np.column_stack([X[:, 0], np.digitize(X[:, 1], [-3, 0, 2]), X[:, 2]])
+PAGE = Path(__file__).parents[3] / "docs" / "proof.md"
 TREE = DecisionTreeRegressor(max_depth=4, random_state=0)
 KINDS_WITH_GAPS = np.where(np.isnan(GAPS), np.nan, KINDS)
 
@@ -227,6 +229,31 @@ COMPUTED_CHANGES = {
     "another refusal": ("lengths", r"<= (ABS\(aInput)", r"< \1"),
     "an answer without the tree": ("components", r"fOut1 := aStep2", "fOut1 := aStep1"),
 }
+
+
+#: What docs/proof.md lists as not proved, and the reason that it quotes.
+NOT_FOLLOWED = {
+    "filled in, then multiplied": (
+        make_pipeline(SimpleImputer(), PolynomialFeatures(2, interaction_only=True)),
+        "a number that is not computed from the limited input",
+    ),
+    "filled in, then turned": (
+        make_pipeline(SimpleImputer(), PCA(2)),
+        "a number that is not computed from the limited input",
+    ),
+    "the largest magnitude": (Normalizer("max"), "a number that depends on an input in several ways"),
+    "the sum of magnitudes": (Normalizer("l1"), "a number that depends on an input in several ways"),
+}
+
+
+@pytest.mark.parametrize("name", NOT_FOLLOWED)
+def test_what_the_page_says_is_not_followed_has_its_reason(name, tmp_path):
+    step, reason = NOT_FOLLOWED[name]
+    model = loaded(make_pipeline(step, TREE).fit(X, SCORE))
+    generate(Bundle((model,)), "iec", tmp_path)
+    (result,) = prove(Bundle((model,)), tmp_path).results
+    assert result.verdict is Verdict.NOT_PROVED
+    assert reason in result.reason and f"`{reason}`" in PAGE.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("name", COMPUTED_CHANGES)
