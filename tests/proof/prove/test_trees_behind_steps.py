@@ -355,3 +355,14 @@ def test_numbers_that_count_as_missing_are_followed(name, kind, tmp_path):
     generate(bundle, "iec", tmp_path, options=Options(layout=Layout.TREES))
     (result,) = prove(bundle, tmp_path).results
     assert (result.verdict, result.reason) == (Verdict.PROVED, ""), result
+
+
+def test_an_infinite_category_is_refused_beside_an_input_that_is_limited(tmp_path):
+    """Limiting the inputs made the largest number of it, which is a category that nobody knows, but a number."""
+    model = loaded(boosted([1]).fit(KINDS_WITH_GAPS, SCORE))
+    first, *others = model.ir.features
+    features = (dataclasses.replace(first, lower=-1.0, upper=1.0), *others)
+    bundle = Bundle((LoadedModel(dataclasses.replace(model.ir, features=features), model.predict),))
+    generate(bundle, "iec", tmp_path)
+    (result,) = prove(bundle, tmp_path).results
+    assert result.verdict is Verdict.PROVED, result
