@@ -231,6 +231,7 @@ COMPUTED_CHANGES = {
 }
 
 
+ANOTHER_TERM = "a sum of the text has another term than tree 0"
 #: What docs/proof.md lists as not proved, and the reason that it quotes.
 NOT_FOLLOWED = {
     "filled in, then multiplied": (
@@ -243,6 +244,8 @@ NOT_FOLLOWED = {
     ),
     "the largest magnitude": (Normalizer("max"), "a number that depends on an input in several ways"),
     "the sum of magnitudes": (Normalizer("l1"), "a number that depends on an input in several ways"),
+    "a number that stands for a gap": (SimpleImputer(missing_values=X[0, 0]), ANOTHER_TERM),
+    "signs": (FunctionTransformer(np.sign), ANOTHER_TERM),
 }
 
 
@@ -253,7 +256,17 @@ def test_what_the_page_says_is_not_followed_has_its_reason(name, tmp_path):
     generate(Bundle((model,)), "iec", tmp_path)
     (result,) = prove(Bundle((model,)), tmp_path).results
     assert result.verdict is Verdict.NOT_PROVED
-    assert reason in result.reason and f"`{reason}`" in PAGE.read_text(encoding="utf-8")
+    assert reason in result.reason and f"`{reason}" in PAGE.read_text(encoding="utf-8")
+
+
+def test_numbers_that_are_filled_in_within_a_range_are_not_followed(tmp_path):
+    model = loaded(make_pipeline(SimpleImputer(), Ridge()).fit(GAPS, SCORE))
+    within = tuple(dataclasses.replace(feature, lower=-5.0, upper=5.0) for feature in model.ir.features)
+    bundle = Bundle((LoadedModel(limit_inputs(dataclasses.replace(model.ir, features=within)), model.predict),))
+    generate(bundle, "iec", tmp_path)
+    (result,) = prove(bundle, tmp_path).results
+    assert result.verdict is Verdict.NOT_PROVED
+    assert "may overflow" in result.reason and "`may overflow`" in PAGE.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("name", COMPUTED_CHANGES)
