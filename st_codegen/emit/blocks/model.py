@@ -407,7 +407,7 @@ def _limits(model: ModelIR, listing: Listing) -> dict[str, dict[str, str | bool]
             for feature, limit in zip(model.features, model.refused_from, strict=True)
         ]
         if any(limits):
-            name = "END_LIMIT" if found["first"] else "INPUT_LIMIT"
+            name = "RANGE_LIMIT" if found["first"] else "INPUT_LIMIT"
             found[when] = {"table": listing.table(name, "LREAL", limits), "some": not all(limits)}
     return found
 
