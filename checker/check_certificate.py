@@ -217,6 +217,10 @@ class V:
         """Where it is one value, bit for bit."""
         return ~self.u & (bits(self.a[0]) == bits(self.a[1]))
 
+    def is_number(self, number):
+        """Whether it is this number in all boxes."""
+        return bool(np.all(self.exact & (bits(self.a[0].astype(float)) == bits(number))))
+
     def surely(self, truth):
         return ~self.u & (self.a[0] == truth)
 
@@ -779,19 +783,20 @@ class Check:
             part = slice(begins[first], begins[stop])
             machine = self.run(low[part], high[part], nan[part], begins[first:stop] - begins[first])
             self.reached(machine)
-            same, terms = {}, iter(machine.terms)
+            same, terms = {}, machine.terms[::-1]
             for t, c in order:
                 values = model.trees[t][5][:, c]
-                if np.all(bits(values) == bits(values[:1])):
+                # a tree that is the same everywhere may be walked all the same: a term that is this number in all boxes
+                if np.all(bits(values) == bits(values[:1])) and not (terms and terms[-1].is_number(values[0])):
                     same[t, c] = float(values[0])
                     continue
-                term = next(terms, None)
-                need(term is not None, "the text has too few terms")
+                need(terms, "the text has too few terms")
+                term = terms.pop()
                 if first <= t < stop:
                     mine = slice(*begins[t : t + 2] - begins[first])
                     part_ = V(term.a[:, mine], term.u[mine])
                     self.same(part_, values[leaf[begins[t] : begins[t + 1]]], f"tree {t} differs")
-            need(next(terms, None) is None, "the text has more terms than the model has trees")
+            need(not terms, "the text has more terms than the model has trees")
             first = stop
         names = {key: ("term", i) for i, key in enumerate(k for k in order if k not in same)}
         wanted = [self.total(output, names, same) for output in range(len(model.base))]

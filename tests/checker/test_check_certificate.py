@@ -19,6 +19,7 @@ from sklearn.ensemble import (
     HistGradientBoostingClassifier,
     HistGradientBoostingRegressor,
     RandomForestClassifier,
+    RandomForestRegressor,
 )
 from sklearn.tree import DecisionTreeClassifier
 
@@ -129,6 +130,18 @@ def test_sums_of_trees_are_confirmed(ranks, tmp_path):
     generate(load(models), "iec", tmp_path / "out", options=Options(layout=Layout.RANKED if ranks else Layout.TREES))
     result = check(written(tmp_path, models, tmp_path / "out"), models, tmp_path / "out")
     assert result.returncode == 0, result.stdout + result.stderr
+
+
+@pytest.mark.parametrize("layout", [Layout.TREES, Layout.RANKED, Layout.CUT])
+def test_trees_of_one_leaf_among_others_are_proved_and_confirmed(layout, tmp_path):
+    model = RandomForestRegressor(24, max_samples=4, max_features=1, min_samples_leaf=2, random_state=0)
+    model.fit(X, X[:, 0] * X[:, 1])
+    assert {tree.tree_.node_count for tree in model.estimators_} == {1, 3}
+    (tmp_path / "models").mkdir()
+    skops.io.dump(model, tmp_path / "models" / "m.skops")
+    generate(load(tmp_path / "models"), "iec", tmp_path / "out", options=Options(layout, table_bytes=1))
+    result = check(written(tmp_path, tmp_path / "models", tmp_path / "out"), tmp_path / "models", tmp_path / "out")
+    assert result.returncode == 0, result.stdout
 
 
 def test_files_of_xgbregressor_take_infinities_and_end_at_the_best_iteration(tmp_path):

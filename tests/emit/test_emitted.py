@@ -108,5 +108,8 @@ def test_an_input_that_is_limited_to_a_range_is_refused_by_no_magnitude(target, 
     assert ["magnitude below" in line for line in headers] == [False, True, True]
     huge = np.array([[1e200, 0.0, 0.0], [np.inf, 0.0, 0.0], [0.0, 1e200, 0.0], [0.0, 0.0, 1e200]])
     assert np.isfinite(run(ranged, target, tmp_path, huge)[:, 0]).tolist() == [True, True, False, False]
+    infinite = dataclasses.replace(ranged, magnitude_limits=(1e100, np.inf, 1e100))
+    rows = np.array([[0.0, np.inf, 0.0], [0.0, -np.inf, 0.0], [0.0, 1.0, 1e200], [np.inf, 1.0, 0.0]])
+    assert np.isfinite(run(infinite, target, tmp_path / "infinite", rows)[:, 0]).tolist() == [False] * 3 + [True]
     alone = dataclasses.replace(ranged, magnitude_limits=(1e100, None, None))
     assert not any("INPUT_LIMIT" in "".join(file.pieces) for file in rendered(alone, target))

@@ -12,6 +12,8 @@ from sklearn import (
     ensemble,
     gaussian_process,
     impute,
+    kernel_approximation,
+    kernel_ridge,
     linear_model,
     multiclass,
     multioutput,
@@ -87,9 +89,33 @@ REFUSED = {
             lambda: before(cluster.FeatureAgglomeration(2, pooling_func=np.max)),
             "pooling_func other than numpy.mean",
         ),
+        "functions with arguments (`kw_args`) other than the limits of clip": (
+            lambda: before(preprocessing.FunctionTransformer(np.square, kw_args={"dtype": float})),
+            "arguments are not supported",
+        ),
+        "KNNImputer with a metric of its own": (
+            lambda: before(impute.KNNImputer(metric=lambda a, b, missing_values: 1.0)),
+            "supported is 'nan_euclidean'",
+        ),
         "kernels that are precomputed, or functions": (
             lambda: svm.SVR(kernel="precomputed").fit(X @ X.T, SCORE),
             "kernel=precomputed",
+        ),
+        "kernels of KernelRidge, KernelPCA and Nystroem other than the linear, the polynomial, the RBF and the sigmoid "
+        "one": (
+            lambda: kernel_ridge.KernelRidge(kernel="laplacian").fit(X, SCORE),
+            "supported are linear, poly, rbf, sigmoid",
+        ),
+        "Nystroem with `kernel_params`": (
+            lambda: before(kernel_approximation.Nystroem("rbf", kernel_params={"gamma": 1.0}, n_components=3)),
+            "by their own parameters",
+        ),
+        "kernels of Gaussian processes other than sums and products of ConstantKernel, DotProduct, ExpSineSquared, "
+        "Matern, RBF, RationalQuadratic and WhiteKernel": (
+            lambda: gaussian_process.GaussianProcessRegressor(
+                gaussian_process.kernels.RBF() ** 2, optimizer=None, alpha=1.0
+            ).fit(X, SCORE),
+            "a Gaussian process with Exponentiation",
         ),
         "neighbours that were fitted on a sparse matrix": (
             lambda: neighbors.KNeighborsRegressor(3).fit(sparse.csr_matrix(X), SCORE),
@@ -102,6 +128,10 @@ REFUSED = {
         "weights by distance within a radius": (
             lambda: neighbors.RadiusNeighborsRegressor(weights="distance").fit(X, SCORE),
             "supported are uniform",
+        ),
+        "weights of neighbours by a function": (
+            lambda: neighbors.KNeighborsRegressor(3, weights=np.ones_like).fit(X, SCORE),
+            "supported are uniform, distance",
         ),
         "LocalOutlierFactor without novelty": (lambda: neighbors.LocalOutlierFactor().fit(X), "novelty=True only"),
         "NearestCentroid with priors that differ": (

@@ -61,10 +61,13 @@ def assert_equal(model, tmp_path):
     loaded, x = build.load(model, tmp_path), rows(6)
     assert loaded.ir.exact
     assert np.array_equal(loaded.predict(x), reference.evaluate(loaded.ir, x))
+    return loaded
 
 
-def test_products_without_a_sum_are_equal_to_the_bit(tmp_path):
-    assert_equal(whole(node("Einsum", "X", "X", equation="bij,bkl->bijkl")), tmp_path)
+def test_products_without_a_sum_are_equal_but_for_the_sign_of_a_zero(tmp_path):
+    loaded = assert_equal(whole(node("Einsum", "X", "X", equation="bij,bkl->bijkl")), tmp_path)
+    x = np.array([[0.0, -1.0, 1.0, 1.0, 1.0, 1.0]])
+    assert np.signbit(reference.evaluate(loaded.ir, x)).any() and not loaded.ir.signs_zeros
 
 
 @pytest.mark.parametrize("mode", ["constant", "edge", "reflect", "wrap"])

@@ -383,7 +383,13 @@ def test_mixed_leaves_are_refused(load: Any) -> None:
         (b'{"name": "tree", "tree_info": []}', "json", "save_model('model.txt')"),
         (b'{"name": "a package"}', "json", "not an XGBoost model"),
         (b"", "ubj", "UBJSON, byte 0: 1 byte declared, 0 left"),
-        (b'{"learner": {}}', "ubj", "UBJSON, byte 2: marker b'\"' where a length is expected"),
+        (
+            b'{"learner": {}}',
+            "ubj",
+            "this is JSON, and XGBoost goes by the name: let the name of the file end in .json",
+        ),
+        (b"{L\0\0\0\0\0\0\0\x07learner{}}", "json", "this is UBJSON, and XGBoost goes by the name"),
+        (b"{x", "ubj", "UBJSON, byte 2: marker b'x' where a length is expected"),
         (
             b"{L\x7f\xff\xff\xff\xff\xff\xff\xff",
             "ubj",

@@ -364,7 +364,7 @@ def check_inputs(
         replaced = any(None in origins[op.inputs[0]] for op in readers if not model.reads_ranks(op))
         listing.local("abMissing", "BOOL", len(inputs) + replaced)
     largest = float(np.finfo(np.float64).max)  # the range of a feature that declares none
-    lower = upper = limit = flag_lower = flag_upper = None
+    lower = upper = flag_lower = flag_upper = None
     # that of a feature that is limited is its own: so both checks of it say the same, and prove can see that
     flagged = [feature.checked or (-largest, largest) for feature in model.features]
     if any(feature.flagged is not None for feature in model.features):
@@ -375,15 +375,7 @@ def check_inputs(
             "RANGE_LOWER", "LREAL", [-largest if f.lower is None else f.lower for f in model.features]
         )
         upper = listing.table("RANGE_UPPER", "LREAL", [largest if f.upper is None else f.upper for f in model.features])
-    limits = model.refused_from
-    if any(value is not None for value in limits):
-        # the largest number that is accepted; 0: no limit
-        limit = listing.table(
-            "INPUT_LIMIT", "LREAL", [0.0 if v is None else _largest_below(v, model.is_real) for v in limits]
-        )
-    # what stands for "no range" is the largest REAL, to which an infinite input would be limited, and accepted
-    apart = all(value is None or feature.lower is None for value, feature in zip(limits, model.features, strict=True))
-    limit_first = model.is_real and apart and bool(limit and lower)
+    limits = _limits(model, listing)
     listing.section(
         "inputs, checked",
         "inputs",
@@ -398,12 +390,26 @@ def check_inputs(
         last=len(inputs) - 1,
         lower=lower,
         upper=upper,
-        limit=limit,
-        limit_first=limit_first,
+        limits=limits,
         flag_lower=flag_lower,
         flag_upper=flag_upper,
-        some_unlimited=any(value is None for value in limits),
     )
+
+
+def _limits(model: ModelIR, listing: Listing) -> dict[str, dict[str, str | bool] | None]:
+    """Tables of the largest magnitudes that are accepted: `first`, before inputs are limited, of those that are not,
+    among which infinity would become the largest number, and `last`, of the ends of declared ranges.
+    """
+    found: dict[str, dict[str, str | bool] | None] = {"first": None, "last": None}
+    for when, has_range in (("first", False), ("last", True)):
+        limits = [
+            0.0 if limit is None or (feature.lower is not None) != has_range else _largest_below(limit, model.is_real)
+            for feature, limit in zip(model.features, model.refused_from, strict=True)
+        ]
+        if any(limits):
+            name = "RANGE_LIMIT" if found["first"] else "INPUT_LIMIT"
+            found[when] = {"table": listing.table(name, "LREAL", limits), "some": not all(limits)}
+    return found
 
 
 def _accepted(model: ModelIR, listing: Listing) -> dict[str, str | int]:

@@ -111,6 +111,7 @@ _MEANINGS = {
     "ACCEPTED_UPPER": "largest number of each that has one",
     "MUST_BE_PRESENT": "1: without this input there is no answer",
     "INPUT_LIMIT": "largest magnitude that is accepted; 0.0: no limit",
+    "RANGE_LIMIT": "largest magnitude of a limited input that is accepted; 0.0: no limit",
     "INTERCEPT": "constant of the sum",
     "TEST_ALLOWED": "how far each output may lie from it",
     "TEST_EXPECTED": "what the library answers, a row a call",

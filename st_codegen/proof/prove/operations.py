@@ -45,7 +45,7 @@ _INTEGER: dict[str, Callable[[IntArray, IntArray], IntArray]] = {
 
 
 #: Names a value that differs from box to box when it enters a sum: a leaf of a tree.
-Recogniser = Callable[[Lanes | Slots], Term]
+Recogniser = Callable[[Lanes | Slots], Number]
 
 
 class ValueOperations(Joining):

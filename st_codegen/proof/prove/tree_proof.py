@@ -143,8 +143,11 @@ class TreeProof:
 
     # --- recognising trees ------------------------------------------------------------------------------------------
 
-    def _recognise(self, value: Lanes | Slots) -> Term:
-        """The tree of the model that a value of the text is: the next one that adds to an output, in that order."""
+    def _recognise(self, value: Lanes | Slots) -> Number:
+        """The tree of the model that a value of the text is: the next one that adds to an output, in that order.
+
+        A value that is the same in all boxes, such as that of a tree of one leaf, may also be a number.
+        """
         points: tuple[TreeKey, FloatArray] | None = None
         for stream in sorted(filter(None, self.open.values()), key=lambda stream: self.expected.index(stream[-1])):
             while stream:
@@ -162,6 +165,9 @@ class TreeProof:
                     break
                 self.fixed[key] = constant
                 stream.pop()
+        if isinstance(value, Lanes) and np.ptp(bits(value.lift().value.astype(np.float64))) == 0:
+            require_assigned(value.known)
+            return float(value.value[0])
         if points is None:
             raise Difference("the text adds more trees than the model has", _some_points(value.space))
         (number, tree_number, _), rows = points

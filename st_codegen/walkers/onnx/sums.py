@@ -29,6 +29,7 @@ def _einsum(call: NodeCall) -> Operand:
     order = after + "".join(letter for letter in letters if letter not in after)
     laid = [_laid(part, term, order) for part, term in zip(parts, terms, strict=True)]
     whole = laid[0] if len(laid) == 1 else combined(call.walk, Operator.MULTIPLY, *laid)
+    call.walk.builder.open_zeros |= len(laid) > 1  # onnxruntime adds each product to 0, also where there is one
     return total_of_last(call.walk, require_tensor(whole), len(order) - len(after))
 
 

@@ -81,6 +81,9 @@ def loads(data: bytes, *, binary: bool) -> BoosterModel:
             "XGBoost's binary format, which new versions do not read either: load it with XGBoost 1.0 to 2.1, and save "
             "it again with save_model('model.json')"
         )
+    if data[1:64].lstrip().startswith(b'"') if binary else data.startswith(b"{L\0"):
+        found, suffix = ("JSON", ".json") if binary else ("UBJSON", ".ubj")
+        raise InputError(f"this is {found}, and XGBoost goes by the name: let the name of the file end in {suffix}")
     document = ubjson.loads(data) if binary else _json(data)
     if not isinstance(document, dict) or not isinstance(document.get("learner"), dict):
         if isinstance(document, dict) and "tree_info" in document:

@@ -1,6 +1,7 @@
 """Trees behind encoders, bins and flags: columns that are constant between some numbers of one input."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -47,6 +48,7 @@ from tests.classifiers import GAPS, RANDOM, SCORE, THREE, X, loaded
 
 UNKNOWN_IS_MISSING = OrdinalEncoder(handle_unknown="use_encoded_value", unknown_value=np.nan)
 KINDS = np.column_stack([X[:, 0], np.digitize(X[:, 1], [-3, 0, 2]), X[:, 2]])
+PAGE = Path(__file__).parents[3] / "docs" / "proof.md"
 TREE = DecisionTreeRegressor(max_depth=4, random_state=0)
 KINDS_WITH_GAPS = np.where(np.isnan(GAPS), np.nan, KINDS)
 
@@ -229,6 +231,44 @@ COMPUTED_CHANGES = {
 }
 
 
+ANOTHER_TERM = "a sum of the text has another term than tree 0"
+#: What docs/proof.md lists as not proved, and the reason that it quotes.
+NOT_FOLLOWED = {
+    "filled in, then multiplied": (
+        make_pipeline(SimpleImputer(), PolynomialFeatures(2, interaction_only=True)),
+        "a number that is not computed from the limited input",
+    ),
+    "filled in, then turned": (
+        make_pipeline(SimpleImputer(), PCA(2)),
+        "a number that is not computed from the limited input",
+    ),
+    "the largest magnitude": (Normalizer("max"), "a number that depends on an input in several ways"),
+    "the sum of magnitudes": (Normalizer("l1"), "a number that depends on an input in several ways"),
+    "a number that stands for a gap": (SimpleImputer(missing_values=X[0, 0]), ANOTHER_TERM),
+    "signs": (FunctionTransformer(np.sign), ANOTHER_TERM),
+}
+
+
+@pytest.mark.parametrize("name", NOT_FOLLOWED)
+def test_what_the_page_says_is_not_followed_has_its_reason(name, tmp_path):
+    step, reason = NOT_FOLLOWED[name]
+    model = loaded(make_pipeline(step, TREE).fit(X, SCORE))
+    generate(Bundle((model,)), "iec", tmp_path)
+    (result,) = prove(Bundle((model,)), tmp_path).results
+    assert result.verdict is Verdict.NOT_PROVED
+    assert reason in result.reason and f"`{reason}" in PAGE.read_text(encoding="utf-8")
+
+
+def test_numbers_that_are_filled_in_within_a_range_are_not_followed(tmp_path):
+    model = loaded(make_pipeline(SimpleImputer(), Ridge()).fit(GAPS, SCORE))
+    within = tuple(dataclasses.replace(feature, lower=-5.0, upper=5.0) for feature in model.ir.features)
+    bundle = Bundle((LoadedModel(limit_inputs(dataclasses.replace(model.ir, features=within)), model.predict),))
+    generate(bundle, "iec", tmp_path)
+    (result,) = prove(bundle, tmp_path).results
+    assert result.verdict is Verdict.NOT_PROVED
+    assert "may overflow" in result.reason and "`may overflow`" in PAGE.read_text(encoding="utf-8")
+
+
 @pytest.mark.parametrize("name", COMPUTED_CHANGES)
 def test_what_is_changed_in_front_of_trees_is_not_proved(name, tmp_path):
     steps, pattern, change = COMPUTED_CHANGES[name]
@@ -328,3 +368,14 @@ def test_numbers_that_count_as_missing_are_followed(name, kind, tmp_path):
     generate(bundle, "iec", tmp_path, options=Options(layout=Layout.TREES))
     (result,) = prove(bundle, tmp_path).results
     assert (result.verdict, result.reason) == (Verdict.PROVED, ""), result
+
+
+def test_an_infinite_category_is_refused_beside_an_input_that_is_limited(tmp_path):
+    """Limiting the inputs made the largest number of it, which is a category that nobody knows, but a number."""
+    model = loaded(boosted([1]).fit(KINDS_WITH_GAPS, SCORE))
+    first, *others = model.ir.features
+    features = (dataclasses.replace(first, lower=-1.0, upper=1.0), *others)
+    bundle = Bundle((LoadedModel(dataclasses.replace(model.ir, features=features), model.predict),))
+    generate(bundle, "iec", tmp_path)
+    (result,) = prove(bundle, tmp_path).results
+    assert result.verdict is Verdict.PROVED, result
