@@ -364,17 +364,22 @@ def check_inputs(
         replaced = any(None in origins[op.inputs[0]] for op in readers if not model.reads_ranks(op))
         listing.local("abMissing", "BOOL", len(inputs) + replaced)
     largest = float(np.finfo(np.float64).max)  # the range of a feature that declares none
-    lower = upper = flag_lower = flag_upper = None
+    lower = upper = checked = None
     # that of a feature that is limited is its own: so both checks of it say the same, and prove can see that
     flagged = [feature.checked or (-largest, largest) for feature in model.features]
     if any(feature.flagged is not None for feature in model.features):
-        flag_lower = listing.table("FLAG_LOWER", "LREAL", [low for low, _ in flagged])
-        flag_upper = listing.table("FLAG_UPPER", "LREAL", [high for _, high in flagged])
+        checked = {
+            "lower": listing.table("FLAG_LOWER", "LREAL", [low for low, _ in flagged]),
+            "upper": listing.table("FLAG_UPPER", "LREAL", [high for _, high in flagged]),
+        }
     if any(feature.lower is not None for feature in model.features):
         lower = listing.table(
             "RANGE_LOWER", "LREAL", [-largest if f.lower is None else f.lower for f in model.features]
         )
         upper = listing.table("RANGE_UPPER", "LREAL", [largest if f.upper is None else f.upper for f in model.features])
+        if model.accepts_nan and checked is None:
+            # what stands for a missing value is limited as well, and is not outside
+            checked = {"lower": lower, "upper": upper}
     limits = _limits(model, listing)
     listing.section(
         "inputs, checked",
@@ -391,8 +396,7 @@ def check_inputs(
         lower=lower,
         upper=upper,
         limits=limits,
-        flag_lower=flag_lower,
-        flag_upper=flag_upper,
+        checked=checked,
     )
 
 

@@ -153,6 +153,12 @@ def _check_range(model: ModelIR, terms: Terms, inputs: list[Term], held: dict[st
         if feature.checked is None:
             continue
         low, high = feature.checked
+        is_number = terms.is_number(x)
+        if is_number is not True:
+            y = terms.where(terms.negated(is_number), 0.0, x)
+            outside = terms.either(terms.compare("LT", y, low), terms.compare("GT", y, high))
+            inside = terms.choice(terms.both(is_number, outside), False, inside)
+            continue
         inside = terms.choice(terms.compare("LT", x, low), False, inside)
         with terms.assuming(terms.compare("LT", x, low), False):
             above = terms.compare("GT", x, high)

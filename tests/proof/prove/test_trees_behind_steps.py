@@ -42,6 +42,7 @@ from st_codegen.passes.jumps import largest_jump
 from st_codegen.project.bundle import Bundle
 from st_codegen.proof.prove.prove import Verdict, prove
 from st_codegen.proof.prove.tree_proof import CELLS, TAIL
+from st_codegen.proof.verify import verify
 from st_codegen.walkers.base import LoadedModel
 from tests.changes import change_once, ulp
 from tests.classifiers import GAPS, RANDOM, SCORE, THREE, X, loaded
@@ -259,14 +260,39 @@ def test_what_the_page_says_is_not_followed_has_its_reason(name, tmp_path):
     assert reason in result.reason and f"`{reason}" in PAGE.read_text(encoding="utf-8")
 
 
-def test_numbers_that_are_filled_in_within_a_range_are_not_followed(tmp_path):
+#: A line of the inputs as it is written, and another one: what it is then, of a missing number above all.
+RANGE_CHANGES = {
+    "outside where it is missing": (r"NOT abMissing\[nColumn\] AND \(aInput", "(aInput"),
+    "never outside": (r"bInside := FALSE", "bInside := TRUE"),
+    "inside beyond the end": (r"aInput\[nColumn\] > (RANGE|FLAG)_UPPER\[nColumn\]\)", r"aInput[nColumn] > 1.0E9)"),
+    "not limited": (r"aInput\[nColumn\] := RANGE_LOWER\[nColumn\]", "aInput[nColumn] := aInput[nColumn]"),
+}
+
+
+def filled_within_ranges(folder, outside):
     model = loaded(make_pipeline(SimpleImputer(), Ridge()).fit(GAPS, SCORE))
-    within = tuple(dataclasses.replace(feature, lower=-5.0, upper=5.0) for feature in model.ir.features)
+    ends = {"lower": -5.0, "upper": 5.0} if outside == "limit" else {"flagged": (1.0, 5.0)}
+    within = tuple(dataclasses.replace(feature, **ends) for feature in model.ir.features)
     bundle = Bundle((LoadedModel(limit_inputs(dataclasses.replace(model.ir, features=within)), model.predict),))
-    generate(bundle, "iec", tmp_path)
+    generate(bundle, "iec", folder)
+    return bundle, folder / "iec" / "FB_M.st"
+
+
+@pytest.mark.parametrize("outside", ["limit", "flag"])
+def test_numbers_that_are_filled_in_within_a_range_are_followed(outside, tmp_path):
+    """A missing number is limited as well, and is inside: nothing overflows."""
+    bundle, _ = filled_within_ranges(tmp_path, outside)
     (result,) = prove(bundle, tmp_path).results
-    assert result.verdict is Verdict.NOT_PROVED
-    assert "may overflow" in result.reason and "`may overflow`" in PAGE.read_text(encoding="utf-8")
+    assert result.verdict is Verdict.PROVED, result
+    assert verify(bundle, tmp_path, rows=300).passed
+
+
+@pytest.mark.parametrize("name", RANGE_CHANGES)
+def test_what_is_changed_in_a_range_of_what_is_filled_in_is_not_proved(name, tmp_path):
+    bundle, path = filled_within_ranges(tmp_path, "limit")
+    change_once(path, *RANGE_CHANGES[name])
+    (result,) = prove(bundle, tmp_path).results
+    assert result.verdict is not Verdict.PROVED
 
 
 @pytest.mark.parametrize("name", COMPUTED_CHANGES)
