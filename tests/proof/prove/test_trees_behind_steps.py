@@ -262,7 +262,7 @@ def test_what_the_page_says_is_not_followed_has_its_reason(name, tmp_path):
 
 #: A line of the inputs as it is written, and another one: what it is then, of a missing number above all.
 RANGE_CHANGES = {
-    "outside where it is missing": (r"NOT abMissing\[nColumn\] AND \(aInput", "(aInput"),
+    "outside where it is missing": (r"NOT abMissing\[nColumn\]\s+AND \(aInput", "(aInput"),
     "never outside": (r"bInside := FALSE", "bInside := TRUE"),
     "inside beyond the end": (r"aInput\[nColumn\] > (RANGE|FLAG)_UPPER\[nColumn\]\)", r"aInput[nColumn] > 1.0E9)"),
     "not limited": (r"aInput\[nColumn\] := RANGE_LOWER\[nColumn\]", "aInput[nColumn] := aInput[nColumn]"),
