@@ -186,6 +186,8 @@ def test_a_budget_is_not_said_to_be_kept_by_a_profile_that_was_measured_to_be_to
     assert f"are up to {quick.longest:g} times as long; divide a budget by that" in quick.remark
     path.write_text(with_factors(quick, replace(fit, longest=1.0), "right"), encoding="utf-8")
     assert (load_profile(path).judged(fits=True), load_profile(path).remark) == ("fits", "")
+    path.write_text(with_factors(quick, replace(fit, longest=4e6), "of a slip"), encoding="utf-8")
+    assert load_profile(path).longest == 4e6  # was written and not read, though it is less than two times may differ by
 
 
 def test_measured_times_are_read_with_all_their_problems(tmp_path):
