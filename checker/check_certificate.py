@@ -24,6 +24,8 @@ from model_files import HIGH, LOW, Reject, bits, keys, need, numbers, read_model
 KINDS = {".txt", ".json", ".ubj", ".skops", ".onnx", ".joblib", ".pkl"}
 #: What a file that is not as it should be may raise.
 REJECTIONS = (Reject, OSError, ValueError, LookupError, TypeError, AttributeError, OverflowError, SyntaxError)
+#: In about so many boxes of whole trees a text is executed at once.
+BOXES = 100_000
 
 # --- Structured Text ------------------------------------------------------------------------------------------------
 WORDS = {
@@ -777,9 +779,9 @@ class Check:
             if len(steps):
                 owner, low, high, nan, leaf = self.parts(f, owner, low, high, nan, leaf)
         begins = np.searchsorted(owner, np.arange(len(boxes) + 1))
-        first = 0
-        while first < len(boxes):  # whole trees, in about 100,000 boxes
-            stop = max(first + 1, int(np.searchsorted(begins, begins[first] + 100_000, "right")) - 1)
+        first, known = 0, None
+        while first < len(boxes):
+            stop = max(first + 1, int(np.searchsorted(begins, begins[first] + BOXES, "right")) - 1)
             part = slice(begins[first], begins[stop])
             machine = self.run(low[part], high[part], nan[part], begins[first:stop] - begins[first])
             self.reached(machine)
@@ -797,7 +799,8 @@ class Check:
                     part_ = V(term.a[:, mine], term.u[mine])
                     self.same(part_, values[leaf[begins[t] : begins[t + 1]]], f"tree {t} differs")
             need(not terms, "the text has more terms than the model has trees")
-            first = stop
+            need(known in (None, same), "a term is another tree in the boxes of another one")
+            first, known = stop, same
         names = {key: ("term", i) for i, key in enumerate(k for k in order if k not in same)}
         wanted = [self.total(output, names, same) for output in range(len(model.base))]
         if model.label:  # the first of the largest, or where the only score is above zero

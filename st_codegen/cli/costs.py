@@ -130,7 +130,7 @@ def price_table(target: str, profile: str, priced: Iterable[Price]) -> Table:
             f"{cost.code_bytes:,}",
             f"{cost.lines:,.0f}",
             f"{cost.warm_us:.2f}",
-            f"{cost.cold_us:.2f}",
+            rounded_up(cost.cold_us, 2),
         )
     return table
 

@@ -122,9 +122,10 @@ def _profile(file: TomlTable, name: str, text: str) -> Profile:
     with file.table("cycles", required=True) as table:
         cycles = {operation: _sourced(table, operation.value, 0.0, 1e6, sources) for operation in CostClass}
     with file.table("factors") as table:
-        compute, memory, longest = (
-            table.number(key, 1.0, low=SMALLEST_FACTOR, high=LARGEST_FACTOR) for key in ("compute", "memory", "longest")
+        compute, memory = (
+            table.number(key, 1.0, low=SMALLEST_FACTOR, high=LARGEST_FACTOR) for key in ("compute", "memory")
         )
+        longest = table.number("longest", 1.0, low=1.0)
     return Profile(
         name,
         MappingProxyType(machine),

@@ -79,7 +79,7 @@ def model_report(
     report.refused, report.unanswered = int(np.sum(~usable)), int(np.sum(inside & ~usable))
     report.nothing_compared = not np.any(usable)
     report.none_inside = report.unanswered > 0 and not np.any(inside & usable)
-    report.refused_where = refused_where(ir)
+    report.refused_where = refused_where(ir) or "the magnitude of an input is too large"
     _ask_to_refused(report, model, limited, ~usable & np.all(np.isfinite(limited), axis=1), inside)
     bound = np.where(usable[:, None], bounds.difference_bound(ir, limited), 0.0)
     answers = _Answers(ir, x, limited, expected, library, usable, inside & usable, bound)

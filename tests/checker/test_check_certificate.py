@@ -21,7 +21,7 @@ from sklearn.ensemble import (
     RandomForestClassifier,
     RandomForestRegressor,
 )
-from sklearn.tree import DecisionTreeClassifier
+from sklearn.tree import DecisionTreeClassifier, DecisionTreeRegressor
 
 from st_codegen.driver import generate
 from st_codegen.passes.choose import Layout, Options
@@ -142,6 +142,50 @@ def test_trees_of_one_leaf_among_others_are_proved_and_confirmed(layout, tmp_pat
     generate(load(tmp_path / "models"), "iec", tmp_path / "out", options=Options(layout, table_bytes=1))
     result = check(written(tmp_path, tmp_path / "models", tmp_path / "out"), tmp_path / "models", tmp_path / "out")
     assert result.returncode == 0, result.stdout
+
+
+#: The sum of 0.5, which stands there once too often, one tree of two that are alike, and 0.25.
+ONE_TREE_LEFT_OUT = """
+aStep1[0] := 0.5;
+nNode := 0;
+IF aSlot1[0] <= 0.5 THEN nNode := 1; END_IF;
+aStep1[0] := aStep1[0] + HALF[nNode];
+nNode := 0;
+IF aSlot1[1] <= 0.5 THEN nNode := 1; END_IF;
+aStep1[0] := aStep1[0] + LEAVES[nNode];
+nNode := 0;
+IF aSlot1[1] <= 0.5 THEN nNode := 0; END_IF;
+aStep1[0] := aStep1[0] + QUARTER[nNode];
+aStep1[0] := aStep1[0] / DIVISOR_1;
+"""
+
+
+@pytest.mark.parametrize("boxes", [1, 100_000])
+def test_the_terms_of_a_sum_are_the_same_trees_in_the_boxes_of_all_trees(boxes, tmp_path, monkeypatch):
+    """In the boxes of one tree its first term was the number of a tree of one leaf, in those of the next one a tree."""
+    rows = np.array([[0.0, 0.0], [0.0, 1.0], [1.0, 0.0], [1.0, 1.0]])
+    trees = [
+        DecisionTreeRegressor().fit(rows, answer)
+        for answer in (np.full(4, 0.5), 10.0 * rows[:, 0] + rows[:, 1], rows[:, 1], np.full(4, 0.25))
+    ]
+    trees[1].tree_.value[:] %= 10.0  # as the next one, but it asks for another input, too
+    model = RandomForestRegressor(4).fit(rows, rows[:, 1])
+    model.estimators_ = trees
+    (tmp_path / "models").mkdir()
+    skops.io.dump(model, tmp_path / "models" / "m.skops")
+    generate(load(tmp_path / "models"), "iec", tmp_path / "out", options=Options(Layout.TREES))
+    check_certificate = mutants.check_certificate
+    monkeypatch.setattr(check_certificate, "BOXES", boxes)
+    (text,) = tmp_path.rglob("FB_M.st")
+    arguments = (check_certificate.read_model(tmp_path / "models" / "m.skops"), text.parent)
+    entry = {"block": "FB_M", "outputs": ["fOut1"], "inputs": ["f0", "f1"]}
+    check_certificate.Check(*arguments, entry)
+    change_once(text, r"(?s)aStep1\[0\] := START.*(?=\(\* 3)", ONE_TREE_LEFT_OUT)
+    pairs = {"HALF": (0.5, 0.5), "LEAVES": (1.0, 0.0), "QUARTER": (0.25, 0.25)}
+    tables = "".join(f"{name} : ARRAY[0..1] OF LREAL := {list(pair)};\n" for name, pair in pairs.items())
+    change_once(text, r"END_VAR\n\n\(\* 1", tables + r"\g<0>")
+    with pytest.raises(check_certificate.Reject):
+        check_certificate.Check(*arguments, entry)
 
 
 def test_files_of_xgbregressor_take_infinities_and_end_at_the_best_iteration(tmp_path):

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from st_codegen.cli.costs import cost_table, times_text
+from st_codegen.cli.costs import cost_table, price_table, times_text
 from st_codegen.cli.pages import _worst_text
 from st_codegen.cost.calibrate import Calibration, Measurement, calibrate, read_measurements, with_factors
 from st_codegen.cost.operations import CostClass
@@ -14,6 +14,7 @@ from st_codegen.cost.profile import load_profile, profiles_folder
 from st_codegen.cost.profile_files import profile_names
 from st_codegen.cost.report import BlockCost, ProjectCost, UnitPart, project_cost
 from st_codegen.errors import InputError, at_most
+from st_codegen.proof.explain import EmittedCost, Price
 from tests.cost.helpers import CONSTANTS, PROFILE, VARIABLES, block, cost, project
 from tests.cost.test_counts import STATEMENTS
 
@@ -186,6 +187,8 @@ def test_a_budget_is_not_said_to_be_kept_by_a_profile_that_was_measured_to_be_to
     assert f"are up to {quick.longest:g} times as long; divide a budget by that" in quick.remark
     path.write_text(with_factors(quick, replace(fit, longest=1.0), "right"), encoding="utf-8")
     assert (load_profile(path).judged(fits=True), load_profile(path).remark) == ("fits", "")
+    path.write_text(with_factors(quick, replace(fit, longest=4e6), "of a slip"), encoding="utf-8")
+    assert load_profile(path).longest == 4e6  # was written and not read, though it is less than two times may differ by
 
 
 def test_measured_times_are_read_with_all_their_problems(tmp_path):
@@ -228,6 +231,8 @@ def test_a_worst_case_is_rounded_up_wherever_it_is_told():
     assert "7.7 us with cold ones" in times_text(told)
     assert _worst_text(told) == "7.7 us in the worst case"
     assert list(cost_table("all", told.parts).columns[-2].cells) == ["7.7", "7.7"]
+    alone = Price("a", "trees", True, EmittedCost(1, 1, 0, warm_us=1.0, cold_us=7.641))
+    assert list(price_table("iec", "p", [alone]).columns[-1].cells) == ["7.65"]
 
 
 def test_a_profile_is_written_whatever_its_name_is(tmp_path):

@@ -51,8 +51,8 @@ def test_compare_against_serve_and_serve_stops_cleanly(lone, process, tmp_path, 
     shown = capsys.readouterr().err
     assert code == 0, shown
     assert "library and controller compared" in shown
-    measured = read_measurements(tmp_path / "times.csv") if "FB_Te,warm" in (tmp_path / "times.csv").read_text() else ()
-    if measured:  # else the clock is too slow for it
+    if (tmp_path / "times.csv").exists():  # else the clock is too slow for it
+        measured = read_measurements(tmp_path / "times.csv")
         assert load_profile(tmp_path / "mine.toml").name == "mine"
         time_us = float(re.search(r"FB_Te\W+warm\D+(\d+\.\d\d)", shown)[1])
         assert time_us == pytest.approx(measured[0].microseconds, abs=0.06)  # the file has a digit less
@@ -63,7 +63,6 @@ def test_compare_against_serve_and_serve_stops_cleanly(lone, process, tmp_path, 
     assert record["device"] == "st-codegen serve"
     page = (tmp_path / "record.html").read_text(encoding="utf-8")
     assert "All agree" in page and "is a soft PLC: no controller was compared" in page
-    assert (tmp_path / "times.csv").read_text().startswith("block,caches,us\n")
     started.send_signal(signal.SIGTERM)
     assert started.wait(600) == 0
     text = log.read_text()

@@ -499,6 +499,7 @@ def test_times_below_the_steps_of_the_clock_are_written_nowhere():
     assert not _why_no_times(report)
     report.models.append(ModelReport("worn", n=5, nothing_compared=True))
     assert _why_no_times(report) == "the times may be those of another text"
+    assert _why_no_times(replace(report, models=[], times={})).startswith("what was compared takes several calls")
 
 
 def test_what_was_not_compared_is_no_agreement_and_is_said():

@@ -9,7 +9,7 @@ import pytest
 from st_codegen.driver import generate
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError
-from st_codegen.ir import Activation, Comparison, Exceeds, Function, Operator, Piecewise, Scale, reference
+from st_codegen.ir import Activation, Comparison, Exceeds, Feature, Function, Operator, Piecewise, Scale, reference
 from st_codegen.passes.choose import Layout
 from st_codegen.passes.domain import limit_inputs
 from st_codegen.project.bundle import Bundle, load
@@ -209,6 +209,16 @@ def test_numbers_beyond_the_ends_of_a_piece_are_the_reason_that_is_given(tmp_pat
     assert found.unanswered and "since a number lies where a piece of the model has no answer" in found.not_judged
     assert "root" not in found.not_judged
     assert "a piece of the model has no" in (tmp_path / "iec" / "FB_M.st").read_text()
+
+
+def test_a_range_that_reaches_beyond_the_largest_magnitude_is_the_reason_that_is_given(tmp_path):
+    """The sentence had none: `the block refuses (bValid is FALSE), since : the library ..`."""
+    one = model(Activation((0,), Function.ABS, 1), features=1)
+    wide = dataclasses.replace(one, features=(Feature("a", lower=0.0, upper=9.0),), magnitude_limits=(6.0,))
+    bundle = Bundle((LoadedModel(wide, lambda x: reference.evaluate(wide, x)),), None)
+    generate(bundle, "iec", tmp_path)
+    (found,) = verify(bundle, tmp_path, rows=300).models
+    assert found.unanswered and "since the magnitude of an input is too large" in found.not_judged
 
 
 def test_missing_blocks_and_missing_folders_are_named(lone_folder, generated, lightgbm_text, tmp_path):

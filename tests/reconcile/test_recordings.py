@@ -107,6 +107,19 @@ def test_all_problems_of_all_files_at_once(tmp_path):
         assert text in str(caught.value), text
 
 
+def test_cells_of_a_recording_that_are_empty_or_not_finite_are_named_alike(tmp_path):
+    """Of an empty one it was said that it is to be nan, of nan that it is not finite."""
+    recorded(tmp_path / "r.csv")
+    head, first, second, *others = (tmp_path / "r.csv").read_text().splitlines()
+    first, second = ("".join([line.rpartition(",")[0], ",", cell]) for line, cell in ((first, ""), (second, "nan")))
+    (tmp_path / "r.csv").write_text("\n".join([head, first, second, *others]) + "\n")
+    name = head.rpartition(",")[2]
+    with pytest.raises(
+        InputError, match=f"(?s)line 2: {name}: '' is not a number\n.*line 3: {name}: 'nan' is not finite"
+    ):
+        read_recordings([tmp_path / "r.csv"])
+
+
 def test_a_wave_over_the_angle_has_to_stand_out_of_what_is_around():
     """Steps and wanders hold all orders, the low ones most; every one of these was an unexplained order."""
     order = np.arange(80)

@@ -136,7 +136,7 @@ class TreeProof:
                 for column in range(op.leaf_value.shape[1]):
                     output = int(op.tree_output[tree]) if narrow else column
                     key = (number, tree, output)
-                    if np.all(values[rows, column] == values[rows[0], column]):
+                    if op.linear is None and np.all(values[rows, column] == values[rows[0], column]):
                         self.fixed[key] = float(op.leaf_value[rows[0], column])
                     else:
                         yield key

@@ -88,13 +88,10 @@ def _read(path: Path) -> Recording:
         problems.add(
             f"the angles {', '.join(angles)} do not suffice: two of {', '.join(ANGLES)} are needed to tell a difference"
         )
-    bad = [name for name, values in columns.items() if not np.isfinite(values).all()]
-    if bad:
-        problems.add(f"values of {', '.join(bad)} are not finite")
     time = columns.get("t", np.arange(float(SETTINGS.least_samples)))
     if len(time) < SETTINGS.least_samples:
         problems.add(f"{counted(len(time), 'sample')} only, at least {SETTINGS.least_samples} are needed")
-    if not bad and (np.diff(time) <= 0).any():
+    if (np.diff(time) <= 0).any():
         problems.add(f"the time does not rise from row {int(np.argmax(np.diff(time) <= 0)) + 2} to the next")
     problems.raise_if_any()
     speed = speed_of(angles, time)
@@ -107,7 +104,7 @@ def _columns(path: Path) -> dict[str, FloatArray]:
     """The columns of a file by name. Raises InputError for what is no table of numbers."""
     table = read_csv(path)
     problems = Problems(str(path))
-    values = table.numbers(table.names, problems, is_finite=False)
+    values = table.numbers(table.names, problems)
     problems.raise_if_any()
     return dict(zip(table.names, values.T, strict=True))
 

@@ -15,6 +15,7 @@ from st_codegen.project.bundle import Bundle, load
 from st_codegen.proof.prove.axis import InputAxis, to_keys
 from st_codegen.proof.prove.prove import Verdict, prove
 from st_codegen.proof.prove.tree_proof import SUMS, TAIL
+from tests.changes import change_once
 
 GOLDEN = Path(__file__).resolve().parents[3] / "golden"
 
@@ -72,6 +73,21 @@ def test_a_constant_changed_by_hand_is_refuted_with_an_input(tmp_path, capsys):
     assert "refuted" in said
     # the only number that the two thresholds tell apart
     assert repr(changed) in said
+
+
+def test_a_tree_of_linear_models_is_no_constant_where_its_plain_values_are_all_the_same(tmp_path):
+    """It counted as that number: its own text was not proved, and a text that adds the number was."""
+    (tmp_path / "models").mkdir()
+    head, first, second, *others = (GOLDEN / "lone" / "models" / "lightgbm_linear.txt").read_text().split("Tree=")
+    head = re.sub("tree_sizes=.*\n", "", head)
+    second = re.sub("leaf_value=.*", "leaf_value=" + " ".join(["0.5"] * 6), second)
+    (tmp_path / "models" / "m.txt").write_text("Tree=".join([head, first, second, *others]))
+    bundle = load(tmp_path / "models")
+    generate(bundle, "iec", tmp_path, options=Options(Layout.TREES))
+    assert prove(bundle, tmp_path).results[0].verdict is Verdict.PROVED
+    number = "IF nTree = 1 THEN fX := 0.5; END_IF;\n"
+    change_once(tmp_path / "iec" / "FB_M.st", r"aStep1\[0\] := aStep1\[0\] \+ fX;", number + r"\g<0>")
+    assert prove(bundle, tmp_path).results[0].verdict is Verdict.REFUTED
 
 
 def test_an_unknown_statement_is_never_proved(tmp_path):
