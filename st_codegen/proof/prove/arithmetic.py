@@ -154,15 +154,10 @@ def _check_range(model: ModelIR, terms: Terms, inputs: list[Term], held: dict[st
             continue
         low, high = feature.checked
         is_number = terms.is_number(x)
-        if is_number is not True:
-            y = terms.where(terms.negated(is_number), 0.0, x)
-            outside = terms.either(terms.compare("LT", y, low), terms.compare("GT", y, high))
-            inside = terms.choice(terms.both(is_number, outside), False, inside)
-            continue
-        inside = terms.choice(terms.compare("LT", x, low), False, inside)
-        with terms.assuming(terms.compare("LT", x, low), False):
-            above = terms.compare("GT", x, high)
-        inside = terms.choice(above, False, inside)
+        # what is missing is no number outside
+        y = terms.where(terms.negated(is_number), 0.0, x)
+        outside = terms.either(terms.compare("LT", y, low), terms.compare("GT", y, high))
+        inside = terms.choice(terms.both(is_number, outside), False, inside)
     if _conditions(held["bInRange"]) != _conditions(inside):
         raise NotProvedError("bInRange is not what the declared ranges demand")
 

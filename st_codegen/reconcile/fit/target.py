@@ -90,7 +90,7 @@ class FitData:
     def at_once(self) -> int:
         """How many fits may be computed at a time, each in a copy of this process: one where data are small.
 
-        Each takes some arrays of the size of the data.
+        Each takes about six arrays of the size of the data, as measured at 4,000 rows of 300 orders.
         """
         is_large = self.data.values.size >= SETTINGS.large and can_be_copied()
         return max(SETTINGS.most_shared_bytes // (6 * self.data.values.nbytes), 1) if is_large else 1
