@@ -287,6 +287,18 @@ def test_numbers_that_are_filled_in_within_a_range_are_followed(outside, tmp_pat
     assert verify(bundle, tmp_path, rows=300).passed
 
 
+def test_a_missing_number_is_answered_beside_a_range_of_numbers_that_are_not(tmp_path):
+    """What stands for it is limited to a magnitude that trees refuse, and was refused for it."""
+    model = loaded(make_pipeline(SimpleImputer(), StandardScaler(), TREE).fit(30.0 * GAPS, SCORE))
+    first, *others = model.ir.features
+    far = (dataclasses.replace(first, lower=3.5e38, upper=3.6e38), *others)
+    bundle = Bundle((LoadedModel(limit_inputs(dataclasses.replace(model.ir, features=far)), model.predict),))
+    generate(bundle, "iec", tmp_path)
+    assert "RANGE_LIMIT" in (tmp_path / "iec" / "FB_M.st").read_text()
+    report = verify(bundle, tmp_path, rows=300)
+    assert report.passed, [str(failure) for one in report.models for failure in one.failures]
+
+
 @pytest.mark.parametrize("name", RANGE_CHANGES)
 def test_what_is_changed_in_a_range_of_what_is_filled_in_is_not_proved(name, tmp_path):
     bundle, path = filled_within_ranges(tmp_path, "limit")
