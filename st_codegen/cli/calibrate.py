@@ -80,7 +80,7 @@ def write_profile(
     for measurement, modelled in zip(measurements, fit.modelled, strict=True):
         error = f"{modelled / measurement.microseconds - 1.0:+.1%}"
         caches = "cold" if measurement.is_cold else "warm"
-        table.add_row(measurement.block, caches, f"{measurement.microseconds:.2f}", f"{modelled:.2f}", error)
+        table.add_row(measurement.block, caches, f"{measurement.microseconds:.4g}", f"{modelled:.4g}", error)
     console.print(table)
     for text in fit.remarks(measurements):
         say(text)

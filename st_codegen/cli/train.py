@@ -226,10 +226,10 @@ def _summary(lesson: Lesson, faulty_are: str) -> Table:
         "" if faulty_are == "kept" or lesson.left_out == faulty else f" ({lesson.left_out} of all runs for the models)"
     )
     unknown = lesson.faulty.not_judged and not faulty
-    told = "faulty runs not looked for, 0" if unknown else counted(faulty, "faulty run")
+    told = "faulty runs not looked for" if unknown else f"{counted(faulty, 'faulty run')} {faulty_are}"
     title = (
         f"{lesson.direction}: worst case {lesson.cost_us:.3g} us (a quick estimate; verify counts the text), "
-        f"{told} {faulty_are}{others}; errors at the operating points of "
+        f"{told}{others}; errors at the operating points of "
         f"{counted(len(lesson.study.test), 'run')} that were kept apart"
     )
     table = table_of(title, ">order", "models", ">amplitude MAE, deg", ">phase MAE, rad", ">complex MAE, deg")

@@ -272,7 +272,7 @@ def test_tables_of_made_up_data(tmp_path, monkeypatch):
     [
         ((True, False), "", "1 faulty run kept;"),
         ((True, True), "and others look so", "2 faulty runs kept;"),
-        ((False, False), "none was looked for", "faulty runs not looked for, 0 kept;"),
+        ((False, False), "none was looked for", "faulty runs not looked for;"),
     ],
 )
 def test_faulty_runs_are_said_to_be_kept_or_not_to_have_been_looked_for(faulty, not_judged, text):
