@@ -63,6 +63,7 @@ def test_git_on_windows_leaves_the_model_of_the_example_as_it_is(tmp_path):
     assert b"\r\n" in project.read_bytes()
 
 
+@pytest.mark.thorough
 def test_the_example_passes_and_fails_where_model_and_code_part(tmp_path):
     copy = tmp_path / "repository"  # that the committed code is up to date is tested with the golden files
     shutil.copytree(EXAMPLE, copy)

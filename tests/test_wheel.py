@@ -34,6 +34,7 @@ def installed(tmp_path_factory):
     return folder / "env" / "bin"
 
 
+@pytest.mark.thorough
 def test_the_installed_command_compiles_verifies_and_predicts_outside_the_checkout(installed, lone_folder, tmp_path):
     def run(*arguments):
         return subprocess.run(

@@ -31,6 +31,7 @@ def test_a_second_target_without_a_place_leaves_the_first_unwritten(lone_folder,
     assert not (tmp_path / "twincat").exists()
 
 
+@pytest.mark.thorough
 def test_the_program_runs_as_a_module_and_says_its_version(lone_folder, tmp_path):
     def module(*arguments):
         return subprocess.run(

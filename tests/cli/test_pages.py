@@ -70,6 +70,7 @@ def test_verification_has_a_page(lone_folder, tmp_path):
     assert "The cycle DOES NOT FIT: twincat." in page.read_text(encoding="utf-8")
 
 
+@pytest.mark.thorough
 def test_a_page_says_of_how_many_blocks_it_lists_the_slowest(lone_folder, lightgbm_text, tmp_path):
     for number in range(24):
         (lone_folder / f"m{number}.txt").write_text(lightgbm_text)

@@ -912,6 +912,7 @@ def test_a_motion_to_and_fro_within_some_samples_is_no_speed_of_another_unit(per
             assert float(found[0].split()[2]) == pytest.approx(factor, rel=0.05)
 
 
+@pytest.mark.thorough
 def test_a_share_of_a_gap_that_links_have_as_well_is_the_reducers(tmp_path):
     """A zero "explains more than 99 % of the gap", which fell by half: the rest was the coupling's."""
     rig = recorded(tmp_path / "r.csv")

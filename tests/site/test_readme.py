@@ -66,6 +66,7 @@ def test_the_terminal_shows_commands_that_the_page_explains():
     assert tuple(shown) == pictures.COMMANDS
 
 
+@pytest.mark.thorough
 def test_the_terminal_shows_what_its_commands_print(tmp_path):
     """A sentence of `prove` had changed, and the picture had the one before."""
     pictures.record_terminal(tmp_path, tmp_path)

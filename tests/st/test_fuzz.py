@@ -84,6 +84,7 @@ def test_damaged_xml_is_read_or_refused(text: str, rng: random.Random, noise: by
         assert str(error)
 
 
+@pytest.mark.thorough
 @examples()
 @given(programs(), s.randoms(use_true_random=False))
 def test_damaged_programs_are_checked_or_refused(program: str, rng: random.Random) -> None:

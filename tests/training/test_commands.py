@@ -42,6 +42,7 @@ def refused(capsys, *arguments):
     return capsys.readouterr().err
 
 
+@pytest.mark.thorough
 def test_a_table_becomes_a_bundle_that_compiles(tmp_path):
     write_table(joined([a_table(), a_table(backward=True)]).only([0, 39]), tmp_path / "t.csv")
     arguments = ["train", tmp_path / "t.csv", "--out", tmp_path / "m", "--json", "--work", tmp_path / "fits.sqlite"]
