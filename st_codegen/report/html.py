@@ -10,6 +10,9 @@ from typing import Any
 from st_codegen.emit.render import render_report
 from st_codegen.files.made_by import MADE_BY
 
+#: What stands right: a number, also one that was written as text, with commas or a power of ten.
+_NUMBER = re.compile(r"[-+]?[0-9][0-9,]*(\.[0-9]+)?(e[-+]?[0-9]+)?")
+
 
 @dataclass(frozen=True)
 class PageTable:
@@ -34,10 +37,7 @@ class PageTable:
 
     def _cells(self) -> list[list[tuple[str, bool]]]:
         """Text and whether it is a number, of every cell."""
-        return [
-            [(_shown(cell), isinstance(cell, int | float) and not isinstance(cell, bool)) for cell in row]
-            for row in self.rows
-        ]
+        return [[(text, _NUMBER.fullmatch(text) is not None) for text in map(_shown, row)] for row in self.rows]
 
     def values(self) -> dict[str, Any]:
         """The columns and cells of this table as the page's template takes them."""
@@ -45,7 +45,11 @@ class PageTable:
             [(text, number, (row, column) in self.strong) for column, (text, number) in enumerate(cells)]
             for row, cells in enumerate(self._cells())
         ]
-        return {"columns": list(self.columns), "rows": rows}
+        columns = [
+            (name, any(row[column][0] for row in rows) and all(row[column][1] or not row[column][0] for row in rows))
+            for column, name in enumerate(self.columns)
+        ]
+        return {"columns": columns, "rows": rows}
 
 
 @dataclass(frozen=True)

@@ -55,6 +55,21 @@ def test_same_bytes_in_another_process_on_another_day():
     assert made[0] == made[1] == figure(draw, title="x")
 
 
+def test_numbers_stand_right_also_those_that_were_written_as_text_and_so_do_their_titles():
+    table = PageTable(
+        ("name", "rows", "bound", "id"), [("a", 3, "", "1"), ("b", "3,168", "2.6e-15", "A1"), ("c", 0.25, "", "")]
+    )
+    text = page("x", [PageSection("y", table=table)])
+    head, *rows = re.findall("<tr>(.*?)</tr>", text)
+    right = [[" class" in cell for cell in re.findall("<t[dh][^>]*>", row)] for row in (head, *rows)]
+    assert right == [
+        [False, True, True, False],
+        [False, True, False, True],
+        [False, True, True, False],
+        [False, True, False, False],
+    ]
+
+
 class _Balance(HTMLParser):
     def __init__(self):
         super().__init__()
