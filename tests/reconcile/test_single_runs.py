@@ -192,6 +192,17 @@ def test_a_label_of_one_direction_is_none_of_a_run_with_both():
     assert min(_by_label(twice, np.array([0, 1])).values()) == 2.0
 
 
+def test_runs_with_another_zero_are_no_block_of_a_smaller_size():
+    """Along what the rig says a turned wave is smaller: three runs, turned by 3 deg and so, were 0.498 times as large."""
+    data = measured()
+    known, weight = RIG.coefficients(data.at, ORDERS.tolist()), np.full(data.values.shape, 1e12)
+    few = (np.arange(2 * RUNS) % RUNS < 3)[:, None]
+    turned = known * np.exp(1j * np.deg2rad(3.0) * few * ORDERS)
+    assert not _block(data, turned, known, weight)
+    (block,) = _block(data, np.where(few, 0.5, 1.0) * known, known, weight)
+    assert "3 runs is 0.5 times" in block.text
+
+
 def test_a_block_of_runs_with_a_factor_is_left_out():
     data = measured()
     factor = np.ones(RUNS)

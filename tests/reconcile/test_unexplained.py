@@ -307,6 +307,29 @@ def test_what_both_directions_share_of_the_mean_is_no_floor_of_it():
     assert curves(values, SIGMA)[0] == {}
 
 
+def test_a_mean_that_differs_from_run_to_run_as_the_rig_says_is_noise():
+    """A table's runs, which few neighbours tell, had 1.3 times the noise of their contrasts: something was missing."""
+    at, said = grid(), 12.0 * SIGMA
+    values = white([1] * 6)
+    # in both directions of a run alike
+    run = np.unique(at.points, axis=0, return_inverse=True)[1].ravel()
+    values[:, 0] = 10.0 * SIGMA * np.random.default_rng(4).standard_normal(run.max() + 1)[run]
+    data = Observations(at, labels(at), np.array((0, 1, 2, 3, 48, 53)), values)
+    noise = estimate(data, values)
+    contrasts = np.where(data.orders == 0, 7.0 * SIGMA, noise.floor_rms)
+    target = FitData(data, noise.sigma, noise.good, groups_of(at), run_offset_deg=said)
+    known = floors(target, values, contrasts)
+    assert known[0] == pytest.approx(np.sqrt((values[:, 0].real ** 2).mean())) and (known[1:] < 2 * SIGMA).all()
+    assert not signatures(target, values, known, data.orders == 0)
+    # the orders of a table beside the mean were said to differ by as much as it
+    (one,) = signatures(target, values, contrasts, data.orders == 0)
+    assert "what the means of runs near each other differ by" in one.text and one.at_least
+    # what follows the torque is none of it
+    values = values.copy()
+    values[:, 0] = 10.0 * SIGMA * np.where(at.torque_Nm > np.median(at.torque_Nm), 1.0, -1.0)
+    assert floors(target, values, contrasts)[0] < 8.0 * SIGMA
+
+
 def test_noise_that_lasts_over_runs_is_not_alike_in_both_directions():
     """Two walks that share nothing are alike by chance: one order in a hundred was said to be structure."""
     at = grid()

@@ -275,15 +275,8 @@ def _block_of_no_effect(data: Observations, model: ComplexArray, seen: BoolArray
 def _block(
     data: Observations, values: ComplexArray, known: ComplexArray, weight: FloatArray, *, only_no_effect: bool = False
 ) -> list[Mistake]:
-    factor = []
     runs = data.runs
-    for rows in runs:
-        products = (values[rows] * known[rows].conj()).real / np.maximum(np.abs(known[rows]) ** 2, 1e-300)
-        worth = weight[rows] * np.abs(known[rows]) ** 2
-        # a factor is told by how far it lies from none, too
-        loud = worth * np.maximum(1.0, products**2) > SETTINGS.loud_order
-        factor.append(float(np.median(products[loud])) if loud.sum() >= SETTINGS.least_votes else np.nan)
-    size = np.array(factor)
+    size = np.array([_factor_of(values[rows], known[rows], weight[rows]) for rows in runs])
     off = np.isfinite(size) & _far_from(size, 1.0)
     if off.sum() < SETTINGS.least_block:
         return []
@@ -307,6 +300,21 @@ def _block(
         where = "" if not is_one else f", run {first + 1} to run {last + 1} in their order"
     text = f"a block of {int(near.sum())} runs is {common:.3g} times as large as the rig in most orders{where}"
     return [Mistake("block", text, rows=tuple(map(int, rows)))]
+
+
+def _factor_of(values: ComplexArray, known: ComplexArray, weight: FloatArray) -> float:
+    """The factor that most loud orders of a run (rows, K) have over what is known; NaN where few tell or most differ."""
+    times = values * known.conj() / np.maximum(np.abs(known) ** 2, 1e-300)
+    worth = weight * np.abs(known) ** 2
+    # a factor is told by how far it lies from none, too
+    loud = worth * np.maximum(1.0, times.real**2) > SETTINGS.loud_order
+    if loud.sum() < SETTINGS.least_votes:
+        return np.nan
+    factor = float(np.median(times[loud].real))
+    # orders that are turned are smaller along what is known, each by its own
+    error = SETTINGS.told * max(1.0, abs(factor)) / np.sqrt(worth[loud])
+    agree = np.abs(times[loud] - factor) < np.maximum(error, (SETTINGS.block_factor - 1.0) * abs(factor))
+    return factor if 2 * agree.sum() > len(agree) else np.nan
 
 
 def _far_from(size: FloatArray, factor: float) -> BoolArray:

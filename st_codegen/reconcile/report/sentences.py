@@ -120,6 +120,9 @@ def floor_text(result: Reconciliation) -> str:
         orders = [str(k) for k, own in zip(result.data.orders, result.noise.kinds, strict=True) if own == kind]
         which = "" if len(kinds) == 1 else f" (orders {first_of(orders, 8)})"
         parts.append(_FLOOR[kind] + which)
+    of_runs = dict(zip(result.data.orders.tolist(), result.noise.floor_rms.tolist(), strict=True))
+    if any(one.order == 0 and one.noise_floor > of_runs[0] for one in result.orders):
+        parts.append("of the mean no less than what the rig says that runs differ by, as far as they do")
     text = f"The floor is {'; '.join(parts)}"
     if not result.data.repeated:
         text += ". No two runs have equal conditions: structure finer than their spacing counts as noise there"

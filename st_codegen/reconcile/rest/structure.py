@@ -236,13 +236,16 @@ def floors(target: FitData, residual: ComplexArray, of_contrasts: FloatArray) ->
     """RMS of one component of the noise by order, (K,), from that of contrasts between runs.
 
     Of curves it is that between their orders, but where noise lasts over a turn or comes from the lines of an encoder.
-    Contrasts hold what structure is left; where there is some, the noise is that of the orders next to it. No order has
-    more noise than there is in it.
+    Contrasts hold what structure is left; where there is some, the noise is that of the orders next to it. A mean that
+    keeps none has as much as the rig says that runs differ by. No order has more noise than there is in it.
     """
     found = of_contrasts.copy()
     if not target.good.any():
         return found
-    return np.asarray(np.minimum(_known_noise(target, residual, found), _most_noise(target, residual)))
+    known = np.minimum(_known_noise(target, residual, found), _most_noise(target, residual))
+    as_the_rig_says = (target.data.orders == 0) & ~is_lacking(target, residual)
+    most = np.minimum(target.run_offset_deg, rms_of_component(target, residual))
+    return np.where(as_the_rig_says, np.maximum(known, most), known)
 
 
 def _most_noise(target: FitData, residual: ComplexArray) -> FloatArray:

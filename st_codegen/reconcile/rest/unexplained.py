@@ -297,7 +297,7 @@ def _noise_of_order(
         own, what = max(quiet, SETTINGS.least_noise_deg**2), "what the other direction has"
     if parts == 1 and own < floor**2 and not shared[k]:
         # the floor of the mean is that within the curves as well, where no more is known
-        of_curves = floor <= noise_within(target)[k]
+        of_curves = floor <= noise_within(target)[k] < np.inf
         own, what = floor**2, within if of_curves else _NEAR_THEM
     if parts == 1 and shared[k] and target.run_offset_deg:
         own, what = own + target.run_offset_deg**2, f"{what}, with what the rig says that runs differ by"
