@@ -93,8 +93,9 @@ DIAGNOSTICS = (
     ),
     Diagnostic(
         "STC1005",
-        "A package is not installed, or too old",
-        "A part of the program needs a library that is not installed, or a version of it whose rules are not known.",
+        "A package is not installed, too old, or broken",
+        "A part of the program needs a library that is not installed, that cannot be imported, or whose rules in this "
+        "version are not known.",
         'Install the extra that the message names, for example pip install "st-codegen[lightgbm]". st-codegen doctor '
         "shows what is there and what is missing.",
         kinds=("MissingExtraError",),

@@ -127,26 +127,38 @@ class UntrustedFileError(InputError):
 
 
 class MissingExtraError(InputError):
-    """An optional dependency is not installed, or (`installed`: its version) older than the least that is known."""
+    """An optional dependency is not installed, or older (`installed`: its version) than the least that is known.
 
-    def __init__(self, package: str, extra: str, purpose: str, installed: str = "", least: str = "") -> None:
+    Or it is installed and cannot be imported: `fails` says why.
+    """
+
+    def __init__(
+        self, package: str, extra: str, purpose: str, installed: str = "", least: str = "", fails: str = ""
+    ) -> None:
         what, how = "which is not installed", "pip install"
         if installed:
             # rules of a library change: those of older versions were not read, and models would be compiled wrong
             what, how = f"{least} or newer; {installed} is installed", "pip install --upgrade"
+        if fails:
+            what, how = f"which is installed and cannot be imported ({fails})", "pip install --force-reinstall"
         super().__init__(f"{purpose} needs the package '{package}', {what}: {how} \"st-codegen[{extra}]\"")
 
 
 def extra_package(package: str, extra: str, purpose: str) -> Any:
     """A package of an extra, imported for a purpose.
 
-    Raises MissingExtraError where it is not installed, or where it is older than the requirements of st-codegen say.
+    Raises MissingExtraError where it is not installed, or where it is older than the requirements of st-codegen say,
+    or cannot be imported.
     """
     name = package.partition(".")[0]
     try:
         module = importlib.import_module(package)
-    except ImportError:
-        raise MissingExtraError(name, extra, purpose) from None
+    except ImportError as error:
+        if isinstance(error.__cause__, KeyboardInterrupt):  # what native code makes of Ctrl-C
+            raise error.__cause__ from None
+        if isinstance(error, ModuleNotFoundError) and error.name and error.name.partition(".")[0] == name:
+            raise MissingExtraError(name, extra, purpose) from None
+        raise MissingExtraError(name, extra, purpose, fails=str(error)) from None
     installed, least = str(getattr(sys.modules[name], "__version__", "")), least_versions().get(name, "")
     if is_older(installed, least):
         raise MissingExtraError(name, extra, purpose, installed, least)

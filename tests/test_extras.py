@@ -53,6 +53,22 @@ def test_a_package_whose_rules_are_not_known_is_refused(asked, version):
         extra_package("fruit", "fruit", "eating")
 
 
+@pytest.mark.parametrize(
+    ("text", "answer", "says"),
+    [
+        ("import fruit_core", MissingExtraError, r"cannot be imported \(No module named 'fruit_core'\)"),
+        ("raise ImportError('x.so')", MissingExtraError, r"cannot be imported \(x\.so\)"),
+        ("raise ImportError('initialization failed') from KeyboardInterrupt()", KeyboardInterrupt, ""),
+    ],
+)
+def test_what_cannot_be_imported_is_not_called_missing(asked, monkeypatch, tmp_path, text, answer, says):
+    """Ctrl-C while onnxruntime was being imported ended with "which is not installed"."""
+    (tmp_path / "fruit.py").write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(answer, match=says or "^$"):
+        extra_package("fruit", "fruit", "eating")
+
+
 def test_no_requirements_and_no_version_refuse_nothing(asked, monkeypatch):
     asked("1.0")
     monkeypatch.delattr(sys.modules["fruit"], "__version__")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import signal
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -88,10 +87,6 @@ def command(
     project = recorded_project(generated_folder(generated))
     recording = RecordSettings(samples, _settings(inputs), alive)
 
-    def stop(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    signal.signal(signal.SIGTERM, stop)
     with connect() as controller, progress_bar("recording", quiet=quiet) as progress:
         made = record(controller, project, runs, out, recording, progress)
     if not quiet:

@@ -204,7 +204,8 @@ def _from_files(
     for name in own.keys() & models.keys():
         if models[name].ir.classes is None and OF_CLASSES & set(own[name]):
             problems.add(f"[[model]] gives = {[str(kind) for kind in own[name]]}: {name} is no classifier")
-    wanted = outputs if isinstance(outputs, Mapping) else {name: own.get(name, outputs) for name in models}
+    of_each, others = (outputs, ()) if isinstance(outputs, Mapping) else ({}, outputs)
+    wanted = {name: own.get(name, others) for name in models} | dict(of_each)
     finished = tuple(_finished(model, configuration, wanted, problems) for model in models.values())
     if folder.is_dir() and not problems.errors:
         features = {m.ir.source.file: tuple(f.name for f in m.ir.features) for m in models.values()}

@@ -638,6 +638,15 @@ def test_outputs_of_a_classifier_have_the_names_that_are_given(classifier, tmp_p
         assert re.search(r"DINT_TO_LREAL\(fbBlock1?\.nState\)", text) and "nClass" not in text
 
 
+def test_a_classifier_whose_name_is_another_now_is_told_how_to_be_called(classifier, tmp_path, capsys):
+    """It was said to have one output in place of the two that `gives` names: the folder knows no model of that name."""
+    assert run(classifier, "--out", tmp_path / "out", "-q") == 0
+    capsys.readouterr()
+    assert run("verify", classifier, "--prefix", "Q_", "--generated", tmp_path / "out", "-n", "50", "-q") == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert "the same models are called Q_log now: give --prefix= (none), or generate again" in said
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
