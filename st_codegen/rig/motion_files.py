@@ -154,13 +154,15 @@ def recording_text(plan: MotionPlan, recording: MotionRecord) -> str:
 def html(study: MotionStudy) -> str:
     """The page: table of cases, curves, profile, timing."""
     profile = study.plan.profile
+    most = max(study.outcomes, key=lambda outcome: len(outcome.case.orders))
     sections = [
         PageSection("Before and after", "\n\n".join([_MEANING, *remarks(study)]), _table(study)),
         PageSection("Error of the output", _drawn(study), figures=[_error_picture(study)]),
         PageSection(
             "Prediction",
-            "What the generated code said the error was, over the angle, and what it was.",
-            figures=[_prediction_picture(study)],
+            f"What the generated code said the error was, over the angle, and what it was in the simulation: of case "
+            f"{label(study, most)}.",
+            figures=[_prediction_picture(study, most)],
         ),
         PageSection("Profile", table=_facts(study), figures=[_profile_picture(study)]),
         PageSection("Timing", _TIMING, _timing(study)),
@@ -252,14 +254,13 @@ def _error_picture(study: MotionStudy) -> str:
     return figure(draw, xlabel="time in s", ylabel="error of the output in deg", size_cm=(18, 9))
 
 
-def _prediction_picture(study: MotionStudy) -> str:
+def _prediction_picture(study: MotionStudy, outcome: MotionOutcome) -> str:
     angle = study.plan.angle_deg[study.plan.first :]
     thin = _thin(len(angle))
 
     def draw(axes: Any) -> None:
-        best = max(study.outcomes, key=lambda o: len(o.case.orders))
-        axes.plot(angle[thin], best.error_before_deg[thin], linewidth=1.0, label="measured")
-        axes.plot(angle[thin], best.predicted_deg[thin], linewidth=0.8, label="predicted")
+        axes.plot(angle[thin], outcome.error_before_deg[thin], linewidth=1.0, label="simulated")
+        axes.plot(angle[thin], outcome.predicted_deg[thin], linewidth=0.8, label="predicted")
 
     return figure(draw, xlabel="angle of the output in deg", ylabel="TE in deg", size_cm=(18, 7))
 

@@ -86,6 +86,8 @@ def test_rows_curves_and_a_recording(out):
     recording = (out / "recording.csv").read_text().splitlines()
     assert recording[0] == "t,theta_ref,theta_mot,theta_in,theta_out,speed_rpm,torque_Nm,temperature_C"
     assert len(recording) == 1 + 2801
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "in the simulation: of case orders 0 1 39, full, two." in page and ">measured<" not in page
 
 
 def test_models_are_spread_as_they_will_be(files, linear_folder, monkeypatch, capsys):
