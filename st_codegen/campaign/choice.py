@@ -9,6 +9,7 @@ import numpy as np
 
 from st_codegen.campaign.orders import SIGNIFICANT, OrderFit
 from st_codegen.errors import InputError, counted
+from st_codegen.files.number_text import percent
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ def choose_orders(fits: Sequence[OrderFit], *, most: int = 20, always: Sequence[
         elif above[order] < _LEAST_CURVES * len(fits):
             verdict, why = False, f"only {where}"
         elif relative < _LEAST_SIZE:
-            why = f"{where}, but {size} is {relative:.2%} of the strongest (below {_LEAST_SIZE:.2%})"
+            why = f"{where}, but {size} is {percent(relative)} of the strongest (below {_LEAST_SIZE:.0%})"
             verdict = False
         elif chosen >= most:
             verdict, why = (
@@ -77,7 +78,7 @@ def choose_orders(fits: Sequence[OrderFit], *, most: int = 20, always: Sequence[
                 f"{where}, {size}; {counted(most - 1, 'stronger one')} and the mean are chosen already",
             )
         else:
-            verdict, why = True, f"{where}; {size} is {relative:.1%} of the strongest"
+            verdict, why = True, f"{where}; {size} is {percent(relative)} of the strongest"
         chosen += verdict
         reasons.append(
             OrderReason(

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import counted
+from st_codegen.files.number_text import percent
 from st_codegen.report import COLOURS, PageSection, PageTable, page
 from st_codegen.report.picture import panels as side_by_side
 from st_codegen.training.faulty import RULE
@@ -41,7 +42,7 @@ def _orders_section(measured: Measured) -> PageSection:
             f"{reason.above_noise} of {reason.curves}",
             reason.rms_deg,
             reason.noise_deg,
-            f"{reason.share:.2%}",
+            percent(reason.share) if reason.order else "",
             reason.reason,
         )
         for number, reason in enumerate(measured.reasons)

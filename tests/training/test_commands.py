@@ -83,6 +83,8 @@ def test_a_campaign_becomes_a_bundle(tmp_path):
     assert len(table) == 50
     page = (tmp_path / "r.html").read_text()
     assert "of the strongest" in page
+    mean, *_ = re.findall(r'<tr><td class="number">0</td><td>yes</td>.*?</tr>', page)
+    assert "%" not in mean  # it has no part in the shares
     assert "broken.csv" in page
     assert "repeated splits" not in page  # none were asked for: no empty column
     for width in (400, 1200):
