@@ -14,7 +14,7 @@ from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.joint import run as joints
 from st_codegen.reconcile.joint.reading import JointRecording
 from st_codegen.reconcile.judge import conclusions
-from st_codegen.reconcile.judge.claims import Conclusions, Retuned
+from st_codegen.reconcile.judge.claims import ONLY_FLANKS, Conclusions, Retuned
 from st_codegen.reconcile.judge.conclusions import conclude, settled
 from st_codegen.reconcile.judge.lookalikes import (
     by_order_alone,
@@ -560,11 +560,25 @@ def test_a_small_share_is_told_by_the_gap_of_its_own_orders():
 
 def test_orders_that_do_not_reach_a_frequency_in_the_measured_speeds_are_said():
     at = grid(5, 3, 2)  # up to 1800 rpm, of 81 to 1: 0.37 turns a second
-    joint = SimpleNamespace(target=SimpleNamespace(data=SimpleNamespace(at=at)))
+    joint = SimpleNamespace(target=SimpleNamespace(data=SimpleNamespace(at=at), good=np.ones(len(at), bool)))
     values = {"frequency_Hz": 50.0, "damping_ratio": 0.02, "amplitude_deg": [1e-3, 1e-3]}
     resonance = piece_of(effect("structural_resonance", orders=[78, 240], **values), added=True)
     remarks = extrapolates(joint, resonance)
     assert "order 78 does not reach the frequency in the measured speeds" in remarks
+
+
+@pytest.mark.parametrize(("speed_rpm", "met"), [(1012.5, True), (1030.0, True), (1040.0, False), (600.0, False)])
+def test_a_resonance_that_was_seen_by_its_flanks_alone_says_so(speed_rpm, met):
+    """Two modes of 35.9 and 38.7 Hz, with no run near them, were one of 37.2 Hz, 0.0107 +- 0.0013 deg high."""
+    at = replace(grid(2, 3, 2), speed_rpm=np.resize([600.0, speed_rpm], len(grid(2, 3, 2))))
+    # order 156 meets 32.5 Hz at 1012.5 rpm, of 81 to 1, and its half-power width ends at 1032.75 rpm
+    values = {"frequency_Hz": 32.5, "damping_ratio": 0.02, "amplitude_deg": [1e-3]}
+    resonance = piece_of(effect("structural_resonance", orders=[156], **values), added=True)
+    remarks = [
+        extrapolates(SimpleNamespace(target=SimpleNamespace(data=SimpleNamespace(at=at), good=good)), resonance)
+        for good in (np.ones(len(at), bool), at.speed_rpm == 600.0)
+    ]
+    assert [ONLY_FLANKS in one for one in remarks] == [not met, True]  # a bad run does not count
 
 
 def test_runs_that_follow_each_other_are_as_alike_whatever_their_size():

@@ -16,6 +16,8 @@ from st_codegen.rig.model import RigModel
 
 #: the alternative to a name that only an order, or few runs, give
 SOMETHING_ELSE = "something_else"
+#: remark on a resonance of which no run met the peak.
+ONLY_FLANKS = "no run lies inside its peak: its height and width are what its flanks say of one oscillator"
 
 
 @dataclass(frozen=True)

@@ -15,14 +15,15 @@ from st_codegen.ir.arrays import ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.fit.fitting import Fit
 from st_codegen.reconcile.fit.normal import made_of
 from st_codegen.reconcile.fit.state import Piece
-from st_codegen.reconcile.judge.claims import ONE_SIDED, SOMETHING_ELSE, Conclusions
+from st_codegen.reconcile.judge.claims import ONE_SIDED, ONLY_FLANKS, SOMETHING_ELSE, Conclusions
 from st_codegen.reconcile.rest.unseen import one_after_the_other
 from st_codegen.reconcile.search.evidence import unmeasured_states
-from st_codegen.reconcile.search.peaks import frequencies_in, has_a_frequency, lost_over_the_speed
+from st_codegen.reconcile.search.peaks import frequencies_in, has_a_frequency, lost_over_the_speed, where_there
 from st_codegen.reconcile.search.plausible import followers
 from st_codegen.reconcile.search.surroundings import may_be_a_start
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect, Form, Stage
+from st_codegen.rig.effects.resonance import StructuralResonance
 
 
 def left_of_filters(final: Fit, piece: Piece) -> frozenset[str]:
@@ -367,7 +368,18 @@ def extrapolates(joint: Fit, piece: Piece) -> tuple[str, ...]:
         if outside:
             which = f"order {outside[0]} does" if len(outside) == 1 else f"orders {', '.join(map(str, outside))} do"
             remarks.append(f"{which} not reach the frequency in the measured speeds")
+    if isinstance(piece.effect, StructuralResonance) and not _is_met(joint, piece.effect):
+        remarks.append(ONLY_FLANKS)
     return tuple(remarks)
+
+
+def _is_met(joint: Fit, effect: StructuralResonance) -> bool:
+    """Whether a good run is inside the half-power width of a resonance, at one of its orders."""
+    at = joint.target.data.at
+    at = at.rows(np.flatnonzero(joint.target.good & where_there(effect, at)))
+    hertz = at.speed_rpm[:, None] / (60 * effect.constants.reduction_ratio) * np.array(effect.orders)
+    mode = np.reshape(effect.scalar("frequency_Hz") * effect.shift(at.torque_Nm, at.temperature_C), (-1, 1))
+    return bool((np.abs(hertz / mode - 1.0) <= effect.scalar("damping_ratio")).any())
 
 
 # --- what stays unexplained says that something else may be there

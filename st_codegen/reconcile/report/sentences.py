@@ -14,7 +14,7 @@ from st_codegen.errors import at_most, counted
 from st_codegen.ir.arrays import ComplexArray, FloatArray
 from st_codegen.reconcile.data.observations import first_of, rms_deg, whole_percent
 from st_codegen.reconcile.fit.state import Piece
-from st_codegen.reconcile.judge.claims import Claim
+from st_codegen.reconcile.judge.claims import ONLY_FLANKS, Claim
 from st_codegen.reconcile.judge.lookalikes import told_sides
 from st_codegen.reconcile.judge.misread import Misread
 from st_codegen.reconcile.outcome import Outcome
@@ -429,7 +429,8 @@ def _resonance(effect: Effect, result: Reconciliation) -> str:
         if abs(effect.scalar(key)) > SETTINGS.clearly * stderr.get(key, 0.0)
     ]
     moving = (f", which moves {' and '.join(moves)}" if moves else "") + moving
-    return f"{', '.join(parts)}: {one} of the structure {where}{moving}{state}"
+    flanks = f"; {ONLY_FLANKS}" if claim is not None and ONLY_FLANKS in claim.extrapolates else ""
+    return f"{', '.join(parts)}: {one} of the structure {where}{moving}{state}{flanks}"
 
 
 def _lifted(
