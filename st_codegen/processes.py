@@ -18,6 +18,7 @@ import pickle
 import signal
 import sys
 import threading
+import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -40,6 +41,12 @@ _MANY_NODES = 500_000
 
 #: how long the end of a worker may come before this process is told of the interruption that ended it
 _INTERRUPTED_WITHIN_S = 1.0
+
+#: how often a worker looks whether its parent is there
+_LOOKED_AFTER_S = 1.0
+
+#: Whether this process is a worker that looks after its parent.
+_IS_WATCHED = False
 
 #: Whether this process is a copy, which computes on the processor that it was made for.
 _IS_COPY = False
@@ -126,6 +133,23 @@ def interruptible() -> Iterator[None]:
             threading.excepthook = shown
 
 
+def end_with_parent() -> None:
+    """In a worker of joblib: end with the process that gives it its work, also where that one is killed.
+
+    A worker that waits to hand over its result would else wait for ever: it and the others hold the pipe open.
+    """
+    global _IS_WATCHED  # noqa: PLW0603 - of this process
+    if not _IS_WATCHED and multiprocessing.current_process().name.startswith("LokyProcess"):
+        _IS_WATCHED = True
+        threading.Thread(target=_watch, args=(os.getppid(),), daemon=True).start()
+
+
+def _watch(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(_LOOKED_AFTER_S)
+    os._exit(1)
+
+
 def other_processors() -> int:
     """How many processors work may be shared out to beside the one of this process.
 
@@ -202,6 +226,7 @@ def _in_copies(
 
 def _packed(work: Callable[[_Item], object], item: _Item) -> tuple[bytes, list[bytes]]:
     """A result as it travels: bytes that cannot change take the place of its arrays."""
+    end_with_parent()
     buffers: list[bytes] = []
     result = pickle.dumps(work(item), 5, buffer_callback=lambda buffer: buffers.append(buffer.raw().tobytes()))
     return result, buffers

@@ -3,6 +3,8 @@
 import contextlib
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from functools import partial
@@ -259,3 +261,28 @@ def test_a_copy_computes_in_the_surroundings_of_its_maker(monkeypatch):
     with np.errstate(divide="raise"):
         found = shared_out(work, range(2), is_large=True)
     assert {told for _, told in found} == {"raise"}
+
+
+_GIVES_WORK = """
+import os, joblib
+from tests.test_processes import large_result
+print(os.getpid(), flush=True)
+joblib.Parallel(2, batch_size=1, max_nbytes=None)(joblib.delayed(large_result)(n) for n in range(1000))
+"""
+
+
+def large_result(number):
+    processes.end_with_parent()
+    os.write(1, f"{os.getpid()}\n".encode())
+    return bytes(5_000_000)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="elsewhere a process keeps the number of its parent")
+def test_workers_end_with_the_process_that_gave_them_work():
+    """After `kill -9` one waited for ever to hand over its result, and the other one for the first."""
+    parent = subprocess.Popen([sys.executable, "-c", _GIVES_WORK], stdout=subprocess.PIPE, text=True)
+    seen = {int(parent.stdout.readline()) for _ in range(12)} - {parent.pid}
+    parent.kill()
+    assert seen
+    # the pipe of the output is closed when the last one that writes to it has ended
+    parent.communicate(timeout=60)

@@ -24,7 +24,7 @@ from st_codegen.campaign.orders import BAND, OrderFit, Sums, curve_sums, fit_ord
 from st_codegen.campaign.spikes import LEAST_ROW, longest_row, repeated
 from st_codegen.campaign.sums_file import SumsFile
 from st_codegen.errors import InputError, Problems, at_most, counted, extra_package
-from st_codegen.processes import Progress
+from st_codegen.processes import Progress, end_with_parent
 from st_codegen.te.harmonics import Direction
 
 #: Called with (number of files done, number of files, name of the next one).
@@ -262,6 +262,7 @@ def _read_all(
 def _reduced(file: RunFile, band: int) -> dict[Direction, Sums] | BadFileError:
     """The sums of a file, or why it has none; errors are values here, so that one bad file stops nothing."""
     os.environ.setdefault("POLARS_MAX_THREADS", "1")  # the workers are the parallelism
+    end_with_parent()
     try:
         run = read_run(file.path, file.conditions)
     except BadFileError as error:

@@ -58,7 +58,11 @@ def _extracted(revision: str, path: Path, target: Path) -> Path:
         raise InputError(f"git has no {path} of revision '{revision}': {reason}")
     target.mkdir()
     with tarfile.open(fileobj=io.BytesIO(done.stdout)) as archive:
-        archive.extractall(target, filter="data")
+        try:
+            archive.extractall(target, filter="data")
+        except tarfile.FilterError as error:  # a link that leads out of the folder
+            only = "only what is below the folder is compared"
+            raise InputError(f"{path} of revision '{revision}': {error}; {only}") from None
     return target
 
 

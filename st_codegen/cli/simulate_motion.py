@@ -25,6 +25,7 @@ from st_codegen.cli.console import (
     table_of,
     trust_option,
 )
+from st_codegen.errors import Problems
 
 if TYPE_CHECKING:
     from st_codegen.rig.effects import Effect
@@ -62,7 +63,8 @@ Examples:
     "--tasks",
     type=click.Choice(TASK_FORMS),
     multiple=True,
-    help="one: blocks in the main task; two: in the slow task, as published. May be repeated. Default: two and one.",
+    help="one: blocks in the main task; two: in the slow task, as published; split: models in the slow task, their "
+    "sum in the main one. May be repeated. Default: two and one.",
 )
 @click.option(
     "--lead", default="0", metavar="US", help="Take the angle ahead by so many microseconds; auto: by all known delays."
@@ -126,25 +128,37 @@ def command(
     from st_codegen.rig import motion_files, study
     from st_codegen.rig.machine import read_machine
     from st_codegen.rig.motion import LoadSource
+    from st_codegen.rig.profiles import profile_named
     from st_codegen.rig.tasks import TaskForm
 
     _, machine = read_machine(rig, known)
     machine = study.with_oil(machine, temperature, drift)
     with progress_bar("loading", quiet=quiet) as progress:
         bundle = load(models, trust_pickle=trust_pickle, progress=progress)
+    problems, motion = Problems(), None
+    sets, lead_s, given = tuple[tuple[int, ...], ...](), 0.0, dict[str, float]()
+    with problems.collect():
+        sets = study.parse_orders(orders, bundle)
+    with problems.collect():
+        lead_s = study.parse_lead(lead)
+    with problems.collect():
+        given = study.parse_inputs(inputs)
+    with problems.collect():
+        motion = profile_named(profile, machine.tasks.main_us * 1e-6)
+    problems.raise_if_any()
     wish = study.MotionWish(
-        orders=study.parse_orders(orders, bundle),
+        orders=sets,
         laws=("published", "continuous") if law == "both" else (law,),
         forms=tuple(TaskForm(name) for name in tasks) or (TaskForm.TWO, TaskForm.ONE),
-        lead=study.parse_lead(lead),
+        lead=lead_s,
         target=target,
-        inputs=study.parse_inputs(inputs),
+        inputs=given,
         load=LoadSource(load_source),
         ahead=ahead,
         outputs_per_cycle=outputs_per_cycle,
     )
     with progress_bar("moving", quiet=quiet) as progress:
-        result = study.simulate(machine, bundle, profile, wish, seed=seed, progress=progress)
+        result = study.simulate(machine, bundle, motion or profile, wish, seed=seed, progress=progress)
     motion_files.write(result, out, recording=recording)
     rows = [motion_files.row(result, outcome) for outcome in result.outcomes]
     if as_json:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import InputError
+from st_codegen.files.toml_tables import shown
 from st_codegen.ir import AnyArray
 
 #: Reserved words of IEC 61131-3 and TwinCAT and their operators, in upper case; `is_keyword` knows conversions as well.
@@ -109,10 +110,10 @@ def check_text(text: str, what: str) -> str:
     """
     for forbidden, name in (*((end, f"'{end}'") for end in _ENDS), ("\n", "a line end"), ("\r", "a line end")):
         if forbidden in text:
-            raise InputError(f"{what} {text!r} contains {name}, which would break the generated file: rename it")
+            raise InputError(f"{what} {shown(text)} contains {name}, which would break the generated file: rename it")
     if not text.isascii() or not text.isprintable():
         bad = next(character for character in text if not character.isascii() or not character.isprintable())
-        raise InputError(f"{what} {text!r} contains {bad!r}: use printable ASCII characters only")
+        raise InputError(f"{what} {shown(text)} contains {bad!r}: use printable ASCII characters only")
     return text
 
 
@@ -130,11 +131,11 @@ def identifier(name: str, what: str, prefix: str = "") -> str:
     check_text(re.sub(r"/\*|\*/", "_", name), what)  # which no compiler sees: comments show the name as `harmless` does
     text = re.sub(r"_+", "_", re.sub(r"[^A-Za-z0-9_]", "_", name)).strip("_")
     if not text:
-        raise InputError(f"{what} {name!r} has no letter or digit: rename it")
+        raise InputError(f"{what} {shown(name)} has no letter or digit: rename it")
     if is_keyword(prefix + text):
-        raise InputError(f"{what} {name!r} is a reserved word of Structured Text: rename it")
+        raise InputError(f"{what} {shown(name)} is a reserved word of Structured Text: rename it")
     if len(text) > MAX_IDENTIFIER:
-        raise InputError(f"{what} {name!r} is longer than {MAX_IDENTIFIER} characters: shorten it")
+        raise InputError(f"{what} {shown(name)} is longer than {MAX_IDENTIFIER} characters: shorten it")
     return text
 
 

@@ -27,5 +27,15 @@ def toml_value(value: Any) -> str:
 
 
 def _quoted(text: str) -> str:
+    """A text in quotes; what is not printable is escaped, so that no mark turns the direction of what is read."""
     escaped = text.replace("\\", "\\\\").replace('"', '\\"')
-    return '"' + "".join(c if c >= " " and c != "\x7f" else f"\\u{ord(c):04x}" for c in escaped) + '"'
+    return '"' + "".join(c if c.isprintable() or _is_half(c) else _escape(ord(c)) for c in escaped) + '"'
+
+
+def _is_half(character: str) -> bool:
+    """Whether it is half of a character (a surrogate), for which TOML has no words: no file can be written with it."""
+    return "\ud800" <= character <= "\udfff"
+
+
+def _escape(number: int) -> str:
+    return f"\\u{number:04x}" if number < 1 << 16 else f"\\U{number:08x}"

@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from st_codegen.errors import InputError, extra_package
 from st_codegen.ir.arrays import FloatArray
-from st_codegen.processes import Progress, interruptible
+from st_codegen.processes import Progress, end_with_parent, interruptible
 from st_codegen.threads import one_thread
 from st_codegen.training.cost import worst_case_us
 from st_codegen.training.families import Learner
@@ -185,6 +185,7 @@ def spread(
 
 
 def _keyed(work: Callable[[_Item], _Result], key: _K, item: _Item) -> tuple[_K, _Result]:
+    end_with_parent()
     result = work(item)
     _forget_samples()
     return key, result

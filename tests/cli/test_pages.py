@@ -103,6 +103,20 @@ def git(folder, *arguments):
 
 
 @pytest.mark.skipif(shutil.which("git") is None, reason="needs git")
+@pytest.mark.parametrize("leads_to", ["/etc/hostname", "../../x"])
+def test_a_link_out_of_the_folder_of_a_revision_is_no_defect(lone_folder, tmp_path, capsys, leads_to):
+    """It was called a defect of st-codegen, with exit code 70."""
+    repository = tmp_path / "repository"
+    shutil.copytree(lone_folder, repository / "models")
+    (repository / "models" / "data").symlink_to(leads_to)
+    git(repository, "init")
+    git(repository, "add", ".")
+    git(repository, "commit", "-m", "one")
+    assert run("diff", "HEAD", "HEAD", repository / "models") == 2
+    assert "only what is below the folder is compared" in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.skipif(shutil.which("git") is None, reason="needs git")
 def test_two_revisions_of_models_and_of_generated_files(lone_folder, lightgbm_text, tmp_path, capsys):
     repository = tmp_path / "repository"
     repository.mkdir()

@@ -114,3 +114,10 @@ def test_text_of_a_model_file_is_escaped_and_then_taken(text):
     shown = harmless(text)
     assert check_text(shown, "note") == shown
     assert (shown == text) == text.startswith("plain")
+
+
+@pytest.mark.parametrize("name", ["o" * 10_000, "*)" * 5_000, "\n" * 10_000, "-" * 10_000, "é" * 10_000])
+def test_a_message_about_a_long_name_is_short(name):
+    with pytest.raises(InputError) as refused:
+        identifier(name, "feature name")
+    assert len(str(refused.value)) < 200

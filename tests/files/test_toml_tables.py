@@ -192,3 +192,11 @@ def test_values_at_their_bounds_are_taken(values):
     problems.raise_if_any()
     ((key, value),) = values.items()
     assert found[key] == (tuple(value) if key == "list" else value)
+
+
+@given(st.text(st.characters(exclude_categories=["Cs"])))
+def test_a_text_is_read_again_as_it_was_and_what_is_written_is_printable(text):
+    """A mark that turns the direction of writing stood in the file that `init` wrote as the model file had it."""
+    written = toml_value(text)
+    assert parse_toml(f"key = {written}", "x.toml")["key"] == text
+    assert written.isprintable()

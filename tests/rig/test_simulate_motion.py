@@ -47,6 +47,16 @@ def out(files, linear_folder):
     return files / "out"
 
 
+def test_all_that_is_wrong_with_a_wish_is_said_at_once(files, linear_folder, capsys):
+    wrong = {"--profile": "nope", "--out": files / "no", "--lead": "soon", "--set": "fX", "--orders": "7"}
+    with pytest.raises(SystemExit) as caught:
+        main(arguments(files, linear_folder, **wrong))
+    said = " ".join(capsys.readouterr().err.split())
+    assert caught.value.code == 2 and said.startswith("error: 4 problems")
+    assert all(part in said for part in ("no model for order 7", "lead 'soon'", "'fX': give", "profile 'nope'")), said
+    assert not (files / "no").exists()
+
+
 def test_no_two_cases_of_a_study_have_one_label():
     """Sets of five orders and more are counted, and those of one size are listed."""
     cases = [((1, 2, 3, 4, 5), 0.0), ((1, 2, 3, 4, 6), 0.0), (tuple(range(9)), 0.0), ((1, 39), 0.0)]
