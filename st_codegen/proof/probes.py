@@ -22,13 +22,16 @@ SPECIAL = np.array(
 )
 
 
-def probe_rows(model: ir.ModelIR, rows: int, seed: int = 0, *, sampled: bool = False) -> FloatArray:
+def probe_rows(
+    model: ir.ModelIR, rows: int, seed: int = 0, *, sampled: bool = False, again: bool = False
+) -> FloatArray:
     """At least `rows` rows (rows, features), deterministic: special values, thresholds, and the rest at random.
 
     Every threshold that can be traced back to an input is there with its two neighbours in float64 and in float32, even
     where that takes more rows; the points where rounding to float32 changes over are there as far as there is room.
     Special values stand one at a time in a row, thresholds of different columns share rows. `sampled`: of the rows with
-    thresholds only as many as there is room for, drawn at random.
+    thresholds only as many as there is room for, drawn at random. `again`: half of the rows at random hold thresholds
+    again, beside other values of the other columns, which may decide whether a wrong answer there is seen.
     """
     random = np.random.default_rng(seed)
     lower, upper = operating_range(model)
@@ -44,6 +47,8 @@ def probe_rows(model: ir.ModelIR, rows: int, seed: int = 0, *, sampled: bool = F
     if len(more) > room:
         more = more[np.sort(random.choice(len(more), room, replace=False))]
     inside = _random_rows(max(room - len(more), 0), usual, random)
+    if again:
+        _put_into(inside[: len(inside) // 2], [near for near, _ in points], random)
     return np.vstack([special, edges, more, inside])
 
 
@@ -109,6 +114,14 @@ def _rows_of(points: list[FloatArray], usual: _Usual, random: np.random.Generato
     for column, values in enumerate(points):
         rows[: len(values), column] = random.permutation(values)
     return rows
+
+
+def _put_into(rows: FloatArray, points: list[FloatArray], random: np.random.Generator) -> None:
+    """Put points of every column into half of some rows, drawn for each column by itself."""
+    for column, values in enumerate(points):
+        if len(values):
+            there = random.random(len(rows)) < 0.5
+            rows[there, column] = random.choice(values, int(there.sum()))
 
 
 def operating_range(model: ir.ModelIR) -> tuple[FloatArray, FloatArray]:

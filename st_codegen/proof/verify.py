@@ -213,7 +213,7 @@ def _verify_model(model: LoadedModel, targets: dict[str, GeneratedCode], rows: i
     ir = model.ir
     for code in targets.values():
         block_of(code.folder, ir)  # the model's, before anything takes time
-    x = probe_rows(ir, rows, seed)
+    x = probe_rows(ir, rows, seed, again=True)
     proof = _words(ir, targets) if _is_worth_a_proof(ir, len(x), rows) else ""
     if proof:
         # the text is the model's for all inputs: what is left to try is the library, on a sample of the rows

@@ -14,8 +14,9 @@ from st_codegen.passes.choose import Layout
 from st_codegen.passes.domain import limit_inputs
 from st_codegen.project.bundle import Bundle, load
 from st_codegen.project.purpose import BlockCheck
+from st_codegen.proof import verify as verify_module
 from st_codegen.proof.agreement import block_report, ulps_between
-from st_codegen.proof.probes import operating_range
+from st_codegen.proof.probes import operating_range, probe_rows
 from st_codegen.proof.verify import verify
 from st_codegen.proof.verify_report import merged
 from st_codegen.walkers.base import LoadedModel
@@ -271,6 +272,28 @@ def test_ulps():
 def test_a_model_is_tried_on_both_sides_of_its_numbers_of_a_single_one_too(cuts, expected):
     steps = (Exceeds((0,), np.array([cut]), inclusive=False) for cut in cuts)
     assert np.ravel(operating_range(model(*steps, features=1))) == pytest.approx(expected)
+
+
+def test_thresholds_are_tried_beside_many_values_of_the_other_columns():
+    """A `>` for a `>=` passed: at that threshold the sides differ for a seventh of the other input's values, and each
+    threshold stood in a row or two."""
+    cuts = (0.25, 0.5, 0.75)
+    order = {"thresholds": np.array(cuts), "comparison": Comparison.LESS_OR_EQUAL}
+    trees = random_trees(np.random.default_rng(0), features=2, trees=20, **order)
+    x = probe_rows(model(trees, features=2), 10_000, again=True)
+    assert len(x) == len(probe_rows(model(trees, features=2), 10_000)) == 10_000
+    for column in (0, 1):
+        ends = np.quantile(x[np.isfinite(x).all(axis=1), 1 - column], [0.4, 0.4 + 1 / 7])
+        for cut in (*cuts, *np.nextafter(cuts, 1.0)):
+            beside = x[x[:, column] == cut, 1 - column]
+            assert ((ends[0] < beside) & (beside < ends[1])).any()
+
+
+def test_verify_tries_thresholds_again(lone_folder, generated, monkeypatch):
+    asked = []
+    monkeypatch.setattr(verify_module, "probe_rows", lambda *_, **how: asked.append(how) or probe_rows(*_, **how))
+    assert verify(load(lone_folder), generated, rows=300).passed
+    assert {"again": True} in asked
 
 
 def test_a_range_of_the_largest_numbers_is_one_that_a_manifest_can_hold(tmp_path):
