@@ -51,6 +51,19 @@ READINGS = {
 }
 
 
+def test_temperatures_that_no_oil_has_are_in_kelvin_whatever_else_moves_the_mean():
+    """Friction that the rig lacks, or a mean whose zero may have moved, left 298 degC as they were."""
+    data = observed(RICH, grid())
+    at = replace(data.at, temperature_C=data.at.temperature_C + 273.15)
+    for wrong in (replace(data, at=at), replace(data, at=replace(at, speed_rpm=at.speed_rpm / 60))):
+        text = asked(wrong, RIG)
+        assert "the temperatures seem to be in K: no oil has" in text and "--accept conditions" in text
+    rich = asked(wrong, RICH)
+    assert "in K" in rich and "the speeds seem to be in turns a second" in rich
+    examined = asked(wrong, RICH, ["conditions"])
+    assert np.allclose(examined.data.at.axes, data.at.axes)
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize("said", READINGS)
 def test_conditions_in_another_unit_are_asked_about_and_read_so(said):

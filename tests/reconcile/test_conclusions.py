@@ -21,6 +21,7 @@ from st_codegen.reconcile.judge.lookalikes import (
     doubted,
     extrapolates,
     is_a_knee,
+    left_of_a_response,
     may_be_another_drag,
     may_be_another_power,
     may_be_of_a_law,
@@ -843,3 +844,12 @@ def test_what_is_smaller_than_its_error_is_no_part_of_a_name(monkeypatch):
     monkeypatch.setattr(conclusions, "_top_is_unsure", lambda fit, i: "stribeck_arcmin" in fit.state.pieces[i].free)
     (plain,) = conclude(RIG, joint, KNOWN).claims
     assert "stribeck_arcmin" not in plain.piece.effect.values and "coulomb_arcmin" in plain.piece.effect.values
+
+
+def test_a_resonance_beside_a_filter_that_was_undone_may_be_what_is_left_of_it():
+    """A notch at 40 Hz was undone by straight lines over the frequency, and a resonance at 44.7 Hz was found alone."""
+    peak = effect("structural_resonance", orders=(240,), frequency_Hz=44.7, damping_ratio=0.05, amplitude_deg=(1e-4,))
+    slope = effect("load_dependent_mesh", order=78, slope_deg_per_kNm=1e-3)
+    for corrected, of_peak in ((frozenset(["filter", "sign"]), {"filter"}), (frozenset(["smoothing"]), set())):
+        final = SimpleNamespace(target=SimpleNamespace(corrected=corrected))
+        assert left_of_a_response(final, peak) == of_peak and not left_of_a_response(final, slope)

@@ -674,6 +674,22 @@ def test_a_factor_on_one_column_is_seen_beside_wrong_labels():
         examine(replace(data, values=values), RIG, PATH)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_factor_on_a_column_is_as_sure_as_its_orders_tell_it(seed):
+    """One vote an order, it was off by up to a hundredth in noise, and the loudest order of the rig had changed."""
+    sigma = 1e-4
+    data = column(measured(sigma, seed), 1.25)
+    # an order that is larger by an effect, however well its noise tells it, says nothing of it
+    loudest = ORDERS[1:][np.abs(RIG.coefficients(data.at, ORDERS[1:].tolist())).mean(axis=0).argmax()] == ORDERS
+    for changed in (1.0, 1.2):
+        wrong = replace(data, values=data.values * np.where(loudest & (data.at.sign > 0)[:, None], changed, 1.0))
+        found = examine(wrong, RIG, PATH, accept=["column_scale"]).data
+        factor = np.median((wrong.values / found.values)[data.at.sign > 0].real)
+        size = np.abs(RIG.coefficients(data.at, ORDERS[~loudest].tolist())).mean(axis=0)[1:]
+        told = np.abs(RIG.coefficients(data.at, ORDERS[loudest].tolist())).mean() if changed == 1.0 else size.max()
+        assert factor == pytest.approx(1.25, abs=4 * 1.25 * sigma / told / np.sqrt(RUNS))
+
+
 def test_an_effect_of_one_direction_is_no_factor_on_its_column():
     data = measured(sigma=1e-4)
     own = np.isin(ORDERS, [39, 78, 156]) & (data.at.sign > 0)[:, None]

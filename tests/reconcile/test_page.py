@@ -9,6 +9,7 @@ import pytest
 
 from st_codegen.reconcile.core import reconcile_observations
 from st_codegen.reconcile.data.hum import Hum
+from st_codegen.reconcile.mistakes.single_runs import Mistake
 from st_codegen.reconcile.plan.next_runs import next_runs
 from st_codegen.reconcile.report.findings import findings, share_text
 from st_codegen.reconcile.report.output import report
@@ -48,6 +49,18 @@ def result():
 @pytest.fixture(scope="module")
 def page(result):
     return report_page(result, None, next_runs(result))
+
+
+def test_the_page_says_which_mistakes_of_measuring_were_corrected(result):
+    """The text of the command alone did: "nothing was found missing" stood over data that had been turned."""
+    said = [
+        "TE seems to have the opposite sign of the rig's (corrected)",
+        "2 runs seem to carry the label of another run",
+    ]
+    shown = html.unescape(report_page(replace(result, mistakes=tuple(Mistake("sign", one) for one in said))))
+    assert shown.index("The measurement") < shown.index(f"{said[0]}.") < shown.index("Findings")
+    assert f"{said[1]}." in shown and all(one in summary(replace(result, mistakes=(Mistake("", one),))) for one in said)
+    assert ">The measurement<" not in html.unescape(report_page(result))
 
 
 def test_findings_stand_by_size_with_what_the_larger_ones_leave(result):

@@ -193,7 +193,7 @@ def test_a_label_of_one_direction_is_none_of_a_run_with_both():
 
 
 def test_runs_with_another_zero_are_no_block_of_a_smaller_size():
-    """Along what the rig says a turned wave is smaller: three runs, turned by some 3 deg, were 0.498 times as large."""
+    """Along what the rig says a turned wave is smaller: three runs of other zeros were 0.498 times as large."""
     data = measured()
     known, weight = RIG.coefficients(data.at, ORDERS.tolist()), np.full(data.values.shape, 1e12)
     few = (np.arange(2 * RUNS) % RUNS < 3)[:, None]

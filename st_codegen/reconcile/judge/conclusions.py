@@ -24,6 +24,7 @@ from st_codegen.reconcile.judge.lookalikes import (
     extrapolates,
     is_a_constant_wave,
     is_a_knee,
+    left_of_a_response,
     left_of_a_smoothing,
     may_be_of_the_speed,
     of_its_order,
@@ -248,6 +249,7 @@ def _claim(
     piece, few = final.state.pieces[number], final.target.data.few_points
     others, peaks = _as_good(standing.without, joint, number, known), _peaks(final, piece)
     read = {one.reading.name for one in wrong if number in one.instead_of} | in_place_of_a_move(final, number)
+    read |= left_of_a_response(final, piece.effect)
     names = sorted({other.name for other in others} - {piece.effect.name} | read)
     errors = standard_errors(joint, number, final, _otherwise(joint, final, number, known, wrong))
     stderr = _with_errors_of_form(final, piece, errors, peaks)

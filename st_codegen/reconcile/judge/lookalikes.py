@@ -35,6 +35,11 @@ def left_of_filters(final: Fit, piece: Piece) -> frozenset[str]:
     return final.target.corrected & {"filter", "smoothing"} if is_wave else frozenset()
 
 
+def left_of_a_response(final: Fit, effect: Effect) -> frozenset[str]:
+    """The name of a filter that was undone, where a missing effect hangs on frequency, as its rest does."""
+    return final.target.corrected & {"filter"} if has_a_frequency(effect) else frozenset()
+
+
 def left_of_a_delay(final: Fit, piece: Piece) -> frozenset[str]:
     """The name of a filter, where waves of an effect may have changed by what it does beside a changed delay.
 

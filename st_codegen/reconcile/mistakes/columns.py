@@ -33,6 +33,7 @@ _UNIT = (
     "the {}{} seem to be {}: with that nearly all is gone that the rig leaves of the orders on which it matters, taken "
     "together"
 )
+_HOT = "the temperatures seem to be in K: no oil has {:g} degC and more"
 #: what torques are of which the data show nothing: a unit that makes them tiny does no better than no load
 _NO_LOAD = "none that the gear carries in the mean of a turn (a brake that is off, an arm whose load turns its sign)"
 _TAKEN_OFF = (
@@ -50,12 +51,18 @@ _COPIED = (
 
 
 def other_conditions(data: Observations, rig: RigModel) -> list[Mistake]:
-    """Speeds, torques or temperatures in another unit, of the other shaft, or of the other sign; at most one of them.
+    """Speeds, torques or temperatures in another unit, of the other shaft, or of the other sign; at most one of them,
+    beside temperatures that no oil has.
 
     Only what takes nearly all that the rig leaves off all orders on which it matters, together: in all runs, or in
     those that it brings nearer to the rig by far, as where a logger was set otherwise in the course of the campaign.
     """
-    orders, noise, every = data.orders.tolist(), noise_power(data), np.ones(len(data), bool)
+    every, coldest = np.ones(len(data), bool), float(data.at.temperature_C.min())
+    if coldest > SETTINGS.hottest_oil_C:
+        kelvin = partial(_with_conditions, _of_kelvin, every)
+        found = Mistake("conditions", _HOT.format(coldest), kelvin, remedy="read them so")
+        return [found, *other_conditions(kelvin(data), rig)]
+    orders, noise = data.orders.tolist(), noise_power(data)
     plain = expected_of(data, rig)
     # what turns with the direction has the other sign in curves of the other sign, and in those of the other direction
     others_of_sign = (-plain, rig.coefficients(replace(data.at, sign=-data.at.sign), orders))
@@ -171,6 +178,10 @@ def _of_runs(data: Observations, rows: BoolArray) -> str:
     return f" of {len(numbers)} of {len(data.runs)} runs"
 
 
+def _of_kelvin(at: Conditions) -> Conditions:
+    return replace(at, temperature_C=at.temperature_C - 273.15)
+
+
 def readings(ratio: float) -> list[tuple[str, str, Callable[[Conditions], Conditions]]]:
     """What a column may hold in place of what the rig means: its name, that, and the conditions that it means."""
 
@@ -179,7 +190,7 @@ def readings(ratio: float) -> list[tuple[str, str, Callable[[Conditions], Condit
 
     return [
         ("temperatures", "in degF", scaled("temperature_C", 1 / 1.8, -32.0)),
-        ("temperatures", "in K", scaled("temperature_C", 1.0, -273.15)),
+        ("temperatures", "in K", _of_kelvin),
         ("speeds", "those of the output", scaled("speed_rpm", ratio)),
         ("speeds", "in turns a second", scaled("speed_rpm", 60.0)),
         ("speeds", "in rad/s", scaled("speed_rpm", 60.0 / (2 * np.pi))),

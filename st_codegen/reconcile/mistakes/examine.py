@@ -437,8 +437,27 @@ def _of_median_runs(data: Observations, rig: RigModel, loud: BoolArray, found: _
     # one vote an order, as far as it tells a factor
     worth = 1.0 / (noise_power(data)[:, loud] / (2 * power) + np.log(SETTINGS.column_factor) ** 2)
     each = np.quantile(along, 0.5, axis=1, method="inverted_cdf", weights=worth)
-    forward, backward = (float(np.median(each[data.at.sign == sign])) for sign in SIGNS)
+    sides = [data.at.sign == sign for sign in SIGNS]
+    forward, backward = (
+        _by_those_that_agree(float(np.median(each[rows])), along[rows], noise_power(data)[rows][:, loud] / power[rows])
+        for rows in sides
+    )
     return forward, backward
+
+
+def _by_those_that_agree(middle: float, along: FloatArray, noise: FloatArray) -> float:
+    """A factor nearer than the middle one of many orders, of which those that agree with it say as much as they tell.
+
+    along: the factors of runs and orders (n, K); noise: the power of the noise over that of the rig, (n, K).
+    """
+    own, count = np.median(along, axis=0), len(along)
+    error = np.sqrt(noise.mean(axis=0) / (2 * count))
+    # what the middle one is off by, by how the orders lie about it
+    off = float(np.median(np.abs(own - middle))) / np.sqrt(len(own))
+    agree = np.abs(own - middle) < SETTINGS.told * np.hypot(error, off)
+    if not agree.any():
+        return middle
+    return float(np.average(own[agree], weights=1.0 / np.maximum(error[agree], 1e-12) ** 2))
 
 
 def _most_have_this(sums: PowerSums, factor: float) -> bool:

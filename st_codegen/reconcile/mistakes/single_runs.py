@@ -303,7 +303,7 @@ def _block(
 
 
 def _factor_of(values: ComplexArray, known: ComplexArray, weight: FloatArray) -> float:
-    """The factor that most loud orders of a run (rows, K) have over what is known; NaN where few tell or most part."""
+    """The factor of most loud orders of a run (rows, K) over what is known; NaN where few tell or most differ."""
     times = values * known.conj() / np.maximum(np.abs(known) ** 2, 1e-300)
     worth = weight * np.abs(known) ** 2
     # a factor is told by how far it lies from none, too

@@ -55,7 +55,7 @@ def report_texts(result: Reconciliation, ahead: NextRuns, update: Update | None 
 def report_page(result: Reconciliation, update: Update | None = None, ahead: NextRuns | None = None) -> str:
     """The report as one HTML page. Raises MissingExtraError without Matplotlib."""
     found = findings(result, ahead)
-    sections: list[PageSection | None] = [_findings(result, found)]
+    sections: list[PageSection | None] = [_measurement(result), _findings(result, found)]
     sections += [] if ahead is None else [_next_runs(ahead)]
     sections += [_evidence(result, found), _unexplained(result), _gap(result), _by_order(result), _claims(result)]
     sections += [_curves(result), ranking_section(result), _runs(result), _limits(result), _rig(result)]
@@ -92,6 +92,14 @@ def spectrum_page(result: SpectrumResult) -> str:
         ],
         summary=VERDICT_TEXT[result.verdict],
     )
+
+
+def _measurement(result: Reconciliation) -> PageSection | None:
+    """Mistakes of measuring that were found, corrected or not, and runs that are left out for one."""
+    if not result.mistakes:
+        return None
+    text = "All that follows holds for the data as they are read here."
+    return PageSection("The measurement", "\n\n".join([text, *(f"{_begun(one.text)}." for one in result.mistakes)]))
 
 
 def _findings(result: Reconciliation, found: Sequence[Finding]) -> PageSection:
