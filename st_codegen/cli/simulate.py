@@ -12,6 +12,14 @@ _SUBCOMMANDS = {
 }
 
 
-@click.group("simulate", cls=LazyGroup, lazy=_SUBCOMMANDS)
+@click.group(
+    "simulate",
+    cls=LazyGroup,
+    lazy=_SUBCOMMANDS,
+    epilog="""\b
+Examples:
+  st-codegen simulate campaign --rig examples/rv160n/rig.toml --conditions C.csv --out campaign
+  st-codegen simulate motion --models models/ --rig rig.toml --profile cycloidal --out build/motion""",
+)
 def command() -> None:
     """Simulate the rig: measured campaigns, and motions with the generated code in the loop."""

@@ -52,12 +52,6 @@ def test_the_program_runs_as_a_module_and_says_its_version(lone_folder, tmp_path
     assert "Traceback" not in failed.stderr
 
 
-@pytest.mark.parametrize("command", ["", "generate", "verify", "predict", "diff"])
-def test_help_has_examples(command, capsys):
-    assert run(*([command] if command else []), "--help") == 0
-    assert "Examples:" in capsys.readouterr().out
-
-
 def test_input_errors_end_with_code_2_and_write_nothing(lone_folder, tmp_path, capsys):
     (lone_folder / "bad.json").write_text("{")
     out = tmp_path / "out"
