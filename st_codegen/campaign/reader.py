@@ -7,6 +7,7 @@ again. Memory is a worker's one file and the sums. Workers may be those of a clu
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import time
@@ -27,9 +28,10 @@ from st_codegen.errors import InputError, Problems, at_most, counted, extra_pack
 from st_codegen.processes import Progress, end_with_parent
 from st_codegen.te.harmonics import Direction
 
-#: Called with (number of files done, number of files, name of the next one).
 #: workers by default: each takes some 150 MB, and a disk does not feed more
 MOST_JOBS = 4
+#: what is read in the time in which workers start (a second and more): less is read without them
+_WITHOUT_WORKERS_BYTES = 32 * 2**20
 #: in place of a number: wherever the work of joblib is done around the call (`joblib.parallel_config`)
 AROUND = -1
 #: TE that scatters over a turn by this times the median of all curves is none, nor is one of a degree and more: a
@@ -135,10 +137,10 @@ def read_campaign(
 ) -> Campaign:
     """Read all curve files below a folder.
 
-    band: highest order; jobs: worker processes (default: the cores, at most MOST_JOBS; AROUND); cache: Parquet file
-    with what was read before (made where it is missing; None: none). Bad files are all reported in one InputError
-    with file, line and reason, or left out with `skip_bad` (then `Campaign.bad` lists them). Raises InputError also
-    where nothing good is left.
+    band: highest order; jobs: worker processes (default: none for a small campaign, else the cores, at most MOST_JOBS;
+    AROUND); cache: Parquet file with what was read before (made where it is missing; None: none). Bad files are all
+    reported in one InputError with file, line and reason, or left out with `skip_bad` (then `Campaign.bad` lists them).
+    Raises InputError also where nothing good is left.
     """
     files, bad = scan(folder)
     kept = SumsFile.read(cache, folder, band) if cache else SumsFile(folder, band)
@@ -249,7 +251,7 @@ def _read_all(
     files: Sequence[RunFile], band: int, jobs: int | None
 ) -> Iterator[tuple[RunFile, dict[Direction, Sums] | BadFileError]]:
     """Results in order of the files, as they come in."""
-    workers = min(jobs or min(os.cpu_count() or 1, MOST_JOBS), len(files))
+    workers = min(jobs or (1 if _are_few(files) else min(os.cpu_count() or 1, MOST_JOBS)), len(files))
     if workers <= 1 and (jobs != AROUND or not files):
         yield from ((file, _reduced(file, band)) for file in files)
         return
@@ -257,6 +259,17 @@ def _read_all(
     count = {} if jobs == AROUND else {"n_jobs": workers}
     parallel = joblib.Parallel(**count, return_as="generator", batch_size=1, pre_dispatch="2*n_jobs")
     yield from zip(files, parallel(joblib.delayed(_reduced)(file, band) for file in files), strict=True)
+
+
+def _are_few(files: Sequence[RunFile]) -> bool:
+    """Whether files are read before workers would have started. One that cannot be looked at is told of later."""
+    size = 0
+    for file in files:
+        with contextlib.suppress(OSError):
+            size += file.path.stat().st_size
+        if size > _WITHOUT_WORKERS_BYTES:
+            return False
+    return True
 
 
 def _reduced(file: RunFile, band: int) -> dict[Direction, Sums] | BadFileError:

@@ -78,6 +78,20 @@ def test_as_many_workers_read_as_are_asked_for_but_no_more_than_files(folder, mo
     assert asked == [2, 6, None]
 
 
+def test_a_small_campaign_does_not_wait_for_workers(folder, monkeypatch):
+    """They took three seconds to start, the files a fifth of one to read."""
+    joblib = pytest.importorskip("joblib")
+    asked, parallel = [], joblib.Parallel
+    monkeypatch.setattr(joblib, "Parallel", lambda **given: asked.append(given.get("n_jobs")) or parallel(**given))
+    monkeypatch.setattr("os.cpu_count", lambda: 2)
+    size = sum(path.stat().st_size for path in folder.rglob("*.csv"))
+    with joblib.parallel_config(backend="threading", n_jobs=1):
+        for most in (size, size - 1):
+            monkeypatch.setattr(reader, "_WITHOUT_WORKERS_BYTES", most)
+            assert len(read_campaign(folder).curves) == 12
+    assert asked == [2]
+
+
 def test_without_the_extra_one_worker_reads_and_several_are_refused(folder, monkeypatch):
     monkeypatch.setitem(sys.modules, "joblib", None)
     assert len(read_campaign(folder, jobs=1).curves) == 12
