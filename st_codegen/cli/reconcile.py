@@ -125,7 +125,6 @@ def command(
 ) -> None:
     """Find what the rig model lacks: compare it with measured data, name the missing effects, and add them."""
     from st_codegen.reconcile.joint.reading import joint_files
-    from st_codegen.reconcile.models.update import check_models
     from st_codegen.reconcile.plan.next_runs import next_runs
     from st_codegen.reconcile.report.output import report
     from st_codegen.reconcile.report.summary import next_runs_summary, summary, update_summary
@@ -143,9 +142,7 @@ def command(
     model = RigModel() if rig is None else read_rig(rig, known)
     if out.exists() and not out.is_dir():
         raise InputError(f"{out} is a file; the report needs a folder")
-    wish = _wish(models, update, target, profile, trust_pickle, out)
-    if wish is not None:
-        check_models(model, wish)
+    wish = _wish(model, models, update, target, profile, trust_pickle, out)
     if joints:
         content, text = _joints(joints, None if rig is None else model, out, scale, accept)
     elif is_spectrum(measured):
@@ -210,9 +207,10 @@ def _first_line(measured: Path) -> str:
     return f"; that of {measured} has {','.join(names)[:60]}" if any(names) else ""
 
 
-def _wish(models: Path | None, update: bool, target: str, profile: str, trust_pickle: bool, out: Path) -> Wish | None:
+def _wish(
+    model: RigModel, models: Path | None, update: bool, target: str, profile: str, trust_pickle: bool, out: Path
+) -> Wish | None:
     """What is to be done with a bundle; faults are named before anything is computed."""
-    from st_codegen.reconcile.models.update import Wish
     from st_codegen.te.bundle_file import BUNDLE_FILE
 
     if update != (models is not None):
@@ -226,12 +224,16 @@ def _wish(models: Path | None, update: bool, target: str, profile: str, trust_pi
         replaced = out / name
         if replaced.exists() and (replaced.resolve() == models.resolve() or not (replaced / holds).exists()):
             raise InputError(f"{replaced} exists and would be replaced: name another --out")
-    return Wish(models, target, "" if profile == "none" else profile, trust_pickle=trust_pickle)
+    # what is loaded for it nobody else waits for
+    from st_codegen.reconcile.models.update import Wish, check_models
+
+    wish = Wish(models, target, "" if profile == "none" else profile, trust_pickle=trust_pickle)
+    check_models(model, wish)
+    return wish
 
 
 def _written(result: Reconciliation, ahead: NextRuns, wish: Wish | None, out: Path, quiet: bool) -> Update | None:
     """Update the models, and write everything at once."""
-    from st_codegen.reconcile.models.update import update_models
     from st_codegen.reconcile.report.pages import report_texts
 
     parent = out if out.is_dir() else out.parent
@@ -239,6 +241,8 @@ def _written(result: Reconciliation, ahead: NextRuns, wish: Wish | None, out: Pa
     with temporary_folder(parent) as temporary:
         changes = None
         if wish is not None:
+            from st_codegen.reconcile.models.update import update_models
+
             with progress_bar("updating models", quiet=quiet) as progress:
                 changes = update_models(result, wish, temporary, progress)
         made = {folder: temporary / folder for folder in (UPDATED_MODELS, UPDATED_CODE)}
