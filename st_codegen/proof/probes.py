@@ -48,7 +48,9 @@ def probe_rows(
         more = more[np.sort(random.choice(len(more), room, replace=False))]
     inside = _random_rows(max(room - len(more), 0), usual, random)
     if again:
-        _put_into(inside[: len(inside) // 2], [near for near, _ in points], random)
+        # of a feature that takes categories alone the rows hold all of these already
+        near = [np.zeros(0) if column in usual.categories else own for column, (own, _) in enumerate(points)]
+        _put_into(inside[: len(inside) // 2], near, random)
     return np.vstack([special, edges, more, inside])
 
 

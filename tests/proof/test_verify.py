@@ -289,6 +289,14 @@ def test_thresholds_are_tried_beside_many_values_of_the_other_columns():
             assert ((ends[0] < beside) & (beside < ends[1])).any()
 
 
+def test_categories_are_no_thresholds_that_are_tried_again():
+    """Of six encoded inputs half of all rows had a number beside a category, which the model refuses."""
+    codes = np.tile(np.arange(4.0), 6)
+    made = model(Piecewise((0,), 4 * np.arange(7), codes, codes, np.full((30, 1), np.inf)), features=6)
+    accepted = [np.isin(probe_rows(made, 5_000, again=again), codes).all(axis=1).sum() for again in (False, True)]
+    assert accepted[0] == accepted[1] > 4_000
+
+
 def test_verify_tries_thresholds_again(lone_folder, generated, monkeypatch):
     asked = []
     monkeypatch.setattr(verify_module, "probe_rows", lambda *_, **how: asked.append(how) or probe_rows(*_, **how))
