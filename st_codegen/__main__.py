@@ -16,13 +16,19 @@ def main() -> None:
     """
     gc.set_threshold(_LOOKS_AFTER)
     if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:  # who started it may have it ignored
-        signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
+        signal.signal(signal.SIGTERM, _stop)
     try:
         from st_codegen.cli.main import main as command
     except KeyboardInterrupt:
         sys.stderr.write("error: stopped\n")
         sys.exit(130)  # as `cli.main` and shells have it
     command()
+
+
+def _stop(*_: object) -> None:
+    """What SIGTERM does, also where Ctrl-C is ignored, as it is for what a script leaves in its background."""
+    signal.raise_signal(signal.SIGINT)
+    raise KeyboardInterrupt
 
 
 if __name__ == "__main__":

@@ -158,7 +158,7 @@ def extra_package(package: str, extra: str, purpose: str) -> Any:
             raise error.__cause__ from None
         if isinstance(error, ModuleNotFoundError) and error.name and error.name.partition(".")[0] == name:
             raise MissingExtraError(name, extra, purpose) from None
-        raise MissingExtraError(name, extra, purpose, fails=str(error)) from None
+        raise MissingExtraError(name, extra, purpose, fails=" ".join(str(error).split())) from None
     installed, least = str(getattr(sys.modules[name], "__version__", "")), least_versions().get(name, "")
     if is_older(installed, least):
         raise MissingExtraError(name, extra, purpose, installed, least)

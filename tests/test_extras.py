@@ -58,6 +58,7 @@ def test_a_package_whose_rules_are_not_known_is_refused(asked, version):
     [
         ("import fruit_core", MissingExtraError, r"cannot be imported \(No module named 'fruit_core'\)"),
         ("raise ImportError('x.so')", MissingExtraError, r"cannot be imported \(x\.so\)"),
+        (r"raise ImportError('\n\nREAD:\n\n  - a\n')", MissingExtraError, r"cannot be imported \(READ: - a\)"),
         ("raise ImportError('initialization failed') from KeyboardInterrupt()", KeyboardInterrupt, ""),
     ],
 )

@@ -1,5 +1,6 @@
 """The command as it is started."""
 
+import contextlib
 import gc
 import signal
 
@@ -7,6 +8,7 @@ import pytest
 
 from st_codegen import __main__ as started
 from st_codegen.cli import main as cli
+from st_codegen.processes import interruptible
 
 
 def test_no_garbage_is_looked_for_among_what_libraries_make_when_they_are_imported(monkeypatch):
@@ -52,3 +54,24 @@ def test_sigterm_ends_a_command_as_ctrl_c_does_unless_it_is_ignored(monkeypatch,
         signal.signal(signal.SIGTERM, handler)
         gc.set_threshold(*looks_after)
     assert ended == ([True] if before is signal.SIG_DFL else [])
+
+
+@pytest.mark.parametrize("surroundings", [contextlib.nullcontext, interruptible])
+def test_sigterm_ends_a_command_for_which_ctrl_c_is_ignored(monkeypatch, surroundings):
+    """A shell starts what a script leaves in its background so: nothing but SIGKILL ended it."""
+
+    def command() -> None:
+        with pytest.raises(KeyboardInterrupt), surroundings():
+            signal.raise_signal(signal.SIGTERM)
+
+    monkeypatch.setattr(cli, "main", command)
+    on_term = signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    on_int = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    looks_after = gc.get_threshold()
+    try:
+        started.main()
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGTERM, on_term)
+        signal.signal(signal.SIGINT, on_int)
+        gc.set_threshold(*looks_after)

@@ -70,8 +70,7 @@ def choose_orders(fits: Sequence[OrderFit], *, most: int = 20, always: Sequence[
         elif above[order] < _LEAST_CURVES * len(fits):
             verdict, why = False, f"only {where}"
         elif relative < _LEAST_SIZE:
-            why = f"{where}, but {size} is {percent(relative)} of the strongest (below {_LEAST_SIZE:.0%})"
-            verdict = False
+            verdict, why = False, f"{where}, but {size} is below {_LEAST_SIZE:.0%} of the strongest"
         elif chosen >= most:
             verdict, why = (
                 False,

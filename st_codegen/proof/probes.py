@@ -31,7 +31,7 @@ def probe_rows(
     where that takes more rows; the points where rounding to float32 changes over are there as far as there is room.
     Special values stand one at a time in a row, thresholds of different columns share rows. `sampled`: of the rows with
     thresholds only as many as there is room for, drawn at random. `again`: half of the rows at random hold thresholds
-    again, beside other values of the other columns, which may decide whether a wrong answer there is seen.
+    in the range again, beside other values of the other columns, which may decide whether a wrong answer there is seen.
     """
     random = np.random.default_rng(seed)
     lower, upper = operating_range(model)
@@ -48,7 +48,7 @@ def probe_rows(
         more = more[np.sort(random.choice(len(more), room, replace=False))]
     inside = _random_rows(max(room - len(more), 0), usual, random)
     if again:
-        _put_into(inside[: len(inside) // 2], [near for near, _ in points], random)
+        _put_into(inside[: len(inside) // 2], [near for near, _ in points], usual, random)
     return np.vstack([special, edges, more, inside])
 
 
@@ -116,12 +116,16 @@ def _rows_of(points: list[FloatArray], usual: _Usual, random: np.random.Generato
     return rows
 
 
-def _put_into(rows: FloatArray, points: list[FloatArray], random: np.random.Generator) -> None:
-    """Put points of every column into half of some rows, drawn for each column by itself."""
-    for column, values in enumerate(points):
-        if len(values):
+def _put_into(rows: FloatArray, points: list[FloatArray], usual: _Usual, random: np.random.Generator) -> None:
+    """Put points of every column into half of some rows, drawn for each column by itself.
+
+    Only those in its range, and none where it takes categories alone: rows hold all of these already.
+    """
+    for column, (values, low, high) in enumerate(zip(points, usual.lower, usual.upper, strict=True)):
+        within = values[(low <= values) & (values <= high)]
+        if len(within) and column not in usual.categories:
             there = random.random(len(rows)) < 0.5
-            rows[there, column] = random.choice(values, int(there.sum()))
+            rows[there, column] = random.choice(within, int(there.sum()))
 
 
 def operating_range(model: ir.ModelIR) -> tuple[FloatArray, FloatArray]:

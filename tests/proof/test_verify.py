@@ -289,6 +289,28 @@ def test_thresholds_are_tried_beside_many_values_of_the_other_columns():
             assert ((ends[0] < beside) & (beside < ends[1])).any()
 
 
+def test_categories_are_no_thresholds_that_are_tried_again():
+    """Of six encoded inputs half of all rows had a number beside a category, which the model refuses."""
+    codes = np.tile(np.arange(4.0), 6)
+    made = model(Piecewise((0,), 4 * np.arange(7), codes, codes, np.full((30, 1), np.inf)), features=6)
+    accepted = [np.isin(probe_rows(made, 5_000, again=again), codes).all(axis=1).sum() for again in (False, True)]
+    assert accepted[0] == accepted[1] > 4_000
+
+
+def test_thresholds_that_are_tried_again_are_those_in_the_range():
+    """Where a tenth of the thresholds of six inputs is in their range, hardly one of these rows was in it."""
+    order = {"thresholds": np.linspace(0.5, 99.5, 100), "comparison": Comparison.LESS_OR_EQUAL}
+    trees = random_trees(np.random.default_rng(0), features=6, trees=40, **order)
+    made = model(trees, features=6)
+    made = dataclasses.replace(
+        made, features=tuple(dataclasses.replace(f, lower=0.0, upper=10.0) for f in made.features)
+    )
+    low, high = operating_range(made)
+    rows = (probe_rows(made, 5_000, again=again) for again in (False, True))
+    inside = [((low <= x) & (x <= high)).all(axis=1).sum() for x in rows]
+    assert inside[1] == pytest.approx(inside[0], rel=0.1) and inside[1] > 2_500
+
+
 def test_verify_tries_thresholds_again(lone_folder, generated, monkeypatch):
     asked = []
     monkeypatch.setattr(verify_module, "probe_rows", lambda *_, **how: asked.append(how) or probe_rows(*_, **how))

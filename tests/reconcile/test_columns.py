@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from st_codegen.errors import InputError
-from st_codegen.reconcile.mistakes.columns import taken_off
+from st_codegen.reconcile.mistakes.columns import other_conditions, taken_off
 from st_codegen.reconcile.mistakes.examine import _of_other_sign, examine
 from st_codegen.rig.model import RigModel
 
@@ -62,6 +62,14 @@ def test_temperatures_that_no_oil_has_are_in_kelvin_whatever_else_moves_the_mean
     assert "in K" in rich and "the speeds seem to be in turns a second" in rich
     examined = asked(wrong, RICH, ["conditions"])
     assert np.allclose(examined.data.at.axes, data.at.axes)
+
+
+def test_temperatures_that_no_oil_has_in_kelvin_either_are_not_said_to_be_in_kelvin():
+    """Of 500 it was asked twice: "no oil has 226.85 degC and more" stood beside what they had been read as."""
+    at = grid()
+    for hotter, times in ((500.0, 0), (200.0, 1)):
+        data = observed(RIG, replace(at, temperature_C=at.temperature_C - at.temperature_C.min() + hotter + 1.0))
+        assert sum("no oil has" in one.text for one in other_conditions(data, RIG)) == times
 
 
 @pytest.mark.thorough

@@ -26,6 +26,7 @@ from st_codegen.reconcile.judge.lookalikes import (
     may_be_another_power,
     may_be_of_a_law,
     of_its_order,
+    of_its_shape,
 )
 from st_codegen.reconcile.judge.retuned import changes, with_piece_held
 from st_codegen.reconcile.plan import next_runs
@@ -561,7 +562,7 @@ def test_a_small_share_is_told_by_the_gap_of_its_own_orders():
 
 def test_orders_that_do_not_reach_a_frequency_in_the_measured_speeds_are_said():
     at = grid(5, 3, 2)  # up to 1800 rpm, of 81 to 1: 0.37 turns a second
-    joint = SimpleNamespace(target=SimpleNamespace(data=SimpleNamespace(at=at), good=np.ones(len(at), bool)))
+    joint = SimpleNamespace(target=SimpleNamespace(data=SimpleNamespace(at=at)))
     values = {"frequency_Hz": 50.0, "damping_ratio": 0.02, "amplitude_deg": [1e-3, 1e-3]}
     resonance = piece_of(effect("structural_resonance", orders=[78, 240], **values), added=True)
     remarks = extrapolates(joint, resonance)
@@ -575,11 +576,14 @@ def test_a_resonance_that_was_seen_by_its_flanks_alone_says_so(speed_rpm, met):
     # order 156 meets 32.5 Hz at 1012.5 rpm, of 81 to 1, and its half-power width ends at 1032.75 rpm
     values = {"frequency_Hz": 32.5, "damping_ratio": 0.02, "amplitude_deg": [1e-3]}
     resonance = piece_of(effect("structural_resonance", orders=[156], **values), added=True)
-    remarks = [
-        extrapolates(SimpleNamespace(target=SimpleNamespace(data=SimpleNamespace(at=at), good=good)), resonance)
+    fits = [
+        SimpleNamespace(target=SimpleNamespace(data=SimpleNamespace(at=at), good=good))
         for good in (np.ones(len(at), bool), at.speed_rpm == 600.0)
     ]
-    assert [ONLY_FLANKS in one for one in remarks] == [not met, True]  # a bad run does not count
+    found = [ONLY_FLANKS in of_its_shape(one, resonance, None) for one in fits]
+    assert found == [not met, True]  # a bad run does not count
+    # orders that are loudest at measured speeds were met there, and are not those of one oscillator
+    assert not any(ONLY_FLANKS in of_its_shape(one, resonance, (30.0, 34.0)) for one in fits)
 
 
 def test_runs_that_follow_each_other_are_as_alike_whatever_their_size():

@@ -27,6 +27,7 @@ from st_codegen.rig.effects import Conditions, catalogue
 from st_codegen.rig.model import read_rig
 
 from .blind_form.machine import draw_machine
+from .test_core import effect
 
 KNOWN = catalogue()
 RIG = read_rig(Path(__file__).resolve().parents[2] / "examples" / "rv160n" / "rig.toml", KNOWN)
@@ -688,6 +689,26 @@ def test_a_factor_on_a_column_is_as_sure_as_its_orders_tell_it(seed):
         size = np.abs(RIG.coefficients(data.at, ORDERS[~loudest].tolist())).mean(axis=0)[1:]
         told = np.abs(RIG.coefficients(data.at, ORDERS[loudest].tolist())).mean() if changed == 1.0 else size.max()
         assert factor == pytest.approx(1.25, abs=4 * 1.25 * sigma / told / np.sqrt(RUNS))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_runs_in_which_the_rig_says_nothing_take_no_vote_from_orders_on_a_factor(seed):
+    """Of orders that follow the load those without any made all errors endless: an order with an effect counted too."""
+    orders, slopes = np.array([39, 40, 78, 81, 120, 156, 162, 240]), [3e-3, 2e-3, 4e-3, 2e-3, 3e-3, 3e-3, 2e-3, 2e-3]
+    rig = RIG.with_effects(
+        effect("load_dependent_mesh", order=order, slope_deg_per_kNm=slope)
+        for order, slope in zip(orders.tolist(), slopes, strict=True)
+    )
+    data, sigma, random = measured(), 1e-4, np.random.default_rng(seed)
+    known = rig.coefficients(data.at, orders.tolist())
+    noise = sigma * (random.standard_normal(known.shape) + 1j * random.standard_normal(known.shape))
+    forward, own = (data.at.sign > 0)[:, None], orders == 78
+    values = known * np.where(forward & own, 1.2, 1.0) + noise
+    wrong = column(replace(data, orders=orders, values=values), 1.25)
+    found = examine(wrong, rig, PATH, accept=["column_scale"]).data
+    factor = np.median((wrong.values / found.values)[data.at.sign > 0].real)
+    error = 1.25 * sigma * np.sqrt(2.0 / (np.abs(known[data.at.sign > 0][:, ~own]) ** 2).sum())
+    assert factor == pytest.approx(1.25, abs=4 * error)
 
 
 def test_an_effect_of_one_direction_is_no_factor_on_its_column():

@@ -270,7 +270,7 @@ def _claim(
         share=_share(rig, final, piece),
         extrapolates=(
             *extrapolates(joint, piece),
-            *of_its_shape(piece, peaks),
+            *of_its_shape(joint, piece, peaks),
             *of_its_order(final, piece),
             *(text for is_so, text in ((few, FEW), (knee, KNEE), (starts, START), (of_speed, speeds)) if is_so),
         ),

@@ -322,13 +322,14 @@ OF_ONE_ORDER = "its one order, which no part of the gear makes, may as well be l
 START = "what dies away behind the start of each curve (an axis that settles, a filter that runs in) looks like it"
 
 
-def of_its_shape(piece: Piece, peaks: tuple[float, float] | None) -> tuple[str, ...]:
+def of_its_shape(joint: Fit, piece: Piece, peaks: tuple[float, float] | None) -> tuple[str, ...]:
     """What the width of a resonance and the shape of its peaks leave open."""
     if peaks is None:
         damping = piece.effect.values.get("damping_ratio")
         narrow = isinstance(damping, float) and damping < SETTINGS.narrow
         text = "narrower than the steps of speed: height and damping are uncertain"
-        return (text,) if narrow else ()
+        unmet = isinstance(piece.effect, StructuralResonance) and not _is_met(joint, piece.effect)
+        return tuple(said for is_so, said in ((narrow, text), (unmet, ONLY_FLANKS)) if is_so)
     return (
         f"the peaks are not those of one oscillator; the speeds at which they stand put it between {peaks[0]:.1f} "
         f"and {peaks[1]:.1f} Hz, height and damping are uncertain",
@@ -373,8 +374,6 @@ def extrapolates(joint: Fit, piece: Piece) -> tuple[str, ...]:
         if outside:
             which = f"order {outside[0]} does" if len(outside) == 1 else f"orders {', '.join(map(str, outside))} do"
             remarks.append(f"{which} not reach the frequency in the measured speeds")
-    if isinstance(piece.effect, StructuralResonance) and not _is_met(joint, piece.effect):
-        remarks.append(ONLY_FLANKS)
     return tuple(remarks)
 
 

@@ -58,7 +58,7 @@ def other_conditions(data: Observations, rig: RigModel) -> list[Mistake]:
     those that it brings nearer to the rig by far, as where a logger was set otherwise in the course of the campaign.
     """
     every, coldest = np.ones(len(data), bool), float(data.at.temperature_C.min())
-    if coldest > SETTINGS.hottest_oil_C:
+    if coldest > SETTINGS.hottest_oil_C >= _of_kelvin(data.at).temperature_C.max():
         kelvin = partial(_with_conditions, _of_kelvin, every)
         found = Mistake("conditions", _HOT.format(coldest), kelvin, remedy="read them so")
         return [found, *other_conditions(kelvin(data), rig)]

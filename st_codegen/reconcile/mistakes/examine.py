@@ -450,8 +450,10 @@ def _by_those_that_agree(middle: float, along: FloatArray, noise: FloatArray) ->
 
     along: the factors of runs and orders (n, K); noise: the power of the noise over that of the rig, (n, K).
     """
-    own, count = np.median(along, axis=0), len(along)
-    error = np.sqrt(noise.mean(axis=0) / (2 * count))
+    # runs in which an order is small, as one of the load without any, say little of it
+    worth = np.sqrt(2.0 / np.maximum(noise, 1e-300))
+    own = np.quantile(along, 0.5, axis=0, method="inverted_cdf", weights=worth)
+    error = 1.0 / np.sqrt((worth**2).sum(axis=0))
     # what the middle one is off by, by how the orders lie about it
     off = float(np.median(np.abs(own - middle))) / np.sqrt(len(own))
     agree = np.abs(own - middle) < SETTINGS.told * np.hypot(error, off)
