@@ -11,7 +11,7 @@ from st_codegen.emit.render import render_report
 from st_codegen.files.made_by import MADE_BY
 
 #: What stands right: a number, also one that was written as text, with commas or a power of ten.
-_NUMBER = re.compile(r"[-+]?[0-9][0-9,]*(\.[0-9]+)?(e[-+]?[0-9]+)?")
+_NUMBER = re.compile(r"[-+]?inf|nan|[-+]?[0-9][0-9,]*(\.[0-9]+)?(e[-+]?[0-9]+)?")
 
 
 @dataclass(frozen=True)
@@ -45,10 +45,10 @@ class PageTable:
             [(text, number, (row, column) in self.strong) for column, (text, number) in enumerate(cells)]
             for row, cells in enumerate(self._cells())
         ]
-        columns = [
-            (name, any(row[column][0] for row in rows) and all(row[column][1] or not row[column][0] for row in rows))
-            for column, name in enumerate(self.columns)
-        ]
+        columns = []
+        for column, name in enumerate(self.columns):
+            filled = [number for text, number, _ in (row[column] for row in rows if column < len(row)) if text]
+            columns.append((name, bool(filled) and all(filled)))
         return {"columns": columns, "rows": rows}
 
 

@@ -57,17 +57,15 @@ def test_same_bytes_in_another_process_on_another_day():
 
 def test_numbers_stand_right_also_those_that_were_written_as_text_and_so_do_their_titles():
     table = PageTable(
-        ("name", "rows", "bound", "id"), [("a", 3, "", "1"), ("b", "3,168", "2.6e-15", "A1"), ("c", 0.25, "", "")]
+        ("name", "rows", "bound", "id"),
+        [("a", 3, "", "1"), ("b", "3,168", "2.6e-15", "A1"), ("c", 0.25, float("nan"), "")],
     )
     text = page("x", [PageSection("y", table=table)])
     head, *rows = re.findall("<tr>(.*?)</tr>", text)
     right = [[" class" in cell for cell in re.findall("<t[dh][^>]*>", row)] for row in (head, *rows)]
-    assert right == [
-        [False, True, True, False],
-        [False, True, False, True],
-        [False, True, True, False],
-        [False, True, False, False],
-    ]
+    assert ["".join("LR"[cell] for cell in row) for row in right] == ["LRRL", "LRLR", "LRRL", "LRRL"]
+    short = page("x", [PageSection("y", table=PageTable(("a", "b"), [("one",), ("two", "")]))])
+    assert "<th class" not in short
 
 
 class _Balance(HTMLParser):
