@@ -691,6 +691,7 @@ def test_a_factor_on_a_column_is_as_sure_as_its_orders_tell_it(seed):
         assert factor == pytest.approx(1.25, abs=4 * 1.25 * sigma / told / np.sqrt(RUNS))
 
 
+@pytest.mark.filterwarnings("error")  # their zero is told by nothing
 @pytest.mark.parametrize("seed", range(3))
 def test_runs_in_which_the_rig_says_nothing_take_no_vote_from_orders_on_a_factor(seed):
     """Of orders that follow the load those without any made all errors endless: an order with an effect counted too."""

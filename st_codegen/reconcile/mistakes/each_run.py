@@ -147,6 +147,8 @@ def _zero_of_run(
     orders.
     """
     gains, is_sure, is_likely = np.zeros(len(k)), False, False
+    if not m.any():
+        return _ZeroOfRun(0.0, np.inf, is_sure, is_likely, gains)
     # what each order leaves at each angle is `whole` less twice the real part of `both`, turned
     whole, both = np.abs(v) ** 2 + np.abs(m) ** 2 + power, v * m.conj()
     if hidden:
