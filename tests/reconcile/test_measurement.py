@@ -333,6 +333,18 @@ def test_runs_with_a_zero_of_their_own_are_turned_back(some):
     assert np.abs(back.values - data.values).max() < 1e-4
 
 
+@pytest.mark.parametrize("at_one_speed", [True, False])
+def test_a_delay_of_forward_curves_is_no_zero_of_each_run(at_one_speed):
+    """It turns order k by k times an angle that goes with the speed; runs that tell less were of another zero."""
+    data = of_curves(3e-4)
+    data = data.rows(data.at.sign > 0)
+    speed = np.full(len(data), 900.0) if at_one_speed else data.at.speed_rpm
+    values = data.values + RIG.coefficients(data.under(speed_rpm=speed).at, ORDERS.tolist())
+    values -= RIG.coefficients(data.at, ORDERS.tolist())
+    late = np.exp(-1j * np.radians(0.35) * (speed / 1900.0)[:, None] * ORDERS)
+    examine(replace(data.under(speed_rpm=speed), values=values * late), RIG, PATH)
+
+
 @pytest.mark.thorough
 def test_zeros_of_single_runs_are_told_where_noise_hides_most_orders():
     """They were called an eccentricity of another size; what they turn too far to be told is not looked at."""

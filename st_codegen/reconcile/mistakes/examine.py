@@ -543,7 +543,8 @@ def _zeros(data: Observations, rig: RigModel) -> list[Mistake]:
     """A zero of the angle of its own in some runs."""
     number = data.number_of_run
     model = expected_of(data, rig)
-    angle, error = zeros(data.values, model, noise_power(data), data.orders, number, data.spectral_deg is not None)
+    noise, speed = noise_power(data), data.at.sign * data.at.speed_rpm
+    angle, error = zeros(data.values, model, noise, data.orders, number, speed, data.spectral_deg is not None)
     angle = np.where(_of_other_sign(data, model, angle), 0.0, angle)
     if not angle.any():
         return []
