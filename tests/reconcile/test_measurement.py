@@ -333,6 +333,29 @@ def test_runs_with_a_zero_of_their_own_are_turned_back(some):
     assert np.abs(back.values - data.values).max() < 1e-4
 
 
+@pytest.mark.parametrize(
+    ("name", "reading", "wrong"),
+    [
+        ("torque", "misread_torque", lambda data: torques(data, 1.12)),
+        ("home_offset", "misread_angle", lambda data: turned(data, 17.2)),
+        ("ratio", "misread_ratio", lambda data: ramp(data, 81.01)),
+        ("column_scale", "misread_te", lambda data: column(data, 1.5)),
+        ("direction", "exchanged_directions", exchanged),
+    ],
+)
+def test_who_accepted_a_reading_is_not_asked_for_the_same_mistake_by_another_name(name, reading, wrong):
+    """With the rig that `--accept misread_torque` had written the same command asked for `--accept torque`."""
+    with pytest.raises(InputError, match=f"--accept {name}"):
+        examine(wrong(measured()), RIG, PATH)
+    found = examine(wrong(measured()), RIG, PATH, accept=[reading])
+    assert [one.name for one in found.mistakes] == [name] and found.mistakes[0].is_taken_out
+
+
+def test_who_accepted_one_factor_of_all_torques_is_asked_about_torques_that_are_each_wrong_by_its_own():
+    with pytest.raises(InputError, match="--accept torque"):
+        examine(lagging(measured(), 150.0), RIG, PATH, accept=["misread_torque"])
+
+
 @pytest.mark.parametrize("at_one_speed", [True, False])
 def test_a_delay_of_forward_curves_is_no_zero_of_each_run(at_one_speed):
     """It turns order k by k times an angle that goes with the speed; runs that tell less were of another zero."""

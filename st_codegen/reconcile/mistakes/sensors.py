@@ -80,7 +80,9 @@ def wrong_torques(data: Observations, rig: RigModel) -> list[Mistake]:
     plain = rig.coefficients(right if gain else data.at, data.orders.tolist())
     own = _wrong_by_their_own(data, rig, noise, plain)
     said, right, remedy = own or (said, right, "correct them")
-    return [Mistake("torque", said, lambda given: replace(given, at=right), remedy=remedy)] if gain or own else []
+    reading = "" if own else "misread_torque"
+    found = Mistake("torque", said, lambda given: replace(given, at=right), remedy=remedy, reading=reading)
+    return [found] if gain or own else []
 
 
 def _wrong_by_one(data: Observations, rig: RigModel, noise: FloatArray) -> tuple[float, str, Conditions]:
