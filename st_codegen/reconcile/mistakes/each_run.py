@@ -281,13 +281,15 @@ def distortion(
         columns, seen = np.stack([(part * weight).ravel() for part in parts], axis=1), (left * weight).ravel()
         real, right = (np.concatenate([part.real, part.imag]) for part in (columns, seen))
         found = Distorted(found.error + np.linalg.lstsq(real, right, rcond=None)[0] @ np.array(_STEPS))
-        # beyond a wave or so of the highest order a linear fit misses it
-        if not float(np.abs(found.error).sum()) * int(orders.max()) < np.pi:
+        # a linear fit misses it
+        if not float(np.abs(found.error).sum()) * int(orders.max()) < MOST_TURN:
             return None
         expected = found.seen(rig, its, orders)
     return found
 
 
+#: rad; by how much an angle that is read wrong may turn the highest order: half a wave
+MOST_TURN = np.pi
 #: rounds of a fit that is linear in the error of the angle, and the steps (rad) of its derivative
 _ROUNDS = 6
 _STEPS = tuple(np.array(step) for step in ([1e-5, 0], [1e-5j, 0], [0, 1e-5], [0, 1e-5j]))
