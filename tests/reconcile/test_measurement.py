@@ -20,7 +20,7 @@ from st_codegen.reconcile.mistakes import sensors
 from st_codegen.reconcile.mistakes.each_run import _most_gain, ramps
 from st_codegen.reconcile.mistakes.examine import examine
 from st_codegen.reconcile.mistakes.other_shaft import other_shaft, over_the_output
-from st_codegen.reconcile.mistakes.sensors import hidden_wrong_angle
+from st_codegen.reconcile.mistakes.sensors import hidden_wrong_angle, low_pass
 from st_codegen.reconcile.mistakes.votes import PowerSums, expected_of, noise_power, told_power
 from st_codegen.reconcile.rest.unexplained import Signature, _with_hums
 from st_codegen.rig.effects import Conditions, catalogue
@@ -354,6 +354,13 @@ def test_who_accepted_a_reading_is_not_asked_for_the_same_mistake_by_another_nam
 def test_who_accepted_one_factor_of_all_torques_is_asked_about_torques_that_are_each_wrong_by_its_own():
     with pytest.raises(InputError, match="--accept torque"):
         examine(lagging(measured(), 150.0), RIG, PATH, accept=["misread_torque"])
+
+
+@pytest.mark.parametrize("hertz", [0.8, 3.0, 20.0])
+def test_the_frequency_of_a_low_pass_is_told_where_it_leaves_a_tenth_of_most_waves(hertz):
+    """Six steps from none were not enough: 0.8 Hz were said to be 8.04 Hz."""
+    (found,) = low_pass(through(measured(1e-6), hertz), RIG)
+    assert float(re.search(r"low pass of (\S+) Hz", found.text)[1]) == pytest.approx(hertz, rel=0.05)
 
 
 @pytest.mark.parametrize("at_one_speed", [True, False])

@@ -494,11 +494,14 @@ def _fitted(
     data: Observations, model: ComplexArray, noise: FloatArray, response: Callable[[float], ComplexArray]
 ) -> float:
     """The parameter, 0 or more, of a response (n, K) or (1, K) that TE went through and that is 1 at 0."""
-    found = 0.0
-    for _ in range(SETTINGS.quick_steps):
+    found, before = 0.0, np.inf
+    # from nothing a response that leaves hardly anything of most waves is reached by steps that double
+    for _ in range(SETTINGS.long_steps):
+        if np.isclose(found, before, atol=0.0):
+            break
         seen = model * response(found)
         slope = (model * response(found + _SMALL) - seen) / _SMALL
-        found = max(found + _common_step(data.values - seen, slope, noise), 0.0)
+        found, before = max(found + _common_step(data.values - seen, slope, noise), 0.0), found
     return found
 
 
