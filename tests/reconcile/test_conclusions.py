@@ -721,6 +721,37 @@ def test_a_change_that_the_zero_would_do_as_well_names_it_and_what_is_missing():
 
 
 @pytest.mark.parametrize(
+    ("missing", "chosen"),
+    [
+        (effect("friction_windup", coulomb_arcmin=0.25), lambda at: at.sign > 0),
+        (effect("hanging_load_compliance", stiffness_Nm_per_arcmin=400.0), lambda at: at.torque_Nm == 900),
+        (effect("thermal_drift", drift_arcmin_per_K=0.1), lambda at: at.temperature_C == 35),
+    ],
+)
+def test_another_zero_names_what_one_direction_load_or_temperature_does_not_tell_from_it(missing, chosen):
+    """Friction of forward runs alone was a zero that moved, and nothing stood beside that."""
+    at = grid(8, 5, 3)
+    truth = RigModel(effects=(*RIG.effects, missing))
+    data = observed(truth, at.rows(np.flatnonzero(chosen(at))), sigma=3e-4)
+    found = conclude(RIG, fitted(RIG, data), KNOWN)
+    assert found.offset_changed and missing.name in found.of_offset
+    apart = observed(RigModel(zero_offset_deg=0.01, effects=RIG.effects), at, sigma=3e-4)
+    assert missing.name not in conclude(RIG, fitted(RIG, apart), KNOWN).of_offset
+
+
+@pytest.mark.parametrize(("one_speed", "is_open"), [(True, True), (False, False)])
+def test_a_wave_that_changed_at_one_speed_may_be_what_a_resonance_makes_there(one_speed, is_open):
+    """A resonance was teeth of another shape at the only speed, since the rig has a growth with the load of them."""
+    grown = effect("load_dependent_mesh", order=39, slope_deg_per_kNm=1e-3)
+    rig = RigModel(effects=(*RIG.effects, grown))
+    truth = with_values(rig, 2, amplitude_deg=3e-3, backward_amplitude_deg=3e-3)
+    at = grid(4, 7, 3)
+    data = observed(truth, at.rows(np.flatnonzero(at.speed_rpm == 100)) if one_speed else at)
+    (changed,) = conclude(rig, fitted(rig, data), KNOWN).retuned
+    assert changed.after.name == "cycloid_tooth_error" and changed.is_open is is_open
+
+
+@pytest.mark.parametrize(
     ("stiffness", "met"), [(0.5, True), (0.6, False), (454.0, False), (9000.0, False), (2e4, True)]
 )
 def test_a_stiff_transmission_is_not_at_the_bound_of_soft_ones(stiffness, met):

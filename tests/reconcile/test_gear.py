@@ -96,3 +96,16 @@ def test_another_unit_is_no_other_gear():
     spectral = np.full(values.shape, 1e-6)
     wider = replace(data, orders=orders[place], values=values[:, place] / 57.3, spectral_deg=spectral / 57.3)
     assert not other_gear(wider, WHOLE)
+
+
+def test_what_settles_at_the_start_of_curves_whose_waves_a_filter_took_is_no_other_gear():
+    """Order 5 and 10 of all the low orders were said to be there, as if they were those of teeth."""
+    orders = np.arange(2 * WHOLE.constants.pins + 2)
+    model = WHOLE.coefficients(AT, orders.tolist())
+    start = 1e-2 / (1.0 + 1j * orders) * (orders < 12)
+    values = model * np.where(orders < 30, 1.0, 0.1) + start
+    data = Observations(AT, labels(AT), orders, values, spectral_deg=np.full(values.shape, 1e-6))
+    assert not other_gear(data, WHOLE)
+    # the same with waves that stand out is one
+    tall = start * np.where(np.isin(orders, (5, 10)), 3.0, 1.0)
+    assert other_gear(replace(data, values=values - start + tall), WHOLE)

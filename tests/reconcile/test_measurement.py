@@ -20,7 +20,7 @@ from st_codegen.reconcile.mistakes import sensors
 from st_codegen.reconcile.mistakes.each_run import _most_gain, ramps
 from st_codegen.reconcile.mistakes.examine import examine
 from st_codegen.reconcile.mistakes.other_shaft import other_shaft, over_the_output
-from st_codegen.reconcile.mistakes.sensors import hidden_wrong_angle
+from st_codegen.reconcile.mistakes.sensors import hidden_wrong_angle, low_pass
 from st_codegen.reconcile.mistakes.votes import PowerSums, expected_of, noise_power, told_power
 from st_codegen.reconcile.rest.unexplained import Signature, _with_hums
 from st_codegen.rig.effects import Conditions, catalogue
@@ -334,6 +334,48 @@ def test_runs_with_a_zero_of_their_own_are_turned_back(some):
     assert np.abs(back.values - data.values).max() < 1e-4
 
 
+@pytest.mark.parametrize(
+    ("name", "reading", "wrong"),
+    [
+        ("torque", "misread_torque", lambda data: torques(data, 1.12)),
+        ("home_offset", "misread_angle", lambda data: turned(data, 17.2)),
+        ("ratio", "misread_ratio", lambda data: ramp(data, 81.01)),
+        ("column_scale", "misread_te", lambda data: column(data, 1.5)),
+        ("direction", "exchanged_directions", exchanged),
+    ],
+)
+def test_who_accepted_a_reading_is_not_asked_for_the_same_mistake_by_another_name(name, reading, wrong):
+    """With the rig that `--accept misread_torque` had written the same command asked for `--accept torque`."""
+    with pytest.raises(InputError, match=f"--accept {name}"):
+        examine(wrong(measured()), RIG, PATH)
+    found = examine(wrong(measured()), RIG, PATH, accept=[reading])
+    assert [one.name for one in found.mistakes] == [name] and found.mistakes[0].is_taken_out
+
+
+def test_who_accepted_one_factor_of_all_torques_is_asked_about_torques_that_are_each_wrong_by_its_own():
+    with pytest.raises(InputError, match="--accept torque"):
+        examine(lagging(measured(), 150.0), RIG, PATH, accept=["misread_torque"])
+
+
+@pytest.mark.parametrize("hertz", [0.8, 3.0, 20.0])
+def test_the_frequency_of_a_low_pass_is_told_where_it_leaves_a_tenth_of_most_waves(hertz):
+    """Six steps from none were not enough: 0.8 Hz were said to be 8.04 Hz."""
+    (found,) = low_pass(through(measured(1e-6), hertz), RIG)
+    assert float(re.search(r"low pass of (\S+) Hz", found.text)[1]) == pytest.approx(hertz, rel=0.05)
+
+
+@pytest.mark.parametrize("at_one_speed", [True, False])
+def test_a_delay_of_forward_curves_is_no_zero_of_each_run(at_one_speed):
+    """It turns order k by k times an angle that goes with the speed; runs that tell less were of another zero."""
+    data = of_curves(3e-4)
+    data = data.rows(data.at.sign > 0)
+    speed = np.full(len(data), 900.0) if at_one_speed else data.at.speed_rpm
+    values = data.values + RIG.coefficients(data.under(speed_rpm=speed).at, ORDERS.tolist())
+    values -= RIG.coefficients(data.at, ORDERS.tolist())
+    late = np.exp(-1j * np.radians(0.35) * (speed / 1900.0)[:, None] * ORDERS)
+    examine(replace(data.under(speed_rpm=speed), values=values * late), RIG, PATH)
+
+
 @pytest.mark.thorough
 def test_zeros_of_single_runs_are_told_where_noise_hides_most_orders():
     """They were called an eccentricity of another size; what they turn too far to be told is not looked at."""
@@ -591,9 +633,9 @@ def test_where_few_orders_tell_mistakes_are_said_not_to_be_told():
 def test_where_noise_hides_a_misread_angle_that_is_said():
     """With ten times the noise, the sidebands of an angle that is off by ten times as much; in little it is silent."""
     assert examine(of_curves(1e-5), RIG, PATH).untold == ()
-    for noise in (3e-3, 1e-4):
+    for noise, how_much in ((3e-3, " once a turn may not show, by whatever size"), (1e-4, " by up to about ")):
         said = examine(of_curves(noise), RIG, PATH).untold
-        assert "an angle that is read wrong by up to" in said[-1]
+        assert f"an angle that is read wrong{how_much}" in said[-1]
 
 
 def test_the_sidebands_of_a_misread_angle_are_half_the_order_times_the_angle_of_its_wave():
@@ -602,8 +644,22 @@ def test_the_sidebands_of_a_misread_angle_are_half_the_order_times_the_angle_of_
     data = replace(data, orders=np.array([40]), values=data.values[:, :1], spectral_deg=np.full((2 * RUNS, 1), 1e-3))
     least = np.sqrt(2.0 * told_power(noise_power(data)[:RUNS])[0])
     (said,) = hidden_wrong_angle(data, RIG.with_effects([wave]))
-    degrees = float(re.search(r"by up to (\S+) deg once a turn", said)[1])
+    degrees = float(re.search(r"by up to about (\S+) deg once a turn", said)[1])
     assert degrees == pytest.approx(np.degrees(least / (1e-3 * 40 / 2)), rel=0.05)  # two digits are said
+
+
+def test_a_misread_angle_must_show_beside_the_order_that_has_the_largest_sidebands():
+    """They may be those of a crack and are not counted: what was said to hide was up to half of what did."""
+    sizes = {40: 1e-2, 80: 1e-4, 120: 1e-4, 240: 1e-4}
+    waves = [KNOWN["pin_error"]({"order": k, "amplitude_deg": size}, RIG.constants) for k, size in sizes.items()]
+    data = measured()
+    data = replace(data, orders=np.array([*sizes]), values=data.values[:, : len(sizes)])
+    data = replace(data, spectral_deg=np.full(data.values.shape, 3e-6))
+    (said,) = hidden_wrong_angle(data, RIG.with_effects(waves))
+    # of eight sidebands four are those of order 240 in each direction, and four those of the next
+    least = np.sqrt(2.0 * told_power(noise_power(data)[:RUNS])[0]) / (1e-4 * 120 / 2)
+    degrees = float(re.search(r"by up to about (\S+) deg once a turn", said)[1])
+    assert degrees == pytest.approx(np.degrees(least), rel=0.05)  # two digits are said
 
 
 @pytest.mark.thorough

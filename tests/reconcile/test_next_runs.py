@@ -130,7 +130,7 @@ def test_refused_effects_that_gain_most_on_open_orders_are_rivals_each_once(monk
     result = SimpleNamespace(
         judged=refused,
         unexplained=[SimpleNamespace(order=3)],
-        conclusions=SimpleNamespace(final=final, claims=(), retuned=()),
+        conclusions=SimpleNamespace(final=final, claims=(), retuned=(), for_offset=()),
     )
     found = [rival.other for rival in questions.other_models(result)]
     assert found == [f"{name} as well, which the data refused so far" for name in ("first", "second", "third")]

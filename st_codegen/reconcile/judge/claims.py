@@ -99,7 +99,8 @@ ONE_SIDED = frozenset({"torsional_compliance", "hanging_load_compliance"})
 class Conclusions:
     """What is claimed, and the fit behind it (all parameters free: `joint`; unchanged ones held: `final`).
 
-    misread: what may be read wrong in place of changes of the rig; offset_is_open: what is unexplained reaches it too.
+    misread: what may be read wrong in place of changes of the rig; for_offset: what would do in place of another zero;
+    offset_is_open: what is unexplained reaches it too.
     """
 
     joint: Fit
@@ -108,6 +109,7 @@ class Conclusions:
     retuned: tuple[Retuned, ...]
     offset_changed: bool
     misread: tuple[Misread, ...] = ()
+    for_offset: tuple[Other, ...] = ()
     offset_is_open: bool = False
 
     def adds_for(self, one: Misread) -> bool:
@@ -136,12 +138,13 @@ class Conclusions:
 
     @property
     def of_offset(self) -> tuple[str, ...]:
-        """Names of what would do in place of another zero offset, mistakes of measuring first.
+        """Names of what would do in place of another zero offset.
 
         Beside a change that turns with the direction it may be the other half of what changed in one direction alone.
         """
-        read = sorted({one.reading.name for one in self.misread if OFFSET in one.instead_of})
-        return (*read, *((SOMETHING_ELSE,) if self.names & _TURNING or self.offset_is_open else ()))
+        names = {one.reading.name for one in self.misread if OFFSET in one.instead_of}
+        names |= {other.name for other in self.for_offset}
+        return (*sorted(names), *((SOMETHING_ELSE,) if self.names & _TURNING or self.offset_is_open else ()))
 
     @property
     def effects(self) -> tuple[Effect, ...]:

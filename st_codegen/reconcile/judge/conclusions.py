@@ -150,7 +150,8 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
     retuned = tuple(
         _retuned(joint, final, i, p, known, needed.get(i), wrong) for i, p in changed.items() if i != OFFSET
     )
-    return Conclusions(joint, final, claims, retuned, OFFSET in changed, wrong)
+    for_offset = _for_the_offset(joint, final, known) if OFFSET in changed else ()
+    return Conclusions(joint, final, claims, retuned, OFFSET in changed, wrong, for_offset)
 
 
 def _in_the_form_that_holds(
@@ -210,19 +211,41 @@ def _retuned(
     # effects of the rig of which a change would do in its place
     as_good = {} if needed is None else needed.as_good
     rivals = tuple(Other(final.state.pieces[i].effect.name, one.state.model()) for i, one in as_good.items())
-    smaller, larger = with_piece_held(joint, number), joint
-    if smaller.loss - joint.loss < SETTINGS.as_good:
-        # what the rest of the rig could do hides what is missing: asked with the rest at the rig's own values
-        smaller, larger = with_piece_held(final, number), final
+    smaller, larger = _with_and_without(joint, final, number)
+    if larger is final:
         moved = fit(smaller.target, replace(smaller.state, offset_free=True), steps=SETTINGS.quick_steps)
         if moved.loss - final.loss < SETTINGS.as_good:
             rivals = (*rivals, Other("zero_offset_deg", moved.state.model()))
-    others = (*_as_good(smaller, larger, number, known), *rivals)
+    others = (*_as_good(smaller, larger, joint.state.pieces[number], known), *rivals)
     before, piece = joint.state.pieces[number].own, final.state.pieces[number]
     names = {one.reading.name for one in wrong if number in one.instead_of} | corrections_left(final, piece)
     errors = standard_errors(joint, number, final, _otherwise(joint, final, number, known, wrong))
     is_open = any(looks_alike(final, piece) for looks_alike in OF_CHANGES)
     return Retuned(before, piece.effect, errors, p, others, is_open, tuple(sorted(names)))
+
+
+def _with_and_without(joint: Fit, final: Fit, number: int) -> tuple[Fit, Fit]:
+    """The fit with a change held at the rig's own value, and the one with it: all else free where that needs it.
+
+    What the rest of the rig could do hides what is missing: then it is asked with the rest at the rig's own values.
+    """
+    smaller, larger = with_piece_held(joint, number), joint
+    if smaller.loss - joint.loss < SETTINGS.as_good:
+        smaller, larger = with_piece_held(final, number), final
+    return smaller, larger
+
+
+def _for_the_offset(joint: Fit, final: Fit, known: Catalogue) -> tuple[Other, ...]:
+    """Effects that would do in place of another zero: missing ones, and those of the rig's that are held."""
+    smaller, larger = _with_and_without(joint, final, OFFSET)
+    found, held = {one.name: one for one in _as_good(smaller, larger, None, known)}, with_piece_held(final, OFFSET)
+    for i, piece in enumerate(joint.state.pieces):
+        if piece.origin is None or final.state.pieces[i].free or 0 not in piece.effect.touched_orders():
+            continue
+        moved = fit(held.target, held.state.replaced(i, piece), steps=SETTINGS.quick_steps)
+        if moved.loss - final.loss < SETTINGS.as_good:
+            found.setdefault(piece.effect.name, Other(piece.effect.name, moved.state.model()))
+    return tuple(found.values())
 
 
 def _otherwise(joint: Fit, final: Fit, number: int, known: Catalogue, wrong: Sequence[Misread]) -> list[Fit]:
@@ -247,7 +270,7 @@ def _claim(
 ) -> Claim:
     """What is said of an added effect."""
     piece, few = final.state.pieces[number], final.target.data.few_points
-    others, peaks = _as_good(standing.without, joint, number, known), _peaks(final, piece)
+    others, peaks = _as_good(standing.without, joint, joint.state.pieces[number], known), _peaks(final, piece)
     read = {one.reading.name for one in wrong if number in one.instead_of} | in_place_of_a_move(final, number)
     read |= left_of_a_response(final, piece.effect)
     names = sorted({other.name for other in others} - {piece.effect.name} | read)
@@ -372,10 +395,10 @@ def _share(rig: RigModel, final: Fit, piece: Piece) -> float:
     return float(np.clip(along / max(float((np.abs(gap) ** 2 / parts).sum()), 1e-300), 0.0, 1.0))
 
 
-def _as_good(smaller: Fit, joint: Fit, number: int, known: Catalogue) -> tuple[Other, ...]:
-    """Other effects that explain what this one does about as well."""
-    piece = joint.state.pieces[number]
-    own = set(piece.effect.touched_orders())
+def _as_good(smaller: Fit, joint: Fit, piece: Piece | None, known: Catalogue) -> tuple[Other, ...]:
+    """Other effects that explain what a piece does, or the zero (None), about as well."""
+    own = {0} if piece is None else set(piece.effect.touched_orders())
+    name, numbers = ("", 1) if piece is None else (piece.effect.name, len(piece.coordinates()))
     # one order more or less is no resonance; it stands against other effects on many orders only
     stages = STAGES if len(own) > 2 else tuple(stage for stage in STAGES if stage is not Stage.STRUCTURE)
     finder = Search(known, smaller, stages=stages, touching=sorted(own))
@@ -385,7 +408,7 @@ def _as_good(smaller: Fit, joint: Fit, number: int, known: Catalogue) -> tuple[O
     clear = SETTINGS.clear_beside * min(smaller.loss - joint.loss, max((c.gain for c in ranked), default=0.0))
     for c in ranked:
         touched = set(c.piece.effect.touched_orders())
-        if c.name == piece.effect.name or not touched & own or c.name in best:
+        if c.name == name or not touched & own or c.name in best:
             continue
         if c.gain > clear:
             best[c.name] = c
@@ -395,7 +418,7 @@ def _as_good(smaller: Fit, joint: Fit, number: int, known: Catalogue) -> tuple[O
     places = np.flatnonzero(np.isin(data.orders, sorted(own)) | (data.angle_rad is not None))
     for c in list(best.values())[: SETTINGS.other_names]:
         fitted = fit(joint.target, c.put_into(smaller.state), steps=8, tolerance=0.1)
-        extra = len(c.coordinates()) - len(piece.coordinates())
+        extra = len(c.coordinates()) - numbers
         # what it gains on other orders does not make it a name for this one's
         worse = joint.target.losses(fitted.residual)[:, places] - joint.target.losses(joint.residual)[:, places]
         if max(fitted.loss - joint.loss, float(worse.sum())) + 2.0 * max(extra, 0) < SETTINGS.as_good:

@@ -134,6 +134,12 @@ def may_be_of_the_speed(final: Fit, piece: Piece) -> bool:
     return is_of_runs and lost_over_the_speed(final, piece.effect) < 1.0
 
 
+def may_be_of_a_frequency(final: Fit, piece: Piece) -> bool:
+    """Whether a resonance would do what any wave does, growth with the load included: at one speed it is constant."""
+    is_wave = any(order > 0 for order in piece.effect.touched_orders())
+    return is_wave and not np.ptp(final.target.data.at.speed_rpm)
+
+
 def _hardly_changes_its_sign(final: Fit) -> bool:
     """Whether no load of the other sign is more than a small part of the largest."""
     torques = final.target.data.at.torque_Nm
@@ -298,7 +304,7 @@ def by_order_alone(final: Fit, piece: Piece) -> bool:
 #: Tests of a finding of a fit: whether something else may look like it, be it missing or changed; and of changes alone.
 LOOK_ALIKES = (
     is_a_knee, may_be_friction, may_be_time, may_be_of_the_turn, by_order_alone, may_be_another_power,
-    may_be_another_drag, may_be_another_film,
+    may_be_another_drag, may_be_another_film, may_be_of_a_frequency,
 )  # fmt: skip
 OF_CHANGES = (*LOOK_ALIKES, gains_one_sideband, may_be_of_a_law)
 

@@ -462,8 +462,11 @@ def other_gear(data: Observations, rig: RigModel) -> list[Mistake]:
         if own.sum() >= SETTINGS.least_waves_of_gear and is_missing[own].all():
             missing[name] = orders[own].tolist()
     foreign = set(orders[(most > SETTINGS.loud_order * noise.mean(axis=0) + least) & (model == 0)].tolist())
-    times = range(1, SETTINGS.least_waves_of_gear + 1)
-    numbers = [one for one in sorted(foreign) if one >= SETTINGS.least_teeth and all(one * n in foreign for n in times)]
+    power = dict(zip(orders.tolist(), most.tolist(), strict=True))
+    # in a row of orders without a peak, as what settles behind the start of a curve makes it, none is a wave of its own
+    own_waves = {k for k in foreign if not {k - 1, k + 1} <= foreign or power[k] >= max(power[k - 1], power[k + 1])}
+    times, least_teeth = range(1, SETTINGS.least_waves_of_gear + 1), SETTINGS.least_teeth
+    numbers = [one for one in sorted(own_waves) if one >= least_teeth and all(one * n in own_waves for n in times)]
     numbers = [one for one in numbers if not any(one > other and one % other == 0 for other in numbers)]
     # where nothing is as large as the rig lets expect, another unit does that
     if not missing or is_missing[loud].all() or not 0 < len(numbers) <= SETTINGS.most_numbers_of_gear:

@@ -81,14 +81,21 @@ def without_strays(says: FloatArray, weight: FloatArray) -> FloatArray:
 
 
 def zeros(
-    values: ComplexArray, model: ComplexArray, noise: FloatArray, orders: IntArray, run: IntArray, is_sure: bool
+    values: ComplexArray,
+    model: ComplexArray,
+    noise: FloatArray,
+    orders: IntArray,
+    run: IntArray,
+    speed: FloatArray,
+    is_sure: bool,
 ) -> tuple[FloatArray, float]:
     """The angle by which the zero of each row's run differs from the rig's, rad (n,), and the error of it.
 
-    It is 0 where the orders disagree, and everywhere where the runs do not differ: then it is no matter of single runs.
-    values, model, noise: measured coefficients, the rig's, and the power of their noise, (n, K); run: the number of
-    each row's run, (n,); is_sure: noise is known by more than how far runs differ, so that orders that it hides have
-    their say.
+    It is 0 where the orders disagree, and everywhere where the runs do not differ, or by no more than a delay makes
+    runs of one direction differ: then it is no matter of single runs. values, model, noise: measured coefficients, the
+    rig's, and the power of their noise, (n, K); run, speed: the number of each row's run, and its speed, negative
+    backward, (n,); is_sure: noise is known by more than how far runs differ, so that orders that it hides have their
+    say.
     """
     told = (orders > 0) & ((np.abs(model) ** 2).mean(axis=0) > SETTINGS.told * noise.mean(axis=0))
     hidden = told.sum() < SETTINGS.least_orders_of_zero
@@ -102,20 +109,34 @@ def zeros(
     turns, each = np.exp(1j * np.outer(k, grid)), (run == number for number in numbers)
     its = [_zero_of_run(v[rows], m[rows], power[rows], k, grid, turns, hidden) for rows in each]
     angle, sure, likely = (np.array([getattr(one, key) for one in its]) for key in ("angle", "is_sure", "is_likely"))
-    error = float(np.median([one.error for one in its]))
+    errors = np.array([one.error for one in its])
+    error = float(np.median(errors))
     if hidden:
         # where most runs have one, those have one too that tell it less
         sure |= sure[place].mean() > SETTINGS.most_orders
         others = np.arange(len(k)) != (np.abs(m) ** 2 / power).mean(axis=0).argmax()
         sure &= _others_agree(np.sum([one.gains for one in its], axis=0)[others])
-    least, kinds = np.radians(SETTINGS.least_home_deg), angle * sure
-    off = (np.abs(kinds) > least).sum()
-    apart = (np.abs(kinds - np.median(kinds)) > least).sum()
-    if min(off, apart) < SETTINGS.least_block:
+    least = np.radians(SETTINGS.least_home_deg)
+    off = sure & (np.abs(angle) > least)
+    apart = _apart(angle, np.maximum(least, SETTINGS.told * errors), off, np.bincount(place, speed).astype(np.float64))
+    if min(int(off.sum()), apart) < SETTINGS.least_block:
         return np.zeros(len(values)), error
     # where several runs have it for sure, it is the likely cause in others too
     turned = (sure | likely) & (np.abs(angle) > least)
     return _as_one(angle[place], turned[place]), error
+
+
+def _apart(angle: FloatArray, least: FloatArray, off: BoolArray, speed: FloatArray) -> int:
+    """How many runs have another zero than the one of those that are off for sure, be they sure themselves or not.
+
+    A delay turns every order by k times an angle as well, in proportion to the speed: only runs of both directions,
+    which it turns against each other, tell it from a zero of their own. least: by how much the angle of a run must be
+    off, rad, (n,); speed: of both together, 0 where they are.
+    """
+    common = [np.full(len(angle), np.median(angle[off]))] if off.any() else []
+    if common and speed.all():
+        common.append(np.median(angle[off] / speed[off]) * speed)
+    return min((int((np.abs(angle - one) > least).sum()) for one in common), default=0)
 
 
 @dataclass(frozen=True)
@@ -262,13 +283,15 @@ def distortion(
         columns, seen = np.stack([(part * weight).ravel() for part in parts], axis=1), (left * weight).ravel()
         real, right = (np.concatenate([part.real, part.imag]) for part in (columns, seen))
         found = Distorted(found.error + np.linalg.lstsq(real, right, rcond=None)[0] @ np.array(_STEPS))
-        # beyond a wave or so of the highest order a linear fit misses it
-        if not float(np.abs(found.error).sum()) * int(orders.max()) < np.pi:
+        # a linear fit misses it
+        if not float(np.abs(found.error).sum()) * int(orders.max()) < MOST_TURN:
             return None
         expected = found.seen(rig, its, orders)
     return found
 
 
+#: rad; by how much an angle that is read wrong may turn the highest order: half a wave
+MOST_TURN = np.pi
 #: rounds of a fit that is linear in the error of the angle, and the steps (rad) of its derivative
 _ROUNDS = 6
 _STEPS = tuple(np.array(step) for step in ([1e-5, 0], [1e-5j, 0], [0, 1e-5], [0, 1e-5j]))

@@ -153,7 +153,7 @@ def _looked_through(
         for mistake in look(whole, rig):
             if mistake.name in corrected:
                 continue
-            if AS_IS in accept and mistake.name != "unit" and mistake.name not in accept:
+            if AS_IS in accept and mistake.name != "unit" and not mistake.is_in(accept):
                 found.append(replace(mistake, text=f"{mistake.text} (taken as it is)"))
                 continue
             if mistake.corrected is not None:
@@ -161,7 +161,7 @@ def _looked_through(
                 whole = _with_expected(data, rig)
             found.append(replace(mistake, text=f"{mistake.text} (corrected)", is_taken_out=True))
             # a unit, and what no correction of the data mends
-            if mistake.corrected is None or (mistake.name not in accept and "all" not in accept):
+            if mistake.corrected is None or (not mistake.is_in(accept) and "all" not in accept):
                 problems.add(mistake.question)
         if look is other_gear:
             # nothing else can be told against the rig of another gear
@@ -207,7 +207,15 @@ def _ratio(data: Observations, rig: RigModel) -> list[Mistake]:
         f"TE rises by {size:.3g} deg over a turn{begin_text(start)} at every run, as if it had been computed with a "
         f"reduction ratio of {used:.{digits}g} instead of {ratio:g}"
     )
-    return [Mistake("ratio", text, lambda given: without_ramp(given, size, start), remedy="take the ramp out")]
+    return [
+        Mistake(
+            "ratio",
+            text,
+            lambda given: without_ramp(given, size, start),
+            remedy="take the ramp out",
+            reading="misread_ratio",
+        )
+    ]
 
 
 def _is_the_same_in_all_runs(data: Observations, rig: RigModel, size: float, start: float) -> bool:
@@ -338,7 +346,8 @@ def _common(data: Observations, rig: RigModel, scale: float | None) -> list[Mist
     swapped = same.sums.gap_falls(same.gap, other.gap)
     found = other if swapped else same
     is_all = same.sums.gap_falls(same.left(np.ones((2, 1)), 0.0), found.gap)
-    mistakes = [Mistake("direction", _DIRECTION, _swapped, remedy="swap them back")] if swapped and is_all else []
+    exchanged = Mistake("direction", _DIRECTION, _swapped, remedy="swap them back", reading="exchanged_directions")
+    mistakes = [exchanged] if swapped and is_all else []
     mistakes += _turns(found) if is_all else []
     of_medians = _of_median_runs(_swapped(data) if swapped else data, rig, loud, found)
     column, both = _column(found, of_medians)
@@ -361,7 +370,8 @@ def _turns(found: _Common) -> list[Mistake]:
     offset = float(np.rad2deg(np.angle(np.exp(1j * found.angle))))
     unturned, unsigned = found.left(found.sign * found.factors, 0.0), found.left(found.factors, found.angle)
     if abs(offset) > SETTINGS.least_home_deg and found.sums.gap_falls(unturned, found.gap):
-        mistakes.append(Mistake("home_offset", _HOME.format(offset), _turned(found.angle), remedy=_TURN))
+        text, turned = _HOME.format(offset), _turned(found.angle)
+        mistakes.append(Mistake("home_offset", text, turned, remedy=_TURN, reading="misread_angle"))
     if found.sign.min() < 0 and found.sums.gap_falls(unsigned, found.gap):
         forward, backward = (float(x) for x in found.sign[:, 0])
         which = "" if forward == backward else " of forward curves" if forward < 0 else " of backward curves"
@@ -392,7 +402,8 @@ def _column(found: _Common, of_medians: tuple[float, float]) -> tuple[list[Mista
         which, factor, both, wrong = "forward", ratio, backward, (ratio, 1.0)
     else:
         which, factor, both, wrong = "backward", 1 / ratio, forward, (1.0, 1 / ratio)
-    return [Mistake("column_scale", _COLUMN.format(which, factor), _times(*wrong), remedy="divide by it")], both
+    text, remedy = _COLUMN.format(which, factor), "divide by it"
+    return [Mistake("column_scale", text, _times(*wrong), remedy=remedy, reading="misread_te")], both
 
 
 def _directions_differ(sums: PowerSums) -> bool:
@@ -545,7 +556,8 @@ def _zeros(data: Observations, rig: RigModel) -> list[Mistake]:
     """A zero of the angle of its own in some runs."""
     number = data.number_of_run
     model = expected_of(data, rig)
-    angle, error = zeros(data.values, model, noise_power(data), data.orders, number, data.spectral_deg is not None)
+    noise, speed = noise_power(data), data.at.sign * data.at.speed_rpm
+    angle, error = zeros(data.values, model, noise, data.orders, number, speed, data.spectral_deg is not None)
     angle = np.where(_of_other_sign(data, model, angle), 0.0, angle)
     if not angle.any():
         return []

@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.observations import SIGNS, Observations, rows_that_tell
 from st_codegen.reconcile.fit.normal import made_of
-from st_codegen.reconcile.mistakes.each_run import Distorted, distortion, own_steps, without_strays
+from st_codegen.reconcile.mistakes.each_run import MOST_TURN, Distorted, distortion, own_steps, without_strays
 from st_codegen.reconcile.mistakes.single_runs import Mistake
 from st_codegen.reconcile.mistakes.votes import agreed_gain, expected_of, noise_power, told_power
 from st_codegen.reconcile.settings import SETTINGS
@@ -61,9 +61,10 @@ _MEAN = (
     "each value of TE{} seems to be a mean over {:.3g} deg of the angle: most orders are smaller, the higher they are "
     "the more, at all speeds alike"
 )
+_ANY_AXIS = "in this noise an angle that is read wrong once a turn may not show, by whatever size"
 _HIDDEN_AXIS = (
-    "in this noise an angle that is read wrong by up to {:.2g} deg once a turn may not show: its sidebands are too "
-    "small"
+    "in this noise an angle that is read wrong by up to about {:.2g} deg once a turn may not show: its sidebands are "
+    "too small"
 )
 _AXIS = (
     "the angle seems to be read wrong by {} a turn: most orders k have sidebands that grow with k in the mean of the "
@@ -80,7 +81,9 @@ def wrong_torques(data: Observations, rig: RigModel) -> list[Mistake]:
     plain = rig.coefficients(right if gain else data.at, data.orders.tolist())
     own = _wrong_by_their_own(data, rig, noise, plain)
     said, right, remedy = own or (said, right, "correct them")
-    return [Mistake("torque", said, lambda given: replace(given, at=right), remedy=remedy)] if gain or own else []
+    reading = "" if own else "misread_torque"
+    found = Mistake("torque", said, lambda given: replace(given, at=right), remedy=remedy, reading=reading)
+    return [found] if gain or own else []
 
 
 def _wrong_by_one(data: Observations, rig: RigModel, noise: FloatArray) -> tuple[float, str, Conditions]:
@@ -491,11 +494,14 @@ def _fitted(
     data: Observations, model: ComplexArray, noise: FloatArray, response: Callable[[float], ComplexArray]
 ) -> float:
     """The parameter, 0 or more, of a response (n, K) or (1, K) that TE went through and that is 1 at 0."""
-    found = 0.0
-    for _ in range(SETTINGS.quick_steps):
+    found, before = 0.0, np.inf
+    # from nothing a response that leaves hardly anything of most waves is reached by steps that double
+    for _ in range(SETTINGS.long_steps):
+        if np.isclose(found, before, atol=0.0):
+            break
         seen = model * response(found)
         slope = (model * response(found + _SMALL) - seen) / _SMALL
-        found = max(found + _common_step(data.values - seen, slope, noise), 0.0)
+        found, before = max(found + _common_step(data.values - seen, slope, noise), 0.0), found
     return found
 
 
@@ -575,18 +581,21 @@ def _sidebands_show(data: Observations, found: Distorted, known: ComplexArray, i
 def hidden_wrong_angle(data: Observations, rig: RigModel) -> tuple[str, ...]:
     """What is said where noise hides the sidebands of an angle that is read wrong by what turns the highest order.
 
-    They show where as many as a vote asks for stand above what the mean of the runs tells; a table has few of them.
+    They show where as many as a vote asks for stand above what the mean of the runs tells, beside those of the order
+    that has the largest, which may have a crack; a table has few of them.
     """
     its = np.array([order for order in rig.orders() if order > 0], np.int64)
     if not data.both_directions() or not len(its) or data.spectral_deg is None:
         return ()
     near = np.abs(data.orders[None, :] - its[:, None]).argmin(axis=1)
     size, noise = np.abs(rig.coefficients(data.at, its.tolist())) * its / 2.0, noise_power(data)
+    asked = its != its[(size**2).sum(axis=0).argmax()] if len(its) > 1 else its > 0
     needed = []
     for rows in data.at.by_direction():
         # order k has two sidebands
-        needed += 2 * list(
-            np.sqrt(2.0 * told_power(noise[rows])[near] / np.maximum((size[rows] ** 2).mean(axis=0), 1e-300))
-        )
+        told, power = told_power(noise[rows])[near], np.maximum((size[rows] ** 2).mean(axis=0), 1e-300)
+        needed += 2 * list(np.sqrt(2.0 * told / power)[asked])
     hidden = float(np.sort(needed)[: SETTINGS.least_orders_of_zero][-1])
+    if hidden * data.orders.max() > MOST_TURN:
+        return (_ANY_AXIS,)
     return (_HIDDEN_AXIS.format(np.degrees(hidden)),) if hidden * its.max() > SETTINGS.hidden_turn else ()

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import re
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
@@ -33,6 +33,8 @@ class Mistake:
     """A mistake of measuring: its name for `--accept`, a sentence, what corrects the data, and rows to leave out.
 
     remedy: what is done where it is accepted, to stand behind "to"; is_taken_out: whether data are corrected for it.
+    reading: the name of the same mistake where the finished fit tells it (`judge.misread`): who accepted that has
+    accepted this, which the rig that was written then may tell.
     """
 
     name: str
@@ -41,6 +43,11 @@ class Mistake:
     rows: tuple[int, ...] = ()
     remedy: str = ""
     is_taken_out: bool = False
+    reading: str = ""
+
+    def is_in(self, accept: Collection[str]) -> bool:
+        """Whether one of its names was accepted."""
+        return self.name in accept or self.reading in accept
 
     @property
     def question(self) -> str:

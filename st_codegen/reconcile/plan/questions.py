@@ -291,6 +291,7 @@ def other_models(result: Reconciliation) -> list[Rival]:
     found = result.conclusions
     pairs = [(one.piece.effect.name, other) for one in found.claims for other in one.others]
     pairs += [(f"changed {one.after.name}", other) for one in found.retuned for other in one.others]
+    pairs += [("another zero", other) for other in found.for_offset]
     as_good = [Rival(name, other.name, other.rig) for name, other in pairs]
     return [*as_good, *_refused(result)]
 
