@@ -3,6 +3,7 @@
 import html
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -49,6 +50,15 @@ def result():
 @pytest.fixture(scope="module")
 def page(result):
     return report_page(result, None, next_runs(result))
+
+
+def test_the_documentation_lists_the_keys_of_the_report(result):
+    """`gap_by_order` was said to hold what `gap` does."""
+    pages = Path(__file__).parents[2] / "docs" / "reconcile.md"
+    section = pages.read_text(encoding="utf-8").partition("\n## report.json")[2].partition("\n## ")[0]
+    content = report(result, None, next_runs(result))
+    wanted = {*content, *content["effects"][0], *content["gap"], *content["gap"]["fitted"], *content["gap_by_order"][0]}
+    assert wanted | {"models"} <= {*re.findall(r"`(\w+)`", section)}
 
 
 def test_the_page_says_which_mistakes_of_measuring_were_corrected(result):
