@@ -61,6 +61,13 @@ def test_the_documentation_lists_the_keys_of_the_report(result):
     assert wanted | {"models"} <= {*re.findall(r"`(\w+)`", section)}
 
 
+def test_nothing_stands_in_place_of_a_zero_that_is_the_rigs(result):
+    """`something_else` did, beside any change that turns with the direction."""
+    zero = report(result)["zero_offset_deg"]
+    assert report(result)["retuned"][0]["name"] == "torsional_compliance"
+    assert zero["rig"] == zero["new"] and not zero["changed"] and zero["alternatives"] == []
+
+
 def test_the_page_says_which_mistakes_of_measuring_were_corrected(result):
     """The text of the command alone did: "nothing was found missing" stood over data that had been turned."""
     said = [

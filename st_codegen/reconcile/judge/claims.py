@@ -136,10 +136,12 @@ class Conclusions:
 
     @property
     def of_offset(self) -> tuple[str, ...]:
-        """Names of what would do in place of another zero offset, mistakes of measuring first.
+        """Names of what would do in place of another zero offset, mistakes of measuring first; none without one.
 
         Beside a change that turns with the direction it may be the other half of what changed in one direction alone.
         """
+        if not self.offset_changed:
+            return ()
         read = sorted({one.reading.name for one in self.misread if OFFSET in one.instead_of})
         return (*read, *((SOMETHING_ELSE,) if self.names & _TURNING or self.offset_is_open else ()))
 
