@@ -308,7 +308,7 @@ def _rms(spectrum: Spectrum, orders: Sequence[int], floor: Mapping[float, float]
 
 
 def spectrum_report(result: SpectrumResult) -> dict[str, Any]:
-    """The content of report.json: the keys of DESIGN.md, as far as a spectrum can fill them."""
+    """The content of report.json: the keys of docs/reconcile.md that a spectrum can fill."""
     gap = dict(zip(("before", "after", "noise_floor"), result.gap, strict=True))
     effects = []
     for name in sorted({one.name for one in result.named}):

@@ -3,6 +3,7 @@
 import html
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -49,6 +50,22 @@ def result():
 @pytest.fixture(scope="module")
 def page(result):
     return report_page(result, None, next_runs(result))
+
+
+def test_the_documentation_lists_the_keys_of_the_report(result):
+    """`gap_by_order` was said to hold what `gap` does."""
+    pages = Path(__file__).parents[2] / "docs" / "reconcile.md"
+    section = pages.read_text(encoding="utf-8").partition("\n## report.json")[2].partition("\n## ")[0]
+    content = report(result, None, next_runs(result))
+    wanted = {*content, *content["effects"][0], *content["gap"], *content["gap"]["fitted"], *content["gap_by_order"][0]}
+    assert wanted | {"models"} <= {*re.findall(r"`(\w+)`", section)}
+
+
+def test_nothing_stands_in_place_of_a_zero_that_is_the_rigs(result):
+    """`something_else` did, beside any change that turns with the direction."""
+    zero = report(result)["zero_offset_deg"]
+    assert report(result)["retuned"][0]["name"] == "torsional_compliance"
+    assert zero["rig"] == zero["new"] and not zero["changed"] and zero["alternatives"] == []
 
 
 def test_the_page_says_which_mistakes_of_measuring_were_corrected(result):

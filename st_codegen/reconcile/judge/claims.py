@@ -138,10 +138,12 @@ class Conclusions:
 
     @property
     def of_offset(self) -> tuple[str, ...]:
-        """Names of what would do in place of another zero offset.
+        """Names of what would do in place of another zero offset; none where the zero is the rig's.
 
         Beside a change that turns with the direction it may be the other half of what changed in one direction alone.
         """
+        if not self.offset_changed:
+            return ()
         names = {one.reading.name for one in self.misread if OFFSET in one.instead_of}
         names |= {other.name for other in self.for_offset}
         return (*sorted(names), *((SOMETHING_ELSE,) if self.names & _TURNING or self.offset_is_open else ()))

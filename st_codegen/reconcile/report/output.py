@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def report(result: Reconciliation, update: Update | None = None, ahead: NextRuns | None = None) -> dict[str, Any]:
-    """The content of report.json (DESIGN.md), and more beside it."""
+    """The content of report.json: keys in docs/reconcile.md."""
     claims = result.conclusions.claims
     names = dict.fromkeys(claim.piece.effect.name for claim in claims)
     return {
