@@ -23,7 +23,7 @@ def te(*tables, runs=None, head=HEAD):
 
 def test_compliance_of_the_paper_s_rig():
     mean = te({"name": "torsional_compliance", "stiffness_Nm_per_arcmin": 454.0}, runs=at(torque=[0.0, 1800.0]))[0]
-    # FACTS.md: 3.67e-5 deg per N m
+    # 3.67e-5 deg per N m
     assert mean[:, 1].real == pytest.approx([-1800 * 3.67e-5, 1800 * 3.67e-5], rel=1e-3)
     assert mean[:, 0].real == pytest.approx([0.0, 0.0])
 
@@ -105,7 +105,7 @@ def test_resonance_peaks_where_the_order_meets_it():
     waves = te(
         table | {"amplitude_deg": [1e-3, 2e-3], "phase_rad": [0.0, 0.0]}, runs=at(speed=np.arange(900.0, 1800.0))
     )
-    # FACTS.md: order 240 at 1100 rpm, 162 near 1630
+    # order 240 at 1100 rpm, 162 near 1630
     assert 900 + np.argmax(abs(waves[240][0])) == pytest.approx(54.3 * 60 * 81 / 240, abs=1)
     assert 900 + np.argmax(abs(waves[162][0])) == pytest.approx(54.3 * 60 * 81 / 162, abs=1)
     assert waves[240][1] == pytest.approx(np.conj(waves[240][0])), "a real amplitude: time runs against theta"

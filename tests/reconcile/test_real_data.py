@@ -68,7 +68,7 @@ def named(report, name):
 @pytest.mark.slow
 def test_compliance_of_the_real_rig(on_the_real_table):
     (found,) = named(on_the_real_table, "torsional_compliance")
-    # FACTS.md: 454; the issue: about 460. Friction and backlash, fitted beside it, move it by a few percent
+    # 454 by the mean over the torque. Friction and backlash, fitted beside it, move it by a few percent
     assert found["parameters"]["stiffness_Nm_per_arcmin"]["value"] == pytest.approx(460.0, rel=0.07)
 
 

@@ -1,6 +1,6 @@
 """Writes the files of a case: a rig.toml that lacks something, measured data that have it, what a report should say.
 
-Written from docs/effects.md and DESIGN.md alone; imports nothing of the program under test.
+The formulas are those of docs/effects.md; it imports nothing of the program under test.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What a report is worth, given what was hidden: names, additions, parameters, gap; rates with Wilson intervals.
 
-Knows `report.json` only as DESIGN.md describes it, and nothing of the program that wrote it.
+Knows `report.json` only as docs/reconcile.md describes it, and nothing of the program that wrote it.
 """
 
 from __future__ import annotations
@@ -123,7 +123,7 @@ def _claim(table: Mapping[str, Any]) -> Claim:
 
 
 def read_report(report: Mapping[str, Any]) -> Report:
-    """`report.json` as DESIGN.md has it; KeyError where a promised key is missing."""
+    """`report.json` as docs/reconcile.md has it; KeyError where a promised key is missing."""
     unexplained = report["unexplained"]
     orders = [entry["order"] for entry in unexplained if isinstance(entry, Mapping) and entry.get("order") is not None]
     gap = {

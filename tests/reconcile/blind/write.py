@@ -1,4 +1,4 @@
-"""The files of a case: rig.toml, harmonic table, curve files, recordings in time. Formats: DESIGN.md, FACTS.md."""
+"""The files of a case: rig.toml, harmonic table, curve files, recordings in time."""
 
 from __future__ import annotations
 

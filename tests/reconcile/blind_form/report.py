@@ -1,4 +1,4 @@
-"""What a `report.json` says, read as DESIGN.md describes it, and nothing of the program that wrote it."""
+"""What a `report.json` says, read as docs/reconcile.md describes it, and nothing of the program that wrote it."""
 
 from __future__ import annotations
 
