@@ -62,7 +62,9 @@ _settings_options = gathered(
 place_options = gathered(
     "where",
     _backend,
-    click.option("-j", "--jobs", type=Whole(min=1), default=None, help="Worker processes (default: all cores)."),
+    click.option(
+        "-j", "--jobs", type=Whole(min=1), default=None, help="Worker processes at most (default: all cores)."
+    ),
     click.option(
         "--backend",
         type=click.Choice(["local", "dask"]),

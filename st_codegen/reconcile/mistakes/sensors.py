@@ -261,10 +261,8 @@ def low_pass(data: Observations, rig: RigModel) -> list[Mistake]:
     seen = model * passed(seconds)
     # one that leaves nothing is nearer to waves that are all smaller alike than what the rig says
     alike = model * (1.0 + _common_step(data.values - model, model, noise))
-    others = (model * late(delay), alike)
-    gain = (
-        agreed_gain(data, rig, seen, every) if all(agreed_gain(data, rig, seen, every, one) for one in others) else 0.0
-    )
+    is_best = all(agreed_gain(data, rig, seen, every, other) for other in (model * late(delay), alike))
+    gain = agreed_gain(data, rig, seen, every) if is_best else 0.0
     over_angle = _over_the_angle(data, rig) if gain else None
     if not gain or (over_angle is not None and over_angle[0] > gain):
         return []
