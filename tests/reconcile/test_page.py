@@ -4,6 +4,7 @@ import html
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,10 +17,22 @@ from st_codegen.reconcile.report.findings import findings, share_text
 from st_codegen.reconcile.report.output import report
 from st_codegen.reconcile.report.pages import report_page
 from st_codegen.reconcile.report.ranking import outcome, ranking_section
-from st_codegen.reconcile.report.sentences import _compliance, _times, between_text, left_text, verdict_text
+from st_codegen.reconcile.report.sentences import (
+    _between_loads,
+    _compliance,
+    _defect,
+    _times,
+    _where_measured,
+    _worn,
+    between_text,
+    left_text,
+    together_text,
+    verdict_text,
+)
 from st_codegen.reconcile.report.summary import summary
 from st_codegen.reconcile.rest.unexplained import of_a_hum, signatures
 from st_codegen.reconcile.result import OrderGap
+from st_codegen.rig.effects import Conditions
 from tests import browser
 
 from .test_core import KNOWN, RIG, effect, grid, observed
@@ -128,6 +141,66 @@ def test_the_largest_torque_may_pull_the_other_way(result):
     assert "4.0 arcmin at the largest torque" in _compliance(
         soft, replace(result, data=replace(result.data, at=pulled))
     )
+
+
+@pytest.mark.parametrize(
+    ("says", "found", "text"),
+    [
+        (_worn, effect("wear", depth_arcmin=0.6, centre_deg=200.0, width_deg=9.0),
+         "a worn sector around 200 deg of the output, 0.6 arcmin (0.01 deg) deep"),
+        (_defect, effect("local_defect", height_deg=2e-3, turning_deg=5e-4, slope_deg_per_kNm=1e-3, centre_deg=380.0,
+                         width_deg=1.5),
+         "a bump at 20.0 deg of the output, about 3.0 deg wide and in the mean of the runs 0.0031 deg forward, 0.0007 "
+         "deg backward high: not a harmonic"),
+    ],
+    ids=["wear", "local_defect"],
+)  # fmt: skip
+def test_a_place_of_the_turn_is_said_with_its_sizes_in_both_directions(says, found, text):
+    at = Conditions.of(np.array([1.0, 1.0, -1.0, -1.0]), 900.0, np.array([400.0, 800.0, -400.0, -1200.0]), 30.0)
+    assert says(found, SimpleNamespace(data=SimpleNamespace(at=at))) == text
+
+
+@pytest.mark.parametrize(
+    ("moves", "where"),
+    [
+        ({}, "at 12.0 Hz"),
+        ({"frequency_per_10K": -0.1}, "at 10.8 Hz at 40 degC"),
+        ({"frequency_per_10K": -0.1, "frequency_per_kNm": -0.5}, "at 9.6 Hz at 200 N m at 40 degC"),
+    ],
+    ids=["it stays", "oil", "oil and load"],
+)
+def test_a_resonance_stands_where_it_was_measured(moves, where):
+    """Not at the reference temperature of 30 degC and without load, where no run was."""
+    at = Conditions.of(np.ones(4), 900.0, np.array([200.0, 600.0, 200.0, 600.0]), np.array([40.0, 40.0, 50.0, 50.0]))
+    assert _where_measured(effect("structural_resonance", **RESONANCE.values | moves), at) == where
+
+
+def test_a_resonance_that_moves_less_and_less_is_said_at_a_low_and_a_high_load():
+    at = Conditions.of(np.ones(4), np.array([900.0, 1800.0] * 2), np.array([100.0, 100.0, -900.0, -900.0]), 30.0)
+    moves = {"frequency_per_kNm": -4.0, "levels_off_per_kNm": 20.0}
+    mode = effect("structural_resonance", **RESONANCE.values | moves)
+    assert _between_loads(mode, at, 12.0) == "at 10.4 Hz at 100 N m and at 9.7 Hz at 900 N m"
+
+
+@pytest.mark.parametrize(
+    ("centre", "curves", "said"),
+    [(20.0, True, "20 deg, within 4 deg"), (358.0, True, "begin and end there"), (358.0, False, "358 deg, within")],
+)
+def test_where_what_is_unexplained_stands_in_the_turn_is_said(centre, curves, said):
+    """Of a table nobody knows where its curves began."""
+    orders = np.arange(1, 200)
+    wave = 1e-4 * np.sin(orders * np.radians(4.0)) / orders * np.exp(-1j * orders * np.radians(centre))
+    at = Conditions.of(np.ones(3), 900.0, 400.0, 30.0)
+    data = SimpleNamespace(orders=orders, angle_rad=None, at=at, spectral_deg=orders if curves else None)
+    result = SimpleNamespace(
+        target=SimpleNamespace(data=data, good=np.ones(3, bool)),
+        data=data,
+        unexplained=[SimpleNamespace(order=order) for order in orders.tolist()],
+        conclusions=SimpleNamespace(final=SimpleNamespace(residual=np.tile(wave, (3, 1)))),
+    )
+    text = together_text(result)
+    assert said in text and "pins, teeth and bearings" in text
+    assert ("begin and end there" in text) == (curves and centre == 358.0)
 
 
 def test_half_as_much_again_is_not_twice():
