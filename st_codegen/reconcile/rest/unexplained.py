@@ -562,6 +562,8 @@ def _statement(
         text = _WITH_TIME
     elif main == "combination" and not is_told:
         text = _HIDDEN
+    elif main == "combination" and shares["constant"] > SETTINGS.same_in_runs:
+        text = f"{round(100 * shares['constant'])} % of its power {_CAUSE['constant']}; the rest {text}"
     if main not in UNITS:
         return _Statement(text, float(np.sqrt((np.abs(r[good]) ** 2).mean())))
     values, level = at.axes[AXES.index(main)], levels_by_condition(at)[main]
