@@ -655,6 +655,19 @@ def test_sidebands_are_on_both_sides_of_their_mesh_order(upper):
     assert law_holds(without, both, len(both.state.pieces) - 1) is bool(upper)
 
 
+@pytest.mark.parametrize(("order", "upper", "holds"), [(81, 2e-6, False), (81, 1e-3, True), (39, 2e-6, True)])
+def test_of_recordings_a_sideband_without_its_twin_is_no_order_of_the_mesh(order, upper, holds):
+    """Twice 39 teeth were a sideband of order 81, whose twin was noise, and no tooth error was named beside it."""
+    values = {"lower_deg": 1.5e-3, "lower_deg_phase_rad": 1.0, "upper_deg": upper, "upper_deg_phase_rad": 0.5}
+    side = effect("carrier_modulation", order=order, **values)
+    piece = piece_of(side, added=True)
+    data = SimpleNamespace(angle_rad=np.zeros(3))
+    fit_of_samples = SimpleNamespace(state=SimpleNamespace(pieces=[piece]), target=SimpleNamespace(data=data))
+    assert law_holds(fit_of_samples, fit_of_samples, 0) is holds
+    (said,) = of_its_order(fit_of_samples, piece)
+    assert said.startswith("two constant sidebands" if upper == 1e-3 else "one sideband")
+
+
 def test_what_others_lose_elsewhere_is_no_sign_of_a_change():
     """A change of order 39 that saves nothing there, whatever the fits leave of other orders."""
     data = observed(RIG, grid())

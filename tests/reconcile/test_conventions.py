@@ -57,6 +57,32 @@ def test_orders_that_noise_hides_have_no_vote_on_a_convention(words):
         examine(waves(measured(6e-4), WRITTEN[words]), RIG, PATH)
 
 
+@pytest.mark.parametrize("words", WRITTEN)
+def test_tables_of_one_direction_may_have_another_convention_as_well(words):
+    """Phases of sines were a zero of the angle of its own in every run, which no effect has."""
+    data = measured()
+    forward = np.flatnonzero(data.at.sign > 0)
+    wrong = waves(data, WRITTEN[words]).rows(forward)
+    with pytest.raises(InputError, match=f"the waves of all orders seem to be {words}.* --accept waves"):
+        examine(wrong, RIG, PATH)
+    read = examine(wrong, RIG, PATH, accept=["waves"])
+    assert read.corrected == {"waves"} and np.abs(read.data.values - data.values[forward]).max() < 1e-12
+    assert examine(data.rows(forward), RIG, PATH).mistakes == ()
+
+
+@pytest.mark.parametrize(("side", "sign"), [("forward", 1.0), ("backward", -1.0)])
+@pytest.mark.parametrize("words", ["with phases of sines", "with phases in turns"])
+def test_phases_of_one_direction_may_be_by_another_convention(words, side, sign):
+    """Those of sines in one direction were nine changes of a machine that has none."""
+    data = measured()
+    values = np.where(data.at.sign[:, None] == sign, waves(data, WRITTEN[words]).values, data.values)
+    wrong = replace(data, values=values)
+    with pytest.raises(InputError, match=f"of all orders of {side} curves seem to be {words}.* --accept waves"):
+        examine(wrong, RIG, PATH)
+    read = examine(wrong, RIG, PATH, accept=["waves"])
+    assert read.corrected == {"waves"} and np.abs(read.data.values - data.values).max() < 1e-12
+
+
 def test_te_that_was_stored_from_its_end_is_asked_about_and_read_so():
     """Backward, and a sample off, it was 15 changed numbers of the rig, which was then as wrong as before."""
     data = replace(of_curves(), samples=1024)

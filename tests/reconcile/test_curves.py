@@ -166,6 +166,15 @@ def test_rounded_curves_are_whole(tmp_path, monkeypatch):
     assert len(found) == 12
 
 
+@pytest.mark.parametrize(("sigma", "step", "said"), [(5e-5, 1e-3, True), (1e-3, 1e-3, False), (0.0, 1e-9, False)])
+def test_steps_of_te_that_are_more_than_its_noise_are_said(tmp_path, monkeypatch, sigma, step, said):
+    """A hundred orders of a sound machine were unexplained, and nothing said that its encoder made them."""
+    monkeypatch.setattr(f"{__name__}.SIGMA", sigma)
+    found = read(tmp_path, monkeypatch, lambda _, angle, te: (angle, np.round(te / step) * step), TORQUES * 3)
+    of_steps = [text for text in found.not_looked_at if text.startswith("what TE does within its steps of 0.001 deg")]
+    assert bool(of_steps) is said and all("in 12 of 12 curves" in text for text in of_steps)
+
+
 def test_curves_of_a_coarse_channel_are_not_cut_off(tmp_path, monkeypatch):
     """All but the tops of a curve are rounded to one value, many samples in a row: a finer channel is what it wants."""
 

@@ -21,7 +21,8 @@ from st_codegen.reconcile.plan.questions import Unknown, unexplained
 from st_codegen.reconcile.report.summary import next_runs_summary
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.campaign import read_conditions
-from st_codegen.rig.effects import Conditions
+from st_codegen.rig.effects import Conditions, Constants, catalogue
+from st_codegen.rig.model import RigModel
 
 from .test_core import KNOWN, RIG, effect, grid, observed
 
@@ -110,6 +111,20 @@ def test_two_explanations_are_told_apart(coarse):
     assert claim.piece.effect.name == "backlash" and claim.alternatives == ("something_else",)
 
 
+def test_no_run_tells_two_names_of_one_wave_apart(coarse):
+    """Teeth and the fast shaft share an order: runs were to tell them apart, where the means of both fits differed."""
+    constants = Constants(reduction_ratio=78.0)
+    effects = [catalogue()[one.name](one.values, constants) for one in (*RIG.effects, BACKLASH)]
+    rig = RigModel(constants=constants, effects=tuple(effects))
+    wave = catalogue()["cycloid_tooth_error"]({"order": 78, "amplitude_deg": 1e-3, "phase_rad": 1.0}, constants)
+    result = found(wave, coarse, rig=rig)
+    [claim] = result.conclusions.claims
+    names = {claim.piece.effect.name, *claim.alternatives}
+    assert {"cycloid_tooth_error", "input_shaft_misalignment"} <= names
+    for run in next_runs(result).runs:
+        assert "from input_shaft_misalignment" not in run.purpose and "from cycloid_tooth_error" not in run.purpose
+
+
 def test_refused_effects_that_gain_most_on_open_orders_are_rivals_each_once(monkeypatch):
     def piece(name, order):
         return SimpleNamespace(effect=SimpleNamespace(name=name, orders=(order,), touched_orders=lambda: (order,)))
@@ -126,7 +141,7 @@ def test_refused_effects_that_gain_most_on_open_orders_are_rivals_each_once(monk
     ]  # fmt: skip
     model = SimpleNamespace(state=SimpleNamespace(model=lambda: RIG))
     monkeypatch.setattr(questions, "fits", lambda _, states, **__: [model] * len(states))
-    final = SimpleNamespace(state=SimpleNamespace(pieces=(piece("there", 3),)), target=None)
+    final = SimpleNamespace(state=SimpleNamespace(pieces=(piece("there", 3),), model=lambda: RIG), target=None)
     result = SimpleNamespace(
         judged=refused,
         unexplained=[SimpleNamespace(order=3)],

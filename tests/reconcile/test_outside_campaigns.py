@@ -282,6 +282,17 @@ def test_what_differs_without_a_pattern_may_be_noise_and_is_to_be_repeated(scatt
     assert {f"repeat_{run.point.file_name()}" for run in again} == {f for f in files if f.startswith("repeat_")}
 
 
+def test_runs_that_differ_by_more_at_one_speed_do_not_differ_without_a_pattern():
+    """An order was loud at one speed alone, as one that a hum meets, and the verdict knew no pattern."""
+    data = observed(RIG, grid(), sigma=2e-5)
+    random, top = np.random.default_rng(3), data.at.speed_rpm == data.at.speed_rpm.max()
+    more = 6e-4 * np.exp(2j * np.pi * random.random(len(data))) * top
+    values = data.values + np.where(data.orders == 40, more[:, None], 0.0)
+    result = reconcile_observations(RIG, replace(data, values=values, spectral_deg=np.full(values.shape, 2e-5)), KNOWN)
+    assert "another in each run" in result.unexplained[0].text and result.unexplained[0].is_scatter
+    assert "by more at some conditions than at others" in verdict_text(result)
+
+
 def test_what_runs_differ_by_is_in_the_floor_or_beside_it(scattered):
     """A zero of each run was in the floor of the mean, and "it adds to the floor" was said nevertheless."""
     (one,) = scattered.unexplained

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from st_codegen.reconcile.data.observations import Observations, labels
+from st_codegen.reconcile.mistakes import single_runs
 from st_codegen.reconcile.mistakes.examine import examine
 from st_codegen.reconcile.mistakes.single_runs import _Asked, _block, _by_label, _places, _ways
 from st_codegen.rig.effects import Conditions, Stage
@@ -47,6 +48,14 @@ def test_where_noise_hides_whose_label_a_run_carries_that_is_said():
     )
     (said,) = examine(half, RIG, PATH).untold
     assert "label of another one" in said
+
+
+@pytest.mark.parametrize(("hidden", "said"), [(9, "noise at least about 90 % of runs with"), (10, "noise runs with")])
+def test_how_many_wrong_labels_would_not_be_noticed_is_no_least_share_of_all(hidden, said, monkeypatch):
+    """It was "at least about 100 %", because "the two differ too little", where the mean alone differed by far."""
+    monkeypatch.setattr(single_runs, "_exchanges", lambda _: (hidden, 10))
+    (text,) = single_runs.hidden_labels(measured(), RIG)
+    assert f"in this {said} the label of another one would not be noticed" in text and "too few" in text
 
 
 def test_orders_that_a_curve_does_not_tell_say_nothing_of_its_label():

@@ -357,6 +357,15 @@ def curves(values, spectral, samples=0, orders=(0, 1, 2, 3, 48, 53)):
     return {s.order: s for s in signatures(target, values, own)}, dict(zip(orders.tolist(), own, strict=True))
 
 
+def test_a_zero_that_each_run_has_at_random_is_constant_for_the_most_part():
+    """Of encoders that count from where they are switched on: all of it depended on the conditions, or the time."""
+    values = white([1] * 6)
+    values[:, 0] += np.random.default_rng(2).uniform(0.0, 1.0, len(values))
+    (one,) = curves(values, SIGMA)[0].values()
+    share = re.search(r", (\d+) % of its power constant over the operating points; the rest depends", one.text)
+    assert 70 <= int(share[1]) <= 80
+
+
 def test_what_happens_at_one_speed_is_said_to():
     """Stick and slip at 100 rpm has another phase in each run: it was said to have no pattern."""
     values = white([1] * 6)

@@ -80,6 +80,7 @@ def _campaign(folder: Path, rig: RigModel, progress: Progress | None, skip_bad: 
         not_looked_at=(
             *clipped,
             *_not_looked_at(folder, campaign, rig, bands, files, unseen),
+            *_rounded_te(campaign, fits),
             *_mistaken_text(campaign, mistaken, bands, files),
         ),
         samples=counts.pop() if len(counts) == 1 else 0,
@@ -367,6 +368,25 @@ def _not_looked_at(
     if unseen:
         found[-1] += f"; the curves hold {unseen:.2g} deg RMS there in the median, which is more than their noise"
     return tuple(found)
+
+
+def _rounded_te(campaign: Campaign, fits: Sequence[OrderFit]) -> list[str]:
+    """What is said where TE is rounded to steps that are more than its noise, in most curves."""
+    steps = []
+    for curve, own in zip(campaign.curves, fits, strict=True):
+        (low, *_, values), (high, *_) = curve.sums.ends
+        step = (high - low) / max(values - 1.0, 1.0)
+        made = step / np.sqrt(12.0)
+        # a value that only few samples have need not be one of a step
+        is_rounded = curve.sums.samples >= SETTINGS.least_of_a_step * values
+        is_rounded &= made > SETTINGS.least_of_rounding * own.residual_rms_deg
+        steps += [float(step)] if is_rounded else []
+    if 2 * len(steps) <= len(fits):
+        return []
+    return [
+        f"what TE does within its steps of {np.median(steps):.2g} deg, which are more than its noise in "
+        f"{len(steps)} of {len(fits)} curves: they may make waves of many orders, which differ from run to run"
+    ]
 
 
 def _listed_runs(folder: Path, campaign: Campaign) -> tuple[IntArray | None, str]:

@@ -19,7 +19,7 @@ from st_codegen.reconcile.judge.claims import ONE_SIDED, ONLY_FLANKS, SOMETHING_
 from st_codegen.reconcile.rest.unseen import one_after_the_other
 from st_codegen.reconcile.search.evidence import unmeasured_states
 from st_codegen.reconcile.search.peaks import frequencies_in, has_a_frequency, lost_over_the_speed, where_there
-from st_codegen.reconcile.search.plausible import followers
+from st_codegen.reconcile.search.plausible import followers, loud_sides
 from st_codegen.reconcile.search.surroundings import may_be_a_start
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect, Form, Stage
@@ -348,8 +348,9 @@ def of_its_order(final: Fit, piece: Piece) -> tuple[str, ...]:
         return ()
     order = (*piece.effect.orders, *piece.effect.touched_orders())[0]
     if piece.effect.stage is Stage.MODULATION:
-        what = "one sideband" if followers(piece) else "two constant sidebands"
-        alike = "without the other: a wave of that order" if followers(piece) else "that do not follow it: two waves"
+        is_one = bool(followers(piece)) or len(loud_sides(piece.effect)) == 1
+        what = "one sideband" if is_one else "two constant sidebands"
+        alike = "without the other: a wave of that order" if is_one else "that do not follow it: two waves"
         return (f"{what} of order {order} {alike} from elsewhere is as likely",)
     return (
         f"order {order} is one that this part makes; a constant wave of that order from elsewhere would look the same",

@@ -253,8 +253,12 @@ _SIZES = (
 #: of which curves, their sign (0: all); phases, and how they are read; sizes, and their factor
 _CONVENTIONS: list[tuple[str, float, str, _Turned, str, float]] = [
     *(("", 0.0, *phases, *sizes) for phases in _PHASES for sizes in _SIZES if phases[0] or sizes[0]),
-    # one direction's angle may have been counted from where that motion began
-    *((f" of {side} curves", sign, *_PHASES[3], *_SIZES[0]) for side, sign in (("forward", 1.0), ("backward", -1.0))),
+    # one direction may have been evaluated otherwise, or its angle counted from where that motion began
+    *(
+        (f" of {side} curves", sign, *phases, *_SIZES[0])
+        for side, sign in (("forward", 1.0), ("backward", -1.0))
+        for phases in _PHASES[1:]
+    ),
     # the sign of TE is another question
     *(("", sign, "", np.negative, "", 1.0) for sign in (0.0, 1.0, -1.0)),
 ]
@@ -268,15 +272,18 @@ def other_waves(data: Observations, rig: RigModel) -> list[Mistake]:
     that the mean has as well.
     """
     waves = data.orders > 0
-    loud = loud_orders(data, rig) & waves
-    if not enough_orders(data, loud):
+    loud = loud_orders(data, rig, of_one=True) & waves
+    if loud.sum() < SETTINGS.least_votes:
         return []
     sums = power_sums(data, rig, loud, swapped=False)
     best: list[tuple[float, Mistake]] = []
-    ones, unturned = np.ones((2, 1)), np.ones(len(sums.orders), np.complex128)
+    ones, unturned = np.ones((len(sums.measured), 1)), np.ones(len(sums.orders), np.complex128)
     noise, known = noise_power(data), expected_of(data, rig)
     plain, before = sums.gap(ones, unturned), np.where(waves, data.values - known, 0.0)
-    for which, sign, phases, turned, sizes, factor in [*_CONVENTIONS, *_stored_from_their_end(data)]:
+    single = _stored_from_their_end(data) if data.both_directions() else ()
+    for which, sign, phases, turned, sizes, factor in [*_CONVENTIONS, *single]:
+        if sign and not data.both_directions():
+            continue
         text = " and ".join(part for part in (sizes, phases) if part)
         meant = _read_so(turned, factor, sign, data)
         after = np.where(waves, meant.values - known, 0.0)
@@ -330,7 +337,7 @@ def _has_factor(data: Observations, rig: RigModel, waves: PowerSums, factor: flo
     middle, error = middle_of(apart)
     if abs(middle) > SETTINGS.told * error:
         return False
-    mean = (data.orders == 0) & loud_orders(data, rig)
+    mean = (data.orders == 0) & loud_orders(data, rig, of_one=True)
     if not mean.any():
         return True
     of_mean = power_sums(data, rig, mean, swapped=False)

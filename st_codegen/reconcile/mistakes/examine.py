@@ -491,8 +491,9 @@ _STILL = (
 )
 _UNTOLD = (
     f"fewer than {SETTINGS.least_votes} orders of the rig stand above the noise in both directions: exchanged "
-    "directions, another sign, another zero of the angle, or a factor on one column cannot be told from an effect, nor "
-    "a run that carries the label of another one from noise"
+    "directions, another sign, another zero of the angle, a factor on one column, or waves by another convention (RMS, "
+    "from peak to peak, phases of sines) cannot be told from an effect, nor a run that carries the label of another "
+    "one from noise"
 )
 _UNLABELLED = (
     "what a filter took from single runs looks like another label: whether runs carry that of another one was not asked"

@@ -97,9 +97,11 @@ def hidden_labels(data: Observations, rig: RigModel) -> tuple[str, ...]:
     hidden, tried = _exchanges(asked)
     if 2 * hidden <= tried:
         return ()
+    percent = 100 * hidden // tried
+    which = f"at least about {percent} % of runs" if percent < 100 else "runs"
     return (
-        f"in this noise at least about {100 * hidden // tried} % of runs with the label of another one would not be "
-        "noticed: what the rig expects of the two differs too little",
+        f"in this noise {which} with the label of another one would not be noticed: of the orders that are right for "
+        "most runs too few are expected to differ enough between the two",
     )
 
 

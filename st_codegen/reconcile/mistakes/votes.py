@@ -26,13 +26,18 @@ def told_power(noise: FloatArray) -> FloatArray:
     return np.asarray(SETTINGS.told / np.sqrt(len(noise)) * noise.mean(axis=0))
 
 
-def loud_orders(data: Observations, rig: RigModel) -> BoolArray:
-    """Orders in which the rig is loud in both directions, bool (K,): those have a vote."""
+def loud_orders(data: Observations, rig: RigModel, *, of_one: bool = False) -> BoolArray:
+    """Orders in which the rig is loud in both directions, bool (K,): those have a vote.
+
+    of_one: whether data of one direction have such orders, too.
+    """
     model, noise = expected_of(data, rig), noise_power(data)
     found = np.ones(len(data.orders), bool)
     for sign in SIGNS:
         rows = data.at.sign == sign
         if not rows.any():
+            if of_one:
+                continue
             return np.zeros(len(data.orders), bool)
         power, measured = ((np.abs(part[rows]) ** 2).mean(axis=0) for part in (model, data.values))
         both = (power > 0) & (measured > 0)
@@ -142,14 +147,14 @@ class PowerSums:
 def power_sums(
     data: Observations, rig: RigModel, loud: BoolArray, swapped: bool, noise: FloatArray | None = None
 ) -> PowerSums:
-    """The sums of loud orders, with the rig moving in the same or in the other direction.
+    """The sums of loud orders, with the rig moving in the same or in the other direction; of each one with rows.
 
     noise: its power, (n, K), where it is known from elsewhere.
     """
     at, noise = data.at, noise_power(data) if noise is None else noise
     model = expected_of(data.under(sign=-at.sign) if swapped else data, rig)
     tables = []
-    for sign in SIGNS:
+    for sign in (sign for sign in SIGNS if (at.sign == sign).any()):
         m, s, n = (part[at.sign == sign][:, loud] for part in (data.values, model, noise))
         powers = ((np.abs(m) ** 2).mean(axis=0), (np.abs(s) ** 2).mean(axis=0))
         tables.append((*powers, (m * s.conj()).mean(axis=0), n.mean(axis=0), told_power(n), [len(n)]))

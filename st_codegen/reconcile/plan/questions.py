@@ -27,7 +27,7 @@ from st_codegen.reconcile.result import Reconciliation
 from st_codegen.reconcile.search.candidates import Candidate
 from st_codegen.reconcile.search.peaks import has_a_frequency
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Effect
+from st_codegen.rig.effects import Effect, Stage
 from st_codegen.rig.model import RigModel
 
 #: effect, its orders, key
@@ -132,7 +132,8 @@ def told_apart(final: Fit, rows: Rows, rivals: Sequence[Rival]) -> list[Question
     found: list[Question] = []
     for rival in rivals:
         difference = rival.rig.coefficients(rows.data.at, orders) - own
-        difference = rows.data.with_real_mean(difference)
+        # of the other orders each says the same, to within what a fit of all numbers moves them
+        difference = rows.data.with_real_mean(np.where(np.isin(orders, rival.orders), difference, 0.0))
         found.append(Apart(rival, 0.5 * summed((np.abs(difference) / rows.sigma) ** 2).sum(axis=1)))
     return found
 
@@ -276,11 +277,26 @@ def _lengths(dependence: Mapping[str, float]) -> list[float]:
 
 @dataclass(frozen=True)
 class Rival:
-    """Another explanation of the data than `one`, and its rig."""
+    """Another explanation of the data than `one`, its rig, and the orders on which either does something."""
 
     one: str
     other: str
     rig: RigModel
+    orders: tuple[int, ...]
+
+
+def _rival(final: Fit, one: str, reached: Sequence[int], other: str, rig: RigModel) -> Rival:
+    """A rival; reached: the orders of what it replaces."""
+    own = final.state.model()
+    known = {(effect.name, effect.orders) for effect in own.effects}
+    orders = {*reached}.union(
+        *(effect.touched_orders() for effect in rig.effects if (effect.name, effect.orders) not in known)
+    )
+    # what changes a mesh order changes its sidebands
+    for rigs in (own, rig):
+        for effect in rigs.of_stage(Stage.MODULATION):
+            orders.update(effect.touched_orders() if orders.intersection(effect.orders) else ())
+    return Rival(one, other, rig, tuple(sorted(orders)))
 
 
 def other_models(result: Reconciliation) -> list[Rival]:
@@ -289,10 +305,12 @@ def other_models(result: Reconciliation) -> list[Rival]:
     Names that are as good, also in place of a changed parameter, and refused effects on unexplained orders.
     """
     found = result.conclusions
-    pairs = [(one.piece.effect.name, other) for one in found.claims for other in one.others]
-    pairs += [(f"changed {one.after.name}", other) for one in found.retuned for other in one.others]
-    pairs += [("another zero", other) for other in found.for_offset]
-    as_good = [Rival(name, other.name, other.rig) for name, other in pairs]
+    named = [(one.piece.effect.name, one.piece.effect.touched_orders(), one.others) for one in found.claims]
+    named += [(f"changed {one.after.name}", one.after.touched_orders(), one.others) for one in found.retuned]
+    named += [("another zero", (0,), found.for_offset)]
+    as_good = [
+        _rival(found.final, name, orders, other.name, other.rig) for name, orders, others in named for other in others
+    ]
     return [*as_good, *_refused(result)]
 
 
@@ -310,7 +328,12 @@ def _refused(result: Reconciliation) -> list[Rival]:
             refused.append(candidate)
     refused = refused[: SETTINGS.most_rivals]
     states = [candidate.put_into(final.state) for candidate in refused]
+    said = "{} as well, which the data refused so far"
     return [
-        Rival("what was found", f"{one.piece.effect.name} as well, which the data refused so far", other.state.model())
-        for one, other in zip(refused, fits(final.target, states, steps=SETTINGS.quick_steps), strict=True)
+        _rival(final, "what was found", one.touched_orders(), said.format(one.name), other.state.model())
+        for one, other in zip(
+            [candidate.piece.effect for candidate in refused],
+            fits(final.target, states, steps=SETTINGS.quick_steps),
+            strict=True,
+        )
     ]

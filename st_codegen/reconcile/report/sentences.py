@@ -48,10 +48,10 @@ def verdict_text(result: Reconciliation) -> str:
     if result.unexplained and all(one.is_scatter for one in result.unexplained):
         named = "What differs is named; runs" if result.verdict is Outcome.PARTLY_EXPLAINED else "Runs"
         known = "that is known" if result.data.spectral_deg is None else "within their curves"
-        return (
-            f"{named} differ by more than the noise {known}, without a pattern over the conditions: more noise, or "
-            "something missing."
-        )
+        how = "without a pattern over the conditions: more noise"
+        if any(one.has_levels for one in result.unexplained):
+            how = "by more at some conditions than at others: more noise there"
+        return f"{named} differ by more than the noise {known}, {how}, or something missing."
     text = VERDICT_TEXT[result.verdict]
     if result.verdict not in (Outcome.EXPLAINED, Outcome.NOTHING_MISSING):
         return text

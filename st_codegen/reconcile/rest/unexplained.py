@@ -95,7 +95,7 @@ class Signature:
     formula, or of the levels of the factor on which it depends most; formula: the simplest expression that the data
     hold, or None; at_least: runs alone tell the noise beside it, which holds what is unexplained as well, so that the
     size may be larger; would_be: the effect that it would be, were it not fainter than the noise of a run; share: of
-    the power of the whole gap.
+    the power of the whole gap; has_levels: whether its size, though no law of it, depends on a condition.
     """
 
     order: int
@@ -111,6 +111,7 @@ class Signature:
     would_be: str = ""
     periods: float = 0.0
     share: float = 0.0
+    has_levels: bool = False
 
     @property
     def is_scatter(self) -> bool:
@@ -223,7 +224,8 @@ def _scattered(
     own, what = _noise_of_order(target, residual, directions, k, floor, direction)
     # what runs, or their directions, differ by may be more of what is unexplained
     is_least = what.startswith((_LIKE_THEM, _BOTH_SIDES, _NEAR_THEM))
-    where = _where_loud(target, residual[:, k]) or "with no pattern over the conditions that was found"
+    loud_at = _where_loud(target, residual[:, k])
+    where = loud_at or "with no pattern over the conditions that was found"
     why = "runs differ, or the structure is sharp"
     # where noise lasts over runs their mean is told by fewer of them
     lasting = 0.0 if order else float(lasting_mean(target, residual)[k])
@@ -252,6 +254,7 @@ def _scattered(
         text,
         size * (np.sqrt(2) if order else 1.0),
         at_least=is_least,
+        has_levels=bool(loud_at),
     )
 
 
@@ -559,6 +562,8 @@ def _statement(
         text = _WITH_TIME
     elif main == "combination" and not is_told:
         text = _HIDDEN
+    elif main == "combination" and shares["constant"] > SETTINGS.same_in_runs:
+        text = f"{round(100 * shares['constant'])} % of its power {_CAUSE['constant']}; the rest {text}"
     if main not in UNITS:
         return _Statement(text, float(np.sqrt((np.abs(r[good]) ** 2).mean())))
     values, level = at.axes[AXES.index(main)], levels_by_condition(at)[main]

@@ -26,6 +26,7 @@ from st_codegen.reconcile.search.peaks import (
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect, Form, Scalar, Stage
 from st_codegen.rig.effects.empirical import TERMS, term_values
+from st_codegen.rig.effects.modulation import CarrierModulation
 from st_codegen.rig.effects.resonance import StructuralResonance
 
 #: by which the frequency of a resonance moves
@@ -188,6 +189,17 @@ def followers(piece: Piece) -> list[str]:
     return [key for key, x in piece.effect.values.items() if key.endswith("_ratio") and x]
 
 
+def loud_sides(effect: Effect) -> list[int]:
+    """The orders of the sidebands of a modulation that are not small beside the other one."""
+    if not isinstance(effect, CarrierModulation):
+        return []
+    loud = set()
+    for kind in ("ratio", "deg"):
+        sizes = {side: abs(effect.complex_value(f"{side}_{kind}")) for side in ("lower", "upper")}
+        loud |= {side for side, size in sizes.items() if size > SETTINGS.form * max(sizes.values())}
+    return [order for side, order in effect.sidebands() if side in loud]
+
+
 def law_holds(without: Fit, fitted: Fit, number: int) -> bool:
     """Whether more than its orders speaks for a name that others could have as well; true for most.
 
@@ -206,11 +218,16 @@ def law_holds(without: Fit, fitted: Fit, number: int) -> bool:
         return is_one and leaves_less_than_two(fitted, number)
     if piece.effect.stage is not Stage.MODULATION:
         return not _is_of_a_law(without, fitted, piece)
+    mesh = piece.effect.constants.mesh_orders()
+    if target.data.angle_rad is not None:
+        # samples hold all orders at once
+        sides = loud_sides(piece.effect)
+        return len(sides) != 1 or sides[0] not in mesh
     size = np.sqrt((np.abs(fitted.explained(piece.effect)[target.good] / target.sigma[target.good]) ** 2).mean(axis=0))
     own = size > SETTINGS.least_size
     if own.sum() != 1:
         return bool(own.any())
-    foreign = not np.isin(target.data.orders[own], piece.effect.constants.mesh_orders()).any()
+    foreign = not np.isin(target.data.orders[own], mesh).any()
     loads = np.stack([np.ones(len(target.data)), target.data.at.torque_Nm], axis=1)
     follows = beats_waves(without, fitted, own, loads) and not (own & is_lacking(target, fitted.residual)).any()
     return foreign and follows
