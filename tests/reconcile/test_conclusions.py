@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from st_codegen.errors import InputError
+from st_codegen.reconcile.core import reconcile_observations
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.fit.fitting import fit
 from st_codegen.reconcile.fit.state import OFFSET, State, piece_of
@@ -212,6 +213,19 @@ def test_an_addition_that_explains_nothing_beside_the_rest_is_no_finding(monkeyp
     monkeypatch.setattr(conclusions, "bounds_met", lambda _: [])
     found = conclude(RIG, fit(known.target, state), KNOWN)
     assert len(found.claims) == (gap_arcmin > 0.0)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("sigma", [2e-5, 2e-4])
+def test_what_the_free_numbers_of_the_rig_explain_beside_an_addition_is_not_explained_by_it(sigma):
+    """A mean that jumps at 800 rpm was a late chain, which left four times what it took off once the rig was held."""
+    friction = effect("friction_windup", coulomb_arcmin=0.2, viscous_arcmin_per_krpm=0.03, viscosity_decay_per_K=0.04)
+    play = effect("backlash", gap_arcmin=0.4, seating_torque_Nm=50.0)
+    rig, at = replace(RIG, effects=(*RIG.effects, friction, play)), grid(6, 4, 2)
+    data = observed(rig, at, (0, 1, 2, 39, 40, 78), sigma=sigma)
+    jumps = at.sign * 4e-3 * np.tanh((at.speed_rpm - 800.0) / 50.0)
+    result = reconcile_observations(rig, replace(data, values=data.values + np.outer(jumps, data.orders == 0)), KNOWN)
+    assert not result.conclusions.claims and [one.order for one in result.unexplained] == [0]
 
 
 def test_of_an_addition_that_fails_what_comes_on_top_of_it_goes_first(monkeypatch):

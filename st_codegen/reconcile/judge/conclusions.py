@@ -187,8 +187,8 @@ def _with_less(joint: Fit, final: Fit, standing: Collection[int]) -> Fit | None:
     """The fit without an addition, or a part of one, that is none beside what else was found; None where all stand."""
     for i in standing:
         piece = final.state.pieces[i]
-        if bounds_met(piece) or not is_a_peak(piece) or _is_nothing(final, piece):
-            # what holds the rest of the rig put it there: then it was a part of the rest
+        if _over_its_limit(final, piece) or _is_nothing(final, piece):
+            # what holds the rest of the rig put it there, or shows what it keeps: then it was a part of the rest
             return fit(joint.target, joint.state.without(i))
     for i in standing:
         # what is smaller than its error leaves open is no part of what is named
