@@ -20,6 +20,7 @@ from st_codegen.ir import (
     Operator,
     Precision,
     Scale,
+    Select,
     TreeEnsemble,
     reference,
 )
@@ -74,6 +75,19 @@ def test_each_operation_is_the_expression_that_its_model_demands(name, tmp_path)
     proof = prove_arithmetic(model, code.project, "FB_M", outputs)
     assert (proof.bound == ()) == (not model.exact)
     assert (proof.operations > 0) == (name not in CONSTANT)
+
+
+def test_a_power_of_what_is_at_most_one_is_followed(tmp_path):
+    ops = (
+        Select((0,), np.array([0])),
+        Activation((1,), Function.RELU, 1),
+        Scale((2,), Operator.MULTIPLY, np.array([-0.5])),
+        Scale((3,), Operator.ADD, np.array([1.0])),
+        Activation((4,), Function.POWER, 1, -2.5),
+    )
+    model = limit_inputs(model_of(*ops))
+    code = generated(model, "iec", tmp_path)
+    assert prove_arithmetic(model, code.project, "FB_M", (0,)).operations > 0
 
 
 def test_a_block_that_never_answers_is_not_called_one_that_loses_its_outputs(tmp_path):
