@@ -31,7 +31,7 @@ class GraphInput:
 
     `batch` is the number of rows with which a batch is tried: the declared one, 2 where the file leaves it open, and 1
     where the input holds one row or has no dimension for rows. `cut`: integers that the graph reads without the
-    fractions that a number may have, or truth values.
+    fractions that a number may have, or truth values. `is_short`: integers of 32 bits.
     """
 
     name: str
@@ -40,6 +40,7 @@ class GraphInput:
     start: int
     batch: int = 1
     cut: bool = False
+    is_short: bool = False
 
     @property
     def size(self) -> int:
