@@ -344,6 +344,14 @@ def test_kernels_on_a_grid_stand_for_the_support_vectors_of_the_model_only(name)
     assert not arithmetic._is_the_same(model, dataclasses.replace(grid, ops=(grid.ops[0], changed)))
 
 
+def test_support_vectors_that_are_equal_are_one_on_a_grid(tmp_path):
+    vectors = np.array([[0.0], [1.0], [1.0], [2.0], [2.0], [2.0]])
+    kernel = KernelSum((1,), Kernel.RBF, vectors, np.array([[0.1, 0.2, 0.3, 0.4, 0.5, -0.7]]), np.zeros(1), gamma=0.5)
+    model = limit_inputs(model_of(Select((0,), np.array([0])), kernel))
+    code = generated(factored(model), "iec", tmp_path)
+    assert prove_arithmetic(model, code.project, "FB_M", (0,)).operations > 0
+
+
 def test_nothing_but_an_rbf_kernel_is_a_product_over_its_columns():
     model, grid = on_a_grid()
     other_kernel = dataclasses.replace(model.ops[1], kernel=Kernel.LINEAR)
