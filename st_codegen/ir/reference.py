@@ -178,7 +178,7 @@ def _(op: ir.SlidingLinear, operands: list[FloatArray]) -> FloatArray:
     total = np.broadcast_to(op.bias, (len(read), len(op.starts), len(op.bias))).copy()
     for number in range(columns.shape[1]):
         total += read[:, columns[:, number], None] * op.weights[:, number]
-    return rounded(total.reshape(len(read), -1), op.precision)
+    return rounded(total.reshape(len(read), op.width), op.precision)
 
 
 @apply.register

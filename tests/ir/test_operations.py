@@ -84,6 +84,13 @@ def test_edges_of_ranks_are_numbers(edge):
         RankColumn(0, np.array([0.0, edge]))
 
 
+@pytest.mark.parametrize("name", SMALL_MODELS)
+def test_a_table_without_rows_has_answers_without_rows(name):
+    model = SMALL_MODELS[name]
+    none, answers = np.zeros((0, len(model.features))), (0, len(model.outputs))
+    assert reference.evaluate(model, none).shape == bounds.difference_bound(model, none).shape == answers
+
+
 def test_no_two_points_of_a_piecewise_cubic_are_steeper_than_its_slope():
     op = Piecewise((0,), [0, 2], [0.0, 1.0], [1.0, -3.0], [[0.5, 0, 0, 0], [0, 0, 0, 2.0], [2.5, 0, 0, 0]])
     x, y = (grid.reshape(-1, 1) for grid in np.meshgrid(np.linspace(-0.5, 1.5, 41), np.linspace(-0.5, 1.5, 41)))

@@ -77,6 +77,17 @@ REFUSED = {
             lambda: before(preprocessing.OneHotEncoder(), TEXTS),
             "has categories that are no numbers",
         ),
+        "QuantileTransformer with a normal distribution, or of numbers below 0, behind a sparse matrix, whose zeros it "
+        "leaves as they are": (
+            lambda: before(
+                pipeline.make_pipeline(
+                    preprocessing.OneHotEncoder(),
+                    preprocessing.QuantileTransformer(n_quantiles=5, output_distribution="normal"),
+                ),
+                np.round(X),
+            ),
+            "QuantileTransformer of a sparse matrix, of which it leaves the zeros as they are",
+        ),
         "KBinsDiscretizer with dtype=float32": (
             lambda: before(preprocessing.KBinsDiscretizer(3, dtype=np.float32)),
             "KBinsDiscretizer with dtype=float32",

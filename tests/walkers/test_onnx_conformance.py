@@ -173,6 +173,17 @@ def test_a_mean_over_a_batch_of_one_row_is_taken(tmp_path):
 
 
 @pytest.mark.parametrize("batch", ["N", 3])
+@pytest.mark.parametrize("op_type", ["Trilu", "EyeLike"])
+def test_answers_that_depend_on_the_place_in_a_batch_are_refused(tmp_path, op_type, batch):
+    nodes = [helper.make_node(op_type, ["X"], ["T"]), helper.make_node("Add", ["X", "T"], ["Y"])]
+    model = build.graph_model(nodes, [build.info("X", (batch, 3))], [build.info("Y", None)])
+    with pytest.raises(InputError, match="rows at once, rows have no answers of their own"):
+        build.load(model, tmp_path)
+    one = build.graph_model(nodes, [build.info("X", (1, 3))], [build.info("Y", None)])
+    build.assert_equal_bits(build.load(one, tmp_path), build.rows(3))
+
+
+@pytest.mark.parametrize("batch", ["N", 3])
 def test_a_constant_with_a_row_for_each_row_of_a_batch_is_refused(tmp_path, batch):
     table = build.constant("table", [[0.0, 1.0], [2.0, 3.0], [4.0, 5.0]])
     nodes = [helper.make_node("Add", ["X", "table"], ["Y"])]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import onnx
 import pytest
-from onnx import AttributeProto, helper
+from onnx import AttributeProto, TensorProto, helper
 
 from st_codegen.errors import UnsupportedModelError
 from st_codegen.ir import (
@@ -276,6 +276,14 @@ def test_normalizer_of_doubles(tmp_path):
         assert_equal_bits(build.load(ml("Normalizer", 4, DOUBLE, norm=norm), tmp_path), rows(4))
     with pytest.raises(UnsupportedModelError, match="norm L2 of double numbers; cast the input to float"):
         build.load(ml("Normalizer", 4, DOUBLE, norm="L2"), tmp_path)
+
+
+@pytest.mark.parametrize(("elem_type", "first_lost"), [(TensorProto.INT64, 2.0**24), (TensorProto.INT32, 46341.0)])
+def test_normalizer_by_l2_of_integers_takes_those_whose_squares_are_the_same_in_float(tmp_path, elem_type, first_lost):
+    loaded = build.load(ml("Normalizer", 3, elem_type, norm="L2"), tmp_path)
+    signs, numbers = np.array([[1.0, -1.0, 1.0], [-1.0, 1.0, -1.0]]), np.array([first_lost, 5.0, 7.0])
+    assert np.isnan(reference.evaluate(loaded.ir, signs * numbers)).all()
+    assert_equal_bits(loaded, signs * (numbers - 1.0))
 
 
 def test_linear_regressor(tmp_path):

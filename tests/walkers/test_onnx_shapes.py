@@ -132,6 +132,17 @@ def test_shapes_computed_in_the_graph(tmp_path):
     assert moved(tmp_path, nodes) == picked
 
 
+@pytest.mark.parametrize(
+    ("start", "end", "step", "picked"),
+    [(-9, -100, -1, [0.0]), (-7, -7, -2, [0.0]), (-3, -100, -2, [3.0, 1.0]), (9, -9, -3, [5.0, 2.0])],
+)
+def test_a_slice_backwards_starts_at_the_first_number_where_it_starts_before(tmp_path, start, end, step, picked):
+    given = zip(("starts", "ends", "axes", "steps"), (start, end, 1, step), strict=True)
+    lists = [constant(name, [number], np.int64) for name, number in given]
+    node = helper.make_node("Slice", ["X", "starts", "ends", "axes", "steps"], ["Y"])
+    assert moved(tmp_path, [node], lists) == picked
+
+
 @pytest.mark.parametrize("odd", ["ends", "axes", "steps"])
 def test_a_slice_with_one_list_longer_than_the_others_is_refused(tmp_path, odd):
     names = ["starts", "ends", "axes", "steps"]

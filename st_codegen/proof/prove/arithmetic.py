@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.ir import FactoredKernel, Kernel, KernelSum, ModelIR
+from st_codegen.ir import FactoredKernel, FloatArray, Kernel, KernelSum, ModelIR
 from st_codegen.passes.kernels import factored
 from st_codegen.proof.bounds import unfactored
 from st_codegen.proof.prove.axis import NotProvedError, from_keys
@@ -79,17 +79,21 @@ def _is_the_same(model: ModelIR, on_grid: ModelIR) -> bool:
             if op.kernel is not Kernel.RBF or op.inputs != other.inputs:
                 return False
             whole = unfactored(other)
-            rows, own = (
-                sorted((*v, *c) for v, c in zip(one.support_vectors, one.coefficients.T, strict=True) if np.any(c))
-                for one in (whole, op)
-            )
-            if rows != own or op.gamma != whole.gamma or op.precision is not whole.precision:
+            if _weighted(whole) != _weighted(op) or op.gamma != whole.gamma or op.precision is not whole.precision:
                 return False
             if not np.array_equal(op.intercept, whole.intercept):
                 return False
         elif op is not other:
             return False
     return True
+
+
+def _weighted(op: KernelSum) -> dict[tuple[float, ...], tuple[float, ...]]:
+    """The coefficients of each vector, those of equal vectors added up in their order; none that are all 0."""
+    found: dict[tuple[float, ...], FloatArray] = {}
+    for vector, coefficients in zip(op.support_vectors.tolist(), op.coefficients.T, strict=True):
+        found[tuple(vector)] = found.get(tuple(vector), 0.0) + coefficients
+    return {vector: tuple(total.tolist()) for vector, total in found.items() if np.any(total)}
 
 
 def _compared(model: ModelIR, project: Project, block: str, outputs: tuple[int, ...]) -> int:

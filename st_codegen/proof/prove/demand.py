@@ -383,17 +383,21 @@ class Demand:
 
     def _power(self, op: ir.Activation, x: Value, missing: Value) -> Value:
         """exp(exponent * log(|x|)) with the sign of x where the exponent is odd; 0.0 of 0.0."""
-        terms, size = self.terms, self.terms.real("abs", x)
-        refused = terms.compare("GT" if op.parameter > 0 else "LT", size, min(op.furthest, sys.float_info.max))
+        terms = self.terms
+
+        def size() -> Value:  # made where it is read, as in the text: what is known of x by then is known of it
+            return terms.real("abs", x)
+
+        refused = terms.compare("GT" if op.parameter > 0 else "LT", size(), min(op.furthest, sys.float_info.max))
         if op.parameter % 1:
             refused = terms.either(terms.compare("LT", x, 0.0), refused)
 
         def power() -> Value:
-            y = exp(terms, terms.real("mul", op.parameter, terms.real("ln", size)))
+            y = exp(terms, terms.real("mul", op.parameter, terms.real("ln", size())))
             return y if op.parameter % 2 != 1 else terms.branch("LT", x, 0.0, lambda: terms.real("neg", y), y)
 
         self._refuse(refused, missing)
-        return terms.where(refused, 0.0, lambda: terms.branch("GT", size, 0.0, power, 0.0))
+        return terms.where(refused, 0.0, lambda: terms.branch("GT", size(), 0.0, power, 0.0))
 
     @value.register
     def _(self, op: ir.Normalize, given: list[list[Value]]) -> list[Value]:

@@ -32,6 +32,7 @@ from st_codegen.walkers.onnx.operands import (
     require_tensor,
 )
 from st_codegen.walkers.onnx.operators import apply_activation, apply_linear, apply_softmax, combined
+from st_codegen.walkers.onnx.ranges import keep_below
 from st_codegen.walkers.onnx.shapes import joined, labelled, looked_up, of_nearest, picked
 from st_codegen.walkers.onnx.tree_ensemble import read_ensemble
 from st_codegen.walkers.onnx.tree_layout import build_ensemble
@@ -59,15 +60,21 @@ def _scaler(call: NodeCall) -> Operand:
     return call.walk.as_type(require_tensor(result), FLOAT32)
 
 
+#: Integers of this magnitude and above have other squares as integers, which onnxruntime takes, than in float.
+_SQUARED = {np.dtype(np.int64): 2.0**24, np.dtype(np.int32): 46341.0}
+
+
 @operator("Normalizer", 1, domain=_DOMAIN)
 def _normalizer(call: NodeCall) -> Operand:
-    tensor = one_row(call.floating())
+    given, tensor = require_tensor(call.walk.numbered(call.required())), one_row(call.floating())
     name = call.node.text("norm", "MAX")
     if name not in ("MAX", "L1", "L2"):
         raise UnsupportedModelError(f"norm {name}: known are MAX, L1, L2")
     norm = ir.Norm(name.lower())
     if norm is ir.Norm.L2 and tensor.dtype == FLOAT64:
         raise UnsupportedModelError("norm L2 of double numbers; cast the input to float")
+    if norm is ir.Norm.L2 and given.dtype in _SQUARED:
+        tensor = keep_below(call.walk, tensor, _SQUARED[given.dtype])
     tensor = call.walk.as_type(tensor, FLOAT32)
     op = ir.Normalize(inputs=(call.walk.settle_finite(tensor),), norm=norm, width=tensor.size)
     return call.walk.computed(op, tensor.shape, FLOAT32)

@@ -128,7 +128,8 @@ def _inputs(graph: onnx.GraphProto, problems: Problems) -> list[GraphInput]:
             start = inputs[-1].start + inputs[-1].size if inputs else 0
             shape, batch = _row_shape(info, name)
             dtype = _element_type(info, name)
-            given = GraphInput(info.name, shape, dtype, start, batch, cut=dtype == TRUTH)
+            is_short = info.type.tensor_type.elem_type == TensorProto.INT32
+            given = GraphInput(info.name, shape, dtype, start, batch, dtype == TRUTH, is_short)
             if start + given.size > MAX_COLUMNS:
                 raise UnsupportedModelError(f"input '{name}': at most {MAX_COLUMNS} features are supported")
             inputs.append(given)
@@ -212,7 +213,8 @@ def _walk(graph: onnx.GraphProto, inputs: list[GraphInput], opsets: dict[str, in
         if given.dtype == TRUTH:
             walk.values[given.name] = elementwise.is_not_zero(walk, replace(numbers, dtype=FLOAT64))
         elif given.cut:
-            walk.values[given.name] = as_integers(walk, replace(numbers, dtype=FLOAT64), given.dtype)
+            own = np.dtype(np.int32) if given.is_short else given.dtype
+            walk.values[given.name] = as_integers(walk, replace(numbers, dtype=FLOAT64), own)
         else:
             walk.values[given.name] = replace(numbers, given=whole)
     read_initializers(walk, graph, problems)

@@ -45,9 +45,10 @@ class ConstantOperand:
 class Tensor:
     """A tensor computed from the inputs: each element is column `column` of value `value` of the representation.
 
-    `dtype` is int64 for all integer inputs. `unrounded`: the elements still have to be rounded to float32, `uncut`: the
-    fractions to be cut off. `special`: NaN and infinite inputs come through to this tensor. `given`: integers of an
-    input, which onnxruntime is given as numbers that may have fractions.
+    `dtype` is int64 for integer inputs, int32 for those of INT32 without their fractions. `unrounded`: the elements
+    still have to be rounded to float32, `uncut`: the fractions to be cut off. `special`: NaN and infinite inputs come
+    through to this tensor. `given`: integers of an input, which onnxruntime is given as numbers that may have
+    fractions.
     """
 
     value: IntArray

@@ -494,11 +494,12 @@ def _slice(call: NodeCall) -> Operand:
         if step == 0:
             raise InputError("a step of 0; the model file is damaged")
         length = operand.shape[axis_of(axis, len(operand.shape))]
-        # from the last one down to the first, an end before the first is none
+        # backwards, a start before the first is the first, and an end before the first is none
+        start = max(starts[number], -length) if step < 0 else starts[number]
         end = None if step < 0 and ends[number] < -length else ends[number]
-        taken[axis_of(axis, len(operand.shape))] = slice(starts[number], end, step)
+        taken[axis_of(axis, len(operand.shape))] = slice(start, end, step)
         # a shape may lose all of its lengths, numbers of a row may not
-        if not isinstance(operand, ConstantOperand) and not len(range(length)[slice(starts[number], end, step)]):
+        if not isinstance(operand, ConstantOperand) and not len(range(length)[slice(start, end, step)]):
             raise UnsupportedModelError(f"takes no columns from {starts[number]} to {ends[number]} of {length}")
     return operand.moved(lambda array: array[tuple(taken)])
 

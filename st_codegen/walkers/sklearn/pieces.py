@@ -293,6 +293,11 @@ def walk_quantiles(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     quantiles = fitted.floats("quantiles_", (None, builder.width(value)))
     references = fitted.floats("references_", (len(quantiles),))
     is_normal = fitted.choice("output_distribution", {"uniform": False, "normal": True})
+    if builder.is_sparse(value) and (is_normal or np.any(quantiles < 0)):
+        raise UnsupportedModelError(
+            f"{fitted.kind} of a sparse matrix, of which it leaves the zeros as they are: set the encoder in front "
+            "of it to dense output (sparse_output=False, encode='onehot-dense', sparse_threshold=0)"
+        )
     columns: list[Column] = []
     for own in quantiles.T:
         if np.any(np.diff(own) < 0):

@@ -20,6 +20,7 @@ from st_codegen.ir import (
     Operator,
     Precision,
     Scale,
+    Select,
     TreeEnsemble,
     reference,
 )
@@ -74,6 +75,19 @@ def test_each_operation_is_the_expression_that_its_model_demands(name, tmp_path)
     proof = prove_arithmetic(model, code.project, "FB_M", outputs)
     assert (proof.bound == ()) == (not model.exact)
     assert (proof.operations > 0) == (name not in CONSTANT)
+
+
+def test_a_power_of_what_is_at_most_one_is_followed(tmp_path):
+    ops = (
+        Select((0,), np.array([0])),
+        Activation((1,), Function.RELU, 1),
+        Scale((2,), Operator.MULTIPLY, np.array([-0.5])),
+        Scale((3,), Operator.ADD, np.array([1.0])),
+        Activation((4,), Function.POWER, 1, -2.5),
+    )
+    model = limit_inputs(model_of(*ops))
+    code = generated(model, "iec", tmp_path)
+    assert prove_arithmetic(model, code.project, "FB_M", (0,)).operations > 0
 
 
 def test_a_block_that_never_answers_is_not_called_one_that_loses_its_outputs(tmp_path):
@@ -328,6 +342,14 @@ def test_kernels_on_a_grid_stand_for_the_support_vectors_of_the_model_only(name)
     assert arithmetic._is_the_same(model, grid)
     (changed,) = (dataclasses.replace(op, **GRIDS[name](op)) for op in grid.ops[1:])
     assert not arithmetic._is_the_same(model, dataclasses.replace(grid, ops=(grid.ops[0], changed)))
+
+
+def test_support_vectors_that_are_equal_are_one_on_a_grid(tmp_path):
+    vectors = np.array([[0.0], [1.0], [1.0], [2.0], [2.0], [2.0]])
+    kernel = KernelSum((1,), Kernel.RBF, vectors, np.array([[0.1, 0.2, 0.3, 0.4, 0.5, -0.7]]), np.zeros(1), gamma=0.5)
+    model = limit_inputs(model_of(Select((0,), np.array([0])), kernel))
+    code = generated(factored(model), "iec", tmp_path)
+    assert prove_arithmetic(model, code.project, "FB_M", (0,)).operations > 0
 
 
 def test_nothing_but_an_rbf_kernel_is_a_product_over_its_columns():
