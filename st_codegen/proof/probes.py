@@ -235,13 +235,19 @@ def _changeovers(values: FloatArray) -> FloatArray:
     return np.concatenate([halves, np.nextafter(halves, -np.inf), np.nextafter(halves, np.inf)])
 
 
+#: Scaling steps from a feature to a column up to which they are followed: of long chains all steps of each cost n^2.
+_MOST_STEPS = 100
+
+
 def origin(model: ir.ModelIR, value: int, column: int) -> tuple[int | None, list[tuple[ir.Operator, bool, float]]]:
     """The feature that a column is a scaled copy of, and the scaling steps from feature to column; None if none.
 
-    The copy may be rounded, to float32 or to whole numbers.
+    The copy may be rounded, to float32 or to whole numbers. Nor is one found behind more than `_MOST_STEPS` operations.
     """
     steps: list[tuple[ir.Operator, bool, float]] = []
-    while value:
+    for _ in range(_MOST_STEPS + 1):
+        if not value:
+            return column, steps[::-1]
         op = model.ops[value - 1]
         if isinstance(op, ir.Select):
             value, column = op.source(column, model.value_width)
@@ -251,8 +257,8 @@ def origin(model: ir.ModelIR, value: int, column: int) -> tuple[int | None, list
         elif isinstance(op, ir.Round | ir.WholeNumber):
             value = op.inputs[0]
         else:
-            return None, []
-    return column, steps[::-1]
+            break
+    return None, []
 
 
 def undone(values: FloatArray, steps: list[tuple[ir.Operator, bool, float]]) -> FloatArray:

@@ -16,7 +16,7 @@ from st_codegen.project.bundle import Bundle, load
 from st_codegen.project.purpose import BlockCheck
 from st_codegen.proof import verify as verify_module
 from st_codegen.proof.agreement import block_report, ulps_between
-from st_codegen.proof.probes import operating_range, probe_rows
+from st_codegen.proof.probes import operating_range, origin, probe_rows
 from st_codegen.proof.verify import verify
 from st_codegen.proof.verify_report import merged
 from st_codegen.walkers.base import LoadedModel
@@ -287,6 +287,14 @@ def test_ulps():
 def test_a_model_is_tried_on_both_sides_of_its_numbers_of_a_single_one_too(cuts, expected):
     steps = (Exceeds((0,), np.array([cut]), inclusive=False) for cut in cuts)
     assert np.ravel(operating_range(model(*steps, features=1))) == pytest.approx(expected)
+
+
+def test_a_column_behind_a_long_chain_of_steps_is_no_feature():
+    """Each of n steps in a row was followed back over all that stand before it: 2,000 took two minutes."""
+    chain = [Scale((number,), Operator.ADD, np.array([1.0])) for number in range(200)]
+    made = model(*chain, features=1)
+    assert origin(made, 100, 0) == (0, [(Operator.ADD, False, 1.0)] * 100)
+    assert origin(made, 101, 0) == (None, [])
 
 
 def test_thresholds_are_tried_beside_many_values_of_the_other_columns():

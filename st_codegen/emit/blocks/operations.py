@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import singledispatch, wraps
@@ -316,14 +317,13 @@ def _sums_of(weights: ir.FloatArray) -> str:
 
 def _layers_of(ops: Sequence[ir.Operation]) -> dict[int, tuple[ir.Linear, ir.Activation]]:
     """Weighted sums, by number, of which nothing but the function behind them is read."""
-    found = {}
+    found, readers = {}, Counter(value for op in ops for value in set(op.inputs))
     for number, (op, behind) in enumerate(pairwise(ops), 1):
-        readers = sum(number in other.inputs for other in ops)
         if (
             isinstance(op, ir.Linear)
             and isinstance(behind, ir.Activation)
             and behind.inputs == (number,)
-            and readers == 1
+            and readers[number] == 1
         ):
             found[number] = op, behind
     return found
