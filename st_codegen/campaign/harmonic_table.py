@@ -185,6 +185,12 @@ def read_table(path: Path) -> HarmonicTable:
                 f"{np.count_nonzero(far)} of {far.size} phases lie beyond 2*pi, up to {np.abs(phases).max():g}: they "
                 "look like degrees; phi1, .. are in rad: multiply them by pi/180, or take multiples of 2*pi out",
             )
+    waves = amplitudes[:, [k > 0 for k in orders]]
+    if waves.size and np.all(waves < 0.0):
+        problems.add(
+            f"all sizes of waves ({waves.min():g} to {waves.max():g}) are negative: A1, .. are in deg, from 0 on, not in "
+            "dB; a sign belongs into the phase, as pi"
+        )
     problems.raise_if_any()
     if 0 in orders:
         phases = np.insert(phases, orders.index(0), 0.0, axis=1)

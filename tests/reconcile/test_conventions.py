@@ -297,8 +297,8 @@ def test_one_column_that_was_smoothed_alone_is_asked_about(sign, words):
     assert np.abs(read.values - data.values[:, kept]).max() < 1e-3 * np.abs(data.values).max()
 
 
-def table(tmp_path, phases):
-    rows = [f"{speed},{torque},30,0.01,{','.join(f'{a},{phi}' for a, phi in zip((0.001, 0.002), row, strict=True))}"
+def table(tmp_path, phases, sizes=(0.001, 0.002)):
+    rows = [f"{speed},{torque},30,0.01,{','.join(f'{a},{phi}' for a, phi in zip(sizes, row, strict=True))}"
             for (speed, torque), row in zip(((300, 0), (600, 500), (900, 900)), phases, strict=True)]  # fmt: skip
     path = tmp_path / "table.csv"
     path.write_text("\n".join(["speed_rpm,torque_Nm,temperature_C,A0,A1,phi1,A39,phi39", *rows]) + "\n")
@@ -310,6 +310,16 @@ def test_phases_in_degrees_are_refused_and_unwrapped_ones_are_read(tmp_path):
     with pytest.raises(InputError, match=r"line 2: 5 of 6 phases lie beyond 2\*pi, up to 170: they look like degrees"):
         read_table(table(tmp_path, [(90, -170), (45, 120), (-30, 3)]))
     assert read_table(table(tmp_path, [(0.1, 7.0), (0.2, 6.5), (0.3, -3)])).orders == (0, 1, 39)
+
+
+def test_sizes_in_decibels_are_refused_and_one_of_another_sign_is_read(tmp_path):
+    """They were read as deg: waves of 60 deg stayed unexplained."""
+    phases = [(0.1, 1.0), (0.2, 1.5), (0.3, -3)]
+    with pytest.raises(
+        InputError, match=r"all sizes of waves \(-60 to -54\) are negative: A1, .. are in deg, .* not in dB"
+    ):
+        read_table(table(tmp_path, phases, (-60, -54)))
+    assert read_table(table(tmp_path, phases, (0.001, -0.002))).coefficients[0, 2].real == -0.002 * np.cos(1.0)
 
 
 @pytest.mark.slow
