@@ -188,8 +188,8 @@ def read_table(path: Path) -> HarmonicTable:
     waves = amplitudes[:, [k > 0 for k in orders]]
     if waves.size and np.all(waves < 0.0):
         problems.add(
-            f"all sizes of waves ({waves.min():g} to {waves.max():g}) are negative: A1, .. are in deg, from 0 on, not in "
-            "dB; a sign belongs into the phase, as pi"
+            f"all sizes of waves ({waves.min():g} to {waves.max():g}) are negative: A1, .. are in deg, from 0 on, not "
+            "in dB; a sign belongs into the phase, as pi"
         )
     problems.raise_if_any()
     if 0 in orders:

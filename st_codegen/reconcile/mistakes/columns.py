@@ -259,6 +259,7 @@ _CONVENTIONS: list[tuple[str, float, str, _Turned, str, float]] = [
         for side, sign in (("forward", 1.0), ("backward", -1.0))
         for phases in _PHASES[1:]
     ),
+    ("", 0.0, "squared, as in a spectrum of power", lambda c: c / np.sqrt(np.maximum(np.abs(c), 1e-300)), "", 1.0),
     # the sign of TE is another question
     *(("", sign, "", np.negative, "", 1.0) for sign in (0.0, 1.0, -1.0)),
 ]
