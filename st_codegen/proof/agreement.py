@@ -94,13 +94,14 @@ def _hold_library(report: ModelReport, answers: _Answers) -> None:
     """Note how library and reference agree, and what the bound leaves open between them."""
     model, bound, inside = answers.model, answers.bound, answers.inside
     _note_open_rows(report, answers)
+    report.unbounded = int(np.sum(~np.all(np.isfinite(bound), axis=1)))
     near = bound[inside, answers.sizes]
     report.bound = float(np.max(near[np.isfinite(near)], initial=0.0))
     report.vague = _vague(answers.expected[inside, answers.sizes], near)
     report.jump = largest_jump(model)
     if report.jump:
         report.jump_width = _jump_width(model, answers.limited[inside])
-    _judge(report, "library and reference", answers, answers.library, answers.expected, bound)
+    _compare(report, "library and reference", answers.x, answers.library, answers.expected, bound)
 
 
 def _hold_text(report: ModelReport, answers: _Answers, name: str, target: str, result: BlockResult) -> None:
@@ -116,10 +117,10 @@ def _hold_text(report: ModelReport, answers: _Answers, name: str, target: str, r
     report.bound = max(report.bound, float(np.max(near, initial=0.0)))
     report.vague = max(report.vague, _vague(answers.expected[answers.inside, sizes], allowed[answers.inside, sizes]))
     wanted = np.where(answered[:, None], answers.expected, np.nan)
-    _judge(report, f"reference and {name}", answers, wanted, got, allowed)
+    _compare(report, f"reference and {name}", answers.x, wanted, got, allowed)
     report.exact &= not np.any(library[answered] != got[answered])
     report.zero_signs = max(report.zero_signs, _other_zeros(library[answered], got[answered]))
-    rows = answers.inside & answered & result.valid & ~np.isnan(library).any(axis=1)
+    rows = answers.inside & answered & result.valid
     _measure(report, answers.x, library[:, sizes], got[:, sizes], rows, is_real=model.is_real)
 
 
@@ -176,18 +177,6 @@ def _note_open_rows(report: ModelReport, answers: _Answers) -> None:
         OpenRow(tuple(map(float, x[row])), labels[int(library[row, 0])], labels[int(expected[row, 0])])
         for row in rows[:3]
     ]
-
-
-def _judge(
-    report: ModelReport, between: str, answers: _Answers, expected: FloatArray, got: FloatArray, bound: FloatArray
-) -> None:
-    """Note where two answers differ, and how many rows are not judged: no bound is known, or whether there is one."""
-    skipped = np.isnan(expected).any(axis=1) != np.isnan(got).any(axis=1)
-    if skipped.any():
-        skipped[skipped] = bounds.undecided(answers.model, answers.limited[skipped])
-    unknown = ~np.all(np.isfinite(answers.bound), axis=1) | skipped
-    report.unbounded = max(report.unbounded, int(np.sum(unknown)))
-    _compare(report, between, *(rows[~skipped] for rows in (answers.x, expected, got, bound)))
 
 
 def _compare(

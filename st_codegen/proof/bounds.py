@@ -19,7 +19,7 @@ import numpy as np
 from st_codegen import ir
 from st_codegen.ir import reference
 from st_codegen.ir.arrays import BoolArray, FloatArray
-from st_codegen.ir.base import COS_REACH, LEAST_SHARE
+from st_codegen.ir.base import LEAST_SHARE
 from st_codegen.ir.trees import added_up, of_each_tree
 from st_codegen.passes.kernels import grid_of
 from st_codegen.proof.coupling import coupled_difference
@@ -79,49 +79,6 @@ def text_bound(model: ir.ModelIR, x: FloatArray) -> FloatArray:
     if not model.is_real:
         return difference_bound(model, x)
     return differences(model, x, of_texts=True)[-1]
-
-
-def undecided(model: ir.ModelIR, x: FloatArray) -> BoolArray:
-    """For rows of `x` whether rounding may decide if there is an answer at all, shape (rows,).
-
-    So it is where a number is divided by what may be rounding only, and where what a function has no answer to lies
-    within the difference of its argument. That a later operation gives shares or a class does not change it.
-    """
-    if model.exact:
-        return np.zeros(len(x), np.bool_)
-    values = reference.trace(model, x)
-    found = np.zeros(len(x), np.bool_)
-    with np.errstate(all="ignore"):
-        differences = _behind(model.ops, values, np.zeros_like(values[0]))
-        for number, op in enumerate(model.ops, 1):
-            given = [differences[value] for value in op.inputs]
-            ends = _at_an_end(op, [values[value] for value in op.inputs], given)
-            found |= np.any(np.isinf(differences[number]) | ends, axis=1)
-    return found
-
-
-def _at_an_end(op: ir.Operation, operands: list[FloatArray], given: list[FloatArray]) -> BoolArray:
-    """Where one of the numbers within `given` of the operands has an answer and another one has none."""
-    x, d = operands[0], given[0]
-    divides = isinstance(op, ir.Scale | ir.Combine) and op.operator is ir.Operator.DIVIDE
-    if isinstance(op, ir.Combine) and divides:
-        (a, b), (da, db) = operands, given
-        return (da + db > 0) & (np.abs(b) - db <= (np.abs(a) + da) / op.ceiling)
-    if isinstance(op, ir.Scale) and divides and op.reverse:
-        return (d > 0) & (np.abs(x) - d <= np.abs(op.constant) / op.ceiling)
-    if not isinstance(op, ir.Activation):
-        return np.zeros((len(x), 1), np.bool_)
-    low, high = {
-        ir.Function.LOG1P: (-1.0, op.limit),
-        ir.Function.LOG: (0.0, op.limit),
-        ir.Function.SQRT: (0.0, op.limit),
-        ir.Function.SIN: (-COS_REACH, COS_REACH),
-        ir.Function.COS: (-COS_REACH, COS_REACH),
-    }.get(op.function, (-math.inf, op.limit))
-    if op.function is ir.Function.POWER:
-        beyond = np.abs(x) + d > op.furthest if op.parameter > 0 else np.abs(x) - d < op.furthest
-        return (d > 0) & (beyond | ((x - d < 0.0) & (op.parameter % 1 != 0)))
-    return (d > 0) & ((x - d <= low) | (x + d > high))
 
 
 def _has_one_result(op: ir.Operation) -> bool:
