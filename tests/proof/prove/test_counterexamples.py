@@ -1,20 +1,27 @@
 """Texts that were changed by hand, and the inputs that are named for them."""
 
+import dataclasses
 import re
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from st_codegen.cli.main import main
+from st_codegen.ir import Activation, Combine, Exceeds, Function, Linear, Operator, Scale, reference
+from st_codegen.passes.domain import limit_inputs
 from st_codegen.project.bundle import load
 from st_codegen.proof.prove.axis import to_keys
+from st_codegen.proof.prove.counterexample import counterexample
 from st_codegen.proof.prove.disagree import OtherExpressionError, SearchedInputs, differing_rows, evaluated, parts_of
 from st_codegen.proof.prove.prove import Verdict, prove
 from st_codegen.proof.prove.terms import Terms
 from st_codegen.proof.runner import GeneratedCode
 from tests.changes import ulp
+from tests.emit.test_emitted import generated
+from tests.models import model as model_of
 
 GOLDEN = Path(__file__).resolve().parents[3] / "golden" / "lone"
 
@@ -78,6 +85,31 @@ def test_the_command_names_the_input_and_what_the_library_leaves_open(tmp_path, 
     said = capsys.readouterr().err
     assert "refuted" in said and "differs in operation" in said
     assert "the model's expression is [" in said and "so far the library" in said
+
+
+def test_the_sign_of_a_zero_that_the_library_leaves_open_refutes_nothing(tmp_path):
+    """The formula of the text gives -1E-10 for erf(0): 1E-11 more lies below zero, and its sign comes through."""
+    ops = (
+        Activation((0,), Function.ERF, 3),
+        Scale((1,), Operator.ADD, np.full(3, 1e-11)),
+        Exceeds((2,), np.full(3, 0.1)),
+        Combine((2, 3), Operator.MULTIPLY, 3),
+    )
+    tried = limit_inputs(model_of(*ops))
+    code, points = generated(tried, "iec", tmp_path), np.zeros((1, 3))
+    wanted, found = reference.evaluate(tried, points), code.run_model("FB_M", points, 3)
+    assert np.signbit(wanted).tolist() != np.signbit(found.values).tolist() and found.valid.all()
+    assert counterexample(tried, code, "FB_M", (0, 1, 2), points) is None
+
+
+@pytest.mark.parametrize(("answer", "refuted"), [(2.1, False), (3.0, True)])
+def test_a_wrong_answer_beyond_a_declared_range_refutes(answer, refuted):
+    """The bound was that of the infinite number itself, so that any answer lay within it."""
+    made = model_of(Linear((0,), np.array([[2.0]]), np.array([0.1])), features=1)
+    made = dataclasses.replace(made, features=(dataclasses.replace(made.features[0], lower=0.0, upper=1.0),))
+    result = SimpleNamespace(values=np.array([[answer]]), valid=np.array([True]))
+    code = SimpleNamespace(run_model=lambda *_: result)
+    assert (counterexample(made, code, "FB_M", (0,), np.array([[np.inf]])) is not None) == refuted
 
 
 def test_where_no_input_shows_a_difference_it_is_said(tmp_path):
