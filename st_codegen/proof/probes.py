@@ -235,7 +235,8 @@ def _changeovers(values: FloatArray) -> FloatArray:
     return np.concatenate([halves, np.nextafter(halves, -np.inf), np.nextafter(halves, np.inf)])
 
 
-#: Scaling steps from a feature to a column up to which they are followed: of long chains all steps of each cost n^2.
+#: Operations from a feature to a column up to which they are followed, far more than pipelines have: all of n in a row
+#: would cost n^2.
 _MOST_STEPS = 100
 
 

@@ -125,9 +125,20 @@ def test_no_run_tells_two_names_of_one_wave_apart(coarse):
         assert "from input_shaft_misalignment" not in run.purpose and "from cycloid_tooth_error" not in run.purpose
 
 
+def test_a_late_chain_is_told_by_all_orders():
+    """Its own list of orders is that of the mean, where a skew does something."""
+    late = RigModel(effects=(*RIG.effects, effect("measurement_delay", delay_us=500.0)))
+    final = SimpleNamespace(
+        state=SimpleNamespace(model=lambda: RIG), target=SimpleNamespace(data=observed(RIG, grid(), (0, 1, 39)))
+    )
+    assert questions._rival(final, "another zero", (0,), "measurement_delay", late).orders == (0, 1, 39)
+
+
 def test_refused_effects_that_gain_most_on_open_orders_are_rivals_each_once(monkeypatch):
     def piece(name, order):
-        return SimpleNamespace(effect=SimpleNamespace(name=name, orders=(order,), touched_orders=lambda: (order,)))
+        return SimpleNamespace(
+            effect=SimpleNamespace(name=name, orders=(order,), stage=None, touched_orders=lambda: (order,))
+        )
 
     def candidate(name, order):
         return SimpleNamespace(piece=piece(name, order), number=None, put_into=lambda _: None)

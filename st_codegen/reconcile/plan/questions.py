@@ -7,7 +7,7 @@ runs: what a Gaussian process that is known at its neighbours learns there.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -285,12 +285,17 @@ class Rival:
     orders: tuple[int, ...]
 
 
-def _rival(final: Fit, one: str, reached: Sequence[int], other: str, rig: RigModel) -> Rival:
+def _reached(final: Fit, effect: Effect) -> Iterable[int]:
+    """The orders on which an effect does something: a chain of measurement that is late turns all."""
+    return final.target.data.model_orders() if effect.stage is Stage.MEASURING else effect.touched_orders()
+
+
+def _rival(final: Fit, one: str, reached: Iterable[int], other: str, rig: RigModel) -> Rival:
     """A rival; reached: the orders of what it replaces."""
     own = final.state.model()
     known = {(effect.name, effect.orders) for effect in own.effects}
     orders = {*reached}.union(
-        *(effect.touched_orders() for effect in rig.effects if (effect.name, effect.orders) not in known)
+        *(_reached(final, effect) for effect in rig.effects if (effect.name, effect.orders) not in known)
     )
     # what changes a mesh order changes its sidebands
     for rigs in (own, rig):
@@ -305,12 +310,11 @@ def other_models(result: Reconciliation) -> list[Rival]:
     Names that are as good, also in place of a changed parameter, and refused effects on unexplained orders.
     """
     found = result.conclusions
-    named = [(one.piece.effect.name, one.piece.effect.touched_orders(), one.others) for one in found.claims]
-    named += [(f"changed {one.after.name}", one.after.touched_orders(), one.others) for one in found.retuned]
+    final = found.final
+    named = [(one.piece.effect.name, _reached(final, one.piece.effect), one.others) for one in found.claims]
+    named += [(f"changed {one.after.name}", _reached(final, one.after), one.others) for one in found.retuned]
     named += [("another zero", (0,), found.for_offset)]
-    as_good = [
-        _rival(found.final, name, orders, other.name, other.rig) for name, orders, others in named for other in others
-    ]
+    as_good = [_rival(final, name, orders, other.name, other.rig) for name, orders, others in named for other in others]
     return [*as_good, *_refused(result)]
 
 
@@ -330,7 +334,7 @@ def _refused(result: Reconciliation) -> list[Rival]:
     states = [candidate.put_into(final.state) for candidate in refused]
     said = "{} as well, which the data refused so far"
     return [
-        _rival(final, "what was found", one.touched_orders(), said.format(one.name), other.state.model())
+        _rival(final, "what was found", _reached(final, one), said.format(one.name), other.state.model())
         for one, other in zip(
             [candidate.piece.effect for candidate in refused],
             fits(final.target, states, steps=SETTINGS.quick_steps),

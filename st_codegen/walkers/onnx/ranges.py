@@ -25,7 +25,7 @@ def stays_below(builder: GraphBuilder, tensor: Tensor, limit: float) -> bool:
 
 
 def keep_below(walk: GraphWalk, tensor: Tensor, limit: float) -> Tensor:
-    """The numbers of a tensor, of which those of magnitude `limit` (a power of two) and above have no answer.
+    """The numbers of a tensor, of which those of magnitude `limit` and above have no answer.
 
     Numbers that come from the inputs as they are narrow what the inputs may be.
     """
