@@ -630,6 +630,15 @@ def test_where_few_orders_tell_mistakes_are_said_not_to_be_told():
 
 
 @pytest.mark.thorough
+def test_where_few_orders_of_one_direction_tell_conventions_are_said_not_to_be_told():
+    data = measured()
+    forward = data.rows(data.at.sign > 0)
+    assert not any("RMS" in text for text in examine(forward, RIG, PATH).untold)
+    few = replace(forward, orders=ORDERS[:2], values=forward.values[:, :2])
+    assert sum("RMS" in text for text in examine(few, RIG, PATH).untold) == 1
+
+
+@pytest.mark.thorough
 def test_where_noise_hides_a_misread_angle_that_is_said():
     """With ten times the noise, the sidebands of an angle that is off by ten times as much; in little it is silent."""
     assert examine(of_curves(1e-5), RIG, PATH).untold == ()

@@ -126,6 +126,9 @@ def examine(
         untold: tuple[str, ...] = (_UNTOLD,)
     else:
         untold = (_UNLABELLED,) if is_filtered else hidden_labels(data, rig)
+    told = loud_orders(whole, rig, of_one=True) & (whole.orders > 0)
+    if not data.both_directions() and told.sum() < SETTINGS.least_votes:
+        untold += (_UNTOLD_WAVES,)
     if all(mistake.name != "axis" for mistake in found):
         untold += hidden_wrong_angle(whole, rig)
     return Examined(data, (*found, *runs), left_out, untold)
@@ -494,6 +497,10 @@ _UNTOLD = (
     "directions, another sign, another zero of the angle, a factor on one column, or waves by another convention (RMS, "
     "from peak to peak, phases of sines) cannot be told from an effect, nor a run that carries the label of another "
     "one from noise"
+)
+_UNTOLD_WAVES = (
+    f"fewer than {SETTINGS.least_votes} orders of the rig stand above the noise, in one direction: waves by another "
+    "convention (RMS, from peak to peak, phases of sines) cannot be told from an effect"
 )
 _UNLABELLED = (
     "what a filter took from single runs looks like another label: whether runs carry that of another one was not asked"
