@@ -247,21 +247,16 @@ def low_pass(data: Observations, rig: RigModel) -> list[Mistake]:
     """
     if not data.both_directions():
         return []
-    model, noise = expected_of(data, rig), noise_power(data)
-    turns = data.at.sign * data.at.speed_rpm / (60.0 * rig.constants.reduction_ratio)
-    rate = 2j * np.pi * turns[:, None] * data.orders
+    model, noise, rate = expected_of(data, rig), noise_power(data), _rate(data, rig)
 
     def passed(seconds: float) -> ComplexArray:
         return np.asarray(1.0 / (1.0 + rate * seconds))
 
-    def late(seconds: float) -> ComplexArray:
-        return np.asarray(np.exp(-rate * seconds))
-
-    every, (seconds, delay) = data.orders > 0, (_fitted(data, model, noise, one) for one in (passed, late))
+    every, seconds = data.orders > 0, _fitted(data, model, noise, passed)
     seen = model * passed(seconds)
     # one that leaves nothing is nearer to waves that are all smaller alike than what the rig says
     alike = model * (1.0 + _common_step(data.values - model, model, noise))
-    is_best = all(agreed_gain(data, rig, seen, every, other) for other in (model * late(delay), alike))
+    is_best = all(agreed_gain(data, rig, seen, every, other) for other in (_late(data, rig), alike))
     gain = agreed_gain(data, rig, seen, every) if is_best else 0.0
     over_angle = _over_the_angle(data, rig) if gain else None
     if not gain or (over_angle is not None and over_angle[0] > gain):
@@ -272,6 +267,22 @@ def low_pass(data: Observations, rig: RigModel) -> list[Mistake]:
 
     text = _LOW_PASS.format(1.0 / (2.0 * np.pi * seconds))
     return [Mistake("low_pass", text, corrected, remedy="undo it")]
+
+
+def _rate(data: Observations, rig: RigModel) -> ComplexArray:
+    """i times the angular frequency of each order in each curve, rad/s, negative backward, (n, K)."""
+    turns = data.at.sign * data.at.speed_rpm / (60.0 * rig.constants.reduction_ratio)
+    return np.asarray(2j * np.pi * turns[:, None] * data.orders)
+
+
+def _late(data: Observations, rig: RigModel) -> ComplexArray:
+    """What a chain of measurement that is late, as fits best, makes of what the rig says, (n, K)."""
+    model, rate = expected_of(data, rig), _rate(data, rig)
+
+    def late(seconds: float) -> ComplexArray:
+        return np.asarray(np.exp(-rate * seconds))
+
+    return model * late(_fitted(data, model, noise_power(data), late))
 
 
 def any_filter(data: Observations, rig: RigModel) -> list[Mistake]:
@@ -473,7 +484,9 @@ def _mean_in(data: Observations, rig: RigModel, signs: tuple[float, ...]) -> lis
     alike = model * (1.0 + own * _common_step((data.values - model) * own, model * own, noise))
     slope = model * (mean(square + _SMALL) - mean(square)) / _SMALL
     told = _orders_agree(data.values - seen, slope, noise, square)
-    if not (told and agreed_gain(data, rig, seen, every) and agreed_gain(data, rig, seen, every, alike)):
+    # what is later at each speed is smaller in the mean of all
+    others = (model, alike, _late(data, rig))
+    if not told or not all(agreed_gain(data, rig, seen, every, other) for other in others):
         return []
 
     def corrected(given: Observations) -> Observations:
