@@ -357,6 +357,15 @@ def curves(values, spectral, samples=0, orders=(0, 1, 2, 3, 48, 53)):
     return {s.order: s for s in signatures(target, values, own)}, dict(zip(orders.tolist(), own, strict=True))
 
 
+def test_a_wave_that_is_constant_for_the_most_part_does_not_depend_on_the_speed_as_a_whole():
+    at, random = grid(), np.random.default_rng(3)
+    speeds, place = np.unique(at.speed_rpm, return_inverse=True)
+    changes = random.standard_normal(len(speeds)) + 1j * random.standard_normal(len(speeds))
+    text = found(at, {53: 1e-3 * (1.0 + 0.4 * changes[place])})[53].text
+    assert re.search(r"(7|8)\d % of its power constant over the operating points; the rest depends on the speed", text)
+    assert "; both together are most at " in text
+
+
 def test_a_zero_that_each_run_has_at_random_is_constant_for_the_most_part():
     """Of encoders that count from where they are switched on: all of it depended on the conditions, or the time."""
     values = white([1] * 6)
