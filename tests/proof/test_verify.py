@@ -87,6 +87,21 @@ def test_tables_pass_where_nothing_is_changed(lone_folder, generated_once):
     assert verify(load(lone_folder), generated_once("lone", layout=Layout.TABLE), rows=300).passed
 
 
+@pytest.mark.parametrize("refusal", ["aInput[0] := 0.0;\n    bUsable := FALSE;", "bUsable := FALSE; (* the log"])
+def test_a_refusal_that_is_missing_is_found_where_the_library_leaves_its_last_digits_open(tmp_path, refusal):
+    """Of NaN, and of the logarithm of what a tanh rounds: no bound of rounding makes an answer there right."""
+    ops = (Activation((0,), Function.TANH, 1), Activation((1,), Function.LOG, 1))
+    made = limit_inputs(model(*ops, features=1))
+    bundle = Bundle((LoadedModel(made, lambda x: reference.evaluate(made, x)),), None)
+    generate(bundle, "iec", tmp_path)
+    assert verify(bundle, tmp_path, rows=300).passed
+    path = tmp_path / "iec" / "FB_M.st"
+    text = path.read_text()
+    assert text.count(refusal) == 1
+    path.write_text(text.replace(refusal, refusal.replace("FALSE", "bUsable")))
+    assert not verify(bundle, tmp_path, rows=300).passed
+
+
 def test_text_that_would_stop_the_controller_is_an_error_with_its_place(lone_folder, changed):
     folder = changed("twincat", r"fOut1 := aStep1\[0\];", "fOut1 := aStep1[0] / (aInput[0] - aInput[0]);")
     with pytest.raises(GeneratedCodeError, match=r"(?s)controller would stop in FB_Te.*FB_Te\.TcPOU:\d+"):

@@ -112,6 +112,23 @@ def test_a_wrong_answer_beyond_a_declared_range_refutes(answer, refuted):
     assert (counterexample(made, code, "FB_M", (0,), np.array([[np.inf]])) is not None) == refuted
 
 
+@pytest.mark.parametrize(
+    ("functions", "refused"),
+    [
+        ((Function.TANH,), np.nan),
+        ((Function.TANH, Function.LOG), -5.0),
+        ((Function.TANH, Function.SQRT), -2.0),
+    ],
+)
+def test_an_answer_where_the_model_has_none_refutes_however_wide_its_bound(functions, refused):
+    ops = [Activation((number,), function, 1) for number, function in enumerate(functions)]
+    made = limit_inputs(model_of(*ops, features=1))
+    result = SimpleNamespace(values=np.array([[0.5]]), valid=np.array([True]))
+    code, points = SimpleNamespace(run_model=lambda *_: result), np.array([[refused]])
+    assert np.isnan(reference.evaluate(made, points)).all()
+    assert counterexample(made, code, "FB_M", (0,), points) is not None
+
+
 def test_where_no_input_shows_a_difference_it_is_said(tmp_path):
     models, out, block = changed(tmp_path, "svr")
     path = out / "iec" / f"{block}.st"
