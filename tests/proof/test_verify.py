@@ -87,10 +87,17 @@ def test_tables_pass_where_nothing_is_changed(lone_folder, generated_once):
     assert verify(load(lone_folder), generated_once("lone", layout=Layout.TABLE), rows=300).passed
 
 
-@pytest.mark.parametrize("refusal", ["aInput[0] := 0.0;\n    bUsable := FALSE;", "bUsable := FALSE; (* the log"])
-def test_a_refusal_that_is_missing_is_found_where_the_library_leaves_its_last_digits_open(tmp_path, refusal):
+@pytest.mark.parametrize(
+    ("functions", "refusal"),
+    [
+        ((Function.TANH,), "aInput[0] := 0.0;\n    bUsable := FALSE;"),
+        ((Function.TANH, Function.LOG), "bUsable := FALSE; (* the log"),
+    ],
+    ids=["NaN", "log"],
+)
+def test_a_refusal_that_is_missing_is_found_where_the_library_leaves_its_last_digits_open(tmp_path, functions, refusal):
     """Of NaN, and of the logarithm of what a tanh rounds: no bound of rounding makes an answer there right."""
-    ops = (Activation((0,), Function.TANH, 1), Activation((1,), Function.LOG, 1))
+    ops = [Activation((number,), function, 1) for number, function in enumerate(functions)]
     made = limit_inputs(model(*ops, features=1))
     bundle = Bundle((LoadedModel(made, lambda x: reference.evaluate(made, x)),), None)
     generate(bundle, "iec", tmp_path)
