@@ -65,8 +65,9 @@ class Settings:
     fast_enough: float = chosen(0.2, UNRECORDED)
     #: share of the floor that what angles are rounded by must have to be named: half of its power
     least_of_rounding: float = chosen(0.7, OVER_TIME)
-    #: samples that have each value of TE, in the mean, where it is rounded to steps: of a wave two have each value
-    least_of_a_step: float = 4.0
+    #: samples that have each value of TE, in the mean, where it is rounded to steps: twice those of a bare wave, which
+    #: passes each value twice
+    least_of_a_step: float = chosen(4.0, OTHERS)
     #: share of the samples over time that hold half of the power of what is left: so few are no normal noise, of which
     #: an eighth hold half
     few_samples: float = chosen(0.04, OVER_TIME)

@@ -484,9 +484,10 @@ def _mean_in(data: Observations, rig: RigModel, signs: tuple[float, ...]) -> lis
     alike = model * (1.0 + own * _common_step((data.values - model) * own, model * own, noise))
     slope = model * (mean(square + _SMALL) - mean(square)) / _SMALL
     told = _orders_agree(data.values - seen, slope, noise, square)
+    if not (told and agreed_gain(data, rig, seen, every) and agreed_gain(data, rig, seen, every, alike)):
+        return []
     # what is later at each speed is smaller in the mean of all
-    others = (model, alike, _late(data, rig))
-    if not told or not all(agreed_gain(data, rig, seen, every, other) for other in others):
+    if not agreed_gain(data, rig, seen, every, _late(data, rig)):
         return []
 
     def corrected(given: Observations) -> Observations:

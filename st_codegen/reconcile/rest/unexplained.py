@@ -558,12 +558,11 @@ def _statement(
     or_when = main == "temperature" and target.data.run is None
     if or_when:
         text += ", or on when it was measured"
-    mostly = False
     if main == "combination" and changes_with_time(target, r[:, None])[0]:
         text = _WITH_TIME
     elif main == "combination" and not is_told:
         text = _HIDDEN
-    elif mostly := main in (*UNITS, "combination") and shares["constant"] > SETTINGS.same_in_runs:
+    elif main in (*UNITS, "combination") and shares["constant"] > SETTINGS.same_in_runs:
         text = f"{round(100 * shares['constant'])} % of its power {_CAUSE['constant']}; the rest {text}"
     if main not in UNITS:
         return _Statement(text, float(np.sqrt((np.abs(r[good]) ** 2).mean())))
@@ -571,7 +570,7 @@ def _statement(
     sizes = {n: float(np.sqrt((np.abs(r[good & (level == n)]) ** 2).mean())) for n in np.unique(level[good])}
     top = max(sizes, key=lambda n: sizes[n])
     there = values[good & (level == top)]
-    of_both = "; both together are" if mostly else ","
+    of_both = "; both together are" if shares["constant"] > SETTINGS.same_in_runs else ","
     text += f"{of_both} most {_at_level(main, there)}: {sizes[top]:.2g} deg"
     if main == "speed" and order:
         hertz = order * float(np.median(there)) / 60 / target.reduction_ratio
