@@ -93,6 +93,9 @@ def test_te_that_was_stored_from_its_end_is_asked_about_and_read_so():
         examine(wrong, RIG, PATH)
     read = examine(wrong, RIG, PATH, accept=["waves"])
     assert read.corrected == {"waves"} and np.abs(read.data.values - data.values).max() < 1e-12
+    alone = wrong.rows(np.flatnonzero(data.at.sign < 0))
+    with pytest.raises(InputError, match=r"of backward curves seem to be stored from their end.* --accept waves"):
+        examine(alone, RIG, PATH)
 
 
 @pytest.mark.parametrize("seed", [4, 5])

@@ -281,9 +281,8 @@ def other_waves(data: Observations, rig: RigModel) -> list[Mistake]:
     ones, unturned = np.ones((len(sums.measured), 1)), np.ones(len(sums.orders), np.complex128)
     noise, known = noise_power(data), expected_of(data, rig)
     plain, before = sums.gap(ones, unturned), np.where(waves, data.values - known, 0.0)
-    single = _stored_from_their_end(data) if data.both_directions() else ()
-    for which, sign, phases, turned, sizes, factor in [*_CONVENTIONS, *single]:
-        if sign and not data.both_directions():
+    for which, sign, phases, turned, sizes, factor in [*_CONVENTIONS, *_stored_from_their_end(data)]:
+        if sign and sign not in data.at.sign:
             continue
         text = " and ".join(part for part in (sizes, phases) if part)
         meant = _read_so(turned, factor, sign, data)
