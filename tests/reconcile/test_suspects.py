@@ -265,6 +265,23 @@ def test_runs_that_are_off_where_something_stays_unexplained_alone_are_undecided
         assert all(text.startswith("whether 2 curves were") and "stay unexplained" in text for text in told)
 
 
+@pytest.mark.parametrize(
+    ("orders", "is_undecided"), [((6, 40, 50, 60, 70, 80, 90, 116, 122), True), ((0, 6, 40, 116, 122, 238), False)]
+)
+def test_runs_off_in_sums_and_differences_of_what_is_unexplained_are_undecided(orders, is_undecided):
+    """Play mixes waves: off at 122 - 116 as well says nothing of the run, unless most orders are such a mixture."""
+    data = residual(0, heavy=False)
+    data = dataclasses.replace(data, orders=np.array(orders), values=np.tile(data.values[:, [5]], len(orders)))
+    for order in (116, 122 - 116):
+        data.values[[0, len(GRID)], orders.index(order)] += 0.02
+    noise = suspected(data, [0, len(GRID)])
+    noise = dataclasses.replace(noise, sigma=np.full(data.values.shape, SIGMA[5]))
+    noise = with_rest(data, data.values, noise, np.zeros(len(data), bool), [116, 122])
+    assert bool(noise.suspects) is not is_undecided
+    assert [group.rows for group in noise.undecided] == [(0, len(GRID))] * is_undecided
+    assert not noise.good[[0, len(GRID)]].any()
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize("places", [(2, 3, 4), (5, 30, 55)], ids=["at small loads", "anywhere"])
 def test_runs_far_off_beside_each_other_are_called_unexplained_and_not_bad(places):

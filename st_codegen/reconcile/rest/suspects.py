@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.contrasts import (
     AXES,
     CONDITIONS,
@@ -107,7 +107,7 @@ def with_rest(
     What the model lacks may be strongest in them, as at the least load of all. Rows to which numbers were fitted (n,)
     become good, the others undecided; those with a known mistake stay what they are.
     """
-    again = without_structure(data, residual, noise, np.isin(data.orders, list(orders)))
+    again = without_structure(data, residual, noise, _with_mixed(data.orders, orders))
     known = np.zeros(len(data), bool) if data.left_out is None else data.left_out
     kept = {row for row, _ in again.suspects} | set(np.flatnonzero(known).tolist())
     rows = tuple(row for row, _ in noise.suspects if row not in kept and not fitted[row])
@@ -118,11 +118,19 @@ def with_rest(
     return replace(again, suspects=suspects, good=good, undecided=undecided)
 
 
+def _with_mixed(looked_at: IntArray, orders: Collection[int]) -> BoolArray:
+    """Which orders (K,) are some of these, or the sum or the difference of two: play and contact mix waves so."""
+    own = np.array(sorted(orders), np.int64)
+    mixed = np.isin(looked_at, [own, *np.abs(own[:, None] + own), *np.abs(own[:, None] - own)])
+    # sums and differences of many are nearly all orders, and say nothing
+    return np.isin(looked_at, own) if _lacks_everywhere(mixed) else mixed
+
+
 def undecided_runs(data: Observations, noise: Noise) -> tuple[str, ...]:
     """Sentences on runs far from what others let expect of which nobody can tell whether they were measured wrong."""
     found, at = [], data.at
     for group in noise.undecided:
-        where = "in nothing but orders that stay unexplained"
+        where = "in nothing but orders that stay unexplained, or sums and differences of these"
         if group.condition == "load":
             where = "at a smaller load than all of these in one direction"
         elif group.condition:
