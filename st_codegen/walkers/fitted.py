@@ -54,6 +54,14 @@ class Fitted:
         except AttributeError:
             raise InputError(f"{self.kind} is not fitted ({name} is missing): call fit() before saving it") from None
 
+    def refuse_old(self, name: str, choice: str) -> None:
+        """Raise UnsupportedModelError where an older version trained with a choice that newer ones do not compute."""
+        if self.estimator.__dict__.get(name) == choice:
+            raise UnsupportedModelError(
+                f"{self.kind} with {name}='{choice}', of which newer versions of scikit-learn compute other numbers "
+                "than the version that trained it: train it again"
+            )
+
     def other_type(self, name: str, what: str) -> UnsupportedModelError:
         """An error for numbers of a type that `fit` takes from its training data, and that is not compiled."""
         return UnsupportedModelError(
