@@ -52,6 +52,12 @@ class Fitted:
         try:
             return getattr(self.estimator, name)
         except AttributeError:
+            learnt = {own for own in vars(self.estimator) if own.endswith("_") and not own.startswith("_")}
+            if learnt - {"n_features_in_", "feature_names_in_"}:  # these are known before training begins
+                raise InputError(
+                    f"{self.kind} has no {name}: another version of its library saved it, or it is damaged; train it "
+                    "again with the installed version"
+                ) from None
             raise InputError(f"{self.kind} is not fitted ({name} is missing): call fit() before saving it") from None
 
     def refuse_old(self, name: str, choice: str) -> None:
