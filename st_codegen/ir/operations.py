@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar
@@ -343,9 +344,11 @@ class Activation(Elementwise):
 
     @property
     def furthest(self) -> float:
-        """The largest magnitude of which a power is taken; the smallest one where the parameter is negative."""
+        """The largest magnitude of which a power is taken; the smallest, above 0, where the parameter is negative."""
         argument = self.limit / self.parameter
-        return math.exp(argument) if argument < math.log(np.finfo(np.float64).max) else math.inf
+        if argument >= math.log(np.finfo(np.float64).max):
+            return math.inf
+        return max(math.exp(argument), sys.float_info.min)
 
 
 @dataclass(frozen=True)

@@ -52,7 +52,21 @@ class Fitted:
         try:
             return getattr(self.estimator, name)
         except AttributeError:
+            learnt = {own for own in vars(self.estimator) if own.endswith("_") and not own.startswith("_")}
+            if learnt - {"n_features_in_", "feature_names_in_"}:  # these are known before training begins
+                raise InputError(
+                    f"{self.kind} has no {name}: another version of its library saved it, or it is damaged; train it "
+                    "again with the installed version"
+                ) from None
             raise InputError(f"{self.kind} is not fitted ({name} is missing): call fit() before saving it") from None
+
+    def refuse_old(self, name: str, choice: str) -> None:
+        """Raise UnsupportedModelError where an older version trained with a choice that newer ones do not compute."""
+        if self.estimator.__dict__.get(name) == choice:
+            raise UnsupportedModelError(
+                f"{self.kind} with {name}='{choice}', of which newer versions of scikit-learn compute other numbers "
+                "than the version that trained it: train it again"
+            )
 
     def other_type(self, name: str, what: str) -> UnsupportedModelError:
         """An error for numbers of a type that `fit` takes from its training data, and that is not compiled."""

@@ -83,9 +83,14 @@ def load_pickle(path: Path, name: str, *, trusted: bool) -> LoadedModel:
     try:
         estimator = joblib.load(path)
     except ImportError as error:
-        raise InputError(f"{path.name}: the model needs a package that is not installed ({error})") from error
+        raise InputError(
+            f"{path.name}: the model needs a package that is not installed, or another version of one ({error})"
+        ) from error
     except Exception as error:  # a damaged pickle can raise anything
-        raise InputError(f"{path.name}: not a readable pickle ({type(error).__name__}: {error})") from error
+        raise InputError(
+            f"{path.name}: not a readable pickle, or one of another version of its library "
+            f"({type(error).__name__}: {error})"
+        ) from error
     return from_estimator(estimator, name)
 
 

@@ -87,6 +87,13 @@ def test_quotients_are_limited_so_that_their_sum_does_not_overflow():
     assert np.isfinite(result[:, 0]).tolist() == [True, False, False]
 
 
+def test_a_power_with_a_small_negative_exponent_has_no_answer_at_0_alone():
+    limited = limit_inputs(model(Activation((0,), Function.POWER, 2, -0.005)))
+    result = reference.evaluate(limited, [[1e-200, 3.0], [0.0, 3.0]])
+    np.testing.assert_allclose(result[0], [10.0, 3.0**-0.005])
+    assert np.isnan(result[1, 0])
+
+
 def test_a_model_that_always_overflows_is_refused():
     huge = model(Linear((0,), [[1e300, 1e300]], [0.0]), Linear((1,), [[1e300]], [0.0]))
     with pytest.raises(InputError, match="possible for inputs of magnitude 1"):

@@ -65,6 +65,12 @@ def deviation(_):
     return loaded(several.fit(np.resize(X, (513, 3)), np.resize(SCORE, 513)), {"mean", "deviation"})
 
 
+def with_choice(estimator, name, choice):
+    """As the pickle of an older version has it, whose class took it."""
+    vars(estimator)[name] = choice
+    return estimator
+
+
 #: By library, the words of the page, what makes such a model (or loads it from a folder), and words of the message.
 REFUSED = {
     "scikit-learn": {
@@ -168,6 +174,15 @@ REFUSED = {
                 [("a", gaussian_process.GaussianProcessClassifier(optimizer=None))], voting="soft"
             ).fit(np.resize(X, (513, 3)), np.resize(TWO, 513)),
             "its probabilities are not compiled",
+        ),
+        "AdaBoostClassifier that was trained with algorithm='SAMME.R' (the default of scikit-learn up to 1.5)": (
+            lambda: with_choice(ensemble.AdaBoostClassifier().fit(X, TWO), "algorithm", "SAMME.R"),
+            "of which newer versions of scikit-learn compute other numbers",
+        ),
+        "LogisticRegression that was trained with multi_class='ovr' of three and more classes, or 'multinomial' of "
+        "two": (
+            lambda: with_choice(linear_model.LogisticRegression().fit(X, THREE), "multi_class", "ovr"),
+            "of which newer versions of scikit-learn compute other numbers",
         ),
         "calibration by temperature (its answer for a row depends on the other rows)": (
             lambda: calibration.CalibratedClassifierCV(tree.DecisionTreeClassifier(), method="temperature", cv=2).fit(

@@ -20,6 +20,7 @@ from sklearn.ensemble import (
     VotingRegressor,
 )
 from sklearn.feature_selection import SelectFromModel
+from sklearn.impute import SimpleImputer
 from sklearn.linear_model import Lasso, LogisticRegression, Perceptron, Ridge, SGDClassifier
 from sklearn.neighbors import KNeighborsRegressor
 from sklearn.neural_network import MLPRegressor
@@ -336,3 +337,20 @@ def test_sparse_weights_that_lie_outside(damage):
         estimator.coef_ = type(estimator.coef_)((2**20, 2**20))
     with pytest.raises(InputError, match=r"indices|shape"):
         from_estimator(estimator, "m")
+
+
+def test_what_another_version_saved_is_not_called_unfitted():
+    """scikit-learn 1.5 has no `_fill_dtype`."""
+    estimator = SimpleImputer().fit(X)
+    del estimator._fill_dtype
+    with pytest.raises(InputError, match=r"SimpleImputer has no _fill_dtype: another version .* train it again"):
+        from_estimator(estimator, "model")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"), [(b"c_loss\nX\n.", "or another version of one"), (b"?", "or one of another")]
+)
+def test_a_pickle_that_does_not_load_may_be_of_another_version(text, message, tmp_path):
+    (tmp_path / "model.pkl").write_bytes(text)
+    with pytest.raises(InputError, match=message):
+        load_pickle(tmp_path / "model.pkl", "model", trusted=True)

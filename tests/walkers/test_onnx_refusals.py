@@ -82,6 +82,7 @@ def test_unknown_operators_domains_and_types_are_listed_together(tmp_path):
     assert "node 'narrowing' (Cast, opset 18): casts to FLOAT16; FLOAT, DOUBLE, INT32" in message
     assert "node 'post' (LinearRegressor, opset 3): post_transform SOFTMAX of one target: onnxruntime" in message
     assert "supported operators: " in message
+    assert "compile the graph from before optimizing, and quantize with QuantFormat.QDQ" in message
     assert "reader" not in message
 
 

@@ -34,6 +34,7 @@ from st_codegen.ir import OutputKind, reference
 from st_codegen.project.bundle import Bundle
 from st_codegen.proof import bounds
 from st_codegen.proof.prove.prove import prove
+from st_codegen.walkers.objects import from_estimator
 from tests.classifiers import SCORE, THREE, TWO, WORDS, X, loaded, verified
 
 COUNTS = np.abs(np.round(X * [2.0, 1.0, 20.0]))
@@ -303,6 +304,25 @@ def test_labels_beside_others_that_sums_do_not_give_are_refused(pair):
     message = r"beside other outputs: encode them as whole numbers from -2\*\*52 to 2\*\*52, and zero without a sign"
     with pytest.raises(UnsupportedModelError, match=message):
         loaded(fit(NUMBERED["tree"], X, labels))
+
+
+@pytest.mark.parametrize(
+    ("kind", "classes", "name", "choice"),
+    [
+        (ensemble.AdaBoostClassifier, 2, "algorithm", "SAMME.R"),
+        (linear_model.LogisticRegression, 3, "multi_class", "ovr"),
+        (linear_model.LogisticRegression, 2, "multi_class", "multinomial"),
+    ],
+)
+def test_what_older_versions_trained_with_and_newer_ones_do_not_compute_is_refused(kind, classes, name, choice):
+    """A pickle of scikit-learn 1.5 with it loads, and gives other numbers without a word."""
+    x = np.random.default_rng(0).normal(size=(60, 2))
+    estimator = kind().fit(x, np.arange(60) % classes)
+    vars(estimator)[name] = "deprecated"
+    from_estimator(estimator, "model")
+    vars(estimator)[name] = choice
+    with pytest.raises(UnsupportedModelError, match=f"{kind.__name__} with {name}='{choice}'.*train it again"):
+        from_estimator(estimator, "model")
 
 
 @pytest.mark.parametrize(

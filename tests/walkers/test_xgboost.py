@@ -396,6 +396,25 @@ def test_the_best_rounds_of_a_file_that_does_not_count_them(told: dict[str, Any]
     assert ensemble(walker.load_file(path, "model")).n_trees == expected
 
 
+@pytest.mark.parametrize(("version", "base"), [([1, 2, 1], np.log(np.float32(9.0))), ([1, 3, 0], 0.9)])
+def test_a_base_score_of_logitraw_was_a_probability_before_1_3(
+    version: list[int], base: float, tmp_path: Path, assert_same: Any
+) -> None:
+    x, y = table()
+    booster = train(
+        {"objective": "binary:logitraw", "base_score": 0.0, "max_depth": 2}, matrix(x, label=y > np.median(y))
+    )
+    path = tmp_path / "model.json"
+    booster.save_model(path)
+    document = json.loads(path.read_text())
+    document["version"], document["learner"]["learner_model_param"]["base_score"] = version, "0.900000"
+    path.write_text(json.dumps(document))
+    loaded = walker.load_file(path, "model")
+    margin = booster.predict(matrix(x), output_margin=True)
+    np.testing.assert_allclose(reference.evaluate(loaded.ir, x)[:, 0], margin + base, atol=1e-6)
+    assert_same(loaded)
+
+
 @pytest.mark.parametrize("objective", ["binary:logistic", "count:poisson"])
 def test_a_gblinear_file_of_before_1_5_is_read_as_it_was(objective: str, tmp_path: Path, assert_same: Any) -> None:
     """It has no number of rounds; XGBoost 3.2 then takes the base score for the margin."""

@@ -361,6 +361,12 @@ def _store(walk: GraphWalk, proto: onnx.NodeProto, result: Result | None) -> Non
             walk.values[name] = operand
 
 
+_MADE_BY_ONNXRUNTIME = (
+    "operators of com.microsoft are often those of onnxruntime's optimized or quantized graphs: compile the graph from "
+    "before optimizing, and quantize with QuantFormat.QDQ"
+)
+
+
 def _report_unsupported(unsupported: dict[tuple[str, str, int], list[str]], problems: Problems) -> None:
     for (domain, name, opset), labels in unsupported.items():
         more = f" and {len(labels) - 3} more" if len(labels) > 3 else ""
@@ -371,9 +377,12 @@ def _report_unsupported(unsupported: dict[tuple[str, str, int], list[str]], prob
         )
     if unsupported:
         known = ", ".join(sorted(name for _, name in RULES))
+        made = any(domain.startswith("com.microsoft") for domain, _, _ in unsupported)
+        others = f"; {_MADE_BY_ONNXRUNTIME}" if made else ""
         problems.errors.append(
             UnsupportedModelError(
                 f"supported operators: {known}; leave the others out when exporting, or compile the native model"
+                f"{others}"
             )
         )
 

@@ -181,9 +181,9 @@ class _SessionPredictor:
     def _no_own_answers(self, rows: int, name: str) -> InputError:
         return InputError(
             f"{self.file}: among {rows} rows at once, rows have no answers of their own in the output "
-            f"'{printable(name)}': an operator works along axis 0 (Softmax, a mean, Concat, Trilu, a constant with "
-            "several rows, ..), and a controller has one row at a time; where one row is meant, export with a "
-            "batch dimension of 1"
+            f"'{printable(name)}': an operator works along axis 0 (Softmax, a mean, Concat, Trilu, "
+            "DynamicQuantizeLinear, a constant with several rows, ..), and a controller has one row at a time; where "
+            "one row is meant, export with a batch dimension of 1"
         )
 
     def _taken(self, x: FloatArray, random: np.random.Generator | None = None) -> FloatArray:

@@ -187,6 +187,7 @@ def walk_bagging_regressor(fitted: Fitted, builder: GraphBuilder, value: int) ->
 @walks("AdaBoostClassifier", finite=True, single=True)
 def walk_ada_boost(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     """Each estimator adds its weight to its class, and takes a share of it from the others (SAMME)."""
+    fitted.refuse_old("algorithm", "SAMME.R")
     labels, parts = labels_of(fitted), fitted.items("estimators_")
     count = len(labels)
     if count < 2:

@@ -99,6 +99,8 @@ def walk_linear_classifier(fitted: Fitted, builder: GraphBuilder, value: int) ->
         )
     logistic = fitted.kind in ("LogisticRegression", "LogisticRegressionCV", "LinearDiscriminantAnalysis")
     logistic &= len(labels) > 1  # of one class predict_proba raises
+    if logistic:
+        fitted.refuse_old("multi_class", "ovr" if count > 1 else "multinomial")
     loss = fitted.estimator.loss if fitted.kind == "SGDClassifier" else ""
     probability = None
     if logistic and count > 1:

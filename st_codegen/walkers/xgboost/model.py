@@ -101,19 +101,32 @@ def load_file(path: Path, name: str) -> LoadedModel:
         if path.suffix.lower() == ".json" and catboost.is_export(data):
             return catboost.load(data, name, path)
         model = loads(data, binary=path.suffix.lower() == ".ubj")
-        return _loaded(model, _path_of(model), name, lambda: _load_booster(path, _with_rounds(model, data)))
+        changed = _as_saved(model, data)
+        model = model if changed is None else loads(changed, binary=False)
+        return _loaded(model, _path_of(model), name, lambda: _load_booster(path, changed))
 
 
-def _with_rounds(model: BoosterModel, data: bytes) -> bytearray | None:
-    """A gblinear file of before XGBoost 1.5 with rounds: without them 3.2 adds the base score before its link."""
-    if model.booster != "gblinear" or b"boosted_rounds" in data:
+def _as_saved(model: BoosterModel, data: bytes) -> bytes | None:
+    """A file of an old version as 3.2 has to be given it to compute what that version did; None of all others.
+
+    A gblinear file of before XGBoost 1.5 with rounds: without them 3.2 adds the base score before its link. One of
+    `binary:logitraw` of before 1.3 with the margin of its base score, which was a probability then.
+    """
+    unlinked = model.booster == "gblinear" and b"boosted_rounds" not in data
+    was_share = model.objective == "binary:logitraw" and model.version.startswith(("1.0.", "1.1.", "1.2."))
+    if not unlinked and not was_share:
         return None
     try:
         document = json.loads(data)
     except ValueError:  # a binary one, whose format is younger than 1.5
         return None
-    document["learner"]["gradient_booster"]["model"]["boosted_rounds"] = 1
-    return bytearray(json.dumps(document).encode())
+    if unlinked:
+        document["learner"]["gradient_booster"]["model"]["boosted_rounds"] = 1
+    share = model.base_score[0].astype(np.float32)
+    if was_share and 0 < share < 1:
+        margin = -np.log(np.float32(1.0) / share - np.float32(1.0))
+        document["learner"]["learner_model_param"]["base_score"] = str(margin)
+    return json.dumps(document).encode()
 
 
 def load_object(estimator: Any, name: str) -> LoadedModel:
@@ -273,11 +286,11 @@ def _loaded(
     return LoadedModel(made, predict)
 
 
-def _load_booster(path: Path, data: bytearray | None = None) -> Any:
+def _load_booster(path: Path, data: bytes | None = None) -> Any:
     xgboost = extra_package("xgboost", "xgboost", f"the prediction of {path.name} by XGBoost")
     with errors_name(path.name):
         booster = xgboost.Booster()
-        _load(lambda: booster.load_model(data or str(path)))
+        _load(lambda: booster.load_model(str(path) if data is None else bytearray(data)))
         # on a busy machine, threads that wait for each other cost more than they save
         booster.set_param("nthread", "1")
     return booster
