@@ -312,6 +312,7 @@ def test_labels_beside_others_that_sums_do_not_give_are_refused(pair):
         (ensemble.AdaBoostClassifier, 2, "algorithm", "SAMME.R"),
         (linear_model.LogisticRegression, 3, "multi_class", "ovr"),
         (linear_model.LogisticRegression, 2, "multi_class", "multinomial"),
+        (linear_model.LogisticRegression, 3, "solver", "liblinear"),
     ],
 )
 def test_what_older_versions_trained_with_and_newer_ones_do_not_compute_is_refused(kind, classes, name, choice):

@@ -101,6 +101,8 @@ def walk_linear_classifier(fitted: Fitted, builder: GraphBuilder, value: int) ->
     logistic &= len(labels) > 1  # of one class predict_proba raises
     if logistic:
         fitted.refuse_old("multi_class", "ovr" if count > 1 else "multinomial")
+    if logistic and count > 1:
+        fitted.refuse_old("solver", "liblinear")  # it trained each class against the rest
     loss = fitted.estimator.loss if fitted.kind == "SGDClassifier" else ""
     probability = None
     if logistic and count > 1:
