@@ -158,7 +158,9 @@ def _with_untold(read: Conditions, meant: Conditions, rows: BoolArray, beside: B
         theirs, others = (values[part & (values > 0.0)] for part in (rows, beside))
         if _has_sizes(getattr(meant, key), getattr(read, key)) or not len(theirs) or not len(others):
             continue
-        outside = (values > 0.0) & ((values > others.max()) | (values < others.min()))
+        # one factor moves all of them to one side
+        sides = (values > others.max(), (values > 0.0) & (values < others.min()))
+        outside = max(sides, key=lambda side: side[rows].sum())
         if outside[rows & (values > 0.0)].mean() <= SETTINGS.most_orders:
             return np.zeros(len(rows), bool)
         alone |= outside & ~beside
