@@ -250,7 +250,8 @@ _SIZES = (
     ("", 1.0), ("twice as large, from peak to peak", 2.0), ("half as large, one side of a spectrum", 0.5),
     ("RMS in place of amplitudes", 2**-0.5), ("one side of a spectrum, as RMS", 8**-0.5),
     ("in mdeg, and the mean in deg", 1e3), ("in arcmin, and the mean in deg", 60.0),
-    ("in arcsec, and the mean in deg", 3600.0),
+    ("in arcsec, and the mean in deg", 3600.0), ("in rad, and the mean in deg", np.pi / 180),
+    ("in mrad, and the mean in deg", 1e3 * np.pi / 180), ("in urad, and the mean in deg", 1e6 * np.pi / 180),
 )  # fmt: skip
 #: of which curves, their sign (0: all); phases, and how they are read; sizes, and their factor
 _CONVENTIONS: list[tuple[str, float, str, _Turned, str, float]] = [
