@@ -220,6 +220,21 @@ def test_behind_a_reversal_the_output_stands_until_the_play_is_travelled(tmp_pat
     assert result.held_out.after == pytest.approx(1e-4, rel=0.1)
 
 
+@pytest.mark.parametrize("acts", [False, True])
+def test_what_a_sensor_scatters_by_is_no_load_unless_te_follows_it(acts):
+    """At one torque, read to 1 N m, a sound axis had no compliance at all, and another backlash."""
+    rig = parse_rig(RIG + '[[effect]]\nname = "torsional_compliance"\nstiffness_Nm_per_arcmin = 200.0\n')
+    random, time = np.random.default_rng(0), np.arange(4000) * 5e-3
+    fast, out = 3600.0 * time, 3600.0 * time / 81.0
+    torque = 400.0 + random.standard_normal(len(time))
+    for _ in range(5):
+        out = fast / 81.0 + rig.te_deg(out, 1.0, 600.0, torque if acts else 400.0, 30.0)
+    out += 2e-5 * random.standard_normal(len(time))
+    at = Conditions.of(1.0, 600.0, torque, 30.0)
+    data = observations([Recording("r", time, {"theta_in": fast, "theta_out": out}, at)], rig)
+    assert bool(np.ptp(data.at.torque_Nm) > 0.0) == acts
+
+
 #: one direction, both, and both at several speeds: rpm with the sign of the direction, and N m
 
 

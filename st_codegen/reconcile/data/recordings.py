@@ -183,10 +183,32 @@ def _samples(r: Recording, rig: RigModel) -> _Samples:
         out = next(iter(r.angles.values())) / rig.constants.reduction_ratio
         return _Samples(r, out, expected_error(r, out, rig), np.flatnonzero(r.moves))
     out, te = r.angles["theta_out"], error_of(r, rig)
+    r = _without_scatter(r, out, te, rig)
     moves = r.moves & _has_turned_over(r, te, rig.constants.reduction_ratio)
     steps = step_of(out), step_of(r.angles[r.fast]) / rig.constants.reduction_ratio
     bends = np.diff(te - expected_error(r, out, rig), n=2)[moves[2:] & moves[1:-1] & moves[:-2]]
     return _Samples(r, out, te, np.flatnonzero(moves), float(np.hypot(*steps)) / np.sqrt(12.0), bends)
+
+
+def _without_scatter(r: Recording, out: FloatArray, te: FloatArray, rig: RigModel) -> Recording:
+    """Conditions that vary by what their sensors scatter by, and by nothing else, as their means.
+
+    What scatters is no load: TE does not follow it, and would show nothing of what does. Where with it less is left
+    from sample to sample than with the mean, it is one.
+    """
+
+    def left(given: Recording) -> float:
+        return float((np.diff(te - expected_error(given, out, rig), n=2)[r.moves[2:]] ** 2).sum())
+
+    for name in _CONDITIONS:
+        values = getattr(r.at, name)
+        # second differences of white noise have six times its variance
+        scatter = float((np.diff(values, n=2) ** 2).mean()) / 6.0
+        if r.moves.any() and scatter > SETTINGS.mostly_scatter * values[r.moves].var():
+            mean = np.full(len(values), values[r.moves].mean())
+            meant = replace(r, at=replace(r.at, **{name: mean}))
+            r = meant if left(meant) < left(r) else r
+    return r
 
 
 def _has_turned_over(r: Recording, te: FloatArray, ratio: float) -> BoolArray:
