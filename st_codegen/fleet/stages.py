@@ -252,10 +252,13 @@ class _Stages:
                 raise
             raise InputError(f"{error}{_IN_A_FLEET}") from None
         write_texts(self.folder / place, report_texts(result, next_runs(result)))
+        found = result.conclusions
+        changed = [one.before.name for one in found.retuned] + ["zero_offset_deg"] * found.offset_changed
         return {
             "measured": content_of(result.data.at.axes, result.data.at.sign, result.data.orders, result.data.values),
             "verdict": result.verdict,
-            "effects": list(dict.fromkeys(claim.piece.effect.name for claim in result.conclusions.claims)),
+            "effects": list(dict.fromkeys(claim.piece.effect.name for claim in found.claims)),
+            "changed": list(dict.fromkeys(changed)),
             "gap": asdict(result.held_out),
             "cannot_show": list(result.cannot_show),
             "not_looked_at": list(result.data.not_looked_at),

@@ -101,7 +101,10 @@ def _reconcile(
     conclusions = conclude(rig, last, known)
     if not without and (more := gone(conclusions.joint, conclusions)):
         # what the rig has too much bends what is beside it
-        return _reconcile(whole, known, progress, examined, more)
+        found = _reconcile(whole, known, progress, examined, more)
+        # with it the runs that were left out are predicted better: then it is there
+        if found.held_out.after <= SETTINGS.worse * found.held_out.before:
+            return found
     conclusions = replace(conclusions, retuned=(*without, *conclusions.retuned))
     result = _result(whole, data, conclusions, tuple(judged), examined, apart)
     worse = result.held_out.after > SETTINGS.worse * result.held_out.before

@@ -61,6 +61,11 @@ class Settings:
     standstill: float = chosen(0.02, UNRECORDED)
     #: share of the largest speed up to which the sign of a speed says nothing of the direction
     no_direction: float = chosen(1e-3, UNRECORDED)
+    #: share of the samples on either side of the others that may be far off, as spikes are: the rest is what TE ranges
+    #: over, where each direction has more samples than that
+    far_off: float = 0.005
+    #: share of the variance of a condition that must be scatter from sample to sample for it to be nothing else: half
+    mostly_scatter: float = 0.5
     #: share of the largest speed from which on a sample is held against the rate of its angle
     fast_enough: float = chosen(0.2, UNRECORDED)
     #: share of the floor that what angles are rounded by must have to be named: half of its power

@@ -34,6 +34,7 @@ def result(number):
         "measured": str(number),
         "verdict": "explained",
         "effects": ["cycloid_tooth_error"] if number == 6 else [],
+        "changed": ["backlash"] if number in (4, 6) else [],
         "gap": {"before": 2e-3, "after": 1e-3, "noise_floor": 1e-3},
         "not_looked_at": ["orders above 128"],
         "estimates": [asdict(one) for one in found],
@@ -64,6 +65,17 @@ def test_in_short(report):
         "orders above 128: 19 (r0, r1, r2, r3, r4, r5, r6, r7, and 11 more)",
         "the newest campaign, which was not reconciled: 1 (r9)",
     )
+
+
+def test_numbers_of_the_rig_that_changed_are_found_as_what_it_lacks_is(report, tmp_path):
+    """Axes were "explained" with nothing "found", where their changes had made the gap a tenth."""
+    report.write(tmp_path)
+    rows = list(csv.DictReader((tmp_path / "fleet.csv").read_text().splitlines()))
+    assert [rows[number]["found"] for number in (3, 4, 6)] == [
+        "",
+        "changed backlash",
+        "cycloid_tooth_error, changed backlash",
+    ]
 
 
 def test_a_fleet_of_which_nothing_was_checked_does_not_sound_as_if_all_had_passed():

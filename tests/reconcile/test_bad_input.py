@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import json
 from pathlib import Path
 
 import numpy as np
@@ -100,6 +101,17 @@ def test_the_same_data_in_good_order_pass(tmp_path, rig):
     code, message = reconcile(tmp_path, measured(tmp_path / "h.csv", rig, grid()))
     assert code == 0, message
     assert (tmp_path / "out" / "report.json").is_file()
+
+
+@pytest.mark.parametrize("few", [12, None])
+def test_a_table_of_the_mean_alone_is_compared(tmp_path, rig, few):
+    """Ramps and resonances were looked for in no orders: "a defect of st-codegen"."""
+    runs = grid()
+    code, message = reconcile(
+        tmp_path, measured(tmp_path / "h.csv", rig, runs.take(np.arange(few or len(runs))), orders=(0,))
+    )
+    assert code == 0, message
+    assert json.loads((tmp_path / "out" / "report.json").read_text(encoding="utf-8"))["orders"] == [0]
 
 
 UNITS = [

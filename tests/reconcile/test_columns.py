@@ -98,6 +98,22 @@ def test_torques_that_never_act_may_be_another_unit_or_none():
     assert "torques seem to be in N mm:" in asked(observed(RICH, at).under(torque_Nm=1e3 * at.torque_Nm))
 
 
+def test_a_run_that_nothing_tells_is_not_read_as_those_that_lie_on_the_other_side_of_all_others():
+    """Of torques in N mm when the oil was warm, the least ones of cold oil were read as thousandths of themselves."""
+    softer = RigModel(
+        effects=tuple(
+            effect(one.name, stiffness_Nm_per_arcmin=350.0) if one.name == "torsional_compliance" else one
+            for one in RICH.effects
+        )
+    )
+    points = grid(4, 4, 2)
+    at = replace(points, torque_Nm=np.choose((points.torque_Nm / 600.0).round().astype(int), [20.0, 200, 600, 1200]))
+    data = observed(softer, at)
+    wrong = data.under(torque_Nm=np.where(at.temperature_C > 30.0, 1e3, 1.0) * at.torque_Nm)
+    assert "the torques of 16 of 32 runs seem to be in N mm" in asked(wrong)
+    assert asked(wrong, accept=["conditions"]).data.at.torque_Nm == pytest.approx(at.torque_Nm)
+
+
 @pytest.mark.parametrize("said", [said for said in READINGS if "other sign" in said or "shaft" in said])
 def test_orders_that_noise_hides_refuse_no_reading(said):
     """Its noise was a fiftieth of the mesh at most: torques of the other sign were three meshes that had turned."""

@@ -24,6 +24,9 @@ WRITTEN = {
     "in mdeg, and the mean in deg": lambda c: 1e3 * c,
     "in arcmin, and the mean in deg": lambda c: 60 * c,
     "in arcsec, and the mean in deg": lambda c: 3600 * c,
+    "in rad, and the mean in deg": lambda c: np.pi / 180 * c,
+    "in mrad, and the mean in deg": lambda c: 1e3 * np.pi / 180 * c,
+    "in urad, and the mean in deg": lambda c: 1e6 * np.pi / 180 * c,
     "squared, as in a spectrum of power": lambda c: np.abs(c) * c,
     "with phases in turns": lambda c: np.abs(c) * np.exp(1j * np.angle(c) / (2 * np.pi)),
 }

@@ -1,5 +1,6 @@
 """Parts of reconcile one by one: noise floor, coordinates, joint fit, evidence, units; own effects; the report."""
 
+import importlib
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -440,3 +441,15 @@ def test_effects_of_the_structure_need_no_frequency(tmp_path):
     report = run(tmp_path, RIG, grid(4, 5, 2), RigModel(effects=(*RIG.effects, frame)), "--effects", own)
     assert [entry["name"] for entry in report["effects"]] == ["frame"]
     assert report["effects"][0]["parameters"]["amplitude_deg"]["value"] == pytest.approx(1e-3, rel=0.05)
+
+
+@pytest.mark.parametrize("after", [1.0, 2.0])
+def test_an_effect_without_which_runs_are_predicted_worse_is_not_gone(after, monkeypatch):
+    """Where the load scatters no backlash was seen: "the rig stays as it is" stood beside a gap without it."""
+    core = importlib.import_module("st_codegen.reconcile.core")
+    whole, without = core._reconcile, SimpleNamespace(held_out=SimpleNamespace(before=1.0, after=after))
+    monkeypatch.setattr(core, "gone", lambda *_: ("backlash",))
+    monkeypatch.setattr(core, "_reconcile", lambda *_: without)
+    found = whole(RIG, KNOWN, None, core.Examined(observed(RIG, grid(4, 4, 2))))
+    assert (found is without) == (after == 1.0)
+    assert found is without or (found.new_rig is found.rig and not found.conclusions.retuned)

@@ -195,6 +195,46 @@ def test_a_changed_wave_is_told_of_samples_and_other_names_are_asked(tmp_path):
     assert "output_shaft_eccentricity" in [entry.after.name for entry in result.conclusions.retuned]
 
 
+def test_behind_a_reversal_the_output_stands_until_the_play_is_travelled(tmp_path):
+    """Its samples had the mean of the other direction: a sound axis that turns back had "something differs"."""
+    known, time = catalogue(()), np.arange(4000) * 5e-3
+    rig = parse_rig(RIG + '[[effect]]\nname = "friction_windup"\ncoulomb_arcmin = 1.5\n', known=known)
+    speed = np.clip(np.abs((time % 10.0) - 5.0) * 1200.0 - 3000.0, -600.0, 600.0)  # rpm, a ramp through 0
+    fast = np.cumsum(6.0 * speed) * 5e-3
+    turned = np.diff(fast, prepend=fast[0]) / 81.0
+    back = rig.coefficients(Conditions.of([1.0, -1.0], 600.0, 400.0, 30.0), (0,)).real[:, 0]
+    side, te = back[0], np.empty(len(time))
+    for i, step in enumerate(turned):
+        side = np.clip(side - step, back.min(), back.max())
+        te[i] = side
+    out = fast / 81.0 + te
+    for _ in range(5):
+        out = fast / 81.0 + te + 0.01 * np.cos(np.deg2rad(out))
+    out += 1e-4 * np.random.default_rng(0).standard_normal(len(time))
+    rows = np.column_stack([time, fast, out, np.full(len(time), 400.0), np.full(len(time), 30.0)])
+    np.savetxt(
+        tmp_path / "r.csv", rows, "%.12g", ",", header="t,theta_in,theta_out,torque_Nm,temperature_C", comments=""
+    )
+    result = reconcile_files(rig, tmp_path / "r.csv", known)
+    assert result.verdict == "nothing_missing"
+    assert result.held_out.after == pytest.approx(1e-4, rel=0.1)
+
+
+@pytest.mark.parametrize("acts", [False, True])
+def test_what_a_sensor_scatters_by_is_no_load_unless_te_follows_it(acts):
+    """At one torque, read to 1 N m, a sound axis had no compliance at all, and another backlash."""
+    rig = parse_rig(RIG + '[[effect]]\nname = "torsional_compliance"\nstiffness_Nm_per_arcmin = 200.0\n')
+    random, time = np.random.default_rng(0), np.arange(4000) * 5e-3
+    fast, out = 3600.0 * time, 3600.0 * time / 81.0
+    torque = 400.0 + random.standard_normal(len(time))
+    for _ in range(5):
+        out = fast / 81.0 + rig.te_deg(out, 1.0, 600.0, torque if acts else 400.0, 30.0)
+    out += 2e-5 * random.standard_normal(len(time))
+    at = Conditions.of(1.0, 600.0, torque, 30.0)
+    data = observations([Recording("r", time, {"theta_in": fast, "theta_out": out}, at)], rig)
+    assert bool(np.ptp(data.at.torque_Nm) > 0.0) == acts
+
+
 #: one direction, both, and both at several speeds: rpm with the sign of the direction, and N m
 
 

@@ -93,6 +93,16 @@ def test_what_else_a_sentence_says_does_not_hang_on_its_words(words, monkeypatch
         assert words in said and said.endswith(end)
 
 
+def test_a_law_below_what_counts_as_noise_has_its_own_size_and_direction():
+    """It was "0 deg RMS over the runs, forward only", where jumps in forward curves were the noise of both."""
+    at, random = grid(), np.random.default_rng(3)
+    law = -at.sign * 0.018 * at.torque_Nm / 1000
+    jumps = np.where((at.sign > 0) & (random.uniform(size=len(at)) < 0.3), 0.2, 0.0)
+    (one,) = found(at, {0: law + jumps}).values()
+    assert "torque" in one.formula.terms and one.rms_deg > 0.9 * np.sqrt((law[at.sign < 0] ** 2).mean() / 2)
+    assert "0 deg RMS" not in one.text and "forward only" not in one.text and one.direction != "forward"
+
+
 def test_a_term_that_takes_from_the_others_is_said_to():
     """A part that falls with the speed was said to grow with the product of speed and torque."""
     at = grid()

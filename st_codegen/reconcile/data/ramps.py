@@ -15,8 +15,10 @@ def ramp(gap: ComplexArray, noise: FloatArray, orders: IntArray) -> FloatArray:
     """The ramp over a turn (deg) that most orders of each row of a gap (n, K) agree on, (n,).
 
     They are weighed by the power of their noise, (n, K): of a ramp s an order k above 0 has i s / (pi k), so that only
-    the lowest show it above the noise.
+    the lowest show it above the noise. Where there is no order there is none.
     """
+    if not orders.size:
+        return np.zeros(len(gap))
     sure = 1.0 / (orders * np.sqrt(np.maximum(noise, 1e-300)))
     size = np.pi * orders * gap.imag
     return np.asarray(np.quantile(size, 0.5, axis=1, method="inverted_cdf", weights=sure))

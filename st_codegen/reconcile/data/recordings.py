@@ -179,14 +179,54 @@ def observations(recordings: Sequence[Recording], rig: RigModel) -> Observations
 
 def _samples(r: Recording, rig: RigModel) -> _Samples:
     """The transmission error of a recording; without theta_out it is the rig's own, since nothing else is known."""
-    moves, moving = r.moves, np.flatnonzero(r.moves)
     if "theta_out" not in r.angles:
         out = next(iter(r.angles.values())) / rig.constants.reduction_ratio
-        return _Samples(r, out, expected_error(r, out, rig), moving)
+        return _Samples(r, out, expected_error(r, out, rig), np.flatnonzero(r.moves))
     out, te = r.angles["theta_out"], error_of(r, rig)
+    r = _without_scatter(r, out, te, rig)
+    moves = r.moves & _has_turned_over(r, te, rig.constants.reduction_ratio)
     steps = step_of(out), step_of(r.angles[r.fast]) / rig.constants.reduction_ratio
     bends = np.diff(te - expected_error(r, out, rig), n=2)[moves[2:] & moves[1:-1] & moves[:-2]]
-    return _Samples(r, out, te, moving, float(np.hypot(*steps)) / np.sqrt(12.0), bends)
+    return _Samples(r, out, te, np.flatnonzero(moves), float(np.hypot(*steps)) / np.sqrt(12.0), bends)
+
+
+def _without_scatter(r: Recording, out: FloatArray, te: FloatArray, rig: RigModel) -> Recording:
+    """Conditions that vary by what their sensors scatter by, and by nothing else, as their means.
+
+    What scatters is no load: TE does not follow it, and would show nothing of what does. Where with it less is left
+    from sample to sample than with the mean, it is one.
+    """
+
+    def left(given: Recording) -> float:
+        return float((np.diff(te - expected_error(given, out, rig), n=2)[r.moves[2:]] ** 2).sum())
+
+    for name in _CONDITIONS:
+        values = getattr(r.at, name)
+        # second differences of white noise have six times its variance
+        scatter = float((np.diff(values, n=2) ** 2).mean()) / 6.0
+        if r.moves.any() and scatter > SETTINGS.mostly_scatter * values[r.moves].var():
+            mean = np.full(len(values), values[r.moves].mean())
+            meant = replace(r, at=replace(r.at, **{name: mean}))
+            r = meant if left(meant) < left(r) else r
+    return r
+
+
+def _has_turned_over(r: Recording, te: FloatArray, ratio: float) -> BoolArray:
+    """The samples at which the flanks of the direction carry, (n,).
+
+    Behind a reversal the output stands still until the difference of the means is travelled: TE (deg, (n,)) changes by
+    all that the fast side turns over the ratio, and so by no more than it ranges over. What moves less than that in
+    most samples is taken as it is.
+    """
+    fast, moves = r.angles[r.fast] / ratio, r.moves
+    reversals = np.flatnonzero(np.diff(r.at.sign)) + 1
+    if not len(reversals) or not moves.any():
+        return np.ones(len(te), np.bool_)
+    last = np.searchsorted(reversals, np.arange(len(te)), side="right") - 1
+    travelled = np.where(last < 0, np.inf, np.abs(fast - fast[reversals[np.maximum(last, 0)]]))
+    low, high = np.quantile(te[moves], (SETTINGS.far_off, 1.0 - SETTINGS.far_off))
+    found = np.asarray(travelled > high - low)
+    return found if np.mean(found[moves]) > 0.5 else np.ones(len(te), np.bool_)
 
 
 def _drawn(moving: Sequence[IntArray]) -> list[IntArray]:

@@ -158,7 +158,9 @@ def _with_untold(read: Conditions, meant: Conditions, rows: BoolArray, beside: B
         theirs, others = (values[part & (values > 0.0)] for part in (rows, beside))
         if _has_sizes(getattr(meant, key), getattr(read, key)) or not len(theirs) or not len(others):
             continue
-        outside = (values > 0.0) & ((values > others.max()) | (values < others.min()))
+        # one factor moves all of them to one side
+        sides = (values > others.max(), (values > 0.0) & (values < others.min()))
+        outside = max(sides, key=lambda side: side[rows].sum())
         if outside[rows & (values > 0.0)].mean() <= SETTINGS.most_orders:
             return np.zeros(len(rows), bool)
         alone |= outside & ~beside
@@ -248,7 +250,8 @@ _SIZES = (
     ("", 1.0), ("twice as large, from peak to peak", 2.0), ("half as large, one side of a spectrum", 0.5),
     ("RMS in place of amplitudes", 2**-0.5), ("one side of a spectrum, as RMS", 8**-0.5),
     ("in mdeg, and the mean in deg", 1e3), ("in arcmin, and the mean in deg", 60.0),
-    ("in arcsec, and the mean in deg", 3600.0),
+    ("in arcsec, and the mean in deg", 3600.0), ("in rad, and the mean in deg", np.pi / 180),
+    ("in mrad, and the mean in deg", 1e3 * np.pi / 180), ("in urad, and the mean in deg", 1e6 * np.pi / 180),
 )  # fmt: skip
 #: of which curves, their sign (0: all); phases, and how they are read; sizes, and their factor
 _CONVENTIONS: list[tuple[str, float, str, _Turned, str, float]] = [

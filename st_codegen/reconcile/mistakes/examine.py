@@ -249,6 +249,8 @@ def _ramp_of_gap(data: Observations, rig: RigModel) -> tuple[float, float]:
     """
     told = data.orders > 0
     orders, rows = data.orders[told], len(data)
+    if not orders.size:
+        return 0.0, 0.0
     gaps = (data.values - expected_of(data, rig))[:, told] / in_steps(orders, data.samples)
     gap = gaps.mean(axis=0)
     least = SETTINGS.told * (np.abs(gaps - gap) ** 2).mean(axis=0) / rows

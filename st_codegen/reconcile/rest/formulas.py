@@ -41,6 +41,13 @@ class Formula:
     amplitude_deg: float
     conditions: frozenset[str]
 
+    def values(self, at: Conditions, reference_C: float) -> ComplexArray:
+        """What it makes of the order at operating points, complex128 (n,), deg."""
+        found = np.zeros(len(at), np.complex128)
+        for name, (forward, backward) in self.terms.items():
+            found += np.where(at.sign > 0, forward, backward) * term_values(name, at, reference_C)
+        return found
+
 
 @dataclass(frozen=True)
 class _Rows:

@@ -423,7 +423,6 @@ def _signature(
     r = residual[:, k] if order else residual[:, k].real.astype(np.complex128)
     parts = 2 if order else 1
     noise = parts * min(float((target.sigma[target.good, k] ** 2).mean()), floor**2)
-    power = max(float((np.abs(r[target.good]) ** 2).mean()) - noise, 0.0 if course is None else course.power) / parts
     formula = formula_of(target, r, k, max(floor, SETTINGS.least_noise_deg))
     # a mean that noise which wanders over the runs may have is no law; beside one it is a part of the size
     if (beside != r).any() and formula is not None and set(formula.terms) == {"constant"}:
@@ -442,7 +441,12 @@ def _signature(
     through = [name for name in one_after_the_other(target.data) if name.removeprefix("oil ") in statement.conditions]
     if through and (course is None or course.is_lag or statement.says is not course):
         said += f", or with time: the runs go through the {' and the '.join(through)} once"
-    side = _side(target, r, noise) + ("" if is_alike else "; louder noise in some runs may look the same")
+    is_law = formula is not None and statement.says is formula
+    # what counts as noise may be louder than the law, in one direction as well
+    law = formula.values(target.data.at, target.reference_temperature_C) if formula and is_law else r
+    least = float((np.abs(law[target.good]) ** 2).mean()) if is_law else 0.0 if course is None else course.power
+    power = max(float((np.abs(r[target.good]) ** 2).mean()) - noise, least) / parts
+    side = _side(target, law, noise) + ("" if is_alike else "; louder noise in some runs may look the same")
     # where nothing tells the noise but what runs differ by, that holds what is looked for as well: so in the mean of a
     # table, and in orders of curves that are far from quiet ones
     within = float(noise_within(target)[k])
@@ -451,10 +455,9 @@ def _signature(
     is_least |= course is not None and bool(floor > SETTINGS.clearly_larger * within)
     what = f"order {order}" if order else "the mean"
     size = f"{_size(float(np.sqrt(power)), is_least=is_least)} deg RMS"
-    is_law = formula is not None and statement.says is formula
     text = f"{what} {said}; {size} over the runs{side}" if is_law else f"{what}: {size}, {said}{side}"
     rms, amplitude = float(np.sqrt(power)), statement.amplitude_deg
-    return Signature(order, rms, float(power), shares, direction, text, amplitude, formula, is_least)
+    return Signature(order, rms, float(power), shares, _direction(target, law), text, amplitude, formula, is_least)
 
 
 def _direction(target: FitData, r: ComplexArray) -> str:

@@ -294,10 +294,12 @@ class Frequencies:
 
     def _grid(self, step: float) -> FloatArray:
         """Frequencies (Hz) that orders have at some speed, by equal ratios."""
+        if not self.loud:
+            return np.empty(0)
         turn = self.data.at.speed_rpm / (60 * self.constants.reduction_ratio)
         low = max(min(self.orders) * turn.min(), self.frequency.lower)
         high = min(max(self.orders) * turn.max(), self.frequency.upper)
-        if low >= high or not self.loud:
+        if low >= high:
             return np.zeros(0)
         return np.exp(np.arange(np.log(low), np.log(high), step))
 
