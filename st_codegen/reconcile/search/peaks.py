@@ -293,14 +293,12 @@ class Frequencies:
         return _Along("frequency_per_kNm", load, _LEVELS_OFF), _Along("frequency_per_10K", warmer)
 
     def _grid(self, step: float) -> FloatArray:
-        """Frequencies (Hz) that orders have at some speed, by equal ratios."""
+        """Frequencies (Hz) that orders have at some speed, by equal ratios; none where no order is loud."""
         if not self.loud:
             return np.empty(0)
         turn = self.data.at.speed_rpm / (60 * self.constants.reduction_ratio)
         low = max(min(self.orders) * turn.min(), self.frequency.lower)
         high = min(max(self.orders) * turn.max(), self.frequency.upper)
-        if low >= high:
-            return np.zeros(0)
         return np.exp(np.arange(np.log(low), np.log(high), step))
 
     def _gains(self, fixed: dict[str, float], grid: FloatArray, some: BoolArray) -> FloatArray:
