@@ -179,8 +179,8 @@ REFUSED = {
             lambda: with_choice(ensemble.AdaBoostClassifier().fit(X, TWO), "algorithm", "SAMME.R"),
             "of which newer versions of scikit-learn compute other numbers",
         ),
-        "LogisticRegression that was trained with multi_class='ovr' or solver='liblinear' of three and more classes, "
-        "or multi_class='multinomial' of two": (
+        "LogisticRegression that was trained with multi_class='ovr' or solver='liblinear', or by scikit-learn up to "
+        "1.5 with solver='newton-cholesky', of three and more classes, or multi_class='multinomial' of two": (
             lambda: with_choice(linear_model.LogisticRegression().fit(X, THREE), "multi_class", "ovr"),
             "of which newer versions of scikit-learn compute other numbers",
         ),

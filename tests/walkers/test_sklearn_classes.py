@@ -313,6 +313,7 @@ def test_labels_beside_others_that_sums_do_not_give_are_refused(pair):
         (linear_model.LogisticRegression, 3, "multi_class", "ovr"),
         (linear_model.LogisticRegression, 2, "multi_class", "multinomial"),
         (linear_model.LogisticRegression, 3, "solver", "liblinear"),
+        (linear_model.LogisticRegression, 3, "solver", "newton-cholesky"),
     ],
 )
 def test_what_older_versions_trained_with_and_newer_ones_do_not_compute_is_refused(kind, classes, name, choice):
@@ -322,6 +323,9 @@ def test_what_older_versions_trained_with_and_newer_ones_do_not_compute_is_refus
     vars(estimator)[name] = "deprecated"
     from_estimator(estimator, "model")
     vars(estimator)[name] = choice
+    if choice == "newton-cholesky":
+        from_estimator(estimator, "model")
+        vars(estimator).update(n_iter_=np.ones(classes, np.int32), multi_class="deprecated")
     with pytest.raises(UnsupportedModelError, match=f"{kind.__name__} with {name}='{choice}'.*train it again"):
         from_estimator(estimator, "model")
 

@@ -102,7 +102,9 @@ def walk_linear_classifier(fitted: Fitted, builder: GraphBuilder, value: int) ->
     if logistic:
         fitted.refuse_old("multi_class", "ovr" if count > 1 else "multinomial")
     if logistic and count > 1:
-        fitted.refuse_old("solver", "liblinear")  # it trained each class against the rest
+        # each class was trained against the rest by liblinear, and where an old version tells the iterations of each
+        each = "multi_class" in vars(fitted.estimator) and len(getattr(fitted.estimator, "n_iter_", ())) > 1
+        fitted.refuse_old("solver", fitted.get("solver") if each else "liblinear")
     loss = fitted.estimator.loss if fitted.kind == "SGDClassifier" else ""
     probability = None
     if logistic and count > 1:

@@ -110,10 +110,10 @@ def _as_saved(model: BoosterModel, data: bytes) -> bytes | None:
     """A file of an old version as 3.2 has to be given it to compute what that version did; None of all others.
 
     A gblinear file of before XGBoost 1.5 with rounds: without them 3.2 adds the base score before its link. One of
-    `binary:logitraw` of before 1.3 with the margin of its base score, which was a probability then.
+    `binary:logitraw` of before 1.3.1 with the margin of its base score, which was a probability then.
     """
     unlinked = model.booster == "gblinear" and b"boosted_rounds" not in data
-    was_share = model.objective == "binary:logitraw" and model.version.startswith(("1.0.", "1.1.", "1.2."))
+    was_share = model.objective == "binary:logitraw" and model.version.startswith(("1.0.", "1.1.", "1.2.", "1.3.0"))
     if not unlinked and not was_share:
         return None
     try:
