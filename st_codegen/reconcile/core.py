@@ -102,7 +102,7 @@ def _reconcile(
     if not without and (more := gone(conclusions.joint, conclusions)):
         # what the rig has too much bends what is beside it
         found = _reconcile(whole, known, progress, examined, more)
-        # with it the runs that were left out are predicted better: then it is there
+        # left-out runs that the rig as it was predicts better: then it is there
         if found.held_out.after <= SETTINGS.worse * found.held_out.before:
             return found
     conclusions = replace(conclusions, retuned=(*without, *conclusions.retuned))

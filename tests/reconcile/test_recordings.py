@@ -221,9 +221,14 @@ def test_behind_a_reversal_the_output_stands_until_the_play_is_travelled(tmp_pat
 
 
 @pytest.mark.parametrize("acts", [False, True])
-def test_what_a_sensor_scatters_by_is_no_load_unless_te_follows_it(acts):
-    """At one torque, read to 1 N m, a sound axis had no compliance at all, and another backlash."""
-    rig = parse_rig(RIG + '[[effect]]\nname = "torsional_compliance"\nstiffness_Nm_per_arcmin = 200.0\n')
+@pytest.mark.parametrize("stiffness", [200.0, 90.0])
+def test_what_a_sensor_scatters_by_is_no_load_unless_te_follows_it(acts, stiffness):
+    """At one torque, read to 1 N m, a sound axis had no compliance at all, and another backlash.
+
+    A rig that is over twice too soft leaves more with the load than without it.
+    """
+    text = RIG + '[[effect]]\nname = "torsional_compliance"\nstiffness_Nm_per_arcmin = {}\n'
+    rig, assumed = (parse_rig(text.format(value)) for value in (200.0, stiffness))
     random, time = np.random.default_rng(0), np.arange(4000) * 5e-3
     fast, out = 3600.0 * time, 3600.0 * time / 81.0
     torque = 400.0 + random.standard_normal(len(time))
@@ -231,7 +236,7 @@ def test_what_a_sensor_scatters_by_is_no_load_unless_te_follows_it(acts):
         out = fast / 81.0 + rig.te_deg(out, 1.0, 600.0, torque if acts else 400.0, 30.0)
     out += 2e-5 * random.standard_normal(len(time))
     at = Conditions.of(1.0, 600.0, torque, 30.0)
-    data = observations([Recording("r", time, {"theta_in": fast, "theta_out": out}, at)], rig)
+    data = observations([Recording("r", time, {"theta_in": fast, "theta_out": out}, at)], assumed)
     assert bool(np.ptp(data.at.torque_Nm) > 0.0) == acts
 
 

@@ -194,12 +194,8 @@ def _without_scatter(r: Recording, out: FloatArray, te: FloatArray, rig: RigMode
     """Conditions that vary by what their sensors scatter by, and by nothing else, as their means.
 
     What scatters is no load: TE does not follow it, and would show nothing of what does. Where with it less is left
-    from sample to sample than with the mean, it is one.
+    from sample to sample than with the mean, or what the rig makes of it goes with TE, it is one.
     """
-
-    def left(given: Recording) -> float:
-        return float((np.diff(te - expected_error(given, out, rig), n=2)[r.moves[2:]] ** 2).sum())
-
     for name in _CONDITIONS:
         values = getattr(r.at, name)
         # second differences of white noise have six times its variance
@@ -207,7 +203,10 @@ def _without_scatter(r: Recording, out: FloatArray, te: FloatArray, rig: RigMode
         if r.moves.any() and scatter > SETTINGS.mostly_scatter * values[r.moves].var():
             mean = np.full(len(values), values[r.moves].mean())
             meant = replace(r, at=replace(r.at, **{name: mean}))
-            r = meant if left(meant) < left(r) else r
+            usual = expected_error(meant, out, rig)
+            gap, made = (np.diff(x - usual, n=2)[r.moves[2:]] for x in (te, expected_error(r, out, rig)))
+            follows = (gap @ made) ** 2 > SETTINGS.mostly_scatter * (gap @ gap) * (made @ made)
+            r = r if follows or (gap @ gap) >= ((gap - made) ** 2).sum() else meant
     return r
 
 

@@ -119,10 +119,14 @@ def with_rest(
 
 
 def _with_mixed(looked_at: IntArray, orders: Collection[int]) -> BoolArray:
-    """Which orders (K,) are some of these, or the sum or the difference of two: play and contact mix waves so."""
-    own = np.array(sorted(orders), np.int64)
-    mixed = np.isin(looked_at, [own, *np.abs(own[:, None] + own), *np.abs(own[:, None] - own)])
-    # sums and differences of many are nearly all orders, and say nothing
+    """Which orders (K,) are some of these, their doubles, or sums or differences of two: play mixes waves so.
+
+    What has no whole order is -1 among `orders`, and mixes nothing.
+    """
+    own = np.array([order for order in orders if order >= 0], np.int64)
+    sums, differences = own[:, None] + own, np.abs(own[:, None] - own)
+    mixed = np.isin(looked_at, np.concatenate([own, sums.ravel(), differences[differences > 0]]))
+    # of many orders they are half of all, and say nothing
     return np.isin(looked_at, own) if _lacks_everywhere(mixed) else mixed
 
 
@@ -130,7 +134,7 @@ def undecided_runs(data: Observations, noise: Noise) -> tuple[str, ...]:
     """Sentences on runs far from what others let expect of which nobody can tell whether they were measured wrong."""
     found, at = [], data.at
     for group in noise.undecided:
-        where = "in nothing but orders that stay unexplained, or sums and differences of these"
+        where = "in nothing but orders that stay unexplained, or doubles, sums and differences of these"
         if group.condition == "load":
             where = "at a smaller load than all of these in one direction"
         elif group.condition:

@@ -446,7 +446,9 @@ def _signature(
     law = formula.values(target.data.at, target.reference_temperature_C) if formula and is_law else r
     least = float((np.abs(law[target.good]) ** 2).mean()) if is_law else 0.0 if course is None else course.power
     power = max(float((np.abs(r[target.good]) ** 2).mean()) - noise, least) / parts
-    side = _side(target, law, noise) + ("" if is_alike else "; louder noise in some runs may look the same")
+    side = _side(target, law, noise, has_noise=not is_law) + (
+        "" if is_alike else "; louder noise in some runs may look the same"
+    )
     # where nothing tells the noise but what runs differ by, that holds what is looked for as well: so in the mean of a
     # table, and in orders of curves that are far from quiet ones
     within = float(noise_within(target)[k])
@@ -467,9 +469,9 @@ def _direction(target: FitData, r: ComplexArray) -> str:
     return loud if len(power) == 2 and power[loud] > SETTINGS.one_sided * min(power.values()) else "both"
 
 
-def _side(target: FitData, r: ComplexArray, noise: float) -> str:
+def _side(target: FitData, r: ComplexArray, noise: float, *, has_noise: bool = True) -> str:
     """The direction that a residual (n,) is in, and whether the other has more of it than noise of this power; whether
-    both have it with opposite signs.
+    both have it with opposite signs. has_noise: false for a law, which was fitted to what has it.
     """
     direction, rows = _direction(target, r), int(target.good.sum()) / 2
     if direction == "both":
@@ -478,7 +480,7 @@ def _side(target: FitData, r: ComplexArray, noise: float) -> str:
         turned = -(r[pairs[:, 0]] * r[pairs[:, 1]].conj()).real
         shared = SETTINGS.opposed * (np.abs(r[pairs]) ** 2).sum() / 2
         return ", of the other sign backward" if len(pairs) >= SETTINGS.rows_of_noise and turned.sum() > shared else ""
-    is_quiet = _quietest_direction(target, r) < noise * (1.0 + SETTINGS.told / np.sqrt(rows))
+    is_quiet = _quietest_direction(target, r) < noise * (has_noise + SETTINGS.told / np.sqrt(rows))
     return f", {direction} only" if is_quiet else f", mostly {direction}"
 
 
