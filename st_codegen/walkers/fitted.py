@@ -45,7 +45,10 @@ class Fitted:
 
     def fail(self, name: str, message: str) -> InputError:
         """An error that names the attribute."""
-        return InputError(f"{self.kind}.{name}: {message}; the model was changed after it was fitted, or is damaged")
+        return InputError(
+            f"{self.kind}.{name}: {message}; the model was changed after it was fitted, saved by another version of its "
+            "library, or is damaged"
+        )
 
     def get(self, name: str) -> Any:
         """An attribute of any type. One that is missing means that `fit` was not called."""
