@@ -46,8 +46,8 @@ class Fitted:
     def fail(self, name: str, message: str) -> InputError:
         """An error that names the attribute."""
         return InputError(
-            f"{self.kind}.{name}: {message}; the model was changed after it was fitted, saved by another version of its "
-            "library, or is damaged"
+            f"{self.kind}.{name}: {message}; the model was changed after it was fitted, saved by another version of "
+            "its library, or is damaged"
         )
 
     def get(self, name: str) -> Any:
