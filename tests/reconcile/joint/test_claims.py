@@ -358,6 +358,17 @@ def test_a_clock_that_jitters_is_told_from_a_gap(tmp_path):
         read_joints([write(columns, tmp_path / "a.csv")])
 
 
+def test_a_clock_that_jitters_by_less_than_half_a_step_is_read(tmp_path):
+    """Held against the first sample of a piece, which jitters too, it was off by 0.77 of a step in place of 0.4."""
+    columns = plain(count=4000)
+    jitter = np.random.default_rng(4).uniform(-0.4, 0.4, 4000)
+    jitter[0] = 0.4
+    columns["t"] += 0.005 * 0.5 * jitter
+    columns["t"][2000:2002] += 0.005 * np.array([-0.4, 0.4])
+    (recording, *_) = read_joints([write(columns, tmp_path / "a.csv")])
+    assert any("off even steps by up to 0." in note for note in recording.notes)
+
+
 def test_columns_of_other_names_are_shown_beside_those_that_are_wanted(tmp_path, capsys):
     path = write(plain(count=800), tmp_path / "joint.csv", {"q": "position", "tau": "torque"})
     assert run("reconcile", "--measured", path, "--out", tmp_path / "out") == 2
