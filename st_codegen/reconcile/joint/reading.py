@@ -198,8 +198,12 @@ def _pieces(
             f"{counted(len(found) - 1, 'wider one')} only {kept} of {len(clock)} lie in pieces of {JOINT.piece} "
             "or more. Where the clock jitters, bring the columns to even times first"
         )
-    step = float(sum(clock[own.stop - 1] - clock[own.start] for own in pieces)) / (kept - len(pieces))
-    off = [np.abs(clock[own] - clock[own.start] - step * np.arange(own.stop - own.start)) / step for own in pieces]
+    # by all samples: the first and the last one of a piece are off as well
+    counts = [np.arange(own.stop - own.start) - (own.stop - own.start - 1) / 2 for own in pieces]
+    moved = sum(float(count @ (clock[own] - clock[own].mean())) for count, own in zip(counts, pieces, strict=True))
+    step = moved / sum(float(count @ count) for count in counts)
+    late = [clock[own] - step * np.arange(own.stop - own.start) for own in pieces]
+    off = [np.abs(one - np.median(one)) / step for one in late]
     most = max(float(one.max()) for one in off)
     if most > JOINT.jitter:
         own = pieces[int(np.argmax([one.max() for one in off]))]

@@ -28,8 +28,9 @@ class TorqueWave:
 
     @property
     def has_rival(self) -> bool:
-        """Whether a wave over the other one would do as well."""
-        return not self.rival.is_worse_than(self.gain)
+        """Whether a wave over the other one would do as well, or so nearly that a form error could make the rest."""
+        more = float((self.rival.held - self.gain.held).sum())
+        return more <= JOINT.share * float(self.gain.held.sum()) or not self.rival.is_worse_than(self.gain)
 
 
 def find_wave(rows: JointRows, chosen: Chosen) -> TorqueWave | None:
@@ -53,10 +54,22 @@ def find_wave(rows: JointRows, chosen: Chosen) -> TorqueWave | None:
 
 
 def _gain(rows: JointRows, chosen: Chosen, over: str, number: float) -> PartGain:
+    """What a wave near this number adds: its number is as exact as predicts better.
+
+    What a number that is a little off leaves would be another wave beside it, and its size would be too small.
+    """
     base = list(chosen.parts)
-    near = number + _resolution(rows, over) * np.linspace(-0.5, 0.5, 11)
-    variants = [TorquePart(f"{over}:{n:.6g}", float(n), columns(rows, over, float(n))) for n in near]
-    return gain_of(variants, base, rows, crossed(stacked(base), rows))
+    before, width = crossed(stacked(base), rows), _resolution(rows, over)
+    gain: PartGain | None = None
+    while True:
+        center = number if gain is None else gain.part.shape
+        near = center + width * np.linspace(-0.5, 0.5, 11)
+        variants = [TorquePart(f"{over}:{n:.6g}", float(n), columns(rows, over, float(n))) for n in near]
+        finer = gain_of(variants, base, rows, before)
+        saves = gain is None or finer.held.sum() < (1 - JOINT.share) * gain.held.sum() or gain.is_worse_than(finer)
+        if gain is not None and not saves:
+            return gain
+        gain, width = finer, width / 5
 
 
 def columns(rows: JointRows, over: str, number: float) -> FloatArray:
