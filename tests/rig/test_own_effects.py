@@ -71,6 +71,20 @@ def test_an_effect_that_is_right_adds_what_it_says():
     assert np.abs(_added(COGGING))[:, 0] == pytest.approx([0.004, 0.001])
 
 
+@pytest.mark.parametrize(
+    ("stage", "method"),
+    [
+        ("AXIS", "motor_angle(self, time_s, reference_deg): return reference_deg"),
+        ("MEASURING", "passed_on(self, at, orders, coefficients): return 2 * coefficients"),
+    ],
+)
+def test_an_effect_that_adds_to_no_order_by_itself_is_taken(stage, method, tmp_path):
+    own = tmp_path / "own.py"
+    lines = ["from st_codegen.rig.effects import Effect, Stage", "class Own(Effect):", f"    stage = Stage.{stage}"]
+    own.write_text("\n".join([*lines, "    name = 'own'", f"    def {method}", ""]))
+    assert "own" in catalogue([own])
+
+
 def _added(path):
     """What the effect of a file adds to the order of cogging at 500 and 2000 rpm."""
     constants = Constants(81.0, 39, 40, 3, 30.0)

@@ -72,9 +72,11 @@ def _own(effect: type[Effect], source: str) -> type[Effect]:
     if not isinstance(effect.name, str) or not effect.name:
         raise InputError(f"{source}: {effect.__name__} has the name {effect.name!r}; a name is a text")
     ways = ("coefficient", "contribution", "passed_on", "transfer", "constant")
-    if all(getattr(effect, way) is getattr(Effect, way) for way in ways):
+    # what acts between reference and input adds to no order, and what measures may pass all of them on
+    if effect.stage is not Stage.AXIS and all(getattr(effect, way) is getattr(Effect, way) for way in ways):
         raise InputError(f"{source}: the effect '{effect.name}' has no method `coefficient`, so it would add nothing")
-    if effect.orders_key is None and effect.touched_orders is Effect.touched_orders:
+    adds = effect.stage in (Stage.ADDITIVE, Stage.STRUCTURE)
+    if adds and effect.orders_key is None and effect.touched_orders is Effect.touched_orders:
         raise InputError(
             f"{source}: the effect '{effect.name}' has neither a method `touched_orders` nor an `orders_key`, so it "
             "would add to no order"
