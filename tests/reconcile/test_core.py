@@ -430,6 +430,9 @@ class Listed(Effect):
     title = "several orders at once"
     orders_key = "orders"
     phasors = (Phasor("amplitude_deg", "phase_rad", "deg", 1, "amplitude"),)
+
+    def coefficient(self, at, order):
+        return self.complex_at("amplitude_deg", at, self.orders.index(order))
 '''
 
 
