@@ -90,8 +90,9 @@ def _check_size(run: Run, rig: RigModel) -> None:
     if not most < _MOST_TE_DEG:
         at = run.conditions
         raise InputError(
-            f"{rig.name}: its formulas do not hold at {at.speed_rpm:g} rpm, {at.torque_Nm:g} N m and "
-            f"{at.temperature_C:g} degC, where they give a transmission error of {most:.3g} deg"
+            f"{rig.name}: a transmission error of {most:.3g} deg at {at.speed_rpm:g} rpm, {at.torque_Nm:g} N m and "
+            f"{at.temperature_C:g} degC: its formulas do not hold there, or the noise is louder than any error "
+            "of a reducer"
         )
 
 

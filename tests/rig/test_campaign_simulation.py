@@ -110,6 +110,9 @@ def test_all_files_that_are_wrong_are_named_at_once(tmp_path, capsys):
 def test_conditions_at_which_the_formulas_do_not_hold_write_nothing(tmp_path):
     """3 MN m gave files with a transmission error of -105 deg."""
     points = (OperatingPoint(1000.0, 100.0, 30.0), OperatingPoint(3000.0, 3e6, 3000.0))
-    with pytest.raises(InputError, match="its formulas do not hold at 3000 rpm"):
+    with pytest.raises(InputError, match=r"deg at 3000 rpm, .*: its formulas do not hold there"):
         simulate_campaign(read_rig(RIG), points, tmp_path / "c", Measuring(samples=500))
+    # noise of 1000 deg was called a failure of the formulas alone
+    with pytest.raises(InputError, match=r"deg at 1000 rpm, .*, or the noise is louder than any error of a reducer"):
+        simulate_campaign(read_rig(RIG), points[:1], tmp_path / "c", Measuring(500, noise_deg=1000.0))
     assert not (tmp_path / "c").exists()
