@@ -212,13 +212,14 @@ def _pieces(
             f"time is off even steps by up to {most:.2g} of one. Where the clock jitters, bring the columns to even "
             "times first"
         )
+    why = "samples are missing, or none were taken"
     if most > JOINT.jitter / 5:
         notes.append(f"the time is off even steps by up to {most:.2g} of one; even steps are taken")
+        why = "samples are missing, none were taken, or the clock jitters by more"
     if len(found) > 1:
         short = f"; the {len(clock) - kept} samples of shorter ones are not used" if kept < len(clock) else ""
         notes.append(
-            f"samples are missing, or none were taken, in {counted(len(found) - 1, 'place')}, first after line "
-            f"{lines[found[1].start - 1]}: "
+            f"{why}, in {counted(len(found) - 1, 'place')}, first after line {lines[found[1].start - 1]}: "
             f"it is read in {counted(len(pieces), 'piece')} of {JOINT.piece} samples or more{short}"
         )
     at = clock + step * np.cumsum(unseen)

@@ -367,6 +367,8 @@ def test_a_clock_that_jitters_by_less_than_half_a_step_is_read(tmp_path):
     columns["t"][2000:2002] += 0.005 * np.array([-0.4, 0.4])
     (recording, *_) = read_joints([write(columns, tmp_path / "a.csv")])
     assert any("off even steps by up to 0." in note for note in recording.notes)
+    # no sample is missing where a step is 1.8 of the others
+    assert any("none were taken, or the clock jitters by more, in 1 place" in note for note in recording.notes)
 
 
 def test_columns_of_other_names_are_shown_beside_those_that_are_wanted(tmp_path, capsys):
