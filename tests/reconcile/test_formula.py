@@ -151,3 +151,23 @@ def test_what_is_no_formula_is_refused(tmp_path):
     graph = Graph()
     with pytest.raises(NoFormulaError, match="steps"):
         addends(rig, 0, operating_point(graph, 1.0), graph)
+
+
+def test_an_own_effect_that_adds_to_all_orders_at_once_is_no_formula(tmp_path):
+    """Called with symbols its method fails: that is no mistake in the file, and the other orders are updated."""
+    (tmp_path / "own.py").write_text(
+        "import numpy as np\n"
+        "from st_codegen.rig.effects import Effect\n"
+        "class Own(Effect):\n"
+        "    name = 'own'\n"
+        "    def touched_orders(self): return (2,)\n"
+        "    def contribution(self, at, orders):\n"
+        "        found = np.zeros((len(at), len(orders)), complex)\n"
+        "        found[:, orders == 2] = at.torque_Nm[:, None]\n"
+        "        return found\n"
+    )
+    known = catalogue([tmp_path / "own.py"])
+    rig = parse_rig('[rig]\nreduction_ratio = 81.0\n[[effect]]\nname = "own"\n', known=known)
+    graph = Graph()
+    with pytest.raises(NoFormulaError, match="own is no formula"):
+        addends(rig, 2, operating_point(graph, 1.0), graph)

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.errors import MissingExtraError
+from st_codegen.errors import InputError, MissingExtraError
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.rig.effects import Conditions, Effect, Stage
 from st_codegen.rig.model import RigModel
@@ -202,7 +202,7 @@ def _additive(rig: RigModel, order: int, at: Conditions, graph: Graph) -> list[t
 def _traced(effect: Effect, order: int, at: Conditions, graph: Graph) -> Symbol:
     try:
         return _symbol(graph, effect.coefficient(at, order))
-    except (NoFormulaError, TypeError, ValueError, AttributeError) as error:
+    except (NoFormulaError, InputError, TypeError, ValueError, AttributeError) as error:
         raise NoFormulaError(
             f"the method `coefficient` of {effect.name} is no formula of arithmetic, np.exp, np.tanh, np.abs and "
             f"np.maximum ({error})"
