@@ -182,7 +182,7 @@ class FleetReport:
             facts.get(TRAIN, {}).get("models"),
             facts.get(CHECK, {}).get("how"),
             reconciled.get("verdict"),
-            ", ".join([*reconciled.get("effects", ()), *(f"changed {name}" for name in reconciled.get("changed", ()))]),
+            ", ".join([*reconciled.get("effects", ()), *reconciled.get("changed", ())]),
             gap.get("before"),
             gap.get("after"),
             error,

@@ -30,6 +30,7 @@ from st_codegen.project.bundle import load
 from st_codegen.proof.prove.certificate import certificate
 from st_codegen.proof.prove.prove import prove
 from st_codegen.proof.verify import verify
+from st_codegen.reconcile.judge.claims import Conclusions
 from st_codegen.reconcile.mistakes.single_runs import AS_IS
 from st_codegen.reconcile.plan.next_runs import next_runs
 from st_codegen.reconcile.report.pages import report_texts
@@ -105,6 +106,12 @@ def do_axis(job: tuple[FleetAxis, Path]) -> AxisResult:
         return AxisResult(errors={TRAIN: text}, defect=defect)
     finally:
         MADE_BY.reset(token)
+
+
+def changes_of(found: Conclusions) -> list[str]:
+    """What reconcile changed of the rig's own effects, or found none of, in words."""
+    changed = [("no " if one.is_gone else "changed ") + one.before.name for one in found.retuned]
+    return list(dict.fromkeys([*changed, *["changed zero_offset_deg"] * found.offset_changed]))
 
 
 def _done(stages: list[AxisStage], folder: Path) -> AxisResult:
@@ -253,12 +260,11 @@ class _Stages:
             raise InputError(f"{error}{_IN_A_FLEET}") from None
         write_texts(self.folder / place, report_texts(result, next_runs(result)))
         found = result.conclusions
-        changed = [one.before.name for one in found.retuned] + ["zero_offset_deg"] * found.offset_changed
         return {
             "measured": content_of(result.data.at.axes, result.data.at.sign, result.data.orders, result.data.values),
             "verdict": result.verdict,
             "effects": list(dict.fromkeys(claim.piece.effect.name for claim in found.claims)),
-            "changed": list(dict.fromkeys(changed)),
+            "changed": changes_of(found),
             "gap": asdict(result.held_out),
             "cannot_show": list(result.cannot_show),
             "not_looked_at": list(result.data.not_looked_at),

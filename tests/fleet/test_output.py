@@ -4,6 +4,7 @@ import csv
 import json
 from dataclasses import asdict, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import pytest
 from st_codegen.fleet.axes import AxisOptions, FleetAxis
 from st_codegen.fleet.estimates import Estimate
 from st_codegen.fleet.output import FleetReport
-from st_codegen.fleet.stages import CHECK, COMPILE, RECONCILE, TRAIN, AxisResult
+from st_codegen.fleet.stages import CHECK, COMPILE, RECONCILE, TRAIN, AxisResult, changes_of
 from tests import browser
 
 COUNT = 20
@@ -34,7 +35,7 @@ def result(number):
         "measured": str(number),
         "verdict": "explained",
         "effects": ["cycloid_tooth_error"] if number == 6 else [],
-        "changed": ["backlash"] if number in (4, 6) else [],
+        "changed": ["changed backlash"] if number in (4, 6) else [],
         "gap": {"before": 2e-3, "after": 1e-3, "noise_floor": 1e-3},
         "not_looked_at": ["orders above 128"],
         "estimates": [asdict(one) for one in found],
@@ -76,6 +77,13 @@ def test_numbers_of_the_rig_that_changed_are_found_as_what_it_lacks_is(report, t
         "changed backlash",
         "cycloid_tooth_error, changed backlash",
     ]
+
+
+def test_an_effect_of_which_data_show_nothing_is_not_one_that_changed():
+    names = {"backlash": True, "pin_error": False}
+    retuned = [SimpleNamespace(before=SimpleNamespace(name=name), is_gone=gone) for name, gone in names.items()]
+    found = SimpleNamespace(retuned=[*retuned, retuned[1]], offset_changed=True)
+    assert changes_of(found) == ["no backlash", "changed pin_error", "changed zero_offset_deg"]
 
 
 def test_a_fleet_of_which_nothing_was_checked_does_not_sound_as_if_all_had_passed():
