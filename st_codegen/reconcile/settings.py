@@ -560,7 +560,7 @@ class Settings:
     #: logarithm; what it may lose a kelvin of oil temperature: gear oils lose 0.03 to 0.05
     decays_of_a_drag: tuple[float, ...] = (0.0, 0.01, 0.02, 0.025, 0.03, 0.035, 0.04, 0.045, 0.05, 0.06, 0.08)
     #: powers of the load that else a mesh order may follow: contact of lines and points, and what grows faster
-    powers_of_a_mesh: tuple[float, ...] = (0.5, 2 / 3, 1.5, 2.0)
+    powers_of_a_mesh: tuple[float, ...] = (0.5, 2 / 3, 1.0, 1.5, 2.0)
     #: factor; a law that is nothing at one end of a condition and grows in proportion to it is a constant, and what
     #: differs from it by a third of its power
     constant_of_a_law: float = 3.0

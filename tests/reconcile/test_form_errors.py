@@ -305,41 +305,72 @@ def test_one_constant_wave_beside_a_mesh_order_is_no_sideband():
 
 
 @pytest.fixture(scope="module")
-def two_thirds():
-    """A mesh order that grows with the torque to the power 2/3, as contacts do: the catalogue has straight lines."""
+def saturating():
+    """A mesh order that levels off as more teeth share the load: the catalogue has powers."""
     at = grid([300.0, 700.0, 1100.0, 1500.0], [0.0, 500.0, 1000.0, 1500.0], [25.0, 35.0])
     return reconciled(wave("pin_error", 240, 2e-4, 2.0), at, [0, 39, 40, 78, 156, 240], {
-        78: 2e-3 * np.exp(0.7j) * (at.torque_Nm / 1600.0) ** (2 / 3)
+        78: 2e-3 * np.exp(0.7j) * np.tanh(at.torque_Nm / 900.0)
     })  # fmt: skip
 
 
-def test_where_the_form_is_wrong_the_errors_hold_what_endless_runs_would_give(two_thirds):
-    """The slope of the straight line next to the law, with as many runs at each of a hundred torques."""
-    claim = next(c for c in two_thirds.conclusions.claims if c.piece.effect.name == "load_dependent_mesh")
+def test_where_the_form_is_wrong_the_errors_hold_what_endless_runs_would_give(saturating):
+    """The size of the power next to the law, with as many runs at each of a hundred torques."""
+    claim = next(c for c in saturating.conclusions.claims if c.piece.effect.name == "load_dependent_mesh")
     torque = np.linspace(0.0, 1.5, 100)
-    constant = next((c for c in two_thirds.conclusions.claims if c.piece.effect.name != "load_dependent_mesh"), None)
-    columns = np.stack([torque, np.ones(100)][: 1 if constant is None else 2], axis=1)
-    true = np.linalg.lstsq(columns, 2e-3 * (torque / 1.6) ** (2 / 3), rcond=None)[0][0]
+    constant = next((c for c in saturating.conclusions.claims if c.piece.effect.name != "load_dependent_mesh"), None)
+    law = torque ** claim.piece.effect.scalar("exponent")
+    columns = np.stack([law, np.ones(100)][: 1 if constant is None else 2], axis=1)
+    true = np.linalg.lstsq(columns, 2e-3 * np.tanh(torque / 0.9), rcond=None)[0][0]
     off = abs(claim.piece.effect.scalar("slope_deg_per_kNm") - true)
     assert off < 1.96 * claim.stderr["slope_deg_per_kNm"]
     # the errors of a fit whose form is right would not hold it
-    joint = two_thirds.conclusions.joint
+    joint = saturating.conclusions.joint
     number = next(i for i, p in enumerate(joint.state.pieces) if p.effect.name == "load_dependent_mesh" and p.added)
     place = joint.state.slices()[number].start
     assert off > 1.96 * np.sqrt(joint.inverse[place, place])
 
 
-def test_what_a_form_lacks_stands_beside_the_name(two_thirds):
-    entry = next(e for e in report(two_thirds)["effects"] if e["name"] == "load_dependent_mesh")
+def test_what_a_form_lacks_stands_beside_the_name(saturating):
+    entry = next(e for e in report(saturating)["effects"] if e["name"] == "load_dependent_mesh")
     (error,) = entry["form_error"]
     assert error["orders"] == [78]
     assert 0.02 * error["size_deg"] < error["left_deg"] < 0.3 * error["size_deg"]
-    (finding,) = [f for f in findings(two_thirds) if f.effect.name == "load_dependent_mesh"]
+    (finding,) = [f for f in findings(saturating) if f.effect.name == "load_dependent_mesh"]
     assert finding.form.startswith(f"{error['left_deg']:.2g} deg RMS of order 78 stay unexplained")
 
 
 def test_a_form_that_is_right_has_nothing_beside_it(two_states):
     assert report(two_states)["effects"][0]["form_error"] == []
+
+
+@pytest.mark.parametrize("constant", [0.0, 4e-4])
+@pytest.mark.parametrize(
+    ("power", "said"),
+    [
+        (2 / 3, "torque to the power 0.67: 0.0015 deg at"),
+        (1.0, "torque: 0.0015 deg per"),
+        (2.0, "torque to the power 2: 0.0015 deg at"),
+    ],
+)
+def test_a_mesh_order_has_the_power_of_the_load_that_it_grows_with(power, said, constant):
+    """With the square, or as a contact, beside a wave that is constant: each was growth in proportion, and a rest."""
+    at = grid([300.0, 700.0, 1100.0, 1500.0], [0.0, 500.0, 1000.0, 1500.0], [25.0, 35.0])
+    law = 1.5e-3 * np.exp(0.7j) * (at.torque_Nm / 1000.0) ** power + constant * np.exp(2.1j)
+    result = reconciled(wave("pin_error", 240, 2e-4, 2.0), at, [0, 39, 40, 78, 156, 240], {78: law})
+    claims = {claim.piece.effect.name: claim for claim in result.conclusions.claims}
+    growth = claims.pop("load_dependent_mesh")
+    assert set(claims) == ({"cycloid_tooth_error"} if constant else set())
+    assert not result.unexplained and f"order 78 grows with the {said} 1000 N m" == words(growth, result)
+    effect = growth.piece.effect
+    assert effect.scalar("exponent") == power and ("exponent" in effect.values) == (power != 1.0)
+    assert effect.scalar("slope_deg_per_kNm") == pytest.approx(1.5e-3, abs=4.0 * growth.stderr["slope_deg_per_kNm"])
+    unit = "deg/kNm" if power == 1.0 else f"deg/kNm^{power:.3g}"
+    assert (
+        next(e for e in report(result)["effects"] if e["orders"] == [78] and e["name"] == effect.name)["parameters"][
+            "slope_deg_per_kNm"
+        ]["unit"]
+        == unit
+    )
 
 
 GROWING = wave("cycloid_tooth_error", 39, 5e-4, 2.0) + slope(39, 1e-3)

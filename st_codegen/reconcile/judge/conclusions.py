@@ -22,7 +22,6 @@ from st_codegen.reconcile.judge.lookalikes import (
     by_order_alone,
     corrections_left,
     extrapolates,
-    is_a_constant_wave,
     is_a_knee,
     left_of_a_response,
     left_of_a_smoothing,
@@ -47,7 +46,7 @@ from st_codegen.reconcile.search.evidence import Evidence
 from st_codegen.reconcile.search.peaks import bracket, chance_of_bracket, has_a_frequency, spread
 from st_codegen.reconcile.search.plausible import bounds_met, inside_bounds, is_a_peak, misfit, with_its_orders
 from st_codegen.reconcile.search.selection import founded
-from st_codegen.reconcile.search.states import in_one_piece
+from st_codegen.reconcile.search.states import in_one_piece, is_a_constant_wave
 from st_codegen.reconcile.search.surroundings import left_of_place, may_be_a_start, told_order
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Stage

@@ -5,6 +5,7 @@ Each test of a finding takes the fit and the piece that is missing or has change
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from itertools import combinations, product
@@ -20,6 +21,7 @@ from st_codegen.reconcile.rest.unseen import one_after_the_other
 from st_codegen.reconcile.search.evidence import unmeasured_states
 from st_codegen.reconcile.search.peaks import frequencies_in, has_a_frequency, lost_over_the_speed, where_there
 from st_codegen.reconcile.search.plausible import followers, loud_sides
+from st_codegen.reconcile.search.states import is_a_constant_wave, left_by_power
 from st_codegen.reconcile.search.surroundings import may_be_a_start
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect, Form, Stage
@@ -183,31 +185,14 @@ def may_be_another_power(final: Fit, piece: Piece) -> bool:
 
     Beside a constant, where that is free as well.
     """
-    data, good = final.target.data, final.target.good
-    if piece.effect.name != "load_dependent_mesh" or data.angle_rad is not None:
+    if piece.effect.name != "load_dependent_mesh" or final.target.data.angle_rad is not None:
         return False
-    others = [one for one in final.state.pieces if one is not piece and one.free]
-    order = set(piece.effect.orders)
-    constant = any(order & set(one.effect.orders) for one in others if is_a_constant_wave(one.effect))
-    column = np.isin(data.orders, piece.effect.orders)
-    sigma = final.target.sigma[good][:, column]
-    wanted = (final.residual + final.explained(piece.effect))[good][:, column] / sigma
-    load, sign = np.abs(data.at.torque_Nm[good]), data.at.sign[good]
-
-    def left(power: float) -> float:
-        """What a wave of each direction leaves whose height is a power of the load, in noises squared."""
-        law = (load / max(float(load.max(initial=0.0)), 1e-300)) ** power
-        laws = np.stack([law, *([np.ones(len(law))] if constant else [])], axis=1).astype(np.complex128)
-        found = 0.0
-        for side, k in product(np.unique(sign), range(wanted.shape[1])):
-            rows = sign == side
-            design, values = laws[rows] / sigma[rows, k : k + 1], wanted[rows, k]
-            found += float((np.abs(values - design @ np.linalg.lstsq(design, values, rcond=None)[0]) ** 2).sum())
-        return found
-
-    own, best = left(1.0), min(map(left, SETTINGS.powers_of_a_mesh))
+    left, count = left_by_power(final, piece), int(final.target.good.sum()) * len(piece.effect.orders)
+    power = piece.effect.scalar("exponent")
+    own = left(power)
+    best = min(left(other) for other in SETTINGS.powers_of_a_mesh if not math.isclose(other, power))
     # what neither explains is as much noise to both
-    return best < own + SETTINGS.as_good * max(1.0, min(own, best) / max(2.0 * wanted.size, 1.0))
+    return best < own + SETTINGS.as_good * max(1.0, min(own, best) / max(2.0 * count, 1.0))
 
 
 def may_be_another_drag(final: Fit, piece: Piece) -> bool:
@@ -274,13 +259,6 @@ _OF_THE_TURN = frozenset({"output_shaft_eccentricity", "output_shaft_ovality", "
 def may_be_of_the_turn(_: Fit, piece: Piece) -> bool:
     """Whether an effect is a constant wave that other things make once or twice a turn as well."""
     return piece.effect.name in _OF_THE_TURN
-
-
-def is_a_constant_wave(effect: Effect) -> bool:
-    """Whether an effect is a wave of one order, the same at all conditions: of any, or of that of the cranks."""
-    if effect.name == "crank_misalignment":
-        return "slope_deg_per_kNm" not in effect.values
-    return effect.orders_key == "order" and effect.stage is Stage.ADDITIVE and effect.name != "load_dependent_mesh"
 
 
 def by_order_alone(final: Fit, piece: Piece) -> bool:

@@ -30,6 +30,7 @@ _BINARY: dict[str, Callable[[Any, Any], Any]] = {
     "Mul": np.multiply,
     "Div": np.divide,
     "Max": np.maximum,
+    "Pow": np.power,
 }
 _UNARY: dict[str, Callable[[Any], Any]] = {"Exp": np.exp, "Tanh": np.tanh, "Abs": np.absolute}
 #: the binary operations of complex numbers
@@ -77,7 +78,7 @@ class Graph:
         """`a <operator> b`, simplified where one of them is a constant that changes nothing."""
         if a.operator == b.operator == "Constant":
             return self.constant(float(_BINARY[operator](a.constant, b.constant)))
-        neutral = {"Add": 0.0, "Sub": 0.0, "Mul": 1.0, "Div": 1.0, "Max": -math.inf}[operator]
+        neutral = {"Add": 0.0, "Sub": 0.0, "Mul": 1.0, "Div": 1.0, "Max": -math.inf, "Pow": 1.0}[operator]
         if b.operator == "Constant" and b.constant == neutral:
             return a
         if operator in ("Add", "Mul") and a.operator == "Constant" and a.constant == neutral:
@@ -118,9 +119,7 @@ class Symbol(np.lib.mixins.NDArrayOperatorsMixin):
         if ufunc is np.square:
             return _arithmetic("Mul", symbols[0], symbols[0])
         if ufunc is np.power:
-            if inputs[1] not in (1, 2):
-                raise NoFormulaError(f"a power of {inputs[1]}")
-            return symbols[0] if inputs[1] == 1 else _arithmetic("Mul", symbols[0], symbols[0])
+            return _power(*symbols)
         if ufunc in _FUNCTIONS and symbols[0].is_real:
             return Symbol(self.graph, self.graph.unary(_FUNCTIONS[ufunc], symbols[0].real))
         if ufunc is np.maximum and all(symbol.is_real for symbol in symbols):
@@ -152,6 +151,16 @@ def _arithmetic(operator: str, a: Symbol, b: Symbol) -> Symbol:
     size = _crossed(g, "Add", b.real, b.real, b.imag, b.imag)
     above = _arithmetic("Mul", a, Symbol(g, b.real, g.binary("Mul", b.imag, g.constant(-1.0))))
     return Symbol(g, g.binary("Div", above.real, size), g.binary("Div", above.imag, size))
+
+
+def _power(base: Symbol, exponent: Symbol) -> Symbol:
+    """A power that is a number: a product where it is a square."""
+    power = exponent.real.constant if exponent.is_real else 0.0
+    if power in (1.0, 2.0):
+        return base if power == 1.0 else _arithmetic("Mul", base, base)
+    if exponent.real.operator != "Constant" or power <= 0.0 or not base.is_real:
+        raise NoFormulaError(f"a power of {power:g}" if power else "a power that is no number")
+    return Symbol(base.graph, base.graph.binary("Pow", base.real, exponent.real))
 
 
 def _crossed(g: Graph, operator: str, a: FormulaNode, b: FormulaNode, c: FormulaNode, d: FormulaNode) -> FormulaNode:
@@ -204,8 +213,8 @@ def _traced(effect: Effect, order: int, at: Conditions, graph: Graph) -> Symbol:
         return _symbol(graph, effect.coefficient(at, order))
     except (NoFormulaError, InputError, TypeError, ValueError, AttributeError) as error:
         raise NoFormulaError(
-            f"the method `coefficient` of {effect.name} is no formula of arithmetic, np.exp, np.tanh, np.abs and "
-            f"np.maximum ({error})"
+            f"the method `coefficient` of {effect.name} is no formula of arithmetic, powers, np.exp, np.tanh, "
+            f"np.abs and np.maximum ({error})"
         ) from None
 
 

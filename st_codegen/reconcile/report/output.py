@@ -127,11 +127,7 @@ def _mark(effect: Effect) -> str:
 
 def parameters_of(effect: Effect, stderr: dict[str, float]) -> dict[str, Any]:
     """Key -> value, standard error and unit; entries of lists as `key[order]`."""
-    units = {scalar.key: scalar.unit for scalar in effect.scalars}
-    for phasor in effect.phasors:
-        for backward in (False, True):
-            amplitude, phase = phasor.keys(backward)
-            units |= {amplitude: phasor.unit, phase: "rad"}
+    units = effect.units()
     found: dict[str, Any] = {}
     for key, value in effect.values.items():
         if key in {"order", "orders"}:

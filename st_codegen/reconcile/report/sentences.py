@@ -338,6 +338,8 @@ def words(claim: Claim, result: Reconciliation) -> str:
         numbers = {scalar.key: effect.scalar(scalar.key) for scalar in effect.scalars}
         orders = ", ".join(map(str, effect.orders or effect.touched_orders()))
         sizes = {"size": _size(effect.phasors[:1], effect), "by_load": _by_load(effect)}
+        power = numbers.get("exponent", 1.0)
+        sizes |= {"power": f" to the power {power:.2g}", "per": "at"} if power != 1.0 else {"power": "", "per": "per"}
         side = ""
         for one in effect.phasors[:1]:
             forward, backward = (abs(effect.complex_value(one.key, back)) for back in (False, True))
@@ -620,7 +622,7 @@ _WAVES = (
 #: effects that their numbers alone say
 _TEXTS = {
     **dict.fromkeys(_WAVES, "{title}: order {orders} of {size:.2g} deg{by_load}"),
-    "load_dependent_mesh": "order {orders} grows with the torque: {size:.2g} deg per 1000 N m",
+    "load_dependent_mesh": "order {orders} grows with the torque{power}: {size:.2g} deg {per} 1000 N m",
     "backlash": "{gap_arcmin:.2g} arcmin of backlash between the flanks",
     "thermal_drift": "the mean drifts by {drift_arcmin_per_K:.2g} arcmin a kelvin of oil temperature",
     "measurement_delay": "the measuring chain is late: delay {delay_us:.0f} us, skew of the encoders {skew_us:.1f} us",

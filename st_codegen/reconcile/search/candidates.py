@@ -20,7 +20,7 @@ from st_codegen.reconcile.fit.state import Coordinate, Piece, State
 from st_codegen.reconcile.fit.target import Column, FitData, by_place
 from st_codegen.reconcile.search.peaks import Frequencies, follows_load, worth
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Catalogue, Constants, Effect, Form, Stage
+from st_codegen.rig.effects import Catalogue, Constants, Effect, Form, Scalar, Stage
 from st_codegen.rig.effects.base import BACKWARD
 
 #: of an effect at one angle of the turn, that angle
@@ -105,6 +105,11 @@ def variants(effect: type[Effect], both_directions: bool) -> list[frozenset[str]
     return list(dict.fromkeys(found))
 
 
+def is_a_form(scalar: Scalar) -> bool:
+    """Whether a scalar says which of several forms a part of an effect has; one that is not said is the usual one."""
+    return scalar.form is Form.FIXED and bool(scalar.starts) and bool(scalar.shapes)
+
+
 class Search:
     """Candidates for a fit, with their scores."""
 
@@ -116,9 +121,14 @@ class Search:
         stages: Sequence[Stage] = STAGES,
         touching: Sequence[int] = (),
         moved: bool = False,
+        formed: bool = False,
     ) -> None:
-        """moved: of what peaks at a frequency, only what moves by more than its width, and nothing else."""
+        """moved: of what peaks at a frequency, only what moves by more than its width, and nothing else.
+
+        formed: of what has several forms, all but the usual one, and nothing else.
+        """
         self.moved = moved
+        self.formed = formed
         self.known = known
         self.fit = fit
         self.stages = tuple(stages)
@@ -179,6 +189,8 @@ class Search:
         """Every candidate at every start."""
         for effect in self.known.values():
             if effect.stage not in self.stages or not effect.searched or len(self._foreign) < effect.least_foreign:
+                continue
+            if self.formed and not any(map(is_a_form, effect.scalars)):
                 continue
             if effect.orders_key == "orders":
                 if any(s.unit == "Hz" for s in effect.scalars) and not self.moved:
@@ -256,13 +268,13 @@ class Search:
         located = _CENTRE in keys and self.data.angle_rad is None
         if located:
             shapes = [s for s in shapes if s.key != _CENTRE]
-        forms = [s for s in effect.scalars if s.form is Form.FIXED and s.shapes in keys and s.starts]
+        forms = [s for s in effect.scalars if is_a_form(s) and s.shapes in keys] if self.formed else []
+        if self.formed and not forms:
+            return
         for values in itertools.product(
-            *(s.starts or ((s.lower + s.upper) / 2,) for s in shapes), *((None, *s.starts) for s in forms)
+            *(s.starts or ((s.lower + s.upper) / 2,) for s in shapes), *(s.starts for s in forms)
         ):
-            told = zip((*shapes, *forms), values, strict=True)
-            # a form that is not said is the usual one
-            start = {s.key: float(value) for s, value in told if value is not None}
+            start = {s.key: float(value) for s, value in zip((*shapes, *forms), values, strict=True)}
             if located:
                 gain, angle = self._loudest_angle(effect, keys, start, orders)
                 start[_CENTRE] = angle

@@ -46,13 +46,15 @@ def search(
     judged: list[tuple[Candidate, Evidence]] = []
     refused: dict[object, float] = {}
     softly: dict[object, float] = {}
+    formed: dict[object, float] = {}
     has_merged = False
     for number in range(SETTINGS.most_effects):
         if progress is not None:
             progress(number, SETTINGS.most_effects, f"{len(current.state.pieces)} effects")
         found = _next(current, current, known, refused, judged)
         if found is None and is_lacking(target, current.residual).any():
-            found = _next(_softer(current), current, known, softly, judged) or _moved(current, known, judged)
+            found = _next(current, current, known, formed, judged, formed=True)
+            found = found or _next(_softer(current), current, known, softly, judged) or _moved(current, known, judged)
         if found is None and not has_merged:
             # once: what stands in place of two may be found beside another one again
             found = _one_in_place_of_two(current, known, judged)
@@ -157,9 +159,10 @@ def _next(
     judged: list[tuple[Candidate, Evidence]],
     *,
     moved: bool = False,
+    formed: bool = False,
 ) -> Fit | None:
     """The fit with one more effect, or None; seen: the fit by whose weights candidates are found and tried."""
-    finder = Search(known, seen, moved=moved)
+    finder = Search(known, seen, moved=moved, formed=formed)
     ranked = [c for c in finder.ranked() if finder.net(c) > 0 and finder.is_told(c)]
     for _ in range(SETTINGS.rounds):
         ranked = [c for c in ranked if not _failed_before(c, refused)]

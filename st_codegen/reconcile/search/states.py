@@ -7,9 +7,9 @@ on either side of it each frequency around the one that was found.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 
@@ -21,10 +21,12 @@ from st_codegen.reconcile.search.evidence import judge, p_of_more
 from st_codegen.reconcile.search.peaks import has_a_frequency, load_keys
 from st_codegen.reconcile.search.plausible import at_nobodys_expense, bounds_met, is_a_peak, leaves_less_than_two
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Effect, Form
+from st_codegen.rig.effects import Effect, Form, Stage
 from st_codegen.rig.effects.base import Value
 
 _SIDES = ("above_C", "below_C")
+#: of a mesh order: its growth with the load, and the power of the load that it grows with
+_GROWTH, _POWER = "slope_deg_per_kNm", "exponent"
 
 
 def in_their_forms(current: Fit) -> Fit:
@@ -35,12 +37,15 @@ def in_their_forms(current: Fit) -> Fit:
 
 
 def _in_other_forms(current: Fit) -> Fit:
-    """The fit with added effects in another of the forms that their class has, where that does clearly better."""
+    """The fit with added effects in another of the forms that their class has, where that does clearly better.
+
+    Effects that touch many orders take a form together; a power of the load is that of one order.
+    """
     forms = {
         (scalar.key, float(start))
         for piece in current.state.pieces
         for scalar in piece.effect.scalars
-        if scalar.form is Form.FIXED
+        if scalar.form is Form.FIXED and scalar.key != _POWER
         for start in scalar.starts
     }
     for key, start in sorted(forms):
@@ -51,7 +56,62 @@ def _in_other_forms(current: Fit) -> Fit:
         if state is not current.state:
             found = fit(current.target, state, steps=SETTINGS.long_steps)
             current = found if _is_better(found, current) else current
+    for number, piece in enumerate(current.state.pieces):
+        current = _of_another_power(current, number) if piece.added and piece.free & {_GROWTH} else current
     return current
+
+
+def _of_another_power(current: Fit, number: int) -> Fit:
+    """The fit with a mesh order that grows with another power of the load, where that does clearly better.
+
+    What was the best one of the growth alone may be another one beside a constant.
+    """
+    piece = current.state.pieces[number]
+    scalar = next((scalar for scalar in piece.effect.scalars if scalar.key == _POWER), None)
+    if scalar is None or current.target.data.angle_rad is not None:
+        return current
+    rest = {key: x for key, x in piece.effect.values.items() if key != _POWER}
+    left = left_by_power(current, piece)
+    best = min((1.0, *map(float, scalar.starts)), key=left)
+    if left(best) > left(piece.effect.scalar(_POWER)) - SETTINGS.as_good:
+        return current
+    moved = piece.with_values(rest if best == 1.0 else rest | {_POWER: best})
+    found = fit(current.target, current.state.replaced(number, moved), steps=SETTINGS.long_steps)
+    return found if _is_better(found, current) else current
+
+
+def left_by_power(final: Fit, piece: Piece) -> Callable[[float], float]:
+    """What a mesh order leaves where it grows with a power of the load, in noises squared, as a function of that power.
+
+    A wave of each direction; beside a constant, where that is free as well.
+    """
+    data, good = final.target.data, final.target.good
+    others = [one for one in final.state.pieces if one is not piece and one.free]
+    order = set(piece.effect.orders)
+    constant = any(order & set(one.effect.orders) for one in others if is_a_constant_wave(one.effect))
+    column = np.isin(data.orders, piece.effect.orders)
+    sigma = final.target.sigma[good][:, column]
+    wanted = (final.residual + final.explained(piece.effect))[good][:, column] / sigma
+    load, sign = np.abs(data.at.torque_Nm[good]), data.at.sign[good]
+
+    def left(power: float) -> float:
+        law = (load / max(float(load.max(initial=0.0)), 1e-300)) ** power
+        laws = np.stack([law, *([np.ones(len(law))] if constant else [])], axis=1).astype(np.complex128)
+        found = 0.0
+        for side, k in product(np.unique(sign), range(wanted.shape[1])):
+            rows = sign == side
+            design, values = laws[rows] / sigma[rows, k : k + 1], wanted[rows, k]
+            found += float((np.abs(values - design @ np.linalg.lstsq(design, values, rcond=None)[0]) ** 2).sum())
+        return found
+
+    return left
+
+
+def is_a_constant_wave(effect: Effect) -> bool:
+    """Whether an effect is a wave of one order, the same at all conditions: of any, or of that of the cranks."""
+    if effect.name == "crank_misalignment":
+        return _GROWTH not in effect.values
+    return effect.orders_key == "order" and effect.stage is Stage.ADDITIVE and effect.name != "load_dependent_mesh"
 
 
 def in_forms_as_good(final: Fit, number: int) -> Iterator[Fit]:

@@ -197,8 +197,8 @@ class Effect(ABC):
     def coefficient(self, at: Conditions, order: int) -> Any:
         """What is added to c_k of one of `touched_orders`, (n,), deg. For stages ADDITIVE and STRUCTURE.
 
-        Written with arithmetic, np.exp, np.tanh, np.abs and np.maximum of speed, torque and temperature alone, it is
-        also the formula that `reconcile --update-models` compiles for the controller.
+        Written with arithmetic, powers, np.exp, np.tanh, np.abs and np.maximum of speed, torque and temperature alone,
+        it is also the formula that `reconcile --update-models` compiles for the controller.
         """
         return self.contribution(at, np.array([order], np.int64))[:, 0]
 
@@ -301,6 +301,15 @@ class Effect(ABC):
         for phasor in cls.phasors:
             keys += [*phasor.keys(False), *(phasor.keys(True) if phasor.own_flanks else ())]
         return keys
+
+    def units(self) -> dict[str, str]:
+        """The unit of the value of each key."""
+        found = {scalar.key: scalar.unit for scalar in self.scalars}
+        for phasor in self.phasors:
+            for backward in (False, True):
+                amplitude, phase = phasor.keys(backward)
+                found |= {amplitude: phasor.unit, phase: "rad"}
+        return found
 
     def check(self, table: TomlTable) -> None:
         """Note whatever is wrong with the values that this effect was made of: unknown keys, types, bounds, orders."""

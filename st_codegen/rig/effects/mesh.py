@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import ClassVar
 
+import numpy as np
+
 from st_codegen.campaign.conditions import Conditions
-from st_codegen.ir.arrays import ComplexArray
-from st_codegen.rig.effects.base import Constants, Phasor, Wave
+from st_codegen.ir.arrays import ComplexArray, FloatArray
+from st_codegen.rig.effects.base import Constants, Form, Phasor, Scalar, Wave
 
 
 class _MeshError(Wave):
@@ -47,14 +49,42 @@ class InputShaftMisalignment(_MeshError):
 
 
 class LoadDependentMesh(_MeshError):
-    """Teeth and pins give way under load once a mesh."""
+    """Teeth and pins give way under load once a mesh.
+
+    In proportion to it as a spring does, with the power 2/3 as two bodies that touch in a point (Johnson, "Contact
+    Mechanics", 1985, equation 4.23), or with a power above 1 where more of the path lies in play.
+    """
 
     name = "load_dependent_mesh"
     title = "mesh order that grows with the load"
+    scalars = (
+        Scalar(
+            "exponent",
+            "",
+            0.3,
+            3,
+            "power of the load: 1 in proportion, 2/3 as a contact in a point",
+            1.0,
+            Form.FIXED,
+            (2 / 3, 2),
+            "slope_deg_per_kNm",
+        ),
+    )
     phasors = (
         Phasor("slope_deg_per_kNm", "phase_rad", "deg/kNm", 100, "growth with the load", own_flanks=True, typical=1),
     )
     orders_of = Constants.mesh_orders
 
+    def units(self) -> dict[str, str]:
+        """The unit of the value of each key: that of a growth holds the power of the load."""
+        power = self.scalar("exponent")
+        own = {"deg/kNm": "deg/kNm" if power == 1.0 else f"deg/kNm^{power:.3g}"}
+        return {key: own.get(unit, unit) for key, unit in super().units().items()}
+
     def coefficient(self, at: Conditions, order: int) -> ComplexArray:
-        return super().coefficient(at, order) * at.torque_Nm / 1000
+        exponent = self.scalar("exponent")
+        wave = super().coefficient(at, order)
+        if exponent == 1.0:
+            return wave * at.torque_Nm / 1000
+        load: FloatArray = (np.abs(at.torque_Nm) / 1000) ** exponent
+        return wave * load
