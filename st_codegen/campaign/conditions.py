@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import astuple, dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -85,6 +86,11 @@ class Conditions:
     def points(self) -> FloatArray:
         """The operating points, one a row: speed, torque and temperature, float64 (n, 3)."""
         return np.stack(self.axes, axis=1)
+
+    @cached_property
+    def count_of_points(self) -> int:
+        """How many operating points there are, each counted once."""
+        return len(np.unique(self.points, axis=0))
 
     def output_rad_s(self, reduction_ratio: float) -> FloatArray:
         """Speed of the output, rad/s, with the sign of the direction."""

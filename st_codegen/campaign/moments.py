@@ -22,7 +22,8 @@ _CHUNK = 16384
 def moments(theta_rad: FloatArray, weights: FloatArray, highest: int) -> ComplexArray:
     """The sums for m = 0..highest, complex128 (rows, highest + 1), of weights (rows, n) at theta_rad (n,), float64."""
     size = 1 << max(6, (_POINTS_A_PERIOD * highest - 1).bit_length())
-    terms = _terms(math.pi * highest / size)
+    position = theta_rad * (size / (2.0 * math.pi))
+    terms = _terms(highest * float(np.abs(position - np.rint(position)).max(initial=0.0)) * (2.0 * math.pi / size))
     binned = np.zeros((len(weights), terms, size))
     for start in range(0, len(theta_rad), _CHUNK):
         part = slice(start, start + _CHUNK)

@@ -57,7 +57,7 @@ def check(data: Observations, rig: RigModel, path: Path) -> None:
             f"no overlap with the rig: measured are the orders {listed(data.orders.tolist())}, the rig has "
             f"{listed(list(rig.orders()))}; nothing can be compared"
         )
-    points = len(np.unique(data.at.points, axis=0))
+    points = data.at.count_of_points
     if len(data) < SETTINGS.least_curves or points < SETTINGS.least_points:
         problems.add(
             f"too few conditions for a claim: {counted(points, 'operating point')} in {counted(len(data), 'curve')}; "

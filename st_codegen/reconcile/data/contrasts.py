@@ -95,14 +95,27 @@ def _lines_along(at: Conditions, good: BoolArray) -> Iterator[tuple[str, IntArra
 
     With them: of all rows but the last, whether the next one is of the same group, and the condition of each row.
     """
-    columns = at.axes
+    for name, order, group, own in _KEPT_LINES.of((at.sign, *at.axes), lambda: _lines(at)):
+        chosen = order[good[order]]
+        yield name, chosen, np.diff(group[chosen]) == 0, own
+
+
+#: of the last conditions
+_KEPT_LINES = KeptAnswers[list[tuple[str, IntArray, IntArray, FloatArray]]](9)
+
+
+def _lines(at: Conditions) -> list[tuple[str, IntArray, IntArray, FloatArray]]:
+    """For repeats and for each condition its name, all rows in groups that differ in it alone, rising in it.
+
+    With them: the group and the condition of each row.
+    """
+    found = []
     for name, axis in (("repeats", None), ("speed", 0), ("torque", 1), ("temperature", 2)):
-        others = [at.sign, *(column for i, column in enumerate(columns) if i != axis)]
+        others = [at.sign, *(column for i, column in enumerate(at.axes) if i != axis)]
         group = np.unique(np.stack(others), axis=1, return_inverse=True)[1].ravel()
-        own = np.zeros(len(at)) if axis is None else columns[axis]
-        order = np.lexsort((own, group))
-        order = order[good[order]]
-        yield name, order, np.diff(group[order]) == 0, own
+        own = np.zeros(len(at)) if axis is None else at.axes[axis]
+        found.append((name, np.lexsort((own, group)), group, own))
+    return found
 
 
 def _write_lines(

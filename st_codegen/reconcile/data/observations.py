@@ -157,10 +157,10 @@ class Observations:
         text = f"{self.labels[copies[0]]}{more}: the digits of an earlier curve, which counts once"
         return replace(self.rows(first), not_looked_at=(*self.not_looked_at, text))
 
-    @cached_property
+    @property
     def few_points(self) -> bool:
         """Whether there are too few operating points to tell noise from what differs between them."""
-        return self.angle_rad is None and len(np.unique(self.at.points, axis=0)) < SETTINGS.least_contrasts
+        return self.angle_rad is None and self.at.count_of_points < SETTINGS.least_contrasts
 
     @cached_property
     def repeated(self) -> bool:

@@ -174,7 +174,7 @@ def _zero_of_run(
     whole, both = np.abs(v) ** 2 + np.abs(m) ** 2 + power, v * m.conj()
     if hidden:
         # by how much noise hides an order is what its vote counts; what the others say of each is asked as well
-        loss = (whole / power).sum(axis=0)[:, None] - 2 * ((both / power).sum(axis=0)[:, None] * turns).real
+        loss = (whole / power).sum(axis=0)[:, None] - 2 * _real_part((both / power).sum(axis=0)[:, None], turns)
         of_all = loss.sum(axis=0)
         angle = float(grid[of_all.argmin()])
         gains = loss[:, 0] - loss[np.arange(len(k)), (of_all - loss).argmin(axis=1)]
@@ -183,7 +183,7 @@ def _zero_of_run(
         is_sure, is_likely = bool(beyond > SETTINGS.order_gain), bool(beyond > 0.0)
     else:
         # one vote an order, however large it is
-        left = whole[..., None] - 2 * (both[..., None] * turns).real
+        left = whole[..., None] - 2 * _real_part(both[..., None], turns)
         angle = float(grid[np.argmin(np.log(np.maximum(left, power[..., None])).sum(axis=(0, 1)))])
     for _ in range(3):  # between the angles of the grid
         turned = m * np.exp(-1j * k * angle)
@@ -197,6 +197,11 @@ def _zero_of_run(
     is_likely |= bool((np.abs(after) ** 2 / power).sum() < 0.5 * (np.abs(before) ** 2 / power).sum())
     error = float(1.0 / np.sqrt(2.0 * (k**2 * np.abs(m) ** 2 / power).sum()))
     return _ZeroOfRun(float(np.angle(np.exp(1j * angle))), error, is_sure, is_likely, gains)
+
+
+def _real_part(a: ComplexArray, b: ComplexArray) -> FloatArray:
+    """The real part of a product, in half the time of the whole."""
+    return np.asarray(a.real * b.real - a.imag * b.imag)
 
 
 def _others_agree(gains: FloatArray) -> bool:
@@ -305,7 +310,8 @@ def _grid(highest: int) -> FloatArray:
 def _over(values: ComplexArray, orders: IntArray, wanted: IntArray, angle: FloatArray) -> ComplexArray:
     """The wanted orders of curves with coefficients (n, K) whose angle is `angle` at even steps of a turn."""
     waves = np.exp(1j * np.outer(orders, angle))
-    same, mirrored = (np.fft.fft(part, axis=1)[:, wanted] / len(angle) for part in (waves, waves.conj()))
+    spectrum = np.fft.fft(waves, axis=1) / len(angle)
+    same, mirrored = spectrum[:, wanted], spectrum[:, -wanted].conj()
     found = values @ same + values.conj() @ mirrored
     found[:, wanted == 0] /= 2
     return np.asarray(found)
