@@ -561,6 +561,10 @@ class Settings:
     decays_of_a_drag: tuple[float, ...] = (0.0, 0.01, 0.02, 0.025, 0.03, 0.035, 0.04, 0.045, 0.05, 0.06, 0.08)
     #: powers of the load that else a mesh order may follow: contact of lines and points, and what grows faster
     powers_of_a_mesh: tuple[float, ...] = (0.5, 2 / 3, 1.0, 1.5, 2.0)
+    #: powers of which none may leave clearly less than the one that is said
+    any_power: tuple[float, ...] = (0.3, 0.4, 0.8, 0.9, 1.1, 1.25, 1.75, 2.25, 2.5, 3.0)
+    #: share by which a number that says a form may be off and say the same one: 2/3 is written as 0.667
+    one_form: float = 0.01
     #: factor; a law that is nothing at one end of a condition and grows in proportion to it is a constant, and what
     #: differs from it by a third of its power
     constant_of_a_law: float = 3.0

@@ -19,7 +19,7 @@ from st_codegen.reconcile.judge.misread import covariance_of_corrections
 from st_codegen.reconcile.rest.lasting import power_of_mean
 from st_codegen.reconcile.rest.structure import floors, is_lacking
 from st_codegen.reconcile.search.candidates import Search
-from st_codegen.reconcile.search.states import in_forms_as_good
+from st_codegen.reconcile.search.states import in_forms_as_good, vector_in_form
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Conditions, Form, Stage
 
@@ -121,7 +121,8 @@ def standard_errors(joint: Fit, number: int, final: Fit | None = None, others: S
         for fitted in (*held, *others, *in_forms_as_good(final, number)):
             other = fitted.state.pieces[number]
             if other.coordinates() == piece.coordinates():
-                moved = other.vector() - final.state.pieces[number].vector()
+                ours = final.state.pieces[number]
+                moved = vector_in_form(other, ours, final.target.data.at) - ours.vector()
                 covariance = covariance + np.outer(moved, moved)
     coordinates, vector = piece.coordinates(), piece.vector()
     found: dict[str, float] = {}

@@ -5,7 +5,6 @@ Each test of a finding takes the fit and the piece that is missing or has change
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from itertools import combinations, product
@@ -21,7 +20,7 @@ from st_codegen.reconcile.rest.unseen import one_after_the_other
 from st_codegen.reconcile.search.evidence import unmeasured_states
 from st_codegen.reconcile.search.peaks import frequencies_in, has_a_frequency, lost_over_the_speed, where_there
 from st_codegen.reconcile.search.plausible import followers, loud_sides
-from st_codegen.reconcile.search.states import is_a_constant_wave, left_by_power
+from st_codegen.reconcile.search.states import is_a_constant_wave, is_one_form, left_by_power
 from st_codegen.reconcile.search.surroundings import may_be_a_start
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect, Form, Stage
@@ -181,7 +180,7 @@ def told_sides(piece: Piece, stderr: dict[str, float]) -> set[str]:
 
 
 def may_be_another_power(final: Fit, piece: Piece) -> bool:
-    """Whether a mesh order that grows in proportion to the load follows another power of it about as well.
+    """Whether a mesh order that grows with a power of the load follows another one about as well, or better.
 
     Beside a constant, where that is free as well.
     """
@@ -190,9 +189,11 @@ def may_be_another_power(final: Fit, piece: Piece) -> bool:
     left, count = left_by_power(final, piece), int(final.target.good.sum()) * len(piece.effect.orders)
     power = piece.effect.scalar("exponent")
     own = left(power)
-    best = min(left(other) for other in SETTINGS.powers_of_a_mesh if not math.isclose(other, power))
+    rivals = min(left(other) for other in SETTINGS.powers_of_a_mesh if not is_one_form(other, power))
+    best = min(rivals, *map(left, SETTINGS.any_power))
     # what neither explains is as much noise to both
-    return best < own + SETTINGS.as_good * max(1.0, min(own, best) / max(2.0 * count, 1.0))
+    margin = SETTINGS.as_good * max(1.0, min(own, best) / max(2.0 * count, 1.0))
+    return rivals < own + margin or best < own - margin
 
 
 def may_be_another_drag(final: Fit, piece: Piece) -> bool:

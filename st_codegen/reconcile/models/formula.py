@@ -155,11 +155,13 @@ def _arithmetic(operator: str, a: Symbol, b: Symbol) -> Symbol:
 
 def _power(base: Symbol, exponent: Symbol) -> Symbol:
     """A power that is a number: a product where it is a square."""
-    power = exponent.real.constant if exponent.is_real else 0.0
+    if not exponent.is_real or exponent.real.operator != "Constant":
+        raise NoFormulaError("a power that is no number")
+    power = exponent.real.constant
     if power in (1.0, 2.0):
         return base if power == 1.0 else _arithmetic("Mul", base, base)
-    if exponent.real.operator != "Constant" or power <= 0.0 or not base.is_real:
-        raise NoFormulaError(f"a power of {power:g}" if power else "a power that is no number")
+    if power <= 0.0 or not base.is_real:
+        raise NoFormulaError(f"a power of {power:g}" + ("" if base.is_real else " of a complex number"))
     return Symbol(base.graph, base.graph.binary("Pow", base.real, exponent.real))
 
 

@@ -338,8 +338,8 @@ def words(claim: Claim, result: Reconciliation) -> str:
         numbers = {scalar.key: effect.scalar(scalar.key) for scalar in effect.scalars}
         orders = ", ".join(map(str, effect.orders or effect.touched_orders()))
         sizes = {"size": _size(effect.phasors[:1], effect), "by_load": _by_load(effect)}
-        power = numbers.get("exponent", 1.0)
-        sizes |= {"power": f" to the power {power:.2g}", "per": "at"} if power != 1.0 else {"power": "", "per": "per"}
+        if effect.name == "load_dependent_mesh":
+            sizes["law"] = _growth(effect, numbers["exponent"], result)
         side = ""
         for one in effect.phasors[:1]:
             forward, backward = (abs(effect.complex_value(one.key, back)) for back in (False, True))
@@ -615,6 +615,15 @@ def _by_load(effect: Effect) -> str:
     return f" without load, and {100.0 * grows:.3g} % more per 1000 N m" if isinstance(grows, float) and grows else ""
 
 
+def _growth(effect: Effect, power: float, result: Reconciliation) -> str:
+    """The power of the load that a mesh order grows with, and its size: for another than 1 at the largest load."""
+    size = _size(effect.phasors[:1], effect)
+    if power == 1.0:
+        return f": {size:.2g} deg per 1000 N m"
+    largest = float(np.abs(result.data.at.torque_Nm).max())
+    return f" to the power {power:.2g}: {size * (largest / 1000.0) ** power:.2g} deg at {largest:g} N m"
+
+
 _WAVES = (
     "output_shaft_eccentricity", "encoder_eccentricity", "output_shaft_ovality", "crank_misalignment",
     "cycloid_tooth_error", "pin_error", "input_shaft_misalignment",
@@ -622,7 +631,7 @@ _WAVES = (
 #: effects that their numbers alone say
 _TEXTS = {
     **dict.fromkeys(_WAVES, "{title}: order {orders} of {size:.2g} deg{by_load}"),
-    "load_dependent_mesh": "order {orders} grows with the torque{power}: {size:.2g} deg {per} 1000 N m",
+    "load_dependent_mesh": "order {orders} grows with the torque{law}",
     "backlash": "{gap_arcmin:.2g} arcmin of backlash between the flanks",
     "thermal_drift": "the mean drifts by {drift_arcmin_per_K:.2g} arcmin a kelvin of oil temperature",
     "measurement_delay": "the measuring chain is late: delay {delay_us:.0f} us, skew of the encoders {skew_us:.1f} us",

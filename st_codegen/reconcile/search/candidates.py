@@ -190,7 +190,8 @@ class Search:
         for effect in self.known.values():
             if effect.stage not in self.stages or not effect.searched or len(self._foreign) < effect.least_foreign:
                 continue
-            if self.formed and not any(map(is_a_form, effect.scalars)):
+            # what peaks at a frequency has its form asked once it is found
+            if self.formed and (effect.orders_key == "orders" or not any(map(is_a_form, effect.scalars))):
                 continue
             if effect.orders_key == "orders":
                 if any(s.unit == "Hz" for s in effect.scalars) and not self.moved:

@@ -7,12 +7,14 @@ on either side of it each frequency around the one that was found.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import combinations, product
 
 import numpy as np
 
+from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.state import Piece
 from st_codegen.reconcile.rest.structure import is_lacking
@@ -21,12 +23,12 @@ from st_codegen.reconcile.search.evidence import judge, p_of_more
 from st_codegen.reconcile.search.peaks import has_a_frequency, load_keys
 from st_codegen.reconcile.search.plausible import at_nobodys_expense, bounds_met, is_a_peak, leaves_less_than_two
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Effect, Form, Stage
+from st_codegen.rig.effects import Conditions, Effect, Form, Stage
 from st_codegen.rig.effects.base import Value
 
 _SIDES = ("above_C", "below_C")
-#: of a mesh order: its growth with the load, and the power of the load that it grows with
-_GROWTH, _POWER = "slope_deg_per_kNm", "exponent"
+#: the effect that grows with a power of the load, its key of that, and its growth
+_MESH, _POWER, _GROWTH = "load_dependent_mesh", "exponent", "slope_deg_per_kNm"
 
 
 def in_their_forms(current: Fit) -> Fit:
@@ -45,7 +47,7 @@ def _in_other_forms(current: Fit) -> Fit:
         (scalar.key, float(start))
         for piece in current.state.pieces
         for scalar in piece.effect.scalars
-        if scalar.form is Form.FIXED and scalar.key != _POWER
+        if scalar.form is Form.FIXED and piece.effect.name != _MESH
         for start in scalar.starts
     }
     for key, start in sorted(forms):
@@ -57,45 +59,62 @@ def _in_other_forms(current: Fit) -> Fit:
             found = fit(current.target, state, steps=SETTINGS.long_steps)
             current = found if _is_better(found, current) else current
     for number, piece in enumerate(current.state.pieces):
-        current = _of_another_power(current, number) if piece.added and piece.free & {_GROWTH} else current
+        if piece.added and piece.effect.name == _MESH:
+            current = _of_another_power(current, number)
     return current
 
 
 def _of_another_power(current: Fit, number: int) -> Fit:
     """The fit with a mesh order that grows with another power of the load, where that does clearly better.
 
-    What was the best one of the growth alone may be another one beside a constant.
+    Beside a constant, be it found yet or not: a power may do as well as growth in proportion and a constant would.
     """
     piece = current.state.pieces[number]
-    scalar = next((scalar for scalar in piece.effect.scalars if scalar.key == _POWER), None)
-    if scalar is None or current.target.data.angle_rad is not None:
-        return current
-    rest = {key: x for key, x in piece.effect.values.items() if key != _POWER}
-    left = left_by_power(current, piece)
-    best = min((1.0, *map(float, scalar.starts)), key=left)
-    if left(best) > left(piece.effect.scalar(_POWER)) - SETTINGS.as_good:
-        return current
-    moved = piece.with_values(rest if best == 1.0 else rest | {_POWER: best})
-    found = fit(current.target, current.state.replaced(number, moved), steps=SETTINGS.long_steps)
-    return found if _is_better(found, current) else current
+    powers = (1.0, *next(scalar.starts for scalar in piece.effect.scalars if scalar.key == _POWER))
+    others = [power for power in powers if not is_one_form(power, piece.effect.scalar(_POWER))]
+    if current.target.data.angle_rad is None:
+        left = left_by_power(current, piece, beside_constant=True)
+        best = min(others, key=left)
+        others = [best] if left(best) < left(piece.effect.scalar(_POWER)) - SETTINGS.as_good else []
+    for power in others:
+        rest = {key: x for key, x in piece.effect.values.items() if key != _POWER}
+        moved = piece.with_values(rest if power == 1.0 else rest | {_POWER: power})
+        found = fit(current.target, current.state.replaced(number, moved), steps=SETTINGS.long_steps)
+        current = found if _is_better(found, current) else current
+    return current
 
 
-def left_by_power(final: Fit, piece: Piece) -> Callable[[float], float]:
+def is_one_form(one: float, other: float) -> bool:
+    """Whether two numbers that say a form are the same but for the digits that somebody wrote."""
+    return math.isclose(one, other, rel_tol=SETTINGS.one_form)
+
+
+def vector_in_form(other: Piece, piece: Piece, at: Conditions) -> FloatArray:
+    """The coordinates of a piece in another form, as sizes of its own: a growth is the same at the largest load."""
+    if piece.effect.name != _MESH:
+        return other.vector()
+    largest = max(float(np.abs(at.torque_Nm).max(initial=0.0)) / 1000.0, 1e-300)
+    ratio: float = largest ** (other.effect.scalar(_POWER) - piece.effect.scalar(_POWER))
+    return other.vector() * ratio
+
+
+def left_by_power(final: Fit, piece: Piece, *, beside_constant: bool = False) -> Callable[[float], float]:
     """What a mesh order leaves where it grows with a power of the load, in noises squared, as a function of that power.
 
-    A wave of each direction; beside a constant, where that is free as well.
+    A wave of each direction; beside a constant, where that is free as well or is asked for.
     """
     data, good = final.target.data, final.target.good
     others = [one for one in final.state.pieces if one is not piece and one.free]
     order = set(piece.effect.orders)
-    constant = any(order & set(one.effect.orders) for one in others if is_a_constant_wave(one.effect))
+    constant = beside_constant or any(order & set(e.effect.orders) for e in others if is_a_constant_wave(e.effect))
     column = np.isin(data.orders, piece.effect.orders)
     sigma = final.target.sigma[good][:, column]
     wanted = (final.residual + final.explained(piece.effect))[good][:, column] / sigma
-    load, sign = np.abs(data.at.torque_Nm[good]), data.at.sign[good]
+    load, sign = data.at.torque_Nm[good], data.at.sign[good]
+    load = load / max(float(np.abs(load).max(initial=0.0)), 1e-300)
 
     def left(power: float) -> float:
-        law = (load / max(float(load.max(initial=0.0)), 1e-300)) ** power
+        law = np.sign(load) * np.abs(load) ** power
         laws = np.stack([law, *([np.ones(len(law))] if constant else [])], axis=1).astype(np.complex128)
         found = 0.0
         for side, k in product(np.unique(sign), range(wanted.shape[1])):
@@ -111,7 +130,7 @@ def is_a_constant_wave(effect: Effect) -> bool:
     """Whether an effect is a wave of one order, the same at all conditions: of any, or of that of the cranks."""
     if effect.name == "crank_misalignment":
         return _GROWTH not in effect.values
-    return effect.orders_key == "order" and effect.stage is Stage.ADDITIVE and effect.name != "load_dependent_mesh"
+    return effect.orders_key == "order" and effect.stage is Stage.ADDITIVE and effect.name != _MESH
 
 
 def in_forms_as_good(final: Fit, number: int) -> Iterator[Fit]:
@@ -124,9 +143,10 @@ def in_forms_as_good(final: Fit, number: int) -> Iterator[Fit]:
         if scalar.form is not Form.FIXED or scalar.shapes not in piece.free:
             continue
         rest = {key: x for key, x in piece.effect.values.items() if key != scalar.key}
-        forms = (rest, *(rest | {scalar.key: float(start)} for start in scalar.starts))
-        for values in forms:
-            if values != piece.effect.values:
+        own = piece.effect.scalar(scalar.key)
+        for start in (scalar.default, *scalar.starts):
+            if start is not None and not is_one_form(start, own):
+                values = rest if start == scalar.default else rest | {scalar.key: float(start)}
                 state = final.state.replaced(number, piece.with_values(values))
                 fitted = fit(final.target, state, steps=SETTINGS.quick_steps)
                 if not _is_better(final, fitted):

@@ -86,5 +86,7 @@ class LoadDependentMesh(_MeshError):
         wave = super().coefficient(at, order)
         if exponent == 1.0:
             return wave * at.torque_Nm / 1000
-        load: FloatArray = (np.abs(at.torque_Nm) / 1000) ** exponent
+        # a load of the other sign winds the mesh up the other way
+        against, along = (np.maximum(torque, 0.0) / 1000 for torque in (at.torque_Nm, -at.torque_Nm))
+        load: FloatArray = against**exponent - along**exponent
         return wave * load
