@@ -137,7 +137,7 @@ def command(
         )
     for text in () if quiet else measured.left_out:
         tell(f"left out: {text}")
-    check_learnable(measured.table)
+    check_learnable(measured.table, str(campaign))
     lessons = []
     with FitStore(work) as store:
         for direction in measured.table.directions():

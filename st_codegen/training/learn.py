@@ -142,9 +142,9 @@ class Lesson:
         )
 
 
-def check_learnable(table: HarmonicTable) -> None:
-    """Raise one InputError where a direction has too few operating points, or numbers cannot be learned."""
-    problems = Problems("harmonic table")
+def check_learnable(table: HarmonicTable, what: str = "harmonic table") -> None:
+    """Raise one InputError, of `what`, where a direction has too few operating points, or numbers are not learned."""
+    problems = Problems(what)
     for direction in table.directions():
         if (points := operating_points(table.direction(direction))) < LEAST_POINTS:
             problems.add(
