@@ -132,8 +132,8 @@ def main(arguments: list[str] | None = None) -> NoReturn:
             with contextlib.suppress(OSError, ValueError):
                 os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
         sys.exit(_UNREAD)
-    except click.exceptions.Abort:
-        _fail("stopped", _INTERRUPTED)
+    except click.exceptions.Abort as error:
+        _fail(str(error.__cause__ or "") or "stopped", _INTERRUPTED)
     except click.ClickException as error:
         if isinstance(error, click.BadParameter) and error.param is not None:
             error = _of_all(error, rest)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from st_codegen.cli.choices import EVALUATORS
-from st_codegen.cli.console import FILE, PLACE, GivenModels, models_options, outputs_option, reading_options
+from st_codegen.cli.console import FILE, PLACE, GivenModels, models_options, outputs_option, reading_options, say
 from st_codegen.files.text import write_text
 
 if TYPE_CHECKING:
@@ -46,10 +46,12 @@ Examples:
 def command(given: GivenModels, source: Path, result: Path, engine: str, outputs: Collection[OutputKind]) -> None:
     """Predict MODELS for the rows of a table. A row that a model does not take gives nan.
 
+    Inputs outside of a declared range are limited to it before any engine computes, as in the block.
+
     A classifier gives the library's own labels, and further outputs beside them.
     """
     from st_codegen.driver import Evaluator, predict
-    from st_codegen.proof.predict import columns_of, read_table, table_text
+    from st_codegen.proof.predict import columns_of, limits, read_table, table_text
 
     if result.exists() and result.samefile(source):
         raise click.BadParameter(f"{result} is the table of inputs; give another file.", param_hint="'--output'")
@@ -60,3 +62,5 @@ def command(given: GivenModels, source: Path, result: Path, engine: str, outputs
         click.echo(text, nl=False)
     else:
         write_text(result, text)
+    if not given.quiet and (limited := limits(bundle.irs, table)):
+        say(f"outside of the declared range, computed with its nearest end as in the block: {', '.join(limited)}")

@@ -137,7 +137,7 @@ def command(
         )
     for text in () if quiet else measured.left_out:
         tell(f"left out: {text}")
-    check_learnable(measured.table)
+    check_learnable(measured.table, str(campaign))
     lessons = []
     with FitStore(work) as store:
         for direction in measured.table.directions():
@@ -171,6 +171,8 @@ def _print(lessons: list[Lesson], head: BundleHead, out: Path, faulty_are: str) 
         console.print(_summary(lesson, faulty_are))
         for remark in lesson.remarks():
             say(remark)
+        if beyond := lesson.beyond_limit(head.reduction_ratio):
+            say(beyond)
     for lesson in lessons:
         if narrower := head.narrower(lesson.learned_from.conditions):
             say(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,6 +20,10 @@ import numpy.typing as npt
 from st_codegen.errors import InputError, Problems, counted, meant
 from st_codegen.files.number_text import parse_number
 from st_codegen.files.text import read_text
+
+#: A number with a decimal comma, and one that may have a decimal point, or digits in groups of three.
+_WITH_COMMA = re.compile(r"\s*[+-]?[0-9]*,[0-9]+([eE][+-]?[0-9]+)?\s*")
+_GROUPED = re.compile(r"[+-]?[1-9][0-9]{0,2}\.[0-9]{3}")
 
 
 def csv_text(rows: Iterable[Iterable[object]]) -> str:
@@ -49,12 +54,14 @@ class CsvTable:
     """The rows below a header. A row with more or fewer cells than the header is refused where it is asked for one.
 
     empty: the lines below the header that have cells with nothing in them; they are none of the rows.
+    comma_line: one in which a number has a decimal comma; None where there is none.
     """
 
     names: tuple[str, ...]
     rows: tuple[CsvRow, ...]
     decimal_comma: bool
     empty: tuple[int, ...] = ()
+    comma_line: int | None = None
 
     def text(self, row: CsvRow, name: str) -> str:
         """A cell, without the blanks around it. Raises RowError."""
@@ -67,6 +74,12 @@ class CsvTable:
         cell = self.text(row, name)
         if not cell and not is_finite:
             raise RowError(row.line, f"{name}: '' is not a number; a missing one is written nan")
+        if self.comma_line is not None and _GROUPED.fullmatch(cell):
+            raise RowError(
+                row.line,
+                f"{name}: '{cell}' is {cell.replace('.', '')} or {cell.replace('.', ',')}, since numbers have decimal "
+                f"commas (line {self.comma_line}): write one of these",
+            )
         try:
             return parse_number(cell, decimal_comma=self.decimal_comma, is_finite=is_finite)
         except ValueError as error:
@@ -110,7 +123,9 @@ def read_csv(path: Path, wanted: Sequence[str] = ()) -> CsvTable:
         problems.add(f"the column '{_cut(name)}' is there twice")
     problems.raise_if_any()
     below = {row.line for row in empty if row.line > rows[0].line} - {row.line for row in rows}
-    return CsvTable(names, tuple(rows[1:]), separator == ";", tuple(sorted(below)))
+    has_comma = (row.line for row in rows[1:] if any("," in cell and _WITH_COMMA.fullmatch(cell) for cell in row.cells))
+    comma_line = next(has_comma, None) if separator == ";" else None
+    return CsvTable(names, tuple(rows[1:]), separator == ";", tuple(sorted(below)), comma_line)
 
 
 def meant_column(name: str, columns: Iterable[str], read: Collection[str]) -> str:

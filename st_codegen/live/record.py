@@ -287,9 +287,9 @@ class MeasuringClient:
                     f"{where}: {str(error) or 'interrupted'}; whether the axis stands is not known ({failed}). Without "
                     f"a word from here the controller ends the measurement after {self.recording.alive_s:g} s"
                 ) from None
-            if isinstance(error, MeasurementError):
-                text = f"{where}: {error}; the axis stands, and what was measured before is kept"
-                raise MeasurementError(text) from None
+            if isinstance(error, MeasurementError | KeyboardInterrupt):
+                text = f"{where}: {str(error) or 'stopped'}; the axis stands, and what was measured before is kept"
+                raise type(error)(text) from None
             raise
 
     def _failed_stop(self) -> str:

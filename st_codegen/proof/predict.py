@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from st_codegen.emit.output import block_of
-from st_codegen.errors import InputError, Problems
+from st_codegen.errors import InputError, Problems, counted
 from st_codegen.files.csv_tables import csv_text, meant_column, read_csv, underscored, with_underscores
+from st_codegen.files.number_text import plain_number
 from st_codegen.ir import AnyArray, Classes, FloatArray, ModelIR, reference
 from st_codegen.project.bundle import Bundle
 from st_codegen.proof.isolated import answers_to
@@ -62,6 +63,21 @@ def _rows(model: ModelIR, columns: dict[str, FloatArray]) -> FloatArray:
     missing = [name for name in wanted if name not in known]
     near = meant_column(missing[0], columns, wanted) if len(missing) == 1 else ""
     raise InputError(f"model '{model.name}': no column {', '.join(missing)}; the header has {', '.join(columns)}{near}")
+
+
+def limits(models: Sequence[ModelIR], columns: dict[str, FloatArray]) -> list[str]:
+    """Which inputs lie outside of a declared range: every way computes with its nearest end, as the block does."""
+    found = set()
+    for model in models:
+        rows = _rows(model, columns)
+        outside = np.count_nonzero((reference.limited(model, rows) != rows) & ~np.isnan(rows), axis=0)
+        for feature, number in zip(model.features, outside, strict=True):
+            if number:
+                ends = " .. ".join(
+                    plain_number(end) for end in dict.fromkeys((feature.lower, feature.upper)) if end is not None
+                )
+                found.add(f"{feature.name} ({ends}) in {number:,} of {counted(len(rows), 'row')}")
+    return sorted(found)
 
 
 def by_reference(model: LoadedModel, x: FloatArray) -> FloatArray:

@@ -182,6 +182,8 @@ class RunningCompensator:
         #: calls of the correcting task, and of these those that refused their inputs, by the number of the error
         self.calls = 0
         self.refused: Counter[int] = Counter()
+        #: calls in which the correction was as large as it may be
+        self.limited = 0
 
     def correct(self, inputs: TaskInputs) -> float:
         """The correction of the motor's reference, deg. Raises GeneratedCodeError where the controller would stop."""
@@ -195,7 +197,14 @@ class RunningCompensator:
         self.calls += 1
         if not self._ports["bValid"]:
             self.refused[int(self._ports["eError"])] += 1
-        return float(self._ports["fCorrection_deg"])
+        correction = float(self._ports["fCorrection_deg"])
+        self.limited += abs(correction) >= self.limit_deg > 0.0
+        return correction
+
+    @property
+    def limit_deg(self) -> float:
+        """The largest correction, deg at the motor."""
+        return float(self._ports["fCorrectionLimit_deg"])
 
     def prepare(self, inputs: TaskInputs) -> None:
         """The slow task of the split form: new coefficients."""

@@ -189,7 +189,7 @@ def run(
         if published is not None:
             setpoint = published
         if n == plan.first and running is not None:  # what was said before the motion is that of the first calls
-            running.calls = 0
+            running.calls = running.limited = 0
             running.refused.clear()
         rows[n, :6] = setpoint, axis.theta_mot_deg, axis.theta_in_deg, axis.theta_out_deg, seen_in, seen_out
         if running is not None:
@@ -247,7 +247,8 @@ class MotionOutcome:
 
     The error after is theta_out with compensation against theta_in / ratio of the same motion without it: what is left
     of TE at the output, without the drive's own lag, which both have. `following`: theta_out against the profile,
-    drive included. `refused`: in which calls the blocks refused their inputs, so that they did not correct, and why.
+    drive included. `refused`: in which calls the blocks refused their inputs, so that they did not correct, and why;
+    `limited`: in which the correction was as large as it may be.
     """
 
     case: CompensationCase
@@ -261,6 +262,7 @@ class MotionOutcome:
     error_after_deg: FloatArray
     predicted_deg: FloatArray
     refused: str = ""
+    limited: str = ""
 
     @property
     def reduction(self) -> tuple[float, float]:
@@ -294,6 +296,7 @@ def compare(
         error_after_deg=new,
         predicted_deg=after.predicted_deg[moving],
         refused=_refused(running),
+        limited=_limited(running),
     )
 
 
@@ -305,6 +308,14 @@ def _refused(running: RunningCompensator) -> str:
     known = {code.value: code for code in TE_ERROR.all}
     reasons = "; ".join(f"{known[number].name}: {known[number].comment}" for number in sorted(running.refused))
     return f"an error in {percent(share)} of the calls, by which the correction fades to zero ({reasons})"
+
+
+def _limited(running: RunningCompensator) -> str:
+    """In which calls a larger correction was kept from the motor; empty for none."""
+    if not running.limited:
+        return ""
+    share = percent(running.limited / running.calls)
+    return f"the correction is at its limit, fCorrectionLimit_deg = {running.limit_deg:g}, in {share} of the calls"
 
 
 def outside(compensator: EmittedCompensator, plan: MotionPlan) -> str:

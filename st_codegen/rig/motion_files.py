@@ -71,6 +71,7 @@ def row(study: MotionStudy, outcome: MotionOutcome) -> dict[str, Any]:
         "limit_Hz": timing.frequency_hz,
         "limit_output_rpm": timing.output_speed_rpm(highest) if highest else None,
         "refused": outcome.refused,
+        "limited": outcome.limited,
         "outside": study.outside,
     }
 
@@ -88,8 +89,8 @@ def label(study: MotionStudy, outcome: MotionOutcome) -> str:
 
 def remarks(study: MotionStudy) -> list[str]:
     """Where the models know nothing of the motion, and where the blocks did not do what a case is called after."""
-    refused = [f"{label(study, outcome)}: {outcome.refused}" for outcome in study.outcomes if outcome.refused]
-    return [study.outside, *refused] if study.outside else refused
+    said = [f"{label(study, one)}: {text}" for one in study.outcomes for text in (one.refused, one.limited) if text]
+    return [study.outside, *said] if study.outside else said
 
 
 def write(study: MotionStudy, out: Path, *, recording: bool = False) -> None:

@@ -9,6 +9,9 @@ from enum import StrEnum
 from st_codegen.errors import InputError, counted
 from st_codegen.ir import Feature
 
+#: The blocks correct by no more unless they are told otherwise, deg at the motor.
+CORRECTION_LIMIT_DEG = 20.0
+
 
 class Direction(StrEnum):
     """The direction in which the output shaft rotates."""

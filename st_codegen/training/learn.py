@@ -12,7 +12,7 @@ from st_codegen.campaign.harmonic_table import HarmonicTable
 from st_codegen.errors import InputError, Problems, at_least, at_most, counted
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.te.bundle_file import LARGEST_PLAY
-from st_codegen.te.harmonics import Direction
+from st_codegen.te.harmonics import CORRECTION_LIMIT_DEG, Direction
 from st_codegen.threads import one_thread
 from st_codegen.training.choice import Choice, choose
 from st_codegen.training.cost import worst_case_us
@@ -118,6 +118,18 @@ class Lesson:
             )
         return [text for text in found if text]
 
+    def beyond_limit(self, reduction_ratio: float) -> str:
+        """The largest wave (or mean) where it alone takes more than the blocks correct by, as in another unit."""
+        sizes = np.abs(self.learned_from.coefficients).max(axis=0)
+        largest = int(sizes.argmax())
+        if (motor := sizes[largest] * reduction_ratio) <= CORRECTION_LIMIT_DEG:
+            return ""
+        return (
+            f"{self.direction}, order {self.learned_from.orders[largest]}: up to {sizes[largest]:.3g} deg, so "
+            f"{motor:.3g} deg at the motor, where the blocks correct by {CORRECTION_LIMIT_DEG:g} at most "
+            "(fCorrectionLimit_deg): is TE in deg?"
+        )
+
     def _no_better(self) -> str:
         constant = {order: self.constant_mae(order) for order in self.test_errors}
         orders = [order for order, own in self.test_errors.items() if own.complex_mae >= constant[order] > 0.0]
@@ -130,9 +142,9 @@ class Lesson:
         )
 
 
-def check_learnable(table: HarmonicTable) -> None:
-    """Raise one InputError where a direction has too few operating points, or numbers cannot be learned."""
-    problems = Problems("harmonic table")
+def check_learnable(table: HarmonicTable, what: str = "harmonic table") -> None:
+    """Raise one InputError, of `what`, where a direction has too few operating points, or numbers are not learned."""
+    problems = Problems(what)
     for direction in table.directions():
         if (points := operating_points(table.direction(direction))) < LEAST_POINTS:
             problems.add(

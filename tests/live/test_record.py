@@ -371,6 +371,7 @@ def test_a_stop_by_the_operator_brings_the_axis_to_rest_first(plc, bundle, tmp_p
         process.kill()
     assert process.returncode == 130, message
     assert "Traceback" not in message
+    assert "(1 of 1): stopped; the axis stands, and what was measured before is kept\n" in message
     at_rest(plc)
 
 

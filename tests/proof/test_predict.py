@@ -7,6 +7,7 @@ from st_codegen.files.csv_tables import with_underscores
 from st_codegen.files.text import write_text
 from st_codegen.project.bundle import load
 from st_codegen.proof.predict import read_table, table_text
+from tests.cli.helpers import run
 
 ROWS = np.array([[500.0, 300.0, 26.0], [np.nan, 10.0, 30.0], [np.inf, -np.inf, 1e300], [100.0, 0.0, 25.0]])
 
@@ -31,6 +32,27 @@ def test_inputs_of_a_bundle_are_limited_to_their_range(bundle_folder):
             predict(bundle, {name: np.array(v) for name, v in columns.items()}, engine) for columns in (inside, outside)
         )
         assert expected == got
+
+
+def test_inputs_that_are_limited_are_said(bundle_folder, tmp_path, capsys):
+    """Asked for by the library itself, the number is not what the library gives for the row of the table."""
+    write_text(tmp_path / "x.csv", "speed_rpm,torque_Nm,temperature_C\n9999,300,30\n500,-5,30\n50,300,30\n500,nan,30\n")
+    words = [
+        "predict",
+        bundle_folder,
+        "-i",
+        tmp_path / "x.csv",
+        "-o",
+        tmp_path / "y.csv",
+        "-e",
+        "source",
+    ]
+    assert run(*words) == 0
+    said = capsys.readouterr().err
+    assert "speed_rpm (100 .. 1800) in 2 of 4 rows, torque_Nm (0 .. 1800) in 1 of 4 rows\n" in said
+    assert "temperature_C" not in said
+    assert run(*words, "-q") == 0
+    assert "range" not in capsys.readouterr().err
 
 
 def test_several_outputs_are_numbered_and_refused_rows_are_nan(tmp_path):

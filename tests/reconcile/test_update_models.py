@@ -180,6 +180,17 @@ def test_the_rig_moves_more_truly(both):
     assert models["motion"]["specimen"] == {"spread": 0.02, "seed": 11}
 
 
+@pytest.mark.parametrize("target", ["scl", "plcopen"])
+def test_a_target_without_programs_of_two_tasks_moves_in_one(target, tmp_path):
+    """After everything was computed it said that such a target has no two tasks, or that it is no dialect."""
+    prepare(tmp_path, SIDEBANDS)
+    options = ["--models", tmp_path / "models", "--update-models", "--profile", tmp_path / "pick.csv", "-q"]
+    assert reconcile(tmp_path, "--out", tmp_path / "out", "--target", target, *options) == 0
+    moved = json.loads((tmp_path / "out" / "report.json").read_text())["models"]["motion"]
+    assert moved["tasks"] == "one"
+    assert moved["cases"][2]["full_rms"] < moved["cases"][1]["full_rms"]
+
+
 def test_a_term_enters_for_a_sure_and_worthwhile_gain_only():
     """Power in noises of one coefficient: 100 rows with a wave of 0.5 or 3 noises, and a single loud row."""
     random = np.random.default_rng(0)

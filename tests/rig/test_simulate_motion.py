@@ -221,6 +221,21 @@ def test_the_page_lists_the_tasks_that_moved_and_no_others(files, linear_folder,
     assert rows == ["one"]
 
 
+def test_a_correction_that_reaches_its_limit_is_said(files, linear_folder, tmp_path, capsys):
+    """Models in arcsec left seven times the error, and nothing said why."""
+    said = []
+    for limit in (0.01, 20.0):
+        changes = {"--out": tmp_path / "out", "--law": "full", "--set": f"fCorrectionLimit_deg={limit}"}
+        with pytest.raises(SystemExit) as caught:
+            main([*arguments(files, linear_folder, **changes), "--tasks", "one"])
+        assert caught.value.code == 0
+        (row,) = json.loads((tmp_path / "out" / "motion.json").read_text())
+        said.append(row["limited"])
+        assert said[-1] in capsys.readouterr().err.replace("\n", " ")
+    assert re.fullmatch(r"the correction is at its limit, fCorrectionLimit_deg = 0.01, in \d.*% of the calls", said[0])
+    assert said[1] == ""
+
+
 def test_what_the_blocks_refused_and_what_nobody_knows_is_said(files, linear_folder, tmp_path, capsys):
     """At rest no weight is 1 under the published law, and a blend of 11 s is refused by the block, call after call."""
     rest = tmp_path / 'at, "rest".csv'

@@ -69,6 +69,13 @@ def test_a_table_becomes_a_bundle_that_compiles(tmp_path):
             assert np.array_equal(one.predict(x), other.predict(x))
 
 
+def test_a_campaign_of_too_few_runs_is_refused_by_its_own_name(tmp_path, capsys):
+    """A folder of curves was called a harmonic table."""
+    write_campaign(tmp_path / "c", [a_table(speeds=3, torques=2)])
+    message = refused(capsys, "train", tmp_path / "c", "--out", tmp_path / "m", "--cache", tmp_path / "p", *FAST)
+    assert message.startswith(f"error: {tmp_path / 'c'}: 12 operating points in one direction, forward: at least 20")
+
+
 @pytest.mark.thorough
 def test_a_campaign_becomes_a_bundle(tmp_path):
     write_campaign(tmp_path / "c", [a_table(speeds=5, torques=5)])

@@ -368,6 +368,18 @@ def test_a_speed_with_the_sign_of_the_direction_is_refused():
         check_learnable(replace(rows, speed_rpm=np.where(np.arange(len(rows)) < 2, -200.0, rows.speed_rpm)))
 
 
+def test_a_table_in_another_unit_than_deg_is_asked_about():
+    """In arcsec it was learned without a word, and the blocks corrected by their limit, far from the error."""
+    settings = replace(SETTINGS, candidates=SETTINGS.candidates[1:2])
+    for factor, asked in ((1.0, ""), (60.0, "5.16 deg, so 418 deg"), (3600.0, "310 deg, so 2.51e+04 deg")):
+        rows = a_table()
+        rows = replace(rows, coefficients=factor * rows.coefficients)
+        with FitStore(None) as store:
+            lesson = learn(rows, Direction.FORWARD, LearningPlan(settings), Fitting(store))
+        said = lesson.beyond_limit(81.0)
+        assert said.startswith(f"forward, order 0: up to {asked} at the motor, where the blocks") if asked else not said
+
+
 def test_runs_with_the_numbers_of_another_one_are_told():
     sound = a_table(noise=1e-6)
     rows = changed(sound, [5, 9], lambda c: np.array(sound.coefficients)[[4, 4]])

@@ -29,7 +29,7 @@ from st_codegen.te.purpose import transmission_error
 
 #: folders below the output
 MODELS, CODE = "models", "plc"
-LAW, FORM = "continuous", TaskForm.SPLIT
+LAW = "continuous"
 #: the rehearsal moves another specimen than the fitted one: its sizes differ by this share (standard deviation), as in
 #: the example. A draw that leaves the bounds of a parameter is drawn anew
 SPREAD, FIRST_SPECIMEN, MOST_DRAWS = 0.02, 11, 20
@@ -64,10 +64,11 @@ class Moved:
 class Motion:
     """The rehearsal: without compensation, with the old, with the new compensator; time in s.
 
-    specimen: the seed of the machine that moved, which is not the fitted one.
+    form: the tasks of the text; specimen: the seed of the machine that moved, which is not the fitted one.
     """
 
     profile: str
+    form: TaskForm
     specimen: int
     lead_s: float
     time_s: FloatArray
@@ -110,7 +111,7 @@ class Update:
                 "profile": moved.profile,
                 "specimen": {"spread": SPREAD, "seed": moved.specimen},
                 "law": LAW,
-                "tasks": str(FORM),
+                "tasks": str(moved.form),
                 "lead_us": round(moved.lead_s * 1e6, 3),
                 "cases": [
                     {
@@ -188,19 +189,21 @@ def rehearse(result: Reconciliation, old: Bundle, new: Bundle, wish: Wish, step:
         planned = plan(rig, profile_named(wish.profile, rig.tasks.main_us * 1e-6))
     except InputError as error:
         raise InputError(f"rehearsal of the new models: {error}") from None
-    lead = lead_time_s(rig, FORM)
+    dialect = target_named(wish.target).dialect
+    form = TaskForm.SPLIT if dialect == "twincat" else TaskForm.ONE  # others have no programs of two tasks
+    lead = lead_time_s(rig, form)
     step(4, "moving without compensation")
     before = run(rig, planned)
     cases: list[Moved] = []
     for number, (name, bundle) in enumerate((("old", old), ("new", new))):
         step(5 + number, f"moving with the {name} compensator")
-        compensator = EmittedCompensator(bundle, wish.target)
+        compensator = EmittedCompensator(bundle, dialect)
         orders = transmission_error(bundle).orders
-        outcome = compare(rig, planned, before, compensator, CompensationCase(orders, LAW, FORM, lead))
+        outcome = compare(rig, planned, before, compensator, CompensationCase(orders, LAW, form, lead))
         if not cases:
             cases.append(Moved("none", (), outcome.before, outcome.full_before, outcome.error_before_deg))
         cases.append(Moved(name, orders, outcome.after, outcome.full_after, outcome.error_after_deg))
-    return Motion(planned.profile.name, seed, lead, planned.time_s[planned.first :], tuple(cases))
+    return Motion(planned.profile.name, form, seed, lead, planned.time_s[planned.first :], tuple(cases))
 
 
 def _unseen(rig: RigModel) -> tuple[int, RigModel]:

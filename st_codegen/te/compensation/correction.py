@@ -21,7 +21,7 @@ from st_codegen.te.compensation.parts import (
     order_index,
     set_variables,
 )
-from st_codegen.te.harmonics import Play, TransmissionError
+from st_codegen.te.harmonics import CORRECTION_LIMIT_DEG, Play, TransmissionError
 from st_codegen.te.latency import LONGEST_LEAD_S
 
 #: Input speeds beyond this are no measurement, rpm.
@@ -43,7 +43,7 @@ def parameters(te: TransmissionError, cycle_s: str) -> tuple[BlockVariable, ...]
         lreal("fCycle_s", "cycle time of the calling task, s, up to 1.0", cycle_s),
         boolean("bEnable", "TRUE: the correction ramps up; FALSE: it ramps down to zero"),
         boolean("bPublishedLaw", "TRUE: the law as published, FALSE: the continuous one", "FALSE"),
-        lreal("fCorrectionLimit_deg", "largest correction, deg at the motor, 0.0 .. 360.0", "20.0"),
+        lreal("fCorrectionLimit_deg", "largest correction, deg at the motor, 0.0 .. 360.0", str(CORRECTION_LIMIT_DEG)),
         lreal("fSlewLimit_deg_s", "fastest change of the correction, deg/s at the motor, 1.0 .. 1.0E6", "2000.0"),
         lreal("fRampTime_s", "time from no to full correction and back, the slew limit apart, s, 0.0 .. 10.0", "0.5"),
         lreal("fHysteresis_rpm", "input speed that decides the direction, rpm, 0.0 .. 1.0E6", "2.0"),
