@@ -392,6 +392,39 @@ def test_a_mesh_that_is_wound_up_the_other_way_has_its_power():
     assert growth.piece.effect.scalar("exponent") == 2.0 and not others and not result.unexplained
 
 
+CARRIED = """[[effect]]
+name = "cycloid_tooth_error"
+order = 39
+amplitude_deg = 7e-4
+phase_rad = -0.8
+backward_amplitude_deg = 4.5e-4
+backward_phase_rad = -2.3
+[[effect]]
+name = "carrier_modulation"
+order = 39
+lower_ratio = 0.13
+upper_ratio = 0.16
+upper_phase_rad = 0.4
+"""
+
+
+@pytest.mark.parametrize("power", SAID)
+@pytest.mark.parametrize("follow", [False, True])
+def test_sidebands_keep_their_size_where_the_carrier_does_not_modulate_what_grows(power, follow):
+    """A rig whose sidebands follow their order could have no growth beside sidebands that stay: it had no name."""
+    growth = 1.5e-3 * np.exp(0.7j) * (LOADS.torque_Nm / 1000.0) ** power
+    sides = {36: 0.13 * growth, 42: 0.16 * np.exp(0.4j) * growth} if follow else {}
+    result = reconciled(CARRIED, LOADS, [0, 1, 2, 36, 39, 42, 78, 156, 240], {39: growth} | sides)
+    (claim,) = result.conclusions.claims
+    values = claim.piece.effect.values
+    assert claim.piece.effect.name == "load_dependent_mesh" and not result.unexplained
+    assert values.get("exponent", 1.0) == power and values.get("modulated", 1.0) == float(follow)
+    assert words(claim, result).endswith("; its sidebands do not follow") != follow
+    assert parse_rig(result.new_rig.text(), known=KNOWN).coefficients(LOADS, [36, 39]) == pytest.approx(
+        result.new_rig.coefficients(LOADS, [36, 39])
+    )
+
+
 def test_growths_with_other_powers_of_the_load_are_not_compared_with_each_other():
     """Of one size in two campaigns, the second with the square of the load: "0.0149 -> 0.149", 111 standard errors."""
     first, second = (estimates(growing(law)[0]) for law in (lambda load: load, lambda load: load**2))

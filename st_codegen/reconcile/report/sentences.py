@@ -344,6 +344,8 @@ def words(claim: Claim, result: Reconciliation) -> str:
         for one in effect.phasors[:1]:
             forward, backward = (abs(effect.complex_value(one.key, back)) for back in (False, True))
             side = _louder_side(claim, forward, backward, {one.key: 1.0}, "large")
+        if effect.values.get("modulated") == 0.0:
+            side += "; its sidebands do not follow"
         return _TEXTS[effect.name].format(**numbers, **sizes, title=effect.title, orders=orders) + side
     return _WORDS.get(effect.name, plain)(effect, result)
 

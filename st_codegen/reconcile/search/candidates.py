@@ -25,6 +25,8 @@ from st_codegen.rig.effects.base import BACKWARD
 
 #: of an effect at one angle of the turn, that angle
 _CENTRE = "centre_deg"
+#: whether the carrier modulates it
+MODULATED = "modulated"
 STAGES = (Stage.ADDITIVE, Stage.MODULATION, Stage.STRUCTURE, Stage.MEASURING)
 
 
@@ -108,6 +110,13 @@ def variants(effect: type[Effect], both_directions: bool) -> list[frozenset[str]
 def is_a_form(scalar: Scalar) -> bool:
     """Whether a scalar says which of several forms a part of an effect has; one that is not said is the usual one."""
     return scalar.form is Form.FIXED and bool(scalar.starts) and bool(scalar.shapes)
+
+
+def is_carried(state: State, orders: Sequence[int]) -> bool:
+    """Whether the carrier modulates one of these orders."""
+    return any(
+        piece.effect.stage is Stage.MODULATION and set(orders) & set(piece.effect.orders) for piece in state.pieces
+    )
 
 
 class Search:
@@ -270,12 +279,17 @@ class Search:
         if located:
             shapes = [s for s in shapes if s.key != _CENTRE]
         forms = [s for s in effect.scalars if is_a_form(s) and s.shapes in keys] if self.formed else []
-        if self.formed and not forms:
-            return
+        if not is_carried(self.fit.state, orders):
+            forms = [s for s in forms if s.key != MODULATED]
+        # a form that is not said is the usual one, and one is said of what is `formed`
+        usual = [None] * len(forms)
         for values in itertools.product(
-            *(s.starts or ((s.lower + s.upper) / 2,) for s in shapes), *(s.starts for s in forms)
+            *(s.starts or ((s.lower + s.upper) / 2,) for s in shapes), *((None, *s.starts) for s in forms)
         ):
-            start = {s.key: float(value) for s, value in zip((*shapes, *forms), values, strict=True)}
+            if self.formed and [*values[len(shapes) :]] == usual:
+                continue
+            told = zip((*shapes, *forms), values, strict=True)
+            start = {s.key: float(value) for s, value in told if value is not None}
             if located:
                 gain, angle = self._loudest_angle(effect, keys, start, orders)
                 start[_CENTRE] = angle

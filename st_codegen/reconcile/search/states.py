@@ -18,7 +18,7 @@ from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.state import Piece
 from st_codegen.reconcile.rest.structure import is_lacking
-from st_codegen.reconcile.search.candidates import Candidate, Scorer
+from st_codegen.reconcile.search.candidates import MODULATED, Candidate, Scorer, is_carried
 from st_codegen.reconcile.search.evidence import judge, p_of_more
 from st_codegen.reconcile.search.peaks import has_a_frequency, load_keys
 from st_codegen.reconcile.search.plausible import at_nobodys_expense, bounds_met, is_a_peak, leaves_less_than_two
@@ -60,8 +60,19 @@ def _in_other_forms(current: Fit) -> Fit:
             current = found if _is_better(found, current) else current
     for number, piece in enumerate(current.state.pieces):
         if piece.added and piece.effect.name == _MESH:
-            current = _of_another_power(current, number)
+            current = _beside_the_carrier(_of_another_power(current, number), number)
     return current
+
+
+def _beside_the_carrier(current: Fit, number: int) -> Fit:
+    """The fit with a growth that the carrier modulates, or does not, the other way round where that does better."""
+    piece = current.state.pieces[number]
+    if not is_carried(current.state, piece.effect.orders):
+        return current
+    rest = {key: x for key, x in piece.effect.values.items() if key != MODULATED}
+    moved = piece.with_values(rest if MODULATED in piece.effect.values else rest | {MODULATED: 0.0})
+    found = fit(current.target, current.state.replaced(number, moved), steps=SETTINGS.long_steps)
+    return found if _is_better(found, current) else current
 
 
 def _of_another_power(current: Fit, number: int) -> Fit:
@@ -141,6 +152,8 @@ def in_forms_as_good(final: Fit, number: int) -> Iterator[Fit]:
     piece = final.state.pieces[number]
     for scalar in piece.effect.scalars:
         if scalar.form is not Form.FIXED or scalar.shapes not in piece.free:
+            continue
+        if scalar.key == MODULATED and not is_carried(final.state, piece.effect.orders):
             continue
         rest = {key: x for key, x in piece.effect.values.items() if key != scalar.key}
         own = piece.effect.scalar(scalar.key)

@@ -160,7 +160,8 @@ class Effect(ABC):
     scalars: ClassVar[tuple[Scalar, ...]] = ()
     phasors: ClassVar[tuple[Phasor, ...]] = ()
     orders_key: ClassVar[str | None] = None
-    stage: ClassVar[Stage] = Stage.ADDITIVE
+    #: one of a class may act at another one than the others
+    stage: Stage = Stage.ADDITIVE
     #: the lowest order that it may name
     least_order: ClassVar[int] = 1
     #: how many of its orders must be measured that the rig does not make, for it to be told from changes of these

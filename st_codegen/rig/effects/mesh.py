@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import ClassVar
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar
 
 import numpy as np
 
 from st_codegen.campaign.conditions import Conditions
+from st_codegen.files.toml_tables import TomlTable
 from st_codegen.ir.arrays import ComplexArray, FloatArray
-from st_codegen.rig.effects.base import Constants, Form, Phasor, Scalar, Wave
+from st_codegen.rig.effects.base import Constants, Form, Phasor, Scalar, Stage, Wave
 
 
 class _MeshError(Wave):
@@ -69,11 +70,33 @@ class LoadDependentMesh(_MeshError):
             (2 / 3, 2),
             "slope_deg_per_kNm",
         ),
+        Scalar(
+            "modulated",
+            "",
+            0,
+            1,
+            "1: the carrier modulates the growth with the rest of its order, 0: its sidebands do not follow",
+            1.0,
+            Form.FIXED,
+            (0,),
+            "slope_deg_per_kNm",
+        ),
     )
     phasors = (
         Phasor("slope_deg_per_kNm", "phase_rad", "deg/kNm", 100, "growth with the load", own_flanks=True, typical=1),
     )
     orders_of = Constants.mesh_orders
+
+    def __init__(self, values: Mapping[str, Any], constants: Constants, *, check: bool = True) -> None:
+        super().__init__(values, constants, check=check)
+        if self.values.get("modulated") == 0.0:
+            self.stage = Stage.STRUCTURE
+
+    def check(self, table: TomlTable) -> None:
+        """Note whatever is wrong with the values."""
+        super().check(table)
+        if table.is_sound and self.scalar("modulated") not in (0.0, 1.0):
+            table.note("'modulated' is neither 0 nor 1")
 
     def units(self) -> dict[str, str]:
         """The unit of the value of each key: that of a growth holds the power of the load."""
