@@ -178,6 +178,8 @@ class Terms:
 
         One of these is exp(0.0), so that the sum is no smaller: additions of what is not negative never fall.
         """
+        if not any(map(_exponent, total.arguments)):
+            return False  # it held them before this term or does not now: the sums of many terms are not looked through
         seen: set[Value] = set()
         largest: Value | None = None
         for summand in _summands(total):
