@@ -32,16 +32,19 @@ def _after(op: Operation, given: list[BoolArray]) -> BoolArray:
     return np.full(op.width, np.any(np.concatenate(given)), np.bool_)
 
 
-def unsure_columns(model: ModelIR, op: TreeEnsemble) -> list[int]:
-    """The columns of an ensemble that it splits behind an inexact step: numbers of `op.columns`."""
-    values = inexact_columns(model)
+def unsure_columns(op: TreeEnsemble, values: list[BoolArray]) -> list[int]:
+    """The columns of an ensemble that it splits behind an inexact step: numbers of `op.columns`.
+
+    `values`: the `inexact_columns` of the model, once for all of its ensembles.
+    """
     given = np.concatenate([values[number] for number in op.inputs])
     return [number for number in np.unique(op.split[op.split >= 0]).tolist() if given[op.columns[number].column]]
 
 
 def largest_jump(model: ModelIR) -> float:
     """The largest change of a sum of trees by rounding in front of its splits; 0.0 where it cannot change so."""
-    jumps = [_jump(op, unsure_columns(model, op)) for op in model.ops if isinstance(op, TreeEnsemble)]
+    values = inexact_columns(model)
+    jumps = [_jump(op, unsure_columns(op, values)) for op in model.ops if isinstance(op, TreeEnsemble)]
     return max(jumps, default=0.0)
 
 

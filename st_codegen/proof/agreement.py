@@ -13,7 +13,7 @@ from st_codegen.emit.blocks.model import refused_where
 from st_codegen.emit.output import block_of
 from st_codegen.ir import BoolArray, FloatArray, IntArray, ModelIR, TreeEnsemble, reference
 from st_codegen.ir.arrays import to_order
-from st_codegen.passes.jumps import largest_jump, unsure_columns
+from st_codegen.passes.jumps import inexact_columns, largest_jump, unsure_columns
 from st_codegen.project.purpose import BlockCheck
 from st_codegen.proof import bounds
 from st_codegen.proof.arithmetic import arithmetic_of
@@ -155,12 +155,12 @@ def _vague(values: FloatArray, bound: FloatArray) -> int:
 
 def _jump_width(model: ModelIR, x: FloatArray) -> float:
     """How far the numbers that trees compare behind inexact operations may lie from the library's, on some rows."""
-    found = bounds.differences(model, x)
+    found, inexact = bounds.differences(model, x), inexact_columns(model)
     width = 0.0
     for op in model.ops:
         if isinstance(op, TreeEnsemble):
             given = np.hstack([found[value] for value in op.inputs])
-            columns = [op.columns[number].column for number in unsure_columns(model, op)]
+            columns = [op.columns[number].column for number in unsure_columns(op, inexact)]
             width = max(width, float(np.max(given[:, columns], initial=0.0)))
     return width
 

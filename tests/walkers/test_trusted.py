@@ -41,6 +41,23 @@ def test_the_types_of_supported_estimators_are_trusted(estimator):
     assert unknown <= trusted_types()
 
 
+@pytest.mark.parametrize("score", ["chi2", "f_regression", "mutual_info_regression", "r_regression"])
+def test_a_file_may_name_the_score_by_which_columns_were_selected(score, tmp_path):
+    selection = pytest.importorskip("sklearn.feature_selection")
+    skops.dump(selection.SelectKBest(getattr(selection, score), k=1).fit(X, Y), tmp_path / "m.skops")
+    (loaded,) = load(tmp_path).models
+    assert loaded.predict(X).shape == (4, 1)
+
+
+def test_a_file_may_name_the_function_that_clips(tmp_path):
+    """It was called a type that no supported model needs."""
+    preprocessing = pytest.importorskip("sklearn.preprocessing")
+    clipped = preprocessing.FunctionTransformer(np.clip, kw_args={"a_min": 0.5, "a_max": 1.5})
+    skops.dump(clipped.fit(X), tmp_path / "m.skops")
+    (loaded,) = load(tmp_path).models
+    assert np.array_equal(loaded.predict(X), np.clip(X, 0.5, 1.5))
+
+
 def test_to_know_them_no_library_is_imported():
     code = (
         "import sys; from st_codegen.walkers.base import trusted_types; assert trusted_types(); "

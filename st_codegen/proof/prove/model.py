@@ -89,13 +89,14 @@ class ModelSide:
         columns: list[list[Column | str]] = [[Column(f, self._limited(f)) for f in range(len(model.features))]]
         self.ensembles: dict[int, Ensemble] = {}
         refusals: list[Column] = []
+        jump = largest_jump(model)
         for number, op in enumerate(model.ops, 1):
             given = [column for value in op.inputs for column in columns[value]]
             columns.append(_columns_after(op, given, self.domain, refusals))
             if isinstance(op, ir.TreeEnsemble):
                 for place in {op.columns[split].column for split in np.unique(op.split[op.split >= 0]).tolist()}:
                     given[place] = self._standing(op, place, given[place])
-                self.ensembles[number] = Ensemble(op, given, self.domain, largest_jump(model))
+                self.ensembles[number] = Ensemble(op, given, self.domain, jump)
 
         #: Which numbers within the domain are taken, of inputs of which it refuses some: categories that nobody knows.
         self.accepted = {f: _accepted(f, refusals, nan=self.domain.nan[f]) for f in {c.feature for c in refusals}}

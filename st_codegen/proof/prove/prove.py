@@ -193,6 +193,8 @@ def prove_model(model: ModelIR, code: GeneratedCode, runs: dict[str, BlockRun] |
         if example is None:
             return replace(result, reason=_SELF_CHECK if _checks_itself(code, block) else str(error))
         reason = str(error)
+    except RecursionError:  # the other models have verdicts of their own
+        return replace(result, reason="an expression of the text is nested too deeply to be followed")
     if example is None:
         return replace(result, reason=f"{reason}; no input was found that shows it")
     return replace(result, verdict=Verdict.REFUTED, reason=reason, counterexample=example)

@@ -51,6 +51,13 @@ def arguments_of(value: object, operation: str) -> tuple[Value, ...] | None:
     return value.arguments if isinstance(value, Term) and value.operation == operation else None
 
 
+def _operands(term: Term) -> list[Term]:
+    """The terms whose intervals make that of this one, whatever is true."""
+    if term.operation in ("if", "leaf") or term.kind == "bool":
+        return []
+    return [argument for argument in term.arguments if isinstance(argument, Term)]
+
+
 def _name(value: object) -> object:
     if isinstance(value, Term):
         return id(value)
@@ -91,12 +98,23 @@ class Terms:
         """Where the value lies, as far as it is known here."""
         if not isinstance(value, Term):
             return float(value), float(value), math.isnan(value)
-        for layer in reversed(self._intervals):
-            if value in layer:
-                return layer[value]
-        found = self._computed(value)
-        self._intervals[-1][value] = found
+        found = self._found(value)
+        waiting = [value] if found is None else []
+        while waiting:  # operands first: a sum over many rows is deeper than calls may be nested
+            unknown = [operand for operand in _operands(waiting[-1]) if self._found(operand) is None]
+            if unknown:
+                waiting += unknown
+            else:
+                term = waiting.pop()
+                found = self._intervals[-1][term] = self._computed(term)
+        assert found is not None
         return found
+
+    def _found(self, term: Term) -> Interval | None:
+        for layer in reversed(self._intervals):
+            if term in layer:
+                return layer[term]
+        return None
 
     def _computed(self, term: Term) -> Interval:
         if term.operation == "if":
@@ -160,6 +178,8 @@ class Terms:
 
         One of these is exp(0.0), so that the sum is no smaller: additions of what is not negative never fall.
         """
+        if not any(map(_exponent, total.arguments)):
+            return False  # it held them before this term or does not now: the sums of many terms are not looked through
         seen: set[Value] = set()
         largest: Value | None = None
         for summand in _summands(total):

@@ -216,7 +216,7 @@ def _reach(steps: Steps, low: float, high: float, width: int) -> FloatArray:
         reach[short] *= 2.0
 
 
-@transforms("FunctionTransformer", single=True)
+@transforms("FunctionTransformer", trusts=("numpy.clip",), single=True)  # no ufunc, which skops knows to be harmless
 def walk_function(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """A NumPy function of each column; with validate=True the library refuses NaN and infinity."""
     if fitted.flag("validate"):

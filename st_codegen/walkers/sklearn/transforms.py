@@ -81,6 +81,7 @@ def side_by_side(
         for name in (
             *("_univariate_selection.f_classif", "_univariate_selection.f_regression", "_univariate_selection.chi2"),
             *("_mutual_info.mutual_info_classif", "_mutual_info.mutual_info_regression"),
+            "_univariate_selection.r_regression",
         )
     ),
     single=True,

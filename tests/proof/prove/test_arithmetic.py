@@ -1,6 +1,7 @@
 """Models without trees: the text computes the model's expression, nothing in it fails, and the bound is one."""
 
 import dataclasses
+import importlib
 import itertools
 import math
 import re
@@ -10,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from st_codegen.driver import generate
 from st_codegen.emit.targets import TARGETS
 from st_codegen.ir import (
     Activation,
@@ -448,6 +450,44 @@ def test_a_divisor_is_as_far_from_zero_as_is_known_where_zero_ends_its_interval(
     apart, on_a_side = terms.compare("GT", terms.real("abs", x), 0.5), terms.compare(side, x, 0.0)
     with terms.assuming(apart), terms.assuming(on_a_side):
         assert terms.interval(terms.real("div", 1.0, x))[:2] == pytest.approx(expected)
+
+
+def test_a_sum_of_more_terms_than_calls_may_be_nested_has_an_interval_again():
+    terms = Terms()
+    x = terms.leaf("x", "real", (0.0, 1.0, False))
+    total = x
+    for _ in range(2000):
+        total = terms.real("add", total, x)
+    with terms.only(x, (1.0, 1.0, False)):
+        assert terms.interval(total) == (2001.0, 2001.0, False)
+
+
+def test_a_sum_without_powers_is_not_looked_through_at_each_of_its_terms(monkeypatch):
+    """The proof of 66 support vector machines of 340 vectors each took over four minutes, most of it there."""
+    home = importlib.import_module("st_codegen.proof.prove.terms")
+    monkeypatch.setattr(home, "_summands", lambda _: pytest.fail("looked through"))
+    terms = Terms()
+    total = terms.leaf("first", "real", (0.0, 0.25, False))
+    for number in range(3):
+        total = terms.real("add", total, terms.leaf(number, "real", (0.0, 0.25, False)))
+    assert terms.interval(total) == (0.0, 1.0, False)
+
+
+def test_a_model_that_is_nested_too_deeply_leaves_the_others_their_verdicts(tmp_path, monkeypatch):
+    from sklearn.linear_model import Ridge
+
+    prover = importlib.import_module("st_codegen.proof.prove.prove")
+    x = np.arange(12.0).reshape(6, 2) ** 2
+    bundle = load({name: Ridge().fit(x, x[:, 0]) for name in ("deep", "flat")})
+    generate(bundle, "iec", tmp_path)
+
+    def nested(model, *given):
+        return nested(model, *given) if model.name == "deep" else prove_arithmetic(model, *given)
+
+    monkeypatch.setattr(prover, "prove_arithmetic", nested)
+    deep, flat = prove(bundle, tmp_path).results
+    assert (deep.verdict, flat.verdict) == (Verdict.NOT_PROVED, Verdict.PROVED)
+    assert "nested too deeply" in deep.reason
 
 
 def test_comparing_what_may_be_nan_is_not_proved():
