@@ -65,11 +65,19 @@ def load_skops(path: Path, name: str) -> LoadedModel:
     return from_estimator(estimator, name)
 
 
+#: how a model is saved without what comes from these packages
+_WITHOUT = {
+    "scipy.stats.": "of a search over distributions its best_estimator_",
+    "joblib.": "of a pipeline with memory, after set_params(memory=None)",
+}
+
+
 def _way_out(foreign: list[str]) -> str:
     """What to do about types that a file may not name: those of libraries often belong to the model."""
     if all(name.partition(".")[0] in LIBRARIES for name in foreign):
         return "save the model without them, or train it without them"
-    return "save the model without them"
+    named = [text for package, text in _WITHOUT.items() if any(name.startswith(package) for name in foreign)]
+    return f"save the model without them{''.join(f' ({text})' for text in named)}"
 
 
 def load_pickle(path: Path, name: str, *, trusted: bool) -> LoadedModel:

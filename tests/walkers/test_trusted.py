@@ -78,6 +78,20 @@ def test_a_part_of_an_estimator_is_not_called_the_class_that_is_missing(tmp_path
         load(tmp_path)
 
 
+def test_of_a_search_and_a_pipeline_with_memory_it_is_said_what_to_save(tmp_path):
+    """Their distributions and caches are no part of the model; "without them" told nobody how."""
+    stats, joblib = pytest.importorskip("scipy.stats"), pytest.importorskip("joblib")
+    linear, selection = pytest.importorskip("sklearn.linear_model"), pytest.importorskip("sklearn.model_selection")
+    pipeline = pytest.importorskip("sklearn.pipeline")
+    distributions = {"alpha": stats.loguniform(1e-3, 1.0)}
+    search = selection.RandomizedSearchCV(linear.Ridge(), distributions, n_iter=2, cv=2)
+    kept = pipeline.Pipeline([("ridge", linear.Ridge())], memory=joblib.Memory(tmp_path / "cache", verbose=0))
+    for model, text in ((search, r"its best_estimator_\)"), (kept, r"set_params\(memory=None\)\)")):
+        skops.dump(model.fit(X, [0.0, 1.0, 0.0, 1.0]), tmp_path / "m.skops")
+        with pytest.raises(UntrustedFileError, match=f"save the model without them .*{text}"):
+            load(tmp_path)
+
+
 def test_a_file_of_a_class_that_is_not_compiled_names_it(tmp_path):
     manifold = pytest.importorskip("sklearn.manifold")
     isomap = manifold.Isomap(n_neighbors=3, n_components=1)
