@@ -119,6 +119,7 @@ def test_what_differs_from_run_to_run_is_no_convention_of_all():
     assert not any("the waves of all orders" in text for text in said)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("side", "sign"), [("forward", 1.0), ("backward", -1.0)])
 def test_one_direction_may_count_its_angle_the_other_way_or_have_the_other_sign(side, sign):
     """Backward curves from where that motion begins were a dozen changes of the rig; those of the other sign, too."""

@@ -71,6 +71,7 @@ def part(names, orders):
 MESH = ("cycloid_tooth_error", "pin_error", "input_shaft_misalignment", "load_dependent_mesh")
 
 
+@pytest.mark.slow
 def test_a_resonance_whose_frequency_falls_with_the_load():
     """It was explained by one of 51.1 Hz and a damping of 0.042, with a floor 20 times the noise."""
     at, orders = grid(np.arange(100, 1801, 100.0), 10), [0, 156, 162, 240]
@@ -226,6 +227,7 @@ def _modes(at, hertz, backward=1.0):
     return waves
 
 
+@pytest.mark.slow
 def test_a_dozen_runs_tell_no_two_modes():
     """They follow two of any form: of 35.0 and 38.1 Hz they made 35.5 and 39.1 Hz, which left nothing but noise."""
     points = np.random.default_rng(5).uniform([100, 0, 25], [1800, 1600, 35], (12, 3)).T
@@ -255,6 +257,7 @@ def test_a_height_of_another_law_does_not_move_the_frequency():
     assert result.unexplained, "its height is no line over the load"
 
 
+@pytest.mark.slow
 def test_a_frequency_is_said_where_it_was_measured():
     """Of two loads, "at 40.0 Hz" was that at none, and the gap on held-out runs said nothing of what lies between."""
     at, orders = grid(np.arange(100, 1801, 100.0), 2, (20.0, 35.0, 50.0)), [0, 156, 162, 240]

@@ -167,7 +167,7 @@ def test_a_delay_that_the_rig_has_and_the_machine_has_not_is_gone():
     assert len(result.new_rig.effects) == len(RIG.effects)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_two_mistakes_at_once_are_asked_about_in_place_of_many_changes():
     """A gain of TE and a zero of the torque sensor: most numbers of the rig had changed, with tiny errors."""
     data = measured(2e-5, at=replace(AT, torque_Nm=AT.torque_Nm + 40))

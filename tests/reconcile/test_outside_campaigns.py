@@ -697,6 +697,7 @@ def test_a_bump_in_a_table_of_three_low_orders_may_be_one(is_of_one_angle):
     assert ("something_else" in changed["crank_misalignment"].alternatives) == is_of_one_angle
 
 
+@pytest.mark.slow
 def test_sidebands_of_a_resonance_are_no_resonances_at_frequencies_of_their_own():
     """An angle that wobbles 40 times a turn makes orders 200 and 280 of order 240: modes at 50 and 70 Hz beside 60."""
     at = grid(16, 4, 1)

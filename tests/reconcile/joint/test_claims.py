@@ -529,6 +529,7 @@ def test_one_speed_does_not_tell_a_ripple_from_a_hum(tmp_path, monkeypatch):
     assert "or of 40" in text and "per revolution" in text and "no wave over the angle" not in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.05, 0.01])
 def test_one_ripple_at_one_speed_is_one_wave_with_its_size(tmp_path, noise):
     """Its number was taken from ten places: it came back as two waves side by side, the ripple 0.0285 N m of 0.3."""
@@ -560,6 +561,7 @@ def test_a_hum_and_a_ripple_that_are_both_there_are_not_one_wave(tmp_path):
     assert text.startswith("a wave of 7.3") and "no wave over the angle explains as well" in text
 
 
+@pytest.mark.slow
 def test_a_ripple_through_pieces_of_the_data_stands_out_of_what_it_leaks(tmp_path):
     """In a motion of one sine its own surroundings hid it: the torque was called 7 ms early."""
     joint = Joint(gravity=20.0, dry=4.0, viscous=3.0, ripple=1.0, order=160.0)
@@ -636,6 +638,7 @@ def test_a_filter_beside_a_mode_is_no_lead():
     assert not _is_braked(np.array([2.0, 0.0, 0.0, -0.0048, 177.0, 0.03, 318.0, 0.7]), value, w)
 
 
+@pytest.mark.slow
 def test_an_early_torque_hides_no_mode(tmp_path):
     """It leads the acceleration as well, and is shifted before the mode is judged."""
     joint = Joint(dry=1.0, viscous=0.8, spring_Hz=30.0, behind=True)
@@ -645,6 +648,7 @@ def test_an_early_torque_hides_no_mode(tmp_path):
     assert mode["value"] == pytest.approx(30.0 * 2**0.5, rel=0.02)
 
 
+@pytest.mark.slow
 def test_the_drive_s_response_to_friction_is_no_early_mode(tmp_path):
     """A torque that is early by 18 ms in the fit hid that the drive brakes: 19.7 +- 2 Hz of a stiff joint."""
     joint = Joint(gravity=20.0, dry=4.0, viscous=0.8, breakaway=2.5, stribeck=0.1)
@@ -687,6 +691,7 @@ def test_what_would_be_negative_friction_may_be_another_part(tmp_path):
     assert text.startswith("a part with the form of dry friction drift, or of torque zero drift (")
 
 
+@pytest.mark.slow
 def test_friction_that_falls_where_a_joint_moves_at_one_speed_mostly(tmp_path):
     """Viscous friction was not looked at where its square had been taken: 2.51 +- 0.8 N m per (rad/s)^2."""
     t = np.arange(0.0, 40.0, 1e-3)
@@ -959,6 +964,7 @@ def test_friction_that_no_motion_tells_beside_another_joint_is_not_named(tmp_pat
     assert set(named(second)) == {"dry_friction", "viscous_friction"}
 
 
+@pytest.mark.slow
 def test_a_joint_that_turns_at_one_speed_tells_no_other_part(tmp_path):
     """Beside the drift that was taken there was none to ask about, alone or with another one: a crash."""
     columns, _ = spun(lambda t: 1.0 + 0.0 * t, lambda t, q, v: 3.0 + 0.2 * t)

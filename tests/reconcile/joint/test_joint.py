@@ -230,6 +230,7 @@ def test_the_command_writes_a_page_without_a_rig(tmp_path, capsys):
     assert "--rig" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_spring_between_motor_and_load(tmp_path):
     joint = Joint(dry=1.0, viscous=0.8, spring_Hz=30.0)
     (found,) = report(simulate(joint, Measured(seed=4, shake=3.0, seconds=20.0)), tmp_path)
