@@ -19,11 +19,14 @@ _POINTS_A_PERIOD = 4
 _CHUNK = 16384
 
 
-def moments(theta_rad: FloatArray, weights: FloatArray, highest: int) -> ComplexArray:
-    """The sums for m = 0..highest, complex128 (rows, highest + 1), of weights (rows, n) at theta_rad (n,), float64."""
+def moments(theta_rad: FloatArray, weights: FloatArray, highest: int, *, off_rad: float | None = None) -> ComplexArray:
+    """The sums for m = 0..highest, complex128 (rows, highest + 1), of weights (rows, n) at theta_rad (n,), float64.
+
+    off_rad: by how much the angles differ at most from even steps of a turn, of which there are a power of two and no
+    more than `4 * highest`, where they hardly do: fewer terms are enough then.
+    """
     size = 1 << max(6, (_POINTS_A_PERIOD * highest - 1).bit_length())
-    position = theta_rad * (size / (2.0 * math.pi))
-    terms = _terms(highest * float(np.abs(position - np.rint(position)).max(initial=0.0)) * (2.0 * math.pi / size))
+    terms = _terms(highest * min(math.pi / size, math.inf if off_rad is None else off_rad))
     binned = np.zeros((len(weights), terms, size))
     for start in range(0, len(theta_rad), _CHUNK):
         part = slice(start, start + _CHUNK)

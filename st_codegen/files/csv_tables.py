@@ -11,7 +11,7 @@ import io
 import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +21,9 @@ from st_codegen.errors import InputError, Problems, counted, meant
 from st_codegen.files.number_text import parse_number
 from st_codegen.files.text import read_text
 
-#: A number with a decimal comma, and one that may have a decimal point, or digits in groups of three.
+#: A number with a decimal comma; one with a decimal point; and one that may have that, or digits in groups of three.
 _WITH_COMMA = re.compile(r"\s*[+-]?[0-9]*,[0-9]+([eE][+-]?[0-9]+)?\s*")
+_WITH_POINT = re.compile(r"\s*[+-]?(0*|[0-9]{4,})\.[0-9]+\s*|\s*[+-]?[0-9]*\.([0-9]{1,2}|[0-9]{4,})\s*")
 _GROUPED = re.compile(r"[+-]?[1-9][0-9]{0,2}\.[0-9]{3}")
 
 
@@ -54,7 +55,8 @@ class CsvTable:
     """The rows below a header. A row with more or fewer cells than the header is refused where it is asked for one.
 
     empty: the lines below the header that have cells with nothing in them; they are none of the rows.
-    comma_line: one in which a number has a decimal comma; None where there is none.
+    comma_line: one in which a number has a decimal comma; None where there is none. pointed: the columns in which a
+    number has a decimal point for sure.
     """
 
     names: tuple[str, ...]
@@ -62,6 +64,7 @@ class CsvTable:
     decimal_comma: bool
     empty: tuple[int, ...] = ()
     comma_line: int | None = None
+    pointed: frozenset[str] = frozenset()
 
     def text(self, row: CsvRow, name: str) -> str:
         """A cell, without the blanks around it. Raises RowError."""
@@ -74,7 +77,7 @@ class CsvTable:
         cell = self.text(row, name)
         if not cell and not is_finite:
             raise RowError(row.line, f"{name}: '' is not a number; a missing one is written nan")
-        if self.comma_line is not None and _GROUPED.fullmatch(cell):
+        if self.comma_line is not None and name not in self.pointed and _GROUPED.fullmatch(cell):
             raise RowError(
                 row.line,
                 f"{name}: '{cell}' is {cell.replace('.', '')} or {cell.replace('.', ',')}, since numbers have decimal "
@@ -123,9 +126,17 @@ def read_csv(path: Path, wanted: Sequence[str] = ()) -> CsvTable:
         problems.add(f"the column '{_cut(name)}' is there twice")
     problems.raise_if_any()
     below = {row.line for row in empty if row.line > rows[0].line} - {row.line for row in rows}
-    has_comma = (row.line for row in rows[1:] if any("," in cell and _WITH_COMMA.fullmatch(cell) for cell in row.cells))
-    comma_line = next(has_comma, None) if separator == ";" else None
-    return CsvTable(names, tuple(rows[1:]), separator == ";", tuple(sorted(below)), comma_line)
+    # a comma in a column that nobody reads as numbers, as in a list or a note, says nothing of those that are
+    of_numbers = [place for place, name in enumerate(names) if not wanted or name in wanted]
+    is_comma = separator == ";"
+    comma_line = next((row.line for row in rows[1:] if is_comma and _some(_WITH_COMMA, row, of_numbers)), None)
+    pointed = [n for n in of_numbers if comma_line and any(_some(_WITH_POINT, row, [n]) for row in rows[1:])]
+    table = CsvTable(names, tuple(rows[1:]), is_comma, tuple(sorted(below)), comma_line)
+    return replace(table, pointed=frozenset(names[n] for n in pointed))
+
+
+def _some(pattern: re.Pattern[str], row: CsvRow, places: Sequence[int]) -> bool:
+    return any(pattern.fullmatch(row.cells[place]) for place in places if place < len(row.cells))
 
 
 def meant_column(name: str, columns: Iterable[str], read: Collection[str]) -> str:

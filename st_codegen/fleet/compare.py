@@ -143,13 +143,13 @@ def _copies(fleet: Sequence[Campaigns]) -> tuple[str, ...]:
 
 def _spreads(kind: str, axes: Sequence[Campaigns]) -> list[Spread]:
     """The parameters of a type but phases, which say how an axis was mounted."""
-    found: dict[tuple[str, str], dict[str, Estimate]] = {}
+    found: dict[tuple[str, str, str], dict[str, Estimate]] = {}
     for axis in axes:
         for one in axis.estimates[-1]:
             if not one.is_phase and one.stderr is not None:
-                found.setdefault((one.effect, one.key), {})[axis.axis] = one
+                found.setdefault((one.effect, one.key, one.unit), {})[axis.axis] = one
     spreads = []
-    for (effect, key), own in sorted(found.items()):
+    for (effect, key, _), own in sorted(found.items()):
         values = np.array([one.value for one in own.values()])
         errors = np.array([one.stderr for one in own.values()], np.float64)
         median, stderr = float(np.median(values)), float(np.median(errors))
@@ -206,7 +206,8 @@ def _growth(fleet: Sequence[Campaigns]) -> tuple[tuple[Growth, ...], float | Non
             old = before.get(key)
             if old is None and now.effect not in known and now.grows:
                 new.append(Growth(axis.axis, *key, now.unit, None, now.value, None, history))
-            if old is None or not now.grows or not old.stderr or not now.stderr:
+            # a growth with another power of the load is another number
+            if old is None or not now.grows or not old.stderr or not now.stderr or old.unit != now.unit:
                 continue
             grown = now.grows * (abs(now.value) - abs(old.value)) / math.hypot(now.stderr, old.stderr)
             compared.append(Growth(axis.axis, *key, now.unit, old.value, now.value, grown, history))

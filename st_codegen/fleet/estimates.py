@@ -55,7 +55,6 @@ def estimates(result: Reconciliation) -> list[Estimate]:
         label = name if numbers[name] == 1 else f"{name}, no. {numbers[name]}"
         forms = {scalar.key: scalar.form for scalar in effect.scalars}
         phases = {phasor.keys(backward)[1] for phasor in effect.phasors for backward in (False, True)}
-        usual = Effect.units(effect)
         for key, entry in parameters_of(effect, fitted.stderr).items():
             own = key.partition("[")[0]
             form = forms.get(own, Form.SHAPE if own in phases else Form.LINEAR)
@@ -63,8 +62,7 @@ def estimates(result: Reconciliation) -> list[Estimate]:
                 continue
             grows = {Form.LINEAR: 1, Form.INVERSE: -1}.get(form, 0)
             stderr = float(math.inf if entry["stderr"] is None else entry["stderr"])
-            # a growth with another power of the load is a number of another unit, which nothing is compared with
-            is_measured = fitted.shares.get(key, 0.0) < _MOST_OF_RIG and entry["unit"] == usual.get(own, "")
+            is_measured = fitted.shares.get(key, 0.0) < _MOST_OF_RIG
             known = stderr if is_measured and 0.0 < stderr < math.inf else None  # of 0 nothing is measured
             is_phase = own in phases
             found.append(Estimate(label, key, entry["value"], known, entry["unit"], grows, is_phase, fitted.added))

@@ -73,9 +73,7 @@ def limits(models: Sequence[ModelIR], columns: dict[str, FloatArray]) -> list[st
         outside = np.count_nonzero((reference.limited(model, rows) != rows) & ~np.isnan(rows), axis=0)
         for feature, number in zip(model.features, outside, strict=True):
             if number:
-                ends = " .. ".join(
-                    plain_number(end) for end in dict.fromkeys((feature.lower, feature.upper)) if end is not None
-                )
+                ends = " .. ".join(plain_number(end) for end in (feature.lower, feature.upper) if end is not None)
                 found.add(f"{feature.name} ({ends}) in {number:,} of {counted(len(rows), 'row')}")
     return sorted(found)
 

@@ -562,7 +562,7 @@ class Settings:
     #: powers of the load that else a mesh order may follow: contact of lines and points, and what grows faster
     powers_of_a_mesh: tuple[float, ...] = (0.5, 2 / 3, 1.0, 1.5, 2.0)
     #: powers of which none may leave clearly less than the one that is said
-    any_power: tuple[float, ...] = (0.3, 0.4, 0.8, 0.9, 1.1, 1.25, 1.75, 2.25, 2.5, 3.0)
+    any_power: tuple[float, ...] = tuple(n / 20 for n in range(6, 61))
     #: share by which a number that says a form may be off and say the same one: 2/3 is written as 0.667
     one_form: float = 0.01
     #: factor; a law that is nothing at one end of a condition and grows in proportion to it is a constant, and what

@@ -13,7 +13,7 @@ from st_codegen.errors import Problems
 from st_codegen.files.toml_tables import TomlTable
 from st_codegen.ir.arrays import ComplexArray, FloatArray
 from st_codegen.rig.axis_parameters import AxisParameters, Coupling, Drive, read_axis
-from st_codegen.rig.effects import Catalogue, Conditions, Effect, Stage
+from st_codegen.rig.effects import Catalogue, Conditions, Effect, Form, Stage
 from st_codegen.rig.model import RigModel, read_rig
 from st_codegen.rig.motion import Rig
 from st_codegen.rig.tasks import read_tasks
@@ -79,21 +79,22 @@ def _with_effect(axis: AxisParameters, effect: Effect, table: Mapping[str, Any])
 
 def another_specimen(model: RigModel, known: Catalogue, spread: float, seed: int) -> RigModel:
     """A rig of the same type that differs: each size of each effect by a random share (standard deviation `spread`),
-    phases by as many rad."""
+    phases by as many rad. What says the form of an effect, or where it acts, stays."""
     random = np.random.default_rng(seed)
 
     def other(key: str, value: Any) -> Any:
-        if isinstance(value, list | tuple) and key != "orders":
+        if isinstance(value, list | tuple):
             return [other(key, item) for item in value]
         if isinstance(value, float):
             draw = float(random.normal(0.0, spread))
             return value + draw if key.endswith("phase_rad") else value * (1.0 + draw)
         return value
 
-    effects = [
-        known[effect.name](
-            {key: other(key, value) for key, value in effect.table().items() if key != "name"}, model.constants
-        )
-        for effect in model.effects
-    ]
+    effects = []
+    for effect in model.effects:
+        fixed = {"orders", "order", *(scalar.key for scalar in effect.scalars if scalar.form is Form.FIXED)}
+        drawn = {key: (value, other(key, value)) for key, value in effect.table().items()}
+        values = {key: old if key in fixed else new for key, (old, new) in drawn.items()}
+        del values["name"]
+        effects.append(known[effect.name](values, model.constants))
     return model.with_effects(effects)

@@ -155,11 +155,15 @@ def test_a_column_of_another_case_is_proposed(tmp_path):
 def test_a_thousand_with_its_point_is_not_one_where_numbers_have_decimal_commas(tmp_path):
     """Spreadsheets export 1000 as 1.000 beside 400,5; it was read as 1 rpm."""
     problems = Problems("t.csv")
-    grouped = table(tmp_path, "note;n;M\n;1.000;400\n;0.125;2.5\n1,2,3;-12.500;400,5\n")
-    assert grouped.numbers(["n", "M"], problems).tolist()[1] == [0.125, 2.5]
+    grouped = table(tmp_path, "note;n;M\n;1.000;400\n;125;2.5\n1,2,3;-12.500;400,5\n")
+    assert grouped.numbers(["n", "M"], problems).tolist()[1] == [125.0, 2.5]
     assert [str(one) for one in problems.errors] == [
         "line 2: n: '1.000' is 1000 or 1,000, since numbers have decimal commas (line 4): write one of these",
         "line 4: n: '-12.500' is -12500 or -12,500, since numbers have decimal commas (line 4): write one of these",
     ]
-    for text in ("n;M\n1.000;400\n", "n,M\n1.000,400\n"):
-        assert table(tmp_path, text).numbers(["n"], problems).tolist() == [[1.0]]
+    # a column that has decimal points has them in all of its numbers, and one that nobody reads says nothing
+    for text in ("n;M\n1.000;400\n", "n,M\n1.000,400\n", "n;M\n1.000;400,5\n0.125;1,5\n"):
+        assert table(tmp_path, text).numbers(["n"], problems)[0].tolist() == [1.0]
+    (tmp_path / "table.csv").write_text("n;orders\n1.000;39,40\n")
+    assert read_csv(tmp_path / "table.csv", ["n"]).numbers(["n"], problems).tolist() == [[1.0]]
+    assert len(problems.errors) == 2

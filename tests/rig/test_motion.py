@@ -204,6 +204,17 @@ def test_oil_that_drifts_and_its_slow_sensor(linear_rig):
     assert planned.sensor_C[-1] < 28.01  # time constant of 20 s
 
 
+def test_another_specimen_has_the_same_forms():
+    """A share of what says a form is no form: "'modulated' is neither 0 nor 1", by which no motion was rehearsed."""
+    mesh = '[[effect]]\nname = "load_dependent_mesh"\norder = 39\nslope_deg_per_kNm = 1e-3\n'
+    head = "[rig]\nname = 't'\nreduction_ratio = 81\ncycloid_teeth = 39\npins = 40\ncranks = 3\n"
+    rig = parse_rig(f"{head}{mesh}exponent = 3\nmodulated = 1\n")
+    for seed in range(5):
+        (effect,) = another_specimen(rig, catalogue(), 0.02, seed).effects
+        assert effect.values["exponent"] == 3.0 and effect.values["modulated"] == 1.0
+        assert effect.values["slope_deg_per_kNm"] != 1e-3 and effect.orders == (39,)
+
+
 def test_another_specimen_differs_by_its_spread(linear_model):
     other = another_specimen(linear_model, catalogue(()), 0.05, 3)
     assert [e.name for e in other.effects] == [e.name for e in linear_model.effects]

@@ -86,7 +86,7 @@ def with_the_other_half(joint: Fit, final: Fit, number: int, known: Catalogue) -
     it can of the other, be that missing or a part of the rig that is held.
     """
     effect = final.state.pieces[number].effect
-    order, is_wave = effect.touched_orders(), effect.stage is Stage.ADDITIVE
+    order, is_wave = effect.touched_orders(), effect.stage is Stage.ADDITIVE or effect.orders_key == "order"
     if not is_wave or len(order) != 1 or 0 in order or final.target.data.angle_rad is not None:
         return
     finder = Search(known, final, stages=(Stage.ADDITIVE,), touching=order)
@@ -118,7 +118,9 @@ def standard_errors(joint: Fit, number: int, final: Fit | None = None, others: S
         kept = is_lacking(final.target, final.residual)
         own_orders = np.isin(final.target.data.orders, piece.effect.touched_orders())
         held = [joint] if (kept & own_orders).any() else []
-        for fitted in (*held, *others, *in_forms_as_good(final, number)):
+        order, pieces = piece.effect.touched_orders(), final.state.pieces
+        forms = [i for i, one in enumerate(pieces) if i == number or (len(order) == 1 and one.effect.orders == order)]
+        for fitted in (*held, *others, *(fitted for i in forms for fitted in in_forms_as_good(final, i))):
             other = fitted.state.pieces[number]
             if other.coordinates() == piece.coordinates():
                 ours = final.state.pieces[number]

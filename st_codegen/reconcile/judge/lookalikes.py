@@ -182,9 +182,14 @@ def told_sides(piece: Piece, stderr: dict[str, float]) -> set[str]:
 def may_be_another_power(final: Fit, piece: Piece) -> bool:
     """Whether a mesh order that grows with a power of the load follows another one about as well, or better.
 
-    Beside a constant, where that is free as well.
+    Beside a constant, where that is free as well; the constant is another one then, too.
     """
-    if piece.effect.name != "load_dependent_mesh" or final.target.data.angle_rad is not None:
+    if final.target.data.angle_rad is not None:
+        return False
+    if is_a_constant_wave(piece.effect):
+        beside = (one for one in final.state.pieces if one.free and one.effect.orders == piece.effect.orders)
+        return any(may_be_another_power(final, one) for one in beside if one.effect.name == "load_dependent_mesh")
+    if piece.effect.name != "load_dependent_mesh":
         return False
     left, count = left_by_power(final, piece), int(final.target.good.sum()) * len(piece.effect.orders)
     power = piece.effect.scalar("exponent")

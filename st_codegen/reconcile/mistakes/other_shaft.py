@@ -81,6 +81,7 @@ def over_the_output(data: Observations, share: float = 1.0) -> Observations:
     for row, (own, its) in enumerate(zip(te, slope, strict=True)):
         # even steps of the one angle are none of the other
         weight = own * (1.0 + share * np.radians(its)) * (2.0 / count)
-        found[row] = moments(grid + share * np.radians(own), weight[None], highest)[0, orders]
+        off = share * np.radians(own)
+        found[row] = moments(grid + off, weight[None], highest, off_rad=float(np.abs(off).max()))[0, orders]
     found[:, orders == 0] /= 2.0
     return replace(data, values=found)

@@ -160,7 +160,7 @@ class Effect(ABC):
     scalars: ClassVar[tuple[Scalar, ...]] = ()
     phasors: ClassVar[tuple[Phasor, ...]] = ()
     orders_key: ClassVar[str | None] = None
-    #: one of a class may act at another one than the others
+    #: where it acts; an effect may set its own, a search of what is missing goes by that of the class
     stage: Stage = Stage.ADDITIVE
     #: the lowest order that it may name
     least_order: ClassVar[int] = 1
