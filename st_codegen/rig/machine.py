@@ -93,6 +93,7 @@ def another_specimen(model: RigModel, known: Catalogue, spread: float, seed: int
     effects = []
     for effect in model.effects:
         fixed = {"orders", "order", *(scalar.key for scalar in effect.scalars if scalar.form is Form.FIXED)}
+        # drawn all the same, so that a form which somebody states changes none of the other sizes
         drawn = {key: (value, other(key, value)) for key, value in effect.table().items()}
         values = {key: old if key in fixed else new for key, (old, new) in drawn.items()}
         del values["name"]
