@@ -121,7 +121,9 @@ def told(part: TorquePart, basis: FloatArray) -> float:
 
 def rigid(rows: JointRows) -> TorquePart:
     """Inertia, gravity, a constant."""
-    columns = [rows.acceleration, np.cos(rows.angle), np.sin(rows.angle), np.ones(len(rows.time))]
+    # as the kernel leaves a wave that passes at this speed: the cosine of a smooth angle is no smooth cosine
+    kept = np.exp(-((rows.speed * rows.kernel_s) ** 2) / 2)
+    columns = [rows.acceleration, kept * np.cos(rows.angle), kept * np.sin(rows.angle), np.ones(len(rows.time))]
     return TorquePart(RIGID, 0.0, np.stack(columns, axis=1))
 
 
