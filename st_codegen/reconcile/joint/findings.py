@@ -350,9 +350,10 @@ def _unnamed(result: JointResult, name: str) -> str:
     size, error = result.chosen.value(name)
     value = number(size, error, _SAID[name].unit if name in _SAID else "Nm")
     if name == "square_friction" and error < abs(size) and not _is_told(name, size, error):
+        instead = (_INSTEAD[one] for one in result.chosen.alternatives.get(name, ()))
         return (
-            f"friction over speed is bent ({value} if by its square): what else is left could make most of it, and "
-            "every other curve over speed has such a bend"
+            f"friction over speed is bent ({value} if by its square): {' or '.join(('what else is left', *instead))} "
+            "could make most of it, and every other curve over speed has such a bend"
         )
     if not _is_told(name, size, error):
         return f"a part with the form of {_INSTEAD[name]} ({value}): what else is left could make all of it"

@@ -1058,3 +1058,32 @@ def test_what_drives_the_joint_is_not_called_friction(tmp_path):
     viscous, dry = sorted(text for text in joint["unexplained"] if "friction" in text)[::-1]
     assert "form of viscous friction (2.7" in viscous and "drives the joint at some speeds" in viscous
     assert "form of dry friction and the wrong sign (-6" in dry
+
+
+def test_at_two_speeds_viscous_and_square_friction_may_both_be_there(tmp_path):
+    """It said 0.434 +- 0.003 N m by the square of the speed, or viscous friction, where it was 0.3 and both were."""
+    rng, t = np.random.default_rng(0), np.arange(0.0, 40.0, 5e-3)
+    speed = np.select([t % 9 < 3.0, t % 9 < 6.0, t % 9 < 7.5], [0.5, -0.5, 1.0], -1.0)
+    v = np.convolve(speed, np.hanning(41) / np.hanning(41).sum(), "same")
+    q = np.cumsum(v) * 5e-3
+    tau = 0.8 * np.gradient(v, t) + 15.0 * np.cos(q) + 1.6 * np.tanh(v / 1e-4) + 0.2 * v + 0.3 * v * np.abs(v)
+    noise = rng.standard_normal((2, len(t)))
+    columns = {"t": t, "q_rad": q + 1e-4 * noise[0], "tau": tau + 0.01 * noise[1]}
+    (joint,) = report(columns, tmp_path)
+    for name, key, truth in (("viscous_friction", "_Nm_s", 0.2), ("square_friction", "_Nm_s2", 0.3)):
+        if name in named(joint):
+            value = named(joint)[name]["parameters"][name + key]
+            assert abs(value["value"] - truth) < 3 * value["stderr"]
+
+
+def test_a_unit_that_is_not_known_is_one_problem(tmp_path):
+    """Of `tau_Nmm` it said as well that the torque is missing; a step of 2000 s was asked about as milliseconds."""
+    columns = plain(count=600)
+    path = write(columns, tmp_path / "joint.csv", {"tau": "tau_Nmm"})
+    with pytest.raises(InputError, match="the unit of the column 'tau_Nmm' is not known") as error:
+        read_joints([path])
+    assert "missing" not in str(error.value)
+    for factor, unit in ((1e3, "milliseconds"), (1e6, "microseconds")):
+        path = write(columns | {"t": factor * columns["t"]}, tmp_path / "joint.csv")
+        with pytest.raises(InputError, match=unit):
+            read_joints([path])
