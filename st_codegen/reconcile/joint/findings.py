@@ -191,7 +191,8 @@ def _part(result: JointResult, name: str) -> JointFinding | None:
     remark = ""
     slow, fast = map(float, np.quantile(np.abs(result.rows.speed), (0.1, 0.9)))
     if name in _POWERS and (fast < JOINT.speeds * slow or _driving(result)):
-        return _near_one_speed(result, fast) if fast < JOINT.speeds * slow else _not_apart(result, slow, fast)
+        together = _near_one_speed(result, fast) if fast < JOINT.speeds * slow else _not_apart(result, slow, fast)
+        return None if _is_drive(result) else together
     if name == "dry_friction":
         slowest, fastest = np.quantile(np.abs(result.rows.speed), (0.02, 0.98))
         remark = f"read between {digits(slowest, 2)} and {digits(fastest, 2)} rad/s; at standstill it is not seen"
@@ -214,6 +215,12 @@ def _driving(result: JointResult) -> list[str]:
     """Forms over speed that surely drive the joint: together with others they make a curve that none of them has."""
     values = {name: result.chosen.value(name) for name in result.chosen.names() if name in OVER_SPEED}
     return [name for name, (value, error) in values.items() if value < 0 and _is_told(name, value, error)]
+
+
+def _is_drive(result: JointResult) -> bool:
+    """Whether all forms over speed together surely drive the joint at a slow or a fast speed: that is no friction."""
+    ends = (_at(result, float(speed)) for speed in np.quantile(np.abs(result.rows.speed), (0.1, 0.9)))
+    return any(value < -error for value, error in ends)
 
 
 def _at(result: JointResult, speed: float) -> tuple[float, float]:
@@ -343,16 +350,18 @@ def _unnamed(result: JointResult, name: str) -> str:
     size, error = result.chosen.value(name)
     value = number(size, error, _SAID[name].unit if name in _SAID else "Nm")
     if name == "square_friction" and error < abs(size) and not _is_told(name, size, error):
+        instead = (_INSTEAD[one] for one in result.chosen.alternatives.get(name, ()))
         return (
-            f"friction over speed is bent ({value} if by its square): what else is left could make most of it, and "
-            "every other curve over speed has such a bend"
+            f"friction over speed is bent ({value} if by its square): {' or '.join(('what else is left', *instead))} "
+            "could make most of it, and every other curve over speed has such a bend"
         )
     if not _is_told(name, size, error):
         return f"a part with the form of {_INSTEAD[name]} ({value}): what else is left could make all of it"
-    if name in ("dry_friction", "viscous_friction", "load_dependent_friction"):
-        return (
-            f"a part with the form of {name.replace('_', ' ')} and the wrong sign ({value}): no friction drives a joint"
-        )
+    if name in ("dry_friction", "viscous_friction", "load_dependent_friction") or (name in _POWERS and size > 0):
+        wrong = f" and the wrong sign ({value})"
+        if size > 0:
+            wrong = f" ({value}), with which all that goes by the speed drives the joint at some speeds"
+        return f"a part with the form of {name.replace('_', ' ')}{wrong}: no friction drives a joint"
     if _is_below_nothing(result, name):
         forms = ", or of ".join(_INSTEAD[one] for one in (name, *result.chosen.alternatives.get(name, ())))
         return (

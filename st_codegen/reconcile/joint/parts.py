@@ -121,7 +121,9 @@ def told(part: TorquePart, basis: FloatArray) -> float:
 
 def rigid(rows: JointRows) -> TorquePart:
     """Inertia, gravity, a constant."""
-    columns = [rows.acceleration, np.cos(rows.angle), np.sin(rows.angle), np.ones(len(rows.time))]
+    # as the kernel leaves a wave that passes at this speed: the cosine of a smooth angle is no smooth cosine
+    kept = np.exp(-((rows.speed * rows.kernel_s) ** 2) / 2)
+    columns = [rows.acceleration, kept * np.cos(rows.angle), kept * np.sin(rows.angle), np.ones(len(rows.time))]
     return TorquePart(RIGID, 0.0, np.stack(columns, axis=1))
 
 
@@ -553,6 +555,7 @@ def _of_best_form(rows: JointRows, parts: list[TorquePart]) -> list[TorquePart]:
 
 def _judged(rows: JointRows, parts: list[TorquePart], not_told: set[str], moves: Mapping[str, float]) -> Chosen:
     """Drop what no longer helps beside the others; list what would do in place of each that stays."""
+    slow, fast = np.quantile(np.abs(rows.speed), (0.1, 0.9))
     while True:
         fit = crossed(stacked(parts), rows)
         gains, alternatives, of_forms = {}, {}, np.zeros(len(fit.values))
@@ -570,7 +573,10 @@ def _judged(rows: JointRows, parts: list[TorquePart], not_told: set[str], moves:
                 # beside a curved part dry friction is what is left at high speed: another number
                 forms = [instead[n].part for n in alike if {n, part.name} == _ALIKE]
                 of_forms = np.maximum(of_forms, _of_another(rows, parts, part, forms, fit))
-                beside = [instead[n].part for n in alike if not {n, part.name} <= set(OVER_SPEED)]
+                # at few speeds viscous and square friction together are as good as either; near one their sum is said
+                apart = _ALIKE if fast >= JOINT.speeds * slow else set()
+                both = [n for n in alike if {n, part.name} == apart or not {n, part.name} <= set(OVER_SPEED)]
+                beside = [instead[n].part for n in both]
                 of_forms = np.maximum(of_forms, _of_one_more(rows, parts, part, beside, fit))
         weak = [name for name, gain in gains.items() if not gain.passed or not _is_sure(now, name)]
         if not weak:

@@ -84,6 +84,7 @@ def _columns(table: CsvTable, problems: Problems) -> dict[tuple[str, str], tuple
         if unit not in UNITS[kind]:
             known = ", ".join(f"{kind}{joint}_{one}" for one in UNITS[kind] if one)
             problems.add(f"the unit of the column '{name}' is not known; there are {known}")
+            columns.setdefault((kind, joint), (name, 1.0))
         elif (kind, joint) in columns:
             problems.add(f"the columns {columns[kind, joint][0]} and {name} are the same quantity")
         else:
@@ -125,8 +126,9 @@ def _read(path: Path) -> list[JointRecording]:
     moving = {columns["q", joint][0]: si["q", joint] for joint in joints if not is_standing(si["q", joint])}
     step, pieces = _pieces(values[time] * _TIME[time], moving, lines, path, notes)
     if time == "t" and step > JOINT.step:
+        unit = "milli" if step * _TIME["t_ms"] <= JOINT.step else "micro"
         raise InputError(
-            f"{path}: a sample is taken every {step:g} s if t is in s: is it in milliseconds? Name the column t_ms, "
+            f"{path}: a sample is taken every {step:g} s if t is in s: is it in {unit}seconds? Name the column t_ms, "
             "t_us or t_s"
         )
     for joint in joints:

@@ -145,6 +145,13 @@ def _joint(recordings: list[JointRecording], joint: str, accept: Collection[str]
     rows = rows_of(recordings, joint, shift, kernel, acting.columns) or rows
     rows, outliers = without_outliers(rows)
     chosen, kept = _with_waves(rows, acting.moves)
+    if shift and (base := rows_of(recordings, joint, 0, kernel, acting.columns)) is not None:
+        # what a shift is found beside has not all parts: it stands for none of them that do better without it
+        base, spikes = without_outliers(base)
+        plain, beside = _with_waves(base, acting.moves)
+        shifted = chosen.fit.held / len(rows.time)
+        if surely(shifted - plain.fit.held / len(base.time), shifted):
+            shift, alike, rows, outliers, chosen, kept = 0, [0], base, spikes, plain, beside
     rests = [(rows, chosen.of(set(chosen.names())) - chosen.fit.values[0] * rows.acceleration)]
     narrow = rows_of(recordings, joint, shift, acting=acting.columns)
     if narrow is not None and narrow.kernel_s < rows.kernel_s:
