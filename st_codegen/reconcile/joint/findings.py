@@ -301,10 +301,13 @@ def _changed_load(result: JointResult) -> JointFinding:
         errors = np.hypot(errors, result.chosen.by_law[own])
     begin = next(part.shape for part in result.chosen.parts if part.name == LOADED)
     weight, way = float(np.hypot(*values[1:3])), "less" if values[0] < 0 else "more"
+    change, unsure = abs(float(values[0])), float(errors[0])
     error = float(np.hypot(*(values[1:3] * errors[1:3]))) / max(weight, 1e-300)
-    inertia = number(abs(float(values[0])), float(errors[0]), "kg m^2")
+    inertia = f"{number(change, unsure, 'kg m^2')} {way} inertia"
+    if change < unsure:
+        inertia = f"an inertia that nothing tells from the one before ({number(float(values[0]), unsure, 'kg m^2')})"
     text = (
-        f"another load from about {digits(begin, 3)} s on: {inertia} {way} inertia, "
+        f"another load from about {digits(begin, 3)} s on: {inertia}, "
         f"and gravity that differs by up to {number(weight, error, 'Nm')}"
     )
     parameters: dict[str, Value] = {

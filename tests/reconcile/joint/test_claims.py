@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from st_codegen.errors import InputError
+from st_codegen.reconcile.joint import findings as findings_module
 from st_codegen.reconcile.joint import page, waves
 from st_codegen.reconcile.joint import parts as joint_parts
 from st_codegen.reconcile.joint import run as joint_run
@@ -173,6 +174,16 @@ def test_a_load_is_named_wherever_in_a_stretch_it_changes(tmp_path):
     load = 0.3 * np.gradient(columns["dq"], columns["t"]) + 1.2 * np.cos(columns["q"])
     (joint,) = report(columns | {"tau": columns["tau"] + load * (columns["t"] > 14.6)}, tmp_path)
     assert named(joint)["changed_load"]["parameters"]["begin_s"]["value"] == pytest.approx(14.6, abs=0.1)
+
+
+def test_an_inertia_below_its_error_is_neither_more_nor_less(monkeypatch):
+    """At one speed nothing tells it: "0.882 +- 7 kg m^2 more inertia"."""
+    monkeypatch.setattr(findings_module, "_share", lambda result, name: 0.5)
+    part = SimpleNamespace(name="changed_load", shape=1.5)
+    for value, said in ((0.9, "0.9 +- 0.3 kg m^2 more inertia"), (-0.2, "an inertia that nothing tells from the one")):
+        fitted = SimpleNamespace(values=np.array([value, 3.0, 4.0]), errors=np.array([0.3, 0.1, 0.1]))
+        chosen = SimpleNamespace(place=lambda name: slice(0, 3), fit=fitted, by_law=None, parts=[part])
+        assert f"on: {said}" in findings_module._changed_load(SimpleNamespace(chosen=chosen)).text
 
 
 @pytest.mark.parametrize("kind", ["a zero that steps", "a load now and then", "more friction"])
