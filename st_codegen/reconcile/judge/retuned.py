@@ -140,10 +140,10 @@ def changed_as_well(joint: Fit, final: Fit, changed: dict[int, float]) -> tuple[
 
 def _keeps_more(one: Fit) -> BoolArray:
     """The orders of which a fit leaves more than noise, and more than noise that lasts over runs may be, bool (K,)."""
-    left, lacking = (orders_of(one.target, one.residual) for orders_of in (is_left, is_lacking))
-    if not (left & ~lacking).any():
-        return left
-    return lacking | (left & (power_of_mean(one.target, one.residual, at_most=True) == 0.0))
+    left, lacking = is_left(one.target, one.residual), is_lacking(one.target, one.residual)
+    if (left & ~lacking).any():
+        left &= lacking | (power_of_mean(one.target, one.residual, at_most=True) == 0.0)
+    return left
 
 
 def without_misfits(final: Fit, changed: dict[int, float]) -> tuple[Fit, set[int]]:
