@@ -131,7 +131,7 @@ def _question(one: Misread, found: Conclusions) -> str:
     changes, rest = found.changes_for(one), listed(sorted(one.unexplained))
     many = "a change" if len(one.instead_of) == 1 else f"{len(one.instead_of)} changes"
     does = [f"does what {many} of the rig would have to do ({', '.join(changes)})"] * bool(changes)
-    does += [f"leaves nothing but noise of what no effect was found for (orders {rest})"] * bool(rest)
+    does += [f"leaves {one.leaves} of what no effect was found for (orders {rest})"] * bool(rest)
     return (
         f"it looks like {one.text}: that alone {' and '.join(does)}; give --accept {one.reading.name} to correct it, "
         f"or --accept {AS_IS} to take the data as they are"

@@ -26,7 +26,7 @@ from st_codegen.reconcile.fit.state import OFFSET, State
 from st_codegen.reconcile.fit.target import Column, FitData
 from st_codegen.reconcile.mistakes.other_shaft import over_the_output
 from st_codegen.reconcile.rest.lasting import changes_with_time
-from st_codegen.reconcile.rest.structure import structure
+from st_codegen.reconcile.rest.structure import is_left, structure
 from st_codegen.reconcile.search.peaks import frequencies_in
 from st_codegen.reconcile.settings import SETTINGS
 
@@ -61,7 +61,7 @@ class Misread:
 
     best: the fit with it, whose pieces have the numbers of those with the changes; touched: how many changes lie on
     orders that it moves; unexplained: the orders of which it leaves hardly anything, where nothing else does, and
-    whether that is noise.
+    what that is, in words.
     """
 
     reading: WrongReading
@@ -70,7 +70,7 @@ class Misread:
     best: Fit
     touched: int = 0
     unexplained: frozenset[int] = frozenset()
-    leaves_noise: bool = False
+    leaves: str = ""
 
     @property
     def text(self) -> str:
@@ -312,7 +312,7 @@ def _that_stand(
         if one is None:
             return None
         # a reading is made of functions, which cannot travel
-        return one.sizes, one.best.packed, (one.instead_of, one.touched, one.unexplained, one.leaves_noise)
+        return one.sizes, one.best.packed, (one.instead_of, one.touched, one.unexplained, one.leaves)
 
     standing = list[Misread]()
     for reading, one in zip(readings, shared_out(made, readings, is_large=True, at_once=target.at_once), strict=True):
@@ -459,8 +459,12 @@ def in_place_of_the_rest(final: Fit, orders: Collection[int]) -> tuple[Misread, 
         rest = frozenset(data.orders[columns][gone][~drifts].tolist())
         if not rest:
             return None
-        is_noise = bool((after < told)[gone].all())
-        read = Misread(reading, sizes, frozenset(), best, unexplained=rest, leaves_noise=is_noise)
+        leaves = f"less than {SETTINGS.left_of_rest:.0%} of the power"
+        if (after < told)[gone].all():
+            # runs may differ by more than is known to be noise: then it would be said to be unexplained all the same
+            stays = is_left(best.target, best.residual)[columns][gone].any()
+            leaves = "no more than runs differ by" if stays else "nothing but noise"
+        read = Misread(reading, sizes, frozenset(), best, unexplained=rest, leaves=leaves)
         return _with_what_changed(read, target)
 
     return tuple(sorted(_that_stand(final, READINGS, looked_at), key=lambda one: (-len(one.instead_of), one.best.loss)))

@@ -14,8 +14,8 @@ from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.normal import inverse
 from st_codegen.reconcile.fit.state import OFFSET, Coordinate, Piece
 from st_codegen.reconcile.judge.errors import covariance_with_discrepancy
-from st_codegen.reconcile.rest.lasting import lasting_mean, without_lasting
-from st_codegen.reconcile.rest.structure import floors, is_lacking
+from st_codegen.reconcile.rest.lasting import lasting_mean, power_of_mean, without_lasting
+from st_codegen.reconcile.rest.structure import floors, is_lacking, is_left
 from st_codegen.reconcile.search.evidence import p_of_clusters, p_of_more
 from st_codegen.reconcile.search.plausible import bounds_met, inside_bounds, is_its_own, misfit_of_changes
 from st_codegen.reconcile.search.surroundings import stands_out
@@ -125,9 +125,9 @@ def changed_as_well(joint: Fit, final: Fit, changed: dict[int, float]) -> tuple[
     of it comes first; with all others held, the data must refuse the rig's values.
     """
     found: dict[int, Needed] = {}
-    kept = is_lacking(joint.target, joint.residual)
+    kept = _keeps_more(joint)
     while True:
-        lacking = is_lacking(final.target, final.residual) & ~kept
+        lacking = _keeps_more(final) & ~kept
         tried = {i: one for i in _own_pieces(joint) if i not in changed and i not in found
                  if (one := _freed(joint, final, i, lacking, kept)) is not None} if lacking.any() else {}  # fmt: skip
         if not tried:
@@ -136,6 +136,14 @@ def changed_as_well(joint: Fit, final: Fit, changed: dict[int, float]) -> tuple[
         best = min(tried, key=lambda i: tried[i].loss + SETTINGS.as_good * len(tried[i].prior))
         as_good = {i: one for i, one in tried.items() if i != best and one.loss - tried[best].loss < SETTINGS.as_good}
         final, found[best] = tried[best], Needed(p_of_more(final, tried[best]), as_good)
+
+
+def _keeps_more(one: Fit) -> BoolArray:
+    """The orders of which a fit leaves more than noise, and more than noise that lasts over runs may be, bool (K,)."""
+    left, lacking = is_left(one.target, one.residual), is_lacking(one.target, one.residual)
+    if (left & ~lacking).any():
+        left &= lacking | (power_of_mean(one.target, one.residual, at_most=True) == 0.0)
+    return left
 
 
 def without_misfits(final: Fit, changed: dict[int, float]) -> tuple[Fit, set[int]]:
@@ -232,7 +240,9 @@ def _freed(joint: Fit, final: Fit, number: int, lacking: BoolArray, kept: BoolAr
     saved = (one.target.losses(final.residual) - one.target.losses(one.residual)).sum(axis=0)
     if saved[lacking].sum() <= SETTINGS.order_gain:
         return None
-    sure = max(p_of_more(final, one), _p_alone(one, *_difference(one, number))) < SETTINGS.p_changed
+    # where no order shows a pattern, runs may as well share noise
+    chance = _p_alone if is_lacking(final.target, final.residual)[lacking].any() else _p_of
+    sure = max(p_of_more(final, one), chance(one, *_difference(one, number))) < SETTINGS.p_changed
     changed = one.state.pieces[number]
     sure = sure and not _insists_on_a_bound(changed) and is_its_own(one, changed, final)
     return one if sure and stands_out(one, one.shown_change(changed), kept) else None

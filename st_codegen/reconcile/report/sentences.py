@@ -206,8 +206,7 @@ def misread_texts(result: Reconciliation) -> list[str]:
         if one.unexplained:
             orders = sorted(one.unexplained)
             which = f"order{'s' * (len(orders) > 1)} {listed(orders)}" if orders != [0] else "the mean"
-            much = "nothing but noise" if one.leaves_noise else f"less than {SETTINGS.left_of_rest:.0%} of the power"
-            texts.append(f"would leave {much} of what is unexplained in {which}")
+            texts.append(f"would leave {one.leaves} of what is unexplained in {which}")
         return " and ".join(texts)
 
     return [

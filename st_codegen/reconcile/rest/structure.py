@@ -19,8 +19,8 @@ from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.chances import f_tail, false_discoveries
 from st_codegen.reconcile.data.contrasts import levels_by_condition, neighbours
 from st_codegen.reconcile.data.kept import KeptAnswers
-from st_codegen.reconcile.data.noise import MEDIAN_1
-from st_codegen.reconcile.data.observations import Observations
+from st_codegen.reconcile.data.noise import MEDIAN_1, estimate
+from st_codegen.reconcile.data.observations import Observations, rms_deg
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.rest.in_time import Course, course_of
 from st_codegen.reconcile.rest.lasting import runs_noise_lasts, without_lasting
@@ -224,6 +224,24 @@ def rms_of_component(target: FitData, residual: ComplexArray) -> FloatArray:
     """RMS of one component of a residual by order, (K,)."""
     power = (np.abs(residual[target.good]) ** 2).mean(axis=0) / target.data.parts
     return np.asarray(np.sqrt(power))
+
+
+def loudest_column(target: FitData, residual: ComplexArray, floor: FloatArray) -> int:
+    """The column of the order that keeps most power beyond its floor (RMS of one component, (K,))."""
+    return int(np.argmax((rms_of_component(target, residual) ** 2 - floor**2) * target.data.parts))
+
+
+def is_left(target: FitData, residual: ComplexArray) -> BoolArray:
+    """Which orders would be said to be unexplained, bool (K,).
+
+    Those that keep more than noise, or the loudest one where all together are clearly above their floors.
+    """
+    left = is_lacking(target, residual)
+    if not left.any() and target.data.angle_rad is None:
+        floor = floors(target, residual, estimate(target.data, residual).floor_rms)
+        after = rms_deg(residual[target.good], target.data.orders)
+        left[loudest_column(target, residual, floor)] = after > SETTINGS.clearly_larger * float(np.linalg.norm(floor))
+    return left
 
 
 def sure_times(target: FitData) -> FloatArray:

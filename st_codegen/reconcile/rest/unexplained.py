@@ -27,6 +27,7 @@ from st_codegen.reconcile.rest.structure import (
     beyond_loud_runs,
     by_directions,
     level_designs,
+    loudest_column,
     noise_within,
     of_an_encoder,
     pairs_of,
@@ -205,8 +206,7 @@ def signatures(
 
 def loudest(target: FitData, residual: ComplexArray, floor: FloatArray) -> Signature:
     """The signature of the order that keeps most beyond its floor, where all together keep more than noise."""
-    power = rms_of_component(target, residual) ** 2 - floor**2
-    k = int(np.argmax(power * target.data.parts))
+    k = loudest_column(target, residual, floor)
     return _scattered(target, residual, by_directions(target, residual), k, floor[k])
 
 
