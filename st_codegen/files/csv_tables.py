@@ -11,7 +11,7 @@ import io
 import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -131,8 +131,8 @@ def read_csv(path: Path, wanted: Sequence[str] = ()) -> CsvTable:
     is_comma = separator == ";"
     comma_line = next((row.line for row in rows[1:] if is_comma and _some(_WITH_COMMA, row, of_numbers)), None)
     pointed = [n for n in of_numbers if comma_line and any(_some(_WITH_POINT, row, [n]) for row in rows[1:])]
-    table = CsvTable(names, tuple(rows[1:]), is_comma, tuple(sorted(below)), comma_line)
-    return replace(table, pointed=frozenset(names[n] for n in pointed))
+    with_point = frozenset(names[n] for n in pointed)
+    return CsvTable(names, tuple(rows[1:]), is_comma, tuple(sorted(below)), comma_line, with_point)
 
 
 def _some(pattern: re.Pattern[str], row: CsvRow, places: Sequence[int]) -> bool:

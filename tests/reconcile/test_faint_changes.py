@@ -6,19 +6,16 @@ import pytest
 from st_codegen.reconcile.core import Reconciliation, reconcile_observations
 from st_codegen.reconcile.data.observations import Observations, labels
 from st_codegen.reconcile.report.summary import summary
-from st_codegen.rig.effects import Conditions, catalogue
+from st_codegen.rig.effects import Conditions
 from st_codegen.rig.model import parse_rig
 
-KNOWN = catalogue()
+from .test_form_errors import HEAD as GEAR
+from .test_form_errors import KNOWN
+
 ORDERS = [0, 1, 2, 3, 39, 40, 57, 78, 80, 90, 110, 130]
-HEAD = """[rig]
-name = "test"
-reduction_ratio = 81.0
-cycloid_teeth = 39
-pins = 40
-cranks = 3
-reference_temperature_C = 30.0
-[noise]
+HEAD = (
+    GEAR
+    + """[noise]
 run_offset_deg = {run_offset_deg}
 [[effect]]
 name = "backlash"
@@ -43,6 +40,7 @@ phase_rad = 0.3
 [[effect]]
 name = "torsional_compliance"
 stiffness_Nm_per_arcmin = """
+)
 
 
 def reconciled(

@@ -617,11 +617,11 @@ def _by_load(effect: Effect) -> str:
 
 
 def _growth(effect: Effect, power: float, result: Reconciliation) -> str:
-    """The power of the load that a mesh order grows with, and its size: for another than 1 at the largest load."""
+    """The power of the load that a mesh order grows with, and its size: for another than 1 at the largest good load."""
     size = _size(effect.phasors[:1], effect)
     if power == 1.0:
         return f": {size:.2g} deg per 1000 N m"
-    largest = float(np.abs(result.data.at.torque_Nm).max())
+    largest = float(np.abs(result.data.at.torque_Nm[result.conclusions.final.target.good]).max())
     return f" to the power {power:.2g}: {size * (largest / 1000.0) ** power:.2g} deg at {largest:g} N m"
 
 

@@ -112,11 +112,11 @@ def is_a_form(scalar: Scalar) -> bool:
     return scalar.form is Form.FIXED and bool(scalar.starts) and bool(scalar.shapes)
 
 
-def is_carried(state: State, orders: Sequence[int]) -> bool:
-    """Whether the carrier modulates one of these orders."""
-    return any(
-        piece.effect.stage is Stage.MODULATION and set(orders) & set(piece.effect.orders) for piece in state.pieces
-    )
+def is_carried(state: State, orders: Sequence[int], measured: IntArray) -> bool:
+    """Whether the carrier modulates one of these orders, and a sideband of it is among those that were measured."""
+    carriers = (one.effect for one in state.pieces if one.effect.stage is Stage.MODULATION)
+    own = (effect for effect in carriers if set(orders) & set(effect.orders))
+    return any(np.isin(effect.touched_orders(), measured).any() for effect in own)
 
 
 class Search:
@@ -279,7 +279,7 @@ class Search:
         if located:
             shapes = [s for s in shapes if s.key != _CENTRE]
         forms = [s for s in effect.scalars if is_a_form(s) and s.shapes in keys] if self.formed else []
-        if not is_carried(self.fit.state, orders):
+        if not is_carried(self.fit.state, orders, self.data.orders):
             forms = [s for s in forms if s.key != MODULATED]
         # a form that is not said is the usual one, and one is said of what is `formed`
         usual = [None] * len(forms)

@@ -1,4 +1,4 @@
-"""The form of what was found: what excites a resonance, how suddenly friction falls, whether there are two states.
+"""The form of what was found: what excites a resonance, with which power of the load a mesh order grows, and the like.
 
 A resonance that a force excites deflects under a slow force as well. One whose orders keep more than noise may be two,
 with another frequency above a temperature. Each temperature between two levels is tried, and for the part of the runs
@@ -67,7 +67,7 @@ def _in_other_forms(current: Fit) -> Fit:
 def _beside_the_carrier(current: Fit, number: int) -> Fit:
     """The fit with a growth that the carrier modulates, or does not, the other way round where that does better."""
     piece = current.state.pieces[number]
-    if not is_carried(current.state, piece.effect.orders):
+    if not is_carried(current.state, piece.effect.orders, current.target.data.orders):
         return current
     rest = {key: x for key, x in piece.effect.values.items() if key != MODULATED}
     moved = piece.with_values(rest if MODULATED in piece.effect.values else rest | {MODULATED: 0.0})
@@ -153,7 +153,7 @@ def in_forms_as_good(final: Fit, number: int) -> Iterator[Fit]:
     for scalar in piece.effect.scalars:
         if scalar.form is not Form.FIXED or scalar.shapes not in piece.free:
             continue
-        if scalar.key == MODULATED and not is_carried(final.state, piece.effect.orders):
+        if scalar.key == MODULATED and not is_carried(final.state, piece.effect.orders, final.target.data.orders):
             continue
         rest = {key: x for key, x in piece.effect.values.items() if key != scalar.key}
         own = piece.effect.scalar(scalar.key)
