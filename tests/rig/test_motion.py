@@ -204,6 +204,13 @@ def test_oil_that_drifts_and_its_slow_sensor(linear_rig):
     assert planned.sensor_C[-1] < 28.01  # time constant of 20 s
 
 
+def test_half_a_modulation_is_named_beside_every_other_problem_of_its_effect():
+    mesh = '[[effect]]\nname = "load_dependent_mesh"\norder = 39\nslope_deg_per_kNm = 1e-3\nmodulated = 0.5\nfoo = 1\n'
+    head = "[rig]\nname = 't'\nreduction_ratio = 81\ncycloid_teeth = 39\npins = 40\ncranks = 3\n"
+    with pytest.raises(InputError, match=r"(?s)2 problems.*unknown key 'foo'.*'modulated' is neither 0 nor 1"):
+        parse_rig(head + mesh)
+
+
 def test_another_specimen_has_the_same_forms():
     """A share of what says a form is no form: "'modulated' is neither 0 nor 1", by which no motion was rehearsed."""
     mesh = '[[effect]]\nname = "load_dependent_mesh"\norder = 39\nslope_deg_per_kNm = 1e-3\n'

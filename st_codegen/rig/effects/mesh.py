@@ -95,7 +95,8 @@ class LoadDependentMesh(_MeshError):
     def check(self, table: TomlTable) -> None:
         """Note whatever is wrong with the values."""
         super().check(table)
-        if table.is_sound and self.scalar("modulated") not in (0.0, 1.0):
+        value = self.values.get("modulated")
+        if isinstance(value, float) and 0.0 < value < 1.0:
             table.note("'modulated' is neither 0 nor 1")
 
     def units(self) -> dict[str, str]:
