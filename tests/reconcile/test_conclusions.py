@@ -722,6 +722,27 @@ def test_what_a_motion_excites_is_no_force_beside_a_changed_wave():
         assert "static_share" not in claim.piece.effect.values
 
 
+@pytest.mark.parametrize("seed", [1, 3, 6])
+def test_a_wave_of_the_rig_tells_a_motion_from_a_force_beside_a_new_wave(seed):
+    """A new wave on one of the orders takes up the difference, the rig's own wave on the other one cannot.
+
+    Both forms do as well while that one is free, and which of them is a hair better says nothing.
+    """
+    motion = effect(
+        "structural_resonance", amplitude_deg=[3e-3, 2e-3], phase_rad=[0.4, 2.0],
+        orders=[39, 40], frequency_Hz=9.0, damping_ratio=0.02,
+    )  # fmt: skip
+    constant = effect(
+        "pin_error", order=40, amplitude_deg=8e-4, phase_rad=1.0, backward_amplitude_deg=8e-4, backward_phase_rad=-1.0
+    )
+    truth = RigModel(effects=(*RIG.effects, motion, constant))
+    rig = fitted(RIG, observed(truth, grid(18, 3, 2), seed=seed, sigma=10 * SIGMA))
+    with_both = rig.state.with_piece(piece_of(motion, added=True)).with_piece(piece_of(constant, added=True))
+    found = conclude(RIG, fit(rig.target, with_both), KNOWN)
+    assert not found.retuned
+    assert "static_share" not in found.claims[0].piece.effect.values
+
+
 def test_a_changed_parameter_names_what_would_do_in_its_place():
     """Where all runs have loads that seat the flanks, more dry friction looks like more backlash."""
     at = grid(4, 5, 2)

@@ -336,11 +336,18 @@ def _told_apart(joint: Fit) -> tuple[Fit, dict[int, float]]:
     changed = changes(joint)
     found = [i for i, piece in enumerate(joint.state.pieces) if piece.added and has_a_frequency(piece.effect)]
     orders = {order for i in found for order in joint.state.pieces[i].effect.orders}
-    beside = [i for i in changed if i != OFFSET and orders & set(joint.state.pieces[i].effect.touched_orders())]
+    own = [
+        i for i, piece in enumerate(joint.state.pieces) if not piece.added and orders & {*piece.effect.touched_orders()}
+    ]
+    beside = [i for i in own if i in changed]
     if not beside and not _constants_beside(joint):
         return joint, changed
-    state = joint.state.held(beside)
-    held = min((fit(joint.target, _excited(state, found, share)) for share in (1.0, 0.0)), key=lambda one: one.loss)
+
+    def excited(waves: list[int], static_share: float) -> Fit:
+        return fit(joint.target, _excited(joint.state.held(waves), found, static_share))
+
+    # a wave of the rig that is free takes up the constant and tells nothing, also where that is no change yet
+    held = excited(beside, min((1.0, 0.0), key=lambda share: excited(own, share).loss))
     good, at = joint.target.good, np.isin(joint.target.data.orders, sorted(orders))
     power = sum(float((np.abs(held.explained(held.state.pieces[i].effect)[good][:, at]) ** 2).sum()) for i in found)
     lost = float((np.abs(held.residual[good][:, at]) ** 2 - np.abs(joint.residual[good][:, at]) ** 2).sum())
