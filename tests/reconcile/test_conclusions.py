@@ -743,6 +743,31 @@ def test_a_wave_of_the_rig_tells_a_motion_from_a_force_beside_a_new_wave(seed):
     assert "static_share" not in found.claims[0].piece.effect.values
 
 
+@pytest.mark.parametrize(("share", "seed"), [(0.0, 0), (0.0, 2), (1.0, 1)])
+def test_what_excites_a_resonance_is_open_beside_a_new_wave_of_its_order(share, seed):
+    """Nothing tells a motion from a force there, so the error of the wave holds what it would be by the other one."""
+    heights = {
+        "amplitude_deg": [2e-3],
+        "phase_rad": [2.0],
+        "backward_amplitude_deg": [2e-3],
+        "backward_phase_rad": [2.0],
+    }
+    shape = {"orders": [40], "frequency_Hz": 9.0, "damping_ratio": 0.03, **heights}
+    resonance = effect("structural_resonance", **shape, **({"static_share": share} if share else {}))
+    constant = effect(
+        "pin_error", order=40, amplitude_deg=8e-4, phase_rad=1.0, backward_amplitude_deg=8e-4, backward_phase_rad=-1.0
+    )
+    truth = RigModel(effects=(*RIG.effects, resonance, constant))
+    rig = fitted(RIG, observed(truth, grid(18, 3, 2), seed=seed, sigma=5 * SIGMA))
+    other = effect("structural_resonance", **shape, **({} if share else {"static_share": 1.0}))
+    with_both = rig.state.with_piece(piece_of(other, added=True)).with_piece(piece_of(constant, added=True))
+    found = conclude(RIG, fit(rig.target, with_both), KNOWN)
+    for claim, (key, suffix) in zip(found.claims, (("phase_rad", "[40]"), ("backward_amplitude_deg", "")), strict=True):
+        true = (resonance if suffix else constant).values[key]
+        off = np.abs(np.subtract(claim.piece.effect.values[key], true)).max()
+        assert off < 3 * claim.stderr[key + suffix]
+
+
 def test_a_changed_parameter_names_what_would_do_in_its_place():
     """Where all runs have loads that seat the flanks, more dry friction looks like more backlash."""
     at = grid(4, 5, 2)

@@ -119,7 +119,9 @@ def standard_errors(joint: Fit, number: int, final: Fit | None = None, others: S
         own_orders = np.isin(final.target.data.orders, piece.effect.touched_orders())
         held = [joint] if (kept & own_orders).any() else []
         order, pieces = piece.effect.touched_orders(), final.state.pieces
-        forms = [i for i, one in enumerate(pieces) if i == number or (len(order) == 1 and one.effect.orders == order)]
+        forms = [
+            i for i, one in enumerate(pieces) if i == number or (len(order) == 1 and order[0] in one.effect.orders)
+        ]
         for fitted in (*held, *others, *(fitted for i in forms for fitted in in_forms_as_good(final, i))):
             other = fitted.state.pieces[number]
             if other.coordinates() == piece.coordinates():
