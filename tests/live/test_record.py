@@ -349,6 +349,20 @@ def test_no_number_that_a_client_writes_is_left_in_the_rig(bundle, rig_file, spe
     assert math.isfinite(signals["GVL_Machine.fThetaOut_rad"])
 
 
+def test_the_rig_follows_its_operating_point(bundle, rig_file):
+    """A load puts the axis on one side of the play of 1 arcmin."""
+    plc = soft_plc(bundle[1])
+    plc.connect(plant_behind(plc, rig_file))
+    signals, shown = plc.machine.globals, []
+    for torque in (0.0, 1000.0):
+        signals["GVL_Machine.fSpeed_rpm"], signals["GVL_Machine.fTorque_Nm"] = 100.0, torque
+        for _ in range(int(0.2e6 / plc.tick_us)):
+            plc.tick()
+        te_rad = signals["GVL_Machine.fThetaOut_rad"] - signals["GVL_Experiment.fThetaIn_rad"] / 81.0
+        shown.append(math.degrees(te_rad) * 60.0)
+    assert abs(shown[1] - shown[0]) == pytest.approx(0.5, abs=0.1)
+
+
 def test_a_stop_by_the_operator_brings_the_axis_to_rest_first(plc, bundle, tmp_path):
     plan = tmp_path / "plan.csv"
     plan.write_text("speed_rpm,torque_Nm,temperature_C\n20,0,25\n")

@@ -91,6 +91,19 @@ def test_the_jump_holds_for_every_pair_of_sides():
     assert np.max(change) <= limit
 
 
+def test_the_jump_is_the_range_of_the_leaves_below_each_split():
+    found = behind(LOG1P, seed=1)
+    trees = found.ops[-1]
+
+    def leaves(node):
+        if trees.split[node] < 0:
+            return [float(trees.leaf_value[trees.leaf[node], 0])]
+        return leaves(trees.left[node]) + leaves(trees.right[node])
+
+    ranges = [np.ptp(leaves(root)) for root in trees.roots]
+    assert largest_jump(found) == pytest.approx(sum(ranges) / abs(trees.divisor), rel=1e-12)
+
+
 def test_inputs_without_a_logarithm_are_refused_and_those_in_a_narrower_range_need_no_check():
     open_end = without_inexact_steps(behind(LOG1P))
     assert open_end.accepted[0][0] == np.nextafter(-1.0, 0.0)
