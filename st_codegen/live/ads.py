@@ -128,7 +128,7 @@ class AdsServer:
         """A variable by the name that a client sent."""
         try:
             return self.plc.symbols[name.partition(b"\0")[0].decode("cp1252")]
-        except KeyError:
+        except (KeyError, UnicodeDecodeError):
             raise AdsRefusalError(_NO_SYMBOL) from None
 
     def offset_of(self, symbol: WireVariable) -> int:
@@ -266,6 +266,8 @@ class _Client:
         raise AdsRefusalError(_NO_GROUP)
 
     def _read(self, group: int, offset: int, length: int) -> bytes:
+        if length > _LONGEST:
+            raise AdsRefusalError(_WRONG_SIZE)
         if group in (c.ADSIGRP_SYM_UPLOADINFO, c.ADSIGRP_SYM_UPLOADINFO2):
             entries = self._entries()
             return struct.pack("<II", len(entries), sum(map(len, entries))).ljust(length, b"\0")[:length]
@@ -288,12 +290,15 @@ class _Client:
 
     def _read_list(self, given: bytes, count: int) -> bytes:
         codes, values = [], []
-        for group, offset, length in struct.iter_unpack("<III", given[: 12 * count]):
+        wanted = list(struct.iter_unpack("<III", given[: 12 * count]))
+        if sum(length for _, _, length in wanted) > _LONGEST:
+            raise AdsRefusalError(_WRONG_SIZE)
+        for group, offset, length in wanted:
             try:
                 values.append(self._read(group, offset, length).ljust(length, b"\0"))
                 codes.append(0)
             except AdsRefusalError as refusal:
-                values.append(bytes(min(length, _LONGEST)))
+                values.append(bytes(length))
                 codes.append(refusal.code)
         return struct.pack(f"<{len(codes)}I", *codes) + b"".join(values)
 

@@ -187,7 +187,8 @@ def _check_plan(project: RecordedProject, runs: Sequence[PlannedRun], recording:
             problems.add(f"{name} is no setting of FB_Experiment{meant(name, own)}; known are {', '.join(own)}")
         elif not known[name][0] <= value <= known[name][1]:
             problems.add(f"{name} {value:.15g}: FB_Experiment takes {known[name][0]:g} .. {known[name][1]:g}")
-    for speed in dict.fromkeys(run.point.speed_rpm for run in runs):
+    slowest = known["fSpeed_rpm"][0]
+    for speed in dict.fromkeys(run.point.speed_rpm for run in runs if run.point.speed_rpm >= slowest):
         most = 60.0 * project.ratio / speed / _CYCLE_S
         if most < recording.samples:
             problems.add(

@@ -57,6 +57,15 @@ def test_nan_keeps_its_bits(client):
     client.write_by_name("GVL_Record.fAliveTimeOut_s", 5.0, pyads.PLCTYPE_LREAL)
 
 
+def test_what_a_broken_client_asks_for_is_refused_and_its_connection_stays(client):
+    """A name that is no text of Windows-1252, and more bytes than a packet may hold."""
+    name = (ctypes.c_ubyte * 2)(ord("f"), 0x81)
+    refused(1808, client.read_write, 0xF003, 0, pyads.PLCTYPE_UDINT, name, type(name))
+    many = ctypes.c_ubyte * (17 * 1024 * 1024)
+    refused(1797, client.read, 0xF00C, 0, many)
+    assert client.read_state() == (pyads.ADSSTATE_RUN, 0)
+
+
 def test_arrays_longer_than_one_packet_of_a_network(client):
     values = np.random.default_rng(0).normal(size=1500)
     client.write_by_name("GVL_Comparison.fInputs", values.tolist(), pyads.PLCTYPE_LREAL * 1500)
@@ -131,6 +140,15 @@ def test_a_notification_that_nobody_asked_for_is_not_ended():
     with pytest.raises(AdsRefusalError) as caught:
         _Client.delete_notification(SimpleNamespace(_notifications={}), struct.pack("<I", 7))
     assert ERROR_CODES[caught.value.code].startswith("Notification handle is invalid")
+
+
+def test_a_list_of_more_bytes_than_a_packet_may_hold_is_refused():
+    from st_codegen.live.ads import AdsRefusalError, _Client
+
+    listed = struct.pack("<6I", 0xF00C, 0, 2**23, 0xF00C, 0, 2**23 + 1)
+    with pytest.raises(AdsRefusalError) as caught:
+        _Client._read_list(SimpleNamespace(), listed, 2)
+    assert caught.value.code == 1797
 
 
 def test_another_ams_port_is_not_there(shared_plc):

@@ -398,17 +398,20 @@ def test_samples_that_a_revolution_does_not_have_are_refused(tmp_path):
 
 def test_what_the_block_would_refuse_is_said_at_once_and_of_all_runs(tmp_path):
     """The last run of a plan ended a campaign after hours; a speed of 1e-308 rpm ended in an OverflowError."""
-    points = [POINT, *(OperatingPoint(*point) for point in ((1900.0, 200.0, 25.0), (1e-308, 2500.0, 298.0)))]
+    points = [
+        POINT,
+        *(OperatingPoint(*point) for point in ((1900.0, 200.0, 25.0), (1e-308, 2500.0, 298.0), (0.0, 9.0, 25.0))),
+    ]
     points += [dataclasses.replace(POINT, torque_Nm=math.nan)]
     inputs = {"fHomingSpeed": 50.0, "fAcceleration_rpm_s": 5.0, "fMotorSpeed_rpm": 100.0, "fOilBand_C": 0.1}
     with pytest.raises(InputError) as caught:
         record(None, RecordedProject(81.0, 1), planned(points), tmp_path / "c", RecordSettings(500, inputs))
     assert caught.value.codes == ("STC1714",)
     subject, *lines = str(caught.value).splitlines()
-    assert subject == "record: 8 problems"
+    assert subject == "record: 9 problems"
     assert {line.removeprefix("  - ").partition(": FB")[0].partition(" is no ")[0] for line in lines} == {
         *("fSpeed_rpm 1900", "fTorque_Nm nan", "fSpeed_rpm 1e-308", "fTorque_Nm 2500", "fTemperature_C 298"),
-        *("fHomingSpeed", "fAcceleration_rpm_s 5", "fMotorSpeed_rpm"),
+        *("fSpeed_rpm 0", "fHomingSpeed", "fAcceleration_rpm_s 5", "fMotorSpeed_rpm"),
     }
     assert "did you mean 'fHomingSpeed_rpm'" in str(caught.value)
     assert not (tmp_path / "c").exists()

@@ -1,7 +1,7 @@
 """Intervals of floating point numbers, and operations on numbers and on intervals as a controller rounds them.
 
 Rounding to nearest is monotone, so the rounded results of the ends enclose the rounded results in between, and nothing
-has to be widened. Only EXP, LN, SIN, COS and ATAN are widened, by what they may err (`FUNCTION_ERROR`).
+has to be widened. Only EXP, LN, SQRT, SIN, COS and ATAN are widened, by what they may err (`FUNCTION_ERROR`).
 """
 
 from __future__ import annotations
@@ -103,13 +103,14 @@ def _ln(low: float, high: float) -> tuple[float, float]:
 def _sqrt(low: float, high: float) -> tuple[float, float]:
     if low < 0:
         raise NotProvedError("a root of what may be negative")
-    return math.sqrt(low), math.sqrt(high)
+    found = _widened(math.sqrt(low), math.sqrt(high))
+    return max(found[0], 0.0), found[1]
 
 
 def _wave(low: float, high: float) -> tuple[float, float]:
     if not (math.isfinite(low) and math.isfinite(high)):
         raise NotProvedError("SIN or COS of what may not be finite")
-    return -1.0, 1.0
+    return _widened(-1.0, 1.0)
 
 
 #: Functions of one number, on the ends of an interval.

@@ -35,7 +35,7 @@ from st_codegen.proof.prove.arithmetic import prove_arithmetic
 from st_codegen.proof.prove.axis import NotProvedError
 from st_codegen.proof.prove.disagree import OtherExpressionError
 from st_codegen.proof.prove.formulas import LOG_ERFC
-from st_codegen.proof.prove.intervals import INTEGER
+from st_codegen.proof.prove.intervals import FUNCTION_ERROR, FUNCTIONS, INTEGER
 from st_codegen.proof.prove.prove import Verdict, prove
 from st_codegen.proof.prove.range_bound import interval, range_bound
 from st_codegen.proof.prove.terms import Terms, _exponent
@@ -379,6 +379,16 @@ def test_the_ends_of_integers_are_those_of_all_pairs(name):
             assert high <= min(other[0] - 1, one[1])
         else:
             assert (low, high) == (pairs.min(), pairs.max())
+
+
+@pytest.mark.parametrize("name", sorted(FUNCTIONS))
+def test_functions_of_intervals_hold_what_a_controller_may_make_of_them(name):
+    """Off by as much as the proof assumes; the ends of a wave as well."""
+    low, high = FUNCTIONS[name](0.25, 9.0)
+    exact = {"ln": math.log}.get(name) or getattr(math, name)
+    for x in (0.25, math.pi / 2, math.pi, 2 * math.pi, 9.0):
+        assert low <= exact(x) - abs(exact(x)) * FUNCTION_ERROR
+        assert exact(x) + abs(exact(x)) * FUNCTION_ERROR <= high
 
 
 @pytest.mark.parametrize("seed", range(40))
