@@ -434,8 +434,8 @@ def _check_real(bundle: Bundle, target: Target, settings: CompileSettings) -> No
         raise TargetError(
             f"controllers of the target {target.name} have LREAL{target.lreal_note}; --real goes with {able}"
         )
-    layouts = {settings.options.layout, *bundle.configuration.layouts().values()} - {Layout.AUTO, Layout.TREES}
-    if layouts:
+    chosen = dict.fromkeys([settings.options.layout, *bundle.configuration.layouts().values()])
+    if layouts := [layout for layout in chosen if layout not in (Layout.AUTO, Layout.TREES)]:
         raise TargetError(f"--real prints models as they were trained: leave out the layout {', '.join(layouts)}")
     if settings.self_check or bundle.configuration.windows():
         what = "a window of samples" if bundle.configuration.windows() else "--self-check"

@@ -382,3 +382,61 @@ def test_nothing_strays_at_the_top_of_the_repository():
     if listed.returncode:
         pytest.skip("no checkout: what belongs to the repository is not known")
     assert {name.partition("/")[0] for name in filter(None, listed.stdout.split("\0"))} == AT_THE_TOP
+
+
+#: Functions whose answer has no order, or makes one.
+_ORDERLESS = {"sorted", "set", "frozenset", "any", "all", "sum", "max", "min"}
+
+
+def is_a_set(node):
+    """Whether an expression is written as a set, or as what two sets or keys of dictionaries have in common."""
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.BitAnd | ast.BitOr | ast.Sub):
+        return any(is_a_set(side) or ast.unparse(side).endswith(".keys()") for side in (node.left, node.right))
+    is_call = isinstance(node, ast.Call) and getattr(node.func, "id", "") in ("set", "frozenset")
+    return is_call or isinstance(node, ast.Set | ast.SetComp)
+
+
+def made_in_the_order_of_a_set(tree):
+    """The lines at which a loop, a list, a dictionary or a text goes through a set: its order differs between runs."""
+    inside = {}
+    for node in ast.walk(tree):
+        inside |= dict.fromkeys(map(id, ast.iter_child_nodes(node)), node)
+    for node in ast.walk(tree):
+        through = []
+        if isinstance(node, ast.For):
+            through = [node.iter]
+        elif isinstance(node, ast.ListComp | ast.GeneratorExp | ast.DictComp):
+            if getattr(getattr(inside[id(node)], "func", None), "id", "") not in _ORDERLESS:
+                through = [part.iter for part in node.generators]
+        elif isinstance(node, ast.List | ast.Tuple):
+            through = [part.value for part in node.elts if isinstance(part, ast.Starred)]
+        elif isinstance(node, ast.Call) and ast.unparse(node.func).rpartition(".")[2] in ("join", "list", "tuple"):
+            through = node.args
+        if any(map(is_a_set, through)):
+            yield node.lineno
+
+
+def test_nothing_is_made_in_the_order_of_a_set():
+    found = [
+        f"{module_name(path)}:{line}"
+        for path in FILES
+        for line in made_in_the_order_of_a_set(ast.parse(path.read_text("utf-8")))
+    ]
+    assert found == []
+
+
+@pytest.mark.parametrize(
+    ("text", "is_found"),
+    [
+        ("for x in {1, 2}: pass", True),
+        ("for x in own.keys() & others: pass", True),
+        ("y = [f(x) for x in set(z)]", True),
+        ("y = ', '.join({f(x) for x in z})", True),
+        ("y = [0, *(a & set(b))]", True),
+        ("y = sorted(x for x in {1, 2})", False),
+        ("for x in sorted({1, 2}): pass", False),
+        ("for x in dict.fromkeys(z): pass", False),
+    ],
+)
+def test_orders_of_sets_are_recognised(text, is_found):
+    assert bool([*made_in_the_order_of_a_set(ast.parse(text))]) is is_found

@@ -276,7 +276,7 @@ def _factors(node: t.Expression, state: PathState) -> tuple[dict[int, int], int]
             if a is None or b is None:
                 return None
             moves, distance = _times(b, 1 if operator == "ADD" else -1)
-            return {v: a[0].get(v, 0) + moves.get(v, 0) for v in {*a[0], *moves}}, a[1] + distance
+            return {v: a[0].get(v, 0) + moves.get(v, 0) for v in {**a[0], **moves}}, a[1] + distance
         case t.Binary(operator="MUL", left=left, right=right):
             for constant, other in ((left, right), (right, left)):
                 interval = state.ranges.of(constant)

@@ -194,7 +194,8 @@ def _block_cost(pou: t.Pou, cost: UnitCost, units: Units, profile: Profile) -> B
     for region, number in lines_by_region(worst.touches).items():
         lines[region.owner] = lines.get(region.owner, 0) + number
     waiting = _warm_wait(sum(lines.values()) * LINE, profile)
-    parts = [_part(key, worst, lines.get(key, 0), waiting, units, profile) for key in {pou.key, *worst.counts, *lines}]
+    keys = dict.fromkeys([pou.key, *worst.counts, *lines])
+    parts = [_part(key, worst, lines.get(key, 0), waiting, units, profile) for key in keys]
     return BlockCost(pou.name, tuple(sorted(parts, key=lambda part: (-part.cold_us, part.unit))), cost.unbounded)
 
 

@@ -201,8 +201,8 @@ def _from_files(
     check_names(named, problems)
     models = reading.models({named[path.name]: path for path in files}, problems)
     own = configuration.gives()
-    for name in own.keys() & models.keys():
-        if models[name].ir.classes is None and OF_CLASSES & set(own[name]):
+    for name in own:
+        if name in models and models[name].ir.classes is None and OF_CLASSES & set(own[name]):
             problems.add(f"[[model]] gives = {[str(kind) for kind in own[name]]}: {name} is no classifier")
     of_each, others = (outputs, ()) if isinstance(outputs, Mapping) else ({}, outputs)
     wanted = {name: own.get(name, others) for name in models} | dict(of_each)

@@ -328,8 +328,10 @@ def _check_project_name(name: str) -> None:
 def _check_build(build: TomlTable) -> None:
     """Note the values in [build] that their options do not take; what remains of a text or a number they judge."""
     build.declare(*BUILD_KEYS)
-    for key in BUILD_KEYS.keys() & build.values.keys():
-        found, kind = build.values[key], BUILD_KEYS[key]
+    for key, kind in BUILD_KEYS.items():
+        if key not in build:
+            continue
+        found = build.values[key]
         if kind is list:
             _texts(build, key)
         elif kind is int:

@@ -317,7 +317,7 @@ def _sums_of(weights: ir.FloatArray) -> str:
 
 def _layers_of(ops: Sequence[ir.Operation]) -> dict[int, tuple[ir.Linear, ir.Activation]]:
     """Weighted sums, by number, of which nothing but the function behind them is read."""
-    found, readers = {}, Counter(value for op in ops for value in set(op.inputs))
+    found, readers = {}, Counter(value for op in ops for value in dict.fromkeys(op.inputs))
     for number, (op, behind) in enumerate(pairwise(ops), 1):
         if (
             isinstance(op, ir.Linear)

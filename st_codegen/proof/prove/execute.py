@@ -385,7 +385,7 @@ def follow(executor: Executor, statement: t.Statement) -> None:
     starts = [{**before, **{v: a[lane].item() for v, a in zip(cases, arrays, strict=True)}} for lane in first.tolist()]
     # what a case does not assign is what it was: a leaf without terms keeps its constant
     found = [(start, _executed(executor, statement, start)) for start in starts]
-    for variable in {variable for _, changes in found for variable in changes}:
+    for variable in dict.fromkeys(variable for _, changes in found for variable in changes):
         both = [{**start, **changes} for start, changes in found]
         if not all(variable in values and not isinstance(values[variable], tuple) for values in both):
             raise NotProvedError(f"{variable.name} is assigned in some boxes only")

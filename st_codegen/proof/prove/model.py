@@ -94,12 +94,16 @@ class ModelSide:
             given = [column for value in op.inputs for column in columns[value]]
             columns.append(_columns_after(op, given, self.domain, refusals))
             if isinstance(op, ir.TreeEnsemble):
-                for place in {op.columns[split].column for split in np.unique(op.split[op.split >= 0]).tolist()}:
+                for place in np.unique(
+                    [op.columns[split].column for split in op.split[op.split >= 0].tolist()]
+                ).tolist():
                     given[place] = self._standing(op, place, given[place])
                 self.ensembles[number] = Ensemble(op, given, self.domain, jump)
 
         #: Which numbers within the domain are taken, of inputs of which it refuses some: categories that nobody knows.
-        self.accepted = {f: _accepted(f, refusals, nan=self.domain.nan[f]) for f in {c.feature for c in refusals}}
+        self.accepted = {
+            f: _accepted(f, refusals, nan=self.domain.nan[f]) for f in dict.fromkeys(c.feature for c in refusals)
+        }
         # NaN is followed with them: it need not count as 0.0 does
         nan = tuple(there or feature in self.accepted for feature, there in enumerate(self.domain.nan))
         self.domain = dataclasses.replace(self.domain, nan=nan)

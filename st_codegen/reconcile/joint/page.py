@@ -104,7 +104,7 @@ def _pictures(result: JointResult) -> list[tuple[str, Draw]]:
         axes.set(xlabel="speed, rad/s", ylabel="friction, N m")
 
     shown.append(("friction over speed", speeds))
-    for name in set(chosen.names()) & {"reversal_travel", "reversal_time"}:
+    for name in sorted({"reversal_travel", "reversal_time"}.intersection(chosen.names())):
         shown.append(("after a reversal", _after_reversal(result, name)))
     for over, label in ((ANGLE, "waves per revolution of the joint"), (TIME, "Hz over time")):
         waves = [wave for wave in result.waves if wave.over == over]

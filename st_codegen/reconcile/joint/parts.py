@@ -598,7 +598,9 @@ def _of_laws(rows: JointRows, parts: list[TorquePart], now: Chosen) -> FloatArra
     for place, part in enumerate(parts):
         if part.name not in KINDS or len(KINDS[part.name].laws) == 1:
             continue
-        for law in set(range(len(KINDS[part.name].laws))) - {part.law}:
+        for law in range(len(KINDS[part.name].laws)):
+            if law == part.law:
+                continue
             variants = [v for v in KINDS[part.name].variants(part.name, rows, load_of(now)) if v.law == law]
             fits = [crossed(stacked([*parts[:place], v, *parts[place + 1 :]]), rows) for v in variants]
             other = min(fits, key=lambda fit: float(fit.held.sum()))

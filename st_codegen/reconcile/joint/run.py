@@ -320,7 +320,7 @@ def _shift(
 
     def tried(shifts: Collection[int]) -> int:
         """The best of all shifts so far, with some more."""
-        for shift in set(shifts) - fits.keys():
+        for shift in sorted(set(shifts) - fits.keys()):
             rows = rows_of(recordings, joint, shift, kernel_s, acting)
             if rows is not None and base is not None and len(rows.time) > JOINT.kept_rows * len(base.time):
                 fits[shift] = crossed(stacked(_rich(rows, seen)), rows).held / len(rows.time)

@@ -323,7 +323,8 @@ def _with_errors_of_form(
         # a bump of another form is higher, or lower, than the bell by as much as its form differs
         share = np.sqrt(left_of_place(final, piece))
         sizes = {c.key for c in piece.coordinates() if c.linear}
-        stderr |= {key: float(np.hypot(stderr[key], share * piece.effect.values[key])) for key in sizes & stderr.keys()}
+        values = piece.effect.values
+        stderr |= {key: float(np.hypot(error, share * values[key])) for key, error in stderr.items() if key in sizes}
     return stderr
 
 

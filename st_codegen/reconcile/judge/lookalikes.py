@@ -396,7 +396,7 @@ def of_one_angle(final: Fit, before: ComplexArray) -> set[int]:
     for k in data.orders[(power > noise * data.parts) & (data.orders > 0)]:
         near = (np.abs(data.orders - k) <= SETTINGS.reach_of_bell) & (data.orders > 0)
         if near.sum() >= SETTINGS.least_in_bell and (power > noise * data.parts)[near].all():
-            centres = [0, *(set(final.state.rig.constants.mesh_orders()) & set(data.orders[near].tolist()))]
+            centres = [0, *np.intersect1d(final.state.rig.constants.mesh_orders(), data.orders[near]).tolist()]
             # whatever its size and sign in a run: what the runs of a direction have in common
             sides = (moved[np.ix_(rows, near)] for rows in data.at.by_direction(target.good))
             parts = (np.linalg.svd(side, full_matrices=False) for side in sides)

@@ -134,8 +134,9 @@ def is_known(result: Reconciliation) -> bool:
         units = {s.key: s.unit for s in effect.scalars if s.form in (Form.LINEAR, Form.INVERSE)}
         units |= {phasor.keys(side)[0]: phasor.unit for phasor in effect.phasors for side in (False, True)}
         largest: dict[str, float] = {}
-        for key in units.keys() & effect.values.keys():
-            largest[units[key]] = max(largest.get(units[key], 0.0), float(np.abs(effect.values[key]).max()))
+        for key, unit in units.items():
+            if key in effect.values:
+                largest[unit] = max(largest.get(unit, 0.0), float(np.abs(effect.values[key]).max()))
         own = [(error, units.get(key.partition("[")[0])) for key, error in errors.items()]
         if any(error > SETTINGS.well_known * largest.get(unit, np.inf) for error, unit in own if unit is not None):
             return False

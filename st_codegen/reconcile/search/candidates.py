@@ -256,8 +256,8 @@ class Search:
         """
         touched = piece.effect.touched_orders()
         if piece.effect.least_foreign:
-            around = [k for k in self._foreign & set(touched) if self._is_around(k, piece.effect.orders)]
-            if len(around) < piece.effect.least_foreign:
+            around = (self._is_around(k, piece.effect.orders) for k in self._foreign.intersection(touched))
+            if sum(around) < piece.effect.least_foreign:
                 return False
         seen = bool(np.isin(touched, self.data.model_orders()).any())
         wanted = not len(self.touching) or bool(np.isin(touched, self.touching).any())

@@ -248,7 +248,7 @@ def _is_of_a_law(without: Fit, fitted: Fit, piece: Piece) -> bool:
     turned = made / np.abs(made)
     if np.ptp(np.abs(made)) <= 1e-9 * np.abs(made).max():
         sides = [np.ones(len(made), np.bool_)]
-    for name in TERMS.keys() - {"constant"}:
+    for name in (name for name in TERMS if name != "constant"):
         values = term_values(name, data.at, fitted.target.reference_temperature_C)
         if np.isfinite(values).all() and np.ptp(values) > 0.0:
             left = _left_of_waves(fitted.target, without.residual, own, values[:, None] * turned, sides)
@@ -353,7 +353,7 @@ def two_that_stay(fitted: Fit, number: int) -> Fit:
     assert isinstance(effect, StructuralResonance)
     load = load_keys(type(effect))
     sizes = {key for phasor in effect.phasors for key in (phasor.keys(False)[0], phasor.keys(True)[0])}
-    half = {key: tuple((np.array(effect.values[key]) / 2.0).tolist()) for key in (sizes - load) & effect.values.keys()}
+    half = {key: tuple((np.array(effect.values[key]) / 2.0).tolist()) for key in effect.values if key in sizes - load}
     moves = _MOVING & effect.values.keys()
     staying = piece.without(moves | (load if half else set()))
     at, damping = target.data.at.rows(target.good), effect.scalar("damping_ratio")

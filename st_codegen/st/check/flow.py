@@ -128,7 +128,7 @@ def _own_calls(project: t.Project, body: Iterable[t.Statement]) -> set[str]:
     while pending:
         for call in walk.calls(pending.pop()):
             if isinstance(call.receiver, t.ThisRef):
-                for key in {call.callee} | (overriding(project, call.callee) if call.is_virtual else set()):
+                for key in (call.callee, *(sorted(overriding(project, call.callee)) if call.is_virtual else ())):
                     if key not in found:
                         found.add(key)
                         pending.append(project.pous[key].body)
