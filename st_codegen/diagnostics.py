@@ -208,7 +208,7 @@ DIAGNOSTICS = (
         "--outputs asks for probabilities or scores that this class does not have, or names a model that is not there.",
         "Ask for what the message lists. --outputs asks every model of a folder, for probability and decision every "
         "classifier; the key gives of a [[model]] table in st-codegen.toml asks one model.",
-        places=("passes.outputs", "project.bundle:_outputs_in"),
+        places=("passes.outputs", "project.bundle:_check_gives"),
     ),
     Diagnostic(
         "STC1209",

@@ -165,8 +165,10 @@ def generate(
     Longer tables are cut into several, each with code of its own; some layouts cannot be cut and are then not chosen,
     and what has no other layout is refused.
 
-    `options` say which exact rewrites are allowed and how large tables may get (`passes.choose.Options`). A larger
-    table answers in fewer steps and takes more of the controller's memory; no option changes a bit of the results.
+    `options` say which rewrites are allowed and how large tables may get (`passes.choose.Options`). A larger table
+    answers in fewer steps and takes more of the controller's memory. No layout of trees changes a bit. RBF kernels on a
+    grid may have other last bits, within the bound that `verify` states, where `max_array` or the cost of the target
+    decides for another layout.
 
     `with_tests` adds TcUnit suites that assert the library's answers on the controller, and a task that runs them. They
     cost a library in the project and a prediction of some rows by each model's library here; only targets with a test

@@ -84,6 +84,19 @@ def test_every_code_stands_for_something_that_is_made(makers):
     assert {entry.code for entry in DIAGNOSTICS} - made - by_kind - answers - {UNKNOWN} <= rooms & {"STC1701"}
 
 
+@pytest.mark.parametrize("place", sorted({place for entry in DIAGNOSTICS for place in entry.places}))
+def test_every_place_of_an_entry_is_there(place):
+    """A function with another name would have another code, which users may have written down."""
+    module, _, name = place.partition(":")
+    path = PACKAGE / module.replace(".", "/")
+    path = path.with_suffix(".py") if path.with_suffix(".py").is_file() else path / "__init__.py"
+    assert path.is_file()
+    within = [ast.parse(path.read_text(encoding="utf-8"))]
+    for part in filter(None, name.split(".")):
+        within = [node for tree in within for node in tree.body if getattr(node, "name", "") == part]
+        assert within, part
+
+
 def test_codes_are_unique_and_say_cause_and_cure():
     codes = [entry.code for entry in DIAGNOSTICS]
     assert len(set(codes)) == len(codes)

@@ -201,9 +201,7 @@ def _from_files(
     check_names(named, problems)
     models = reading.models({named[path.name]: path for path in files}, problems)
     own = configuration.gives()
-    for name in own:
-        if name in models and models[name].ir.classes is None and OF_CLASSES & set(own[name]):
-            problems.add(f"[[model]] gives = {[str(kind) for kind in own[name]]}: {name} is no classifier")
+    _check_gives(own, models, problems)
     of_each, others = (outputs, ()) if isinstance(outputs, Mapping) else ({}, outputs)
     wanted = {name: own.get(name, others) for name in models} | dict(of_each)
     finished = tuple(_finished(model, configuration, wanted, problems) for model in models.values())
@@ -228,6 +226,15 @@ def pickles_left_out(folder: Path, bundle: Bundle) -> list[str]:
     """The pickles in a folder that its configuration leaves out: those are not read, whoever trusts them."""
     files = sorted(folder.iterdir()) if folder.is_dir() else []
     return [one.name for one in files if one.suffix.lower() in PICKLES and bundle.configuration.leaves_out(one)]
+
+
+def _check_gives(
+    own: Mapping[str, Collection[OutputKind]], models: Mapping[str, LoadedModel], problems: Problems
+) -> None:
+    """Note the models that are to give what only classifiers give, and are none."""
+    for name, kinds in own.items():
+        if name in models and models[name].ir.classes is None and OF_CLASSES.intersection(kinds):
+            problems.add(f"[[model]] gives = {[str(kind) for kind in kinds]}: {name} is no classifier")
 
 
 def _from_memory(estimators: Mapping[str, Any], outputs: Outputs) -> Bundle:
