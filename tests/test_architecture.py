@@ -173,6 +173,21 @@ def test_imports_keep_to_the_table():
     assert not wrong
 
 
+def test_the_proof_shares_with_the_compiler_what_its_page_says():
+    """Analyses of numbers, which bounds rest on, and names of what is printed; no layout, and nothing that prints."""
+    prove = PACKAGE / "proof" / "prove"
+    shared = set()
+    for path in prove.glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.ImportFrom) and re.match(r"st_codegen\.(passes|emit)\b", node.module or ""):
+                shared |= {f"{node.module.removeprefix('st_codegen.')}.{alias.name}" for alias in node.names}
+    assert shared == {
+        *("passes.domain.magnitudes", "passes.jumps.largest_jump", "passes.kernels.factored"),
+        *("emit.blocks.self_check.INTACT", "emit.output.block_of"),
+        *("emit.blocks.model.input_variables", "emit.blocks.model.real_lines", "emit.blocks.model.renamed"),
+    }
+
+
 def circles():
     """Groups of modules that import each other, directly or through others."""
     reach = {name: set(used) for name, used in imports().items()}

@@ -54,7 +54,8 @@ _LEFT_OUT = (
 class SharedPart:
     """What a group's models are for one axis: key of the group, the runs held out, what is left there, bundle.toml.
 
-    points: float64 (points, 3); mean_square: deg^2; error: why there are no models of the group for the axis.
+    points: float64 (points, 3); mean_square: deg^2; error: why there are no models of the group for the axis, and
+    defect: whether that is ours.
     """
 
     key: str
@@ -62,6 +63,7 @@ class SharedPart:
     mean_square: float
     bundle: str
     error: str = ""
+    defect: bool = False
 
 
 def axis_table(axis: FleetAxis) -> Measured:
@@ -107,7 +109,7 @@ def shared_part(folder: Path, name: str) -> SharedPart:
     own = found["axes"].get(name)
     error = found["error"] or ("" if own else _LEFT_OUT)
     own = own or {"mean_square": 0.0, "bundle": ""}
-    return SharedPart(found["key"], np.array(found["points"], np.float64), **own, error=error)
+    return SharedPart(found["key"], np.array(found["points"], np.float64), **own, error=error, defect=found["defect"])
 
 
 def copy_models(folder: Path, part: SharedPart, target: Path) -> int:
@@ -144,7 +146,7 @@ def _ratio(axis: FleetAxis) -> float:
 def _is_done(folder: Path, key: str) -> bool:
     try:
         found = json.loads(read_text(folder / RECORD))
-        return bool(found["key"] == key and found["files"] == _files(folder))
+        return bool(found["key"] == key and found["files"] == _files(folder) and not found["defect"])
     except (InputError, ValueError, KeyError, TypeError, RecursionError):
         return False
 
@@ -167,12 +169,12 @@ def _learn_group(job: tuple[list[FleetAxis], dict[str, HarmonicTable], str, Path
     axes, tables, key, folder = job
     if folder.exists():
         shutil.rmtree(folder)
-    found: dict[str, Any] = {"key": key, "error": "", "points": [], "axes": {}}
+    found: dict[str, Any] = {"key": key, "error": "", "defect": False, "points": [], "axes": {}}
     try:
         with one_thread(*LEARNERS, "scipy.linalg"):
             found |= _learned(axes, tables, folder)
     except Exception as error:  # each axis has models of its own then
-        found["error"] = failure(error)[0]
+        found["error"], found["defect"] = failure(error)
     make_folder(folder)
     write_text(folder / RECORD, json.dumps(found | {"files": _files(folder)}, indent=1, sort_keys=True) + "\n")
 

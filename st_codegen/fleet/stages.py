@@ -11,7 +11,7 @@ import json
 import math
 import shutil
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -100,7 +100,10 @@ def do_axis(job: tuple[FleetAxis, Path]) -> AxisResult:
     try:
         make_folder(folder)
         with one_thread(*LEARNERS, "scipy.linalg"):
-            return _done(list(_Stages(axis, folder, out).all()), folder)
+            stages = _Stages(axis, folder, out)
+            result = _done(list(stages.all()), folder)
+            is_ours = stages.shared is not None and shared_part(stages.shared, axis.name).defect
+            return replace(result, defect=result.defect or is_ours)
     except Exception as error:  # one axis stops no other
         text, defect = failure(error)
         return AxisResult(errors={TRAIN: text}, defect=defect)

@@ -9,7 +9,7 @@ import pytest
 
 from st_codegen.campaign.harmonic_table import read_table, write_table
 from st_codegen.errors import InputError
-from st_codegen.fleet import stages
+from st_codegen.fleet import shared, stages
 from st_codegen.fleet.axes import read_fleet
 from st_codegen.fleet.output import FleetReport
 from st_codegen.fleet.run import run_fleet
@@ -120,6 +120,20 @@ def test_the_same_with_two_processes_and_not_learned_again(done, inputs, tmp_pat
     both = [json.loads((root / one.shared / "shared.json").read_text()) for root in (out, tmp_path)]
     for key in ("key", "points", "axes"):
         assert both[0][key] == both[1][key]
+
+
+def test_a_defect_of_ours_in_what_is_shared_is_told_as_one_and_tried_again(inputs, tmp_path, monkeypatch):
+    """The axes have models of their own then, and the command does not end as if all were well."""
+    monkeypatch.setattr(shared, "_learned", lambda *_: 1 / 0)
+    for name in ("_train", "_compile", "_check"):
+        monkeypatch.setattr(stages._Stages, name, lambda self: {})
+    monkeypatch.setattr(stages._Stages, "_reconcile", lambda self, *_: {})
+    axes = with_shared(read_fleet(inputs), tmp_path, Backend(1))
+    results = [stages.do_axis((axis, tmp_path)) for axis in axes]
+    assert [(result.errors, result.defect) for result in results] == [({}, True)] * 3
+    monkeypatch.setattr(shared, "_learned", lambda *_: {})
+    again = with_shared(axes, tmp_path, Backend(1))
+    assert not any(stages.do_axis((axis, tmp_path)).defect for axis in again)
 
 
 @pytest.mark.thorough

@@ -1,7 +1,8 @@
 """What the trees of a model demand, from its intermediate representation: decisions on boxes of inputs.
 
 The rules of the library (comparison, rounding of inputs, missing values, categories, order and precision of the sum)
-are data of the representation. None of the passes and layouts of the compiler is used.
+are data of the representation. The layouts of the compiler are not used, and of its passes only how far sums of trees
+may jump behind inexact steps (`passes.jumps`).
 """
 
 from __future__ import annotations
