@@ -105,7 +105,8 @@ Examples:
   st-codegen diff old/ new/                        what changed, for the reviewer
 
 \b
-Exit codes: 0 yes, 1 the answer is no, 2 wrong use or input, 70 a defect of st-codegen.""",
+Exit codes: 0 yes, 1 the answer is no, 2 wrong use or input, 70 a defect of st-codegen, 130 stopped,
+141 nobody reads the output any more.""",
 )
 @click.option(
     _TRACEBACK, is_flag=True, expose_value=False, help=f"Show where an error arose; also {_TRACEBACK_VARIABLE}=1."

@@ -146,6 +146,8 @@ class FleetReport:
             "rare": [asdict(one) for one in compared.rare],
             "growth": [asdict(one) for one in compared.growth],
             "growth_limit": compared.growth_limit,
+            "growth_axes": compared.growth_axes,
+            "copies": list(compared.copies),
             "spread": [asdict(one) for one in compared.spreads],
             "not_looked_at": list(self.not_looked_at),
         }
