@@ -26,6 +26,11 @@ from st_codegen.files.made_by import VERSION
 
 if TYPE_CHECKING:
     from st_codegen.driver import generate
+    from st_codegen.emit.blocks.application import Packaging, ProjectForm
+    from st_codegen.emit.targets.base import Target
+    from st_codegen.errors import InputError
+    from st_codegen.ir.decisions import OutputKind
+    from st_codegen.passes.choose import CostFunction, Layout, Options
     from st_codegen.project.bundle import Bundle, load
     from st_codegen.proof.prove.prove import prove
     from st_codegen.proof.review import diff
@@ -34,10 +39,35 @@ if TYPE_CHECKING:
     from st_codegen.rig.motion_files import MotionStudy
 
 __version__ = VERSION
-__all__ = ["diff", "generate", "load", "prove", "reconcile", "simulate", "verify"]
+__all__ = [
+    "CostFunction",
+    "InputError",
+    "Layout",
+    "Options",
+    "OutputKind",
+    "Packaging",
+    "ProjectForm",
+    "Target",
+    "diff",
+    "generate",
+    "load",
+    "prove",
+    "reconcile",
+    "simulate",
+    "verify",
+]
 
-#: Public functions that are the same in their room, which is imported when they are first used.
+#: Public functions, and the types of their arguments and errors, that are the same in their room: it is imported when
+#: they are first used.
 _HOMES = {
+    "CostFunction": "st_codegen.passes.choose",
+    "InputError": "st_codegen.errors",
+    "Layout": "st_codegen.passes.choose",
+    "Options": "st_codegen.passes.choose",
+    "OutputKind": "st_codegen.ir.decisions",
+    "Packaging": "st_codegen.emit.blocks.application",
+    "ProjectForm": "st_codegen.emit.blocks.application",
+    "Target": "st_codegen.emit.targets.base",
     "generate": "st_codegen.driver",
     "load": "st_codegen.project.bundle",
     "diff": "st_codegen.proof.review",

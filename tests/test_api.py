@@ -16,6 +16,20 @@ def test_models_are_loaded_compiled_verified_and_compared(lone_folder, tmp_path)
     assert not st_codegen.diff(str(tmp_path / "one"), str(tmp_path / "two"), rows=10).changed
 
 
+def test_every_public_name_is_there():
+    found = {name: getattr(st_codegen, name) for name in st_codegen.__all__}
+    assert all(value is not None for value in found.values())
+    assert {type(found[name]).__name__ for name in ("diff", "generate", "reconcile")} == {"function"}
+    with pytest.raises(st_codegen.InputError):
+        st_codegen.load("none")
+
+
+def test_the_layout_of_the_trees_is_an_argument(lone_folder, tmp_path):
+    options = st_codegen.Options(st_codegen.Layout.TREES)
+    made = st_codegen.generate(str(lone_folder), "iec", str(tmp_path), options=options)
+    assert [layout for _, layout, _, _ in made.models()] == ["as trained"]
+
+
 def test_simulate_and_reconcile_are_functions_beside_their_packages(bundle_folder, tmp_path):
     from st_codegen.reconcile import run  # noqa: F401 - imported first, it must not take the function's name
 
