@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 
@@ -66,16 +67,24 @@ def _rows(model: ModelIR, columns: dict[str, FloatArray]) -> FloatArray:
 
 
 def limits(models: Sequence[ModelIR], columns: dict[str, FloatArray]) -> list[str]:
-    """Which inputs lie outside of a declared range: every way computes with its nearest end, as the block does."""
-    found = set()
+    """Which inputs lie outside of a declared range: every way computes with its nearest end, as the block does.
+
+    Models that limit an input of this name in another way, or not, are told apart by their names.
+    """
+    found: dict[tuple[str, str], list[str]] = {}
+    having = Counter(feature.name for model in models for feature in model.features)
     for model in models:
         rows = _rows(model, columns)
         outside = np.count_nonzero((reference.limited(model, rows) != rows) & ~np.isnan(rows), axis=0)
         for feature, number in zip(model.features, outside, strict=True):
             if number:
                 ends = " .. ".join(plain_number(end) for end in (feature.lower, feature.upper) if end is not None)
-                found.add(f"{feature.name} ({ends}) in {number:,} of {counted(len(rows), 'row')}")
-    return sorted(found)
+                text = f"{feature.name} ({ends}) in {number:,} of {counted(len(rows), 'row')}"
+                found.setdefault((feature.name, text), []).append(model.name)
+    return [
+        text if len(own) == having[name] else f"{text} for {', '.join(own)}"
+        for (name, text), own in sorted(found.items())
+    ]
 
 
 def by_reference(model: LoadedModel, x: FloatArray) -> FloatArray:

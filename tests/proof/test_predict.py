@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -6,7 +8,7 @@ from st_codegen.errors import InputError
 from st_codegen.files.csv_tables import with_underscores
 from st_codegen.files.text import write_text
 from st_codegen.project.bundle import load
-from st_codegen.proof.predict import read_table, table_text
+from st_codegen.proof.predict import limits, read_table, table_text
 from tests.cli.helpers import run
 
 ROWS = np.array([[500.0, 300.0, 26.0], [np.nan, 10.0, 30.0], [np.inf, -np.inf, 1e300], [100.0, 0.0, 25.0]])
@@ -53,6 +55,21 @@ def test_inputs_that_are_limited_are_said(bundle_folder, tmp_path, capsys):
     assert "temperature_C" not in said
     assert run(*words, "-q") == 0
     assert "range" not in capsys.readouterr().err
+
+
+def test_models_that_limit_an_input_differently_are_named(lone_folder):
+    (plain,) = load(lone_folder).irs
+
+    def limited(name, upper):
+        speed = dataclasses.replace(plain.features[0], lower=0.0, upper=upper)
+        return dataclasses.replace(plain, name=name, features=(speed, *plain.features[1:]))
+
+    models = [limited("a", 900.0), limited("b", 900.0)]
+    columns = {"speed_rpm": np.array([800.0, 950.0]), "f1": np.zeros(2), "f2": np.zeros(2)}
+    assert limits(models, columns) == ["speed_rpm (0 .. 900) in 1 of 2 rows"]
+    assert limits([*models, limited("c", 700.0), plain], columns) == [
+        "speed_rpm (0 .. 700) in 2 of 2 rows for c", "speed_rpm (0 .. 900) in 1 of 2 rows for a, b"
+    ]  # fmt: skip
 
 
 def test_several_outputs_are_numbered_and_refused_rows_are_nan(tmp_path):
