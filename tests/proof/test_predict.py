@@ -65,7 +65,7 @@ def test_models_that_limit_an_input_differently_are_named(lone_folder):
         return dataclasses.replace(plain, name=name, features=(speed, *plain.features[1:]))
 
     models = [limited("a", 900.0), limited("b", 900.0)]
-    columns = {"speed_rpm": np.array([800.0, 950.0]), "f1": np.zeros(2), "f2": np.zeros(2)}
+    columns = {"speed_rpm": np.array([800.0, 950.0]), "torque_Nm": np.zeros(2), "temperature_C": np.zeros(2)}
     assert limits(models, columns) == ["speed_rpm (0 .. 900) in 1 of 2 rows"]
     assert limits([*models, limited("c", 700.0), plain], columns) == [
         "speed_rpm (0 .. 700) in 2 of 2 rows for c", "speed_rpm (0 .. 900) in 1 of 2 rows for a, b"
