@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
-from st_codegen.errors import at_most
+from st_codegen.errors import at_most, counted
 from st_codegen.ir import FactoredKernel, ModelIR, Rank, Source
 from st_codegen.passes import tables
 from st_codegen.passes.branches import as_branches
@@ -338,7 +338,9 @@ def _joint_source(models: Sequence[ModelIR]) -> Source:
         parts += [f"digest {model.source.digest}"] if model.source.digest else []
         notes.append(", ".join(part for part in parts if part))
         notes += model.source.notes
-    return Source(", ".join(libraries), "", f"tables of {len(models)} models", notes=tuple(dict.fromkeys(notes)))
+    return Source(
+        ", ".join(libraries), "", f"tables of {counted(len(models), 'model')}", notes=tuple(dict.fromkeys(notes))
+    )
 
 
 def _new_names(count: int, models: Sequence[ModelIR]) -> Iterator[str]:

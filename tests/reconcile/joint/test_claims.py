@@ -900,7 +900,7 @@ def test_a_recording_that_lost_samples_tells_what_a_whole_one_does(tmp_path):
     said = " ".join(joint["measurement"])
     assert "line 102 and 1 more: values of tau are not finite" in said
     assert (
-        "or none were taken, in 15 places, first after line 101: it is read in 14 pieces of 100 samples or more; the 67"
+        "or none were taken, in 15 places, first after line 101: it is read in 14 pieces of 100 samples or more; without 67"
         in said
     )
 
