@@ -1,9 +1,8 @@
 """Which of several layouts of a model is generated.
 
 Every layout of trees computes the same bits, and a factored kernel lies within the bound of the model, so the choice is
-one of cost only. `simple_cost` is an estimate from the
-intermediate representation alone; any other function of a model may take its place (`CostFunction`), such as one that
-measures the emitted text.
+one of cost only. `simple_cost` is an estimate from the intermediate representation alone; any other function of a model
+may take its place (`CostFunction`), such as one that measures the emitted text.
 """
 
 from __future__ import annotations

@@ -49,7 +49,7 @@ def ranked(model: ir.ModelIR) -> ir.ModelIR | None:
 class _RankedSplits:
     """The splits of one column as comparisons of ranks: `rank <= threshold` goes left, missing values aside.
 
-    `number` are the nodes, `edges` what ranks are counted among, `descending` whether they count from above.
+    `nodes` are their numbers, `edges` what ranks are counted among, `descending` whether they count from above.
     """
 
     nodes: IntArray

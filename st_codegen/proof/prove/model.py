@@ -342,7 +342,7 @@ class Ensemble:
         return AxisValue(axis, codes.astype(np.int64))
 
     def cuts(self, feature: int) -> IntArray:
-        """IntArray of an input behind which a decision may change."""
+        """The keys of an input behind which a decision may change."""
         found = [self.last[(self.feature == feature) & (self.op.split >= 0)]]
         for number, (low, high) in self.gap.items():
             if np.any(self.feature[self.op.split == number] == feature):

@@ -1,6 +1,7 @@
 """Walkers for scikit-learn's support vector machines, kernel regression and neural networks.
 
-These add products through BLAS, whose order is not specified: equal within the bound of `bounds.py`, not to the bit.
+These add products through BLAS, whose order is not specified: equal within the bound of `proof/bounds.py`, not to the
+bit.
 """
 
 from __future__ import annotations
