@@ -129,8 +129,8 @@ def compact(
 
     `used` are the thresholds of each column's splits. Columns that share a search go on sharing it.
     """
-    shared: dict[tuple[int, bool, bytes], list[IntArray]] = {}
-    keys = [(column.column, column.descending, column.edges.tobytes()) for column in columns]
+    shared: dict[object, list[IntArray]] = {}
+    keys = [(column.search, column.descending) for column in columns]
     for key, column, thresholds in zip(keys, columns, used, strict=True):
         shared.setdefault(key, []).append(thresholds[(thresholds >= 0) & (thresholds < column.highest)])
     new_columns, new_thresholds = [], []

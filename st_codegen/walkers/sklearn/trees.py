@@ -211,9 +211,7 @@ class TreeSum:
     columns: Sequence[IntArray] | None = None
 
 
-def add_float32_trees(
-    builder: GraphBuilder, value: int, trees: Sequence[Any], fitted: Fitted, rule: TreeSum = TreeSum()
-) -> int:
+def add_float32_trees(builder: GraphBuilder, value: int, trees: Sequence[Any], fitted: Fitted, rule: TreeSum) -> int:
     """The trees of `sklearn.tree`; `leaf_scale * leaf` is rounded once here as the library rounds it at run time."""
     columns = [np.arange(builder.width(value))] * len(trees) if rule.columns is None else rule.columns
     structures = [_structure(Fitted(tree), len(own)) for tree, own in zip(trees, columns, strict=True)]
