@@ -16,7 +16,7 @@ import numpy as np
 from st_codegen import ir
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.ir.base import COS_REACH, Elementwise
-from st_codegen.proof.prove.axis import NotProvedError
+from st_codegen.proof.prove.errors import NotProvedError
 from st_codegen.proof.prove.formulas import erf, exp, expm1, log1p, logistic, rounded, softplus, tanh
 from st_codegen.proof.prove.inputs import InputTerms
 from st_codegen.proof.prove.terms import Term, Terms, Value

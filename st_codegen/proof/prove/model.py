@@ -19,8 +19,9 @@ from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray, bisected
 from st_codegen.ir.base import Elementwise
 from st_codegen.ir.operations import one_column
 from st_codegen.passes.jumps import largest_jump
-from st_codegen.proof.prove.axis import HIGHEST, LOWEST, AxisValue, InputAxis, NotProvedError, from_keys, to_keys
+from st_codegen.proof.prove.axis import HIGHEST, LOWEST, AxisValue, InputAxis, from_keys, to_keys
 from st_codegen.proof.prove.boxes import Lanes, Space
+from st_codegen.proof.prove.errors import NotProvedError
 from st_codegen.proof.prove.intervals import Interval
 
 
