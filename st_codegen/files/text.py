@@ -25,15 +25,19 @@ def read_text(path: Path) -> str:
         content = path.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
-    if fault := encoding_fault(content):
-        raise InputError(f"{path}: {fault}")
-    return content.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+    return _decoded(path, content).replace("\r\n", "\n").replace("\r", "\n")
 
 
 def file_sha256(path: Path) -> str:
     """The SHA-256 of the bytes of a file, which is read in parts. Raises OSError."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _decoded(path: Path, content: bytes) -> str:
+    if fault := encoding_fault(content):
+        raise InputError(f"{path}: {fault}")
+    return content.decode("utf-8-sig")
 
 
 def encoding_fault(content: bytes) -> str:
