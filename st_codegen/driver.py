@@ -527,9 +527,10 @@ def _check_size(target: Target, plans: Sequence[FilePlan], limit: int) -> None:
     largest = [item for item in sorted(blocks.items(), key=lambda item: -item[1])[:_NAMED] if item[1]]
     names = ", ".join(f"{name} {size:,}" for name, size in largest)
     others = sum(size > 0 for size in blocks.values()) - len(largest)
+    more = f" and {counted(others, 'smaller one')}" if others else ""
     raise TargetError(
         f"the tables take {total:,} bytes, the limit of the target {target.name} is {limit:,}; the largest: "
-        f"{names}{f' and {others} smaller ones' if others else ''}. Train smaller models, or raise the limit with "
+        f"{names}{more}. Train smaller models, or raise the limit with "
         "--max-bytes if your controller has the memory"
     )
 

@@ -1,6 +1,6 @@
 """Work in other processes: large work on all processors, and native code that may fail in copies of this process.
 
-What ends a copy is one line here.
+What ends a copy does not end this process, which says it in one line.
 
 A copy (`fork`) has all that is loaded, at no cost, but of the threads only the one that made it. The OpenMP of GCC
 gives each thread that computes its own helpers, and would wait for ever for those that its first thread had before. So
@@ -46,10 +46,10 @@ _INTERRUPTED_WITHIN_S = 1.0
 _LOOKED_AFTER_S = 1.0
 
 #: Whether this process is a worker that looks after its parent.
-_IS_WATCHED = False
+_is_watched = False
 
 #: Whether this process is a copy, which computes on the processor that it was made for.
-_IS_COPY = False
+_is_copy = False
 
 
 def shared_out(
@@ -138,9 +138,9 @@ def end_with_parent() -> None:
 
     A worker that waits to hand over its result would else wait for ever: it and the others hold the pipe open.
     """
-    global _IS_WATCHED  # noqa: PLW0603 - of this process
-    if not _IS_WATCHED and multiprocessing.current_process().name.startswith("LokyProcess"):
-        _IS_WATCHED = True
+    global _is_watched  # noqa: PLW0603 - of this process
+    if not _is_watched and multiprocessing.current_process().name.startswith("LokyProcess"):
+        _is_watched = True
         threading.Thread(target=_watch, args=(os.getppid(),), daemon=True).start()
 
 
@@ -155,7 +155,7 @@ def other_processors() -> int:
 
     None where this process is a worker or a copy itself, and where `LOKY_MAX_CPU_COUNT` (or the system) leaves one.
     """
-    if _IS_COPY or multiprocessing.current_process().name != "MainProcess":
+    if _is_copy or multiprocessing.current_process().name != "MainProcess":
         return 0
     try:
         import joblib
@@ -252,9 +252,9 @@ def make_copy(action: Callable[[], object]) -> int:
     code = 1
 
     def compute() -> None:
-        global _IS_COPY  # noqa: PLW0603 - a fact of the process
+        global _is_copy  # noqa: PLW0603 - a fact of the process
         nonlocal code
-        _IS_COPY = True
+        _is_copy = True
         with contextlib.suppress(Exception):  # the code says it
             action()
             code = 0
@@ -292,19 +292,17 @@ def failure_in_copy(action: Callable[[], object]) -> str | None:
     """
     if not can_be_copied():
         return _failure(action)
-    reading, writing = os.pipe()
+    with os.fdopen(os.memfd_create("failure"), "w+", encoding="utf-8", errors="replace") as told:
 
-    def try_it() -> None:
-        failure = _failure(action)
-        if failure is not None:
-            with os.fdopen(writing, "w", encoding="utf-8", errors="replace") as pipe:
-                pipe.write(failure or "it fails")
+        def try_it() -> None:
+            failure = _failure(action)
+            if failure is not None:
+                told.write(failure or "it fails")
+                told.flush()
 
-    child = make_copy(try_it)
-    os.close(writing)
-    with os.fdopen(reading, encoding="utf-8", errors="replace") as pipe:
-        failure = pipe.read()
-    status = os.waitpid(child, 0)[1]
+        status = os.waitpid(make_copy(try_it), 0)[1]
+        told.seek(0)
+        failure = told.read()
     return failure or (f"its process ended ({how_it_ended(status)})" if status else None)
 
 
@@ -321,7 +319,7 @@ def _failure(action: Callable[[], object]) -> str | None:
 def children(process: int) -> list[int]:
     """The processes that a process with one thread has made and that have not been waited for."""
     try:
-        return [int(number) for number in Path(f"/proc/{process}/task/{process}/children").read_text().split()]
+        return [int(number) for number in Path(f"/proc/{process}/task/{process}/children").read_text("ascii").split()]
     except OSError:  # it has ended, or the kernel does not tell
         return []
 
@@ -334,7 +332,7 @@ def ticks_asleep(process: int) -> int | None:
     ticks = 0
     try:
         for thread in Path(f"/proc/{process}/task").iterdir():
-            fields = (thread / "stat").read_text(errors="replace").rpartition(")")[2].split()
+            fields = (thread / "stat").read_text("utf-8", "replace").rpartition(")")[2].split()
             if fields[0] != "S":
                 return None
             ticks += int(fields[11]) + int(fields[12])

@@ -51,7 +51,7 @@ def assert_generated_up_to_date(models: Path | str, out: Path | str, *, trust_pi
         more = f"\n.. and {counted(len(lines) - _SHOWN, 'more line')}" if len(lines) > _SHOWN else ""
         shown = "\n".join(lines[:_SHOWN]) + more
         pytest.fail(
-            f"{len(changed)} generated files are not those of {models}; write them with "
+            f"generated files are not those of {models} ({len(changed)}); write them with "
             f"{writing}, or pytest --update-generated:\n{names}\n\n{shown}",
             pytrace=False,
         )

@@ -143,6 +143,15 @@ def room(name):
     return name.split(".")[1] if "." in name else "__init__"
 
 
+def test_rooms_name_modules_that_are_there():
+    """One module of a room, a room, or a command stands in backticks where a room says how it is made up."""
+    for room, path in MODULES.items():
+        if path.name == "__init__.py":
+            said = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+            for name in re.findall(r"`([a-z_]{2,})`", said):
+                assert {f"{room}.{name}", f"st_codegen.{name}", f"st_codegen.cli.{name}"} & MODULES.keys(), (room, name)
+
+
 def test_there_are_files():
     assert len(FILES) > 20
 

@@ -20,9 +20,18 @@ from st_codegen.processes import shared_out
 from st_codegen.project.bundle import load
 
 
-def _square(number):
-    time.sleep(0.2)  # longer than the others take to begin
-    return os.getpid(), np.full(3, number * number)
+def _with_another(folder):
+    """This process, as soon as another one has begun as well."""
+    (folder / str(os.getpid())).touch()
+    end = time.monotonic() + 60
+    while len(list(folder.iterdir())) < 2:
+        assert time.monotonic() < end, "one process has all the work"
+        time.sleep(0.01)
+    return os.getpid()
+
+
+def _square(folder, number):
+    return _with_another(folder), np.full(3, number * number)
 
 
 def _reciprocal(number):
@@ -30,19 +39,19 @@ def _reciprocal(number):
     return 1 / number
 
 
-def _ends_elsewhere(here, number):
-    if os.getpid() != here:
+def _ends_elsewhere(here, folder, number):
+    if _with_another(folder) != here:
         os._exit(1)
     return number
 
 
 @pytest.mark.parametrize("copies", [True, False])
-def test_results_are_in_order_and_those_of_others_read_only(copies, monkeypatch):
+def test_results_are_in_order_and_those_of_others_read_only(copies, monkeypatch, tmp_path):
     if joblib.cpu_count() < 2:
         pytest.skip("one processor: work stays in this process")
     if not copies:
         monkeypatch.setattr(processes, "can_be_copied", lambda: False)
-    found = shared_out(_square, range(5), is_large=True)
+    found = shared_out(partial(_square, tmp_path), range(5), is_large=True)
     assert [value.tolist() for _, value in found] == [[n * n] * 3 for n in range(5)]
     others = [value for process, value in found if process != os.getpid()]
     assert others
@@ -59,12 +68,14 @@ def test_what_fails_in_a_copy_fails_here(monkeypatch):
 def test_work_stays_here_where_it_is_not_worth_a_process(lack, monkeypatch):
     if lack == "processors":
         monkeypatch.setenv("LOKY_MAX_CPU_COUNT", "1")
-    found = shared_out(_square, range(2), is_large=lack == "processors")
-    assert {process for process, _ in found} == {os.getpid()}
+    monkeypatch.setattr(processes, "make_copy", None)
+    here = os.getpid()
+    assert shared_out(lambda _: os.getpid(), range(2), is_large=lack == "processors") == [here, here]
 
 
-def test_a_worker_that_ends_is_no_answer():
-    assert shared_out(partial(_ends_elsewhere, os.getpid()), range(3), is_large=True) == [0, 1, 2]
+def test_a_worker_that_ends_is_no_answer(monkeypatch, tmp_path):
+    monkeypatch.setattr(joblib, "cpu_count", lambda: 2)
+    assert shared_out(partial(_ends_elsewhere, os.getpid(), tmp_path), range(3), is_large=True) == [0, 1, 2]
 
 
 def test_all_blocks_that_cannot_be_made_are_told_on_several_processors_too(bundle_folder, tmp_path, monkeypatch):
@@ -116,31 +127,32 @@ def test_what_joblib_says_of_interrupted_workers_is_not_shown(interrupts, monkey
     assert signal.getsignal(signal.SIGINT) is before
 
 
-def test_who_watches_is_told_of_what_this_process_takes(monkeypatch):
+def test_who_watches_is_told_of_what_this_process_takes(monkeypatch, tmp_path):
     monkeypatch.setattr(joblib, "cpu_count", lambda: 2)
     told = []
-    found = shared_out(_square, range(10, 15), is_large=True, begun=lambda *given: told.append(given))
+    work = partial(_square, tmp_path)
+    found = shared_out(work, range(10, 15), is_large=True, begun=lambda *given: told.append(given))
     here = [n for n, (process, _) in enumerate(found) if process == os.getpid()]
+    assert 0 < len(here) < 5
     assert told == [(n, 10 + n) for n in here]
 
 
 @pytest.mark.parametrize("copies", [True, False])
-def test_no_more_is_done_at_once_than_is_asked_for(copies, monkeypatch):
+def test_no_more_is_done_at_once_than_is_asked_for(copies, monkeypatch, tmp_path):
     monkeypatch.setattr(processes, "can_be_copied", lambda: copies)
     monkeypatch.setattr(joblib, "cpu_count", lambda: 8)
-    running, most = [], []
 
     def watched(number):
-        running.append(number)
-        most.append(len(running))
+        (tmp_path / str(number)).touch()
         time.sleep(0.05)
-        running.remove(number)
-        return os.getpid(), threading.get_ident()
+        running = len(list(tmp_path.iterdir()))
+        (tmp_path / str(number)).unlink()
+        return (os.getpid(), threading.get_ident()), running
 
     for at_once in (1, 2):
         found = shared_out(watched, range(6), is_large=True, at_once=at_once, can_travel=False)
-        assert len(set(found)) <= at_once
-        assert max(most) <= at_once
+        assert len({who for who, _ in found}) <= at_once
+        assert max(running for _, running in found) <= at_once
 
 
 def test_work_that_cannot_travel_is_done_by_threads_where_nothing_can_be_copied(monkeypatch):
@@ -158,42 +170,30 @@ def test_work_that_cannot_travel_is_done_by_threads_where_nothing_can_be_copied(
 
 
 @pytest.mark.skipif(not processes.can_be_copied(), reason="no copies here")
-def test_an_interruption_ends_the_copies_at_once(monkeypatch):
+@pytest.mark.parametrize("who", ["computes", "waits for the last copy"])
+def test_an_interruption_ends_the_copies_at_once(who, monkeypatch, tmp_path):
     """Ctrl-C in `verify` waited for the rows of the models that were tried."""
     monkeypatch.setattr(joblib, "cpu_count", lambda: 2)
-    home = os.getpid()
+    home, waits = os.getpid(), os.waitpid
     before = processes.children(home)
+    (tmp_path / "begun").mkdir()
 
     def work(number):
-        if os.getpid() != home:
-            time.sleep(6000)
-        time.sleep(0.3)  # the copy has taken the other one
+        if _with_another(tmp_path / "begun") != home:
+            time.sleep(60)
+            (tmp_path / "waited for").touch()
+        elif who == "computes":
+            raise KeyboardInterrupt
+
+    def interrupted(process, options):
+        monkeypatch.setattr(os, "waitpid", waits)
         raise KeyboardInterrupt
 
-    started = time.monotonic()
+    if who != "computes":
+        monkeypatch.setattr(os, "waitpid", interrupted)
     with pytest.raises(KeyboardInterrupt):
         shared_out(work, range(2), is_large=True)
-    assert time.monotonic() - started < 600
-    assert processes.children(home) == before
-
-
-@pytest.mark.skipif(not processes.can_be_copied(), reason="no copies here")
-def test_an_interruption_of_who_waits_for_the_last_copy_ends_it(monkeypatch):
-    monkeypatch.setattr(joblib, "cpu_count", lambda: 2)
-    home = os.getpid()
-    before = processes.children(home)
-
-    def work(number):
-        time.sleep(6000 if os.getpid() != home else 0.3)
-
-    # what a shell starts in the background ignores it, and so would what it starts
-    before_here = signal.signal(signal.SIGINT, signal.default_int_handler)
-    threading.Timer(1.5, os.kill, (home, signal.SIGINT)).start()
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            shared_out(work, range(2), is_large=True)
-    finally:
-        signal.signal(signal.SIGINT, before_here)
+    assert not (tmp_path / "waited for").exists()
     assert processes.children(home) == before
 
 
@@ -218,48 +218,43 @@ def test_no_item_is_taken_twice(monkeypatch, tmp_path):
     assert np.array_equal(np.sort(taken), np.arange(5000))
 
 
-def test_copies_share_no_work_out(monkeypatch):
+def test_copies_share_no_work_out(monkeypatch, tmp_path):
     monkeypatch.setattr(joblib, "cpu_count", lambda: 2)
-
-    def work(_):
-        time.sleep(0.2)
-        return os.getpid(), processes.other_processors()
-
-    found = shared_out(work, range(2), is_large=True)
+    found = shared_out(lambda _: (_with_another(tmp_path), processes.other_processors()), range(2), is_large=True)
+    assert len(dict(found)) == 2
     assert dict(found) == {process: int(process == os.getpid()) for process, _ in found}
 
 
 @pytest.mark.skipif(not processes.can_be_copied(), reason="no copies of a process here")
-def test_copies_of_a_killed_process_begin_no_other_item(monkeypatch, tmp_path):
+def test_copies_of_a_killed_process_begin_no_other_item(monkeypatch):
     """They took all that was left, with nobody to tell."""
     monkeypatch.setattr(joblib, "cpu_count", lambda: 2)
-    file = os.open(tmp_path / "begun", os.O_CREAT | os.O_APPEND | os.O_WRONLY)
+    begun, begins = os.pipe()
 
     def work(number):
-        os.write(file, bytes([number]))
-        if number == 1:
-            time.sleep(0.3)
+        os.write(begins, bytes([number]))
+        if os.getpid() == maker:
+            time.sleep(60)
+        with contextlib.suppress(ProcessLookupError):
             os.kill(maker, signal.SIGKILL)
-        time.sleep(0.3 if os.getpid() != maker else 60.0)
+        while os.getppid() == maker:
+            time.sleep(0.01)
 
     if not (maker := processes.fork()):
         maker = os.getpid()
         shared_out(work, range(20), is_large=True)
         os._exit(0)
+    os.close(begins)
     assert os.WTERMSIG(os.waitpid(maker, 0)[1]) == signal.SIGKILL
-    time.sleep(1.5)
-    assert len((tmp_path / "begun").read_bytes()) <= 3
+    with os.fdopen(begun, "rb") as pipe:  # which ends with the copy
+        assert len(pipe.read()) <= 2
 
 
-def test_a_copy_computes_in_the_surroundings_of_its_maker(monkeypatch):
+def test_a_copy_computes_in_the_surroundings_of_its_maker(monkeypatch, tmp_path):
     monkeypatch.setattr(joblib, "cpu_count", lambda: 2)
-
-    def work(_):
-        time.sleep(0.2)
-        return os.getpid(), np.geterr()["divide"]
-
     with np.errstate(divide="raise"):
-        found = shared_out(work, range(2), is_large=True)
+        found = shared_out(lambda _: (_with_another(tmp_path), np.geterr()["divide"]), range(2), is_large=True)
+    assert len(dict(found)) == 2
     assert {told for _, told in found} == {"raise"}
 
 

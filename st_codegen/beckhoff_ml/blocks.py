@@ -35,7 +35,7 @@ _SINGLE = "The engine computes in REAL (float32): about 7 digits."
 _NAN = "The format knows no missing values: for NaN in an input bValid is FALSE."
 
 
-def engine_block(model: ModelIR, engines: tuple[Engine, ...], limits: Limits, remarks: tuple[str, ...] = ()) -> Block:
+def engine_block(model: ModelIR, engines: tuple[Engine, ...], limits: Limits, remarks: tuple[str, ...]) -> Block:
     """The block that lets the runtime compute a model, with `remarks` in its header.
 
     Raises InputError for names that Structured Text cannot have.

@@ -206,7 +206,7 @@ class _Trees(_File):
             raise parts["SplitValues"].error(
                 f"tree {number}: {counted(nodes, 'value')}, {counted(len(variables), 'variable')}, "
                 f"{counted(len(children), 'child', 'children')}; "
-                f"announced are {', '.join(map(str, sorted(announced)))} nodes"
+                f"announced numbers of nodes: {', '.join(map(str, sorted(announced)))}"
             )
         if np.any(children < 0) or np.any(children >= nodes):
             raise parts["ChildNodes"].error(f"tree {number}: a child outside 0 .. {nodes - 1}")
@@ -219,7 +219,7 @@ class _Trees(_File):
         weights = found.doubles("Weights")
         leaves = self.values[self.left < 0]
         if not np.array_equal(weights, leaves):
-            raise found.error(f"{len(weights)} leaf values differ from the {len(leaves)} that the trees have")
+            raise found.error(f"the leaf values ({len(weights)}) are not those of the trees ({len(leaves)})")
 
     def add(self, builder: GraphBuilder, value: int) -> int:
         layout = self.layout
@@ -330,7 +330,8 @@ class _SupportVectors(_File):
         if vectors.shape != (announced, self.n_inputs) or coefficients.shape != (classes - 1, announced):
             raise self.parameters.error(
                 f"vectors of shape {vectors.shape}, coefficients of shape {coefficients.shape}; expected are "
-                f"{counted(announced, 'vector')} of {self.n_inputs} numbers and {classes - 1} coefficients each"
+                f"{counted(announced, 'vector')} of {counted(self.n_inputs, 'number')}, "
+                f"{counted(classes - 1, 'coefficient')} each"
             )
         self.vectors, self.coefficients = vectors, coefficients
         self.rho = self.parameters.only("ProbabilityInfo").doubles("rhoConstants")

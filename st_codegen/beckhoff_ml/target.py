@@ -29,7 +29,7 @@ class BeckhoffMlTarget(Target):
     summary = "TwinCAT machine learning: XML model files for FB_MllPrediction, and a PLC project that calls it"
     dialect = "twincat"
     templates = "twincat"
-    limits = Limits(max_array=65_536)
+    limits = Limits()
     compiles = False
 
     def plan(self, contents: Contents, limits: Limits, vectors: Sequence[ReferenceVectors] = ()) -> Iterable[FilePlan]:

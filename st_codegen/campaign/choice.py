@@ -62,7 +62,7 @@ def choose_orders(fits: Sequence[OrderFit], *, most: int = 20, always: Sequence[
         forced = order in always
         if not above[order] and not forced:
             continue
-        where = f"above the noise in {above[order]} of {len(fits)} curves"
+        where = f"above the noise in {above[order]} of {counted(len(fits), 'curve')}"
         size = f"{rms[order]:.2e} deg"
         relative = rms[order] / strongest if order and strongest else 1.0
         if forced:

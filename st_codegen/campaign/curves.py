@@ -189,7 +189,7 @@ def _layout(path: Path) -> _Layout:
         with path.open(encoding="utf-8-sig") as file:
             first, second = file.readline().strip(), file.readline().strip()
     except UnicodeDecodeError:
-        raise BadFileError(path, None, encoding_fault(path)) from None
+        raise BadFileError(path, None, encoding_fault(path.read_bytes())) from None
     except OSError as error:
         raise BadFileError(path, None, f"cannot be read ({error.strerror or error})") from None
     if not first:
@@ -270,7 +270,7 @@ def _first_fault(path: Path, layout: _Layout, width: int, otherwise: str) -> Bad
                     if cell and not _is_number(cell):
                         return BadFileError(path, line, f"'{cell[:40]}' is not a number")
     except UnicodeDecodeError:
-        return BadFileError(path, None, encoding_fault(path))
+        return BadFileError(path, None, encoding_fault(path.read_bytes()))
     except OSError as error:
         return BadFileError(path, None, f"cannot be read ({error.strerror or error})")
     return BadFileError(path, None, f"not readable as a table ({otherwise.splitlines()[0]})")

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from st_codegen.campaign.conditions import CONDITION_COLUMNS, Conditions
-from st_codegen.errors import InputError, Problems
+from st_codegen.errors import InputError, Problems, counted
 from st_codegen.files.csv_tables import RowError, read_csv
 from st_codegen.files.text import whole_file
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
@@ -182,8 +182,8 @@ def read_table(path: Path) -> HarmonicTable:
         if 2 * np.count_nonzero(far) > far.size:
             raise RowError(
                 table.rows[int(far.any(axis=1).argmax())].line,
-                f"{np.count_nonzero(far)} of {far.size} phases lie beyond 2*pi, up to {np.abs(phases).max():g}: they "
-                "look like degrees; phi1, .. are in rad: multiply them by pi/180, or take multiples of 2*pi out",
+                f"{np.count_nonzero(far)} of {counted(far.size, 'phase')} beyond 2*pi, up to {np.abs(phases).max():g}: "
+                "they look like degrees; phi1, .. are in rad: multiply them by pi/180, or take multiples of 2*pi out",
             )
     waves = amplitudes[:, [k > 0 for k in orders]]
     if waves.size and np.all(waves < 0.0):

@@ -301,7 +301,7 @@ def _unknowns(orders: npt.NDArray[np.intp]) -> BoolArray:
     return np.concatenate([np.ones(len(orders), np.bool_), orders > 0])
 
 
-def _solve(sums: Sums, orders: npt.NDArray[np.intp], belief: FloatArray | None = None) -> ComplexArray:
+def _solve(sums: Sums, orders: npt.NDArray[np.intp], belief: FloatArray | None) -> ComplexArray:
     """Least squares; belief: by how much each order is held at zero, variance of a sample over that of the order."""
     mask = _unknowns(orders)
     right = np.concatenate([sums.te[orders].real, sums.te[orders].imag])

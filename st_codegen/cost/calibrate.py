@@ -19,7 +19,7 @@ import numpy as np
 
 from st_codegen.cost.profile import LARGEST_FACTOR, SMALLEST_FACTOR, Profile
 from st_codegen.cost.report import project_cost
-from st_codegen.errors import InputError, Problems, at_most
+from st_codegen.errors import InputError, Problems, at_most, counted
 from st_codegen.files.csv_tables import RowError, read_csv
 from st_codegen.files.toml_text import toml_value
 from st_codegen.st.tree import Project
@@ -67,7 +67,7 @@ class Calibration:
         if self.longest > 1.0:
             longer = sum(m.microseconds > t for m, t in zip(measurements, self.modelled, strict=True))
             found.append(
-                f"{longer} of {len(measurements)} measured times are longer than the model gives, by up to "
+                f"longer than the model gives: {longer} of {counted(len(measurements), 'measured time')}, by up to "
                 f"{at_most(100.0 * (self.longest - 1.0), 3)} %: a worst case by this profile is no bound, so divide a "
                 f"budget by {at_most(self.longest, 4)} at least"
             )

@@ -76,7 +76,7 @@ def _split(node: t.Expression) -> tuple[t.Expression, int]:
 
 
 def of_condition(
-    condition: t.Expression, body: tuple[t.Statement, ...], ranges: Ranges, *, is_negated: bool = False
+    condition: t.Expression, body: tuple[t.Statement, ...], ranges: Ranges, *, is_negated: bool
 ) -> int | None:
     """Rounds of a loop that goes on while a condition holds (REPEAT: until, `is_negated`), as far as can be derived.
 

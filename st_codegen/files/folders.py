@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import re
 import shutil
 from collections.abc import Collection, Mapping
 from pathlib import Path
@@ -11,6 +12,11 @@ from pathlib import Path
 from st_codegen.errors import InputError
 from st_codegen.files.temporary import sweep, temporary_folder
 from st_codegen.files.text import make_folder
+
+
+def is_device(name: str) -> bool:
+    """Whether a name of files or folders is one that Windows keeps for a device, with any suffix."""
+    return re.fullmatch(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", name, re.IGNORECASE) is not None
 
 
 def check_replaceable(folder: Path) -> None:

@@ -15,7 +15,7 @@ VERSION = "0.2.0"
 MADE_BY: ContextVar[str] = ContextVar("made_by", default="")
 
 
-def set_command(arguments: Sequence[str], *, dated: bool = False) -> None:
+def set_command(arguments: Sequence[str], *, dated: bool) -> None:
     """Pages that are written from now on name this command, and the day where they are to be `dated`."""
     day = f", {datetime.now().astimezone().date().isoformat()}" if dated else ""
     MADE_BY.set(f"st-codegen {VERSION}: {command_line('st-codegen', *arguments)}{day}")

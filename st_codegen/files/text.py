@@ -35,27 +35,20 @@ def file_sha256(path: Path) -> str:
 
 
 def _decoded(path: Path, content: bytes) -> str:
-    """Raises InputError that says what the bytes are, where they are not UTF-8."""
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: {_not_utf8(content, error)}") from None
+    if fault := encoding_fault(content):
+        raise InputError(f"{path}: {fault}")
+    return content.decode("utf-8-sig")
 
 
-def encoding_fault(path: Path) -> str:
-    """What a text that is not UTF-8 is, and what to do; empty for one that is UTF-8. Raises OSError."""
-    content = path.read_bytes()
+def encoding_fault(content: bytes) -> str:
+    """What a text that is not UTF-8 is, and what to do; empty for one that is UTF-8."""
     try:
         content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        return _not_utf8(content, error)
+        is_utf16 = content[:2] in (b"\xff\xfe", b"\xfe\xff")
+        found = "UTF-16" if is_utf16 else f"not UTF-8 (byte 0x{content[error.start]:02x} at {error.start})"
+        return f"the text is {found}; save it as UTF-8"
     return ""
-
-
-def _not_utf8(content: bytes, error: UnicodeDecodeError) -> str:
-    is_utf16 = content[:2] in (b"\xff\xfe", b"\xfe\xff")
-    found = "UTF-16" if is_utf16 else f"not UTF-8 (byte 0x{content[error.start]:02x} at {error.start})"
-    return f"the text is {found}; save it as UTF-8"
 
 
 def make_folder(path: Path) -> None:

@@ -30,6 +30,7 @@ from typing import Any
 from st_codegen.emit.literals import MAX_IDENTIFIER, identifier
 from st_codegen.emit.targets import target_named
 from st_codegen.errors import Problems
+from st_codegen.files.folders import is_device
 from st_codegen.files.toml_tables import TomlTable, read_toml, shown
 from st_codegen.rig.model import RigModel, read_rig
 from st_codegen.training.export import FORMATS
@@ -39,8 +40,6 @@ from st_codegen.training.study import LARGEST_SEED, SearchSettings
 
 #: A folder's name on every system: no dots, so that none is a way out of its folder or one of the fleet's own files.
 _NAME = re.compile(rf"[A-Za-z0-9](?:[A-Za-z0-9_-]{{0,{MAX_IDENTIFIER - 2}}}[A-Za-z0-9])?")
-#: What Windows takes for devices.
-_DEVICES = {"con", "prn", "aux", "nul", *(f"{device}{number}" for device in ("com", "lpt") for number in range(10))}
 _OF_ONE_AXIS = ("name", "campaign", "earlier")
 
 
@@ -190,7 +189,7 @@ def _matched(table: TomlTable, base: Path, pattern: str) -> dict[str, Path]:
 
 def _is_name(table: TomlTable, name: str) -> bool:
     """Whether an axis can have a name: it is that of a folder on every system, and of a project in the PLC."""
-    if name.lower() in _DEVICES:
+    if is_device(name):
         table.note(
             f"name = {shown(name)}: Windows has no folder of this name, which is that of a device; rename the axis"
         )

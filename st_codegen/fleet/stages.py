@@ -49,7 +49,7 @@ from st_codegen.training.study import operating_points
 RECORD = "stages.json"
 TRAIN, COMPILE, CHECK, RECONCILE = "train", "compile", "check", "reconcile"
 EARLIER = "earlier"
-#: Which facts stages tell of themselves: of another number they are done again.
+#: The version of the facts that a stage keeps of itself: a stage whose facts are of another one is done again.
 FACTS = "3"
 #: What is said in place of options of `reconcile`, which a fleet does not have.
 _IN_A_FLEET = (

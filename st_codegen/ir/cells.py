@@ -39,6 +39,11 @@ class RankColumn:
         """The largest rank of a number."""
         return len(self.edges)
 
+    @property
+    def search(self) -> tuple[int, bytes]:
+        """What columns have in common whose ranks one search finds: a column of the input, and thresholds."""
+        return self.column, self.edges.tobytes()
+
 
 @dataclass(frozen=True)
 class Rank(ReadsColumns):

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.emit.blocks.comparison import LIST
+from st_codegen.emit.blocks.comparison import COMPARISON_TASK, LIST
 from st_codegen.emit.output import COMPARISON, read_manifest
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError, InputError
@@ -170,7 +170,9 @@ class LiveCode:
             *(Signal(f"{LIST}.bValid", "|b1", most), Signal(f"{LIST}.nTime", "<u4", most)),
         ]
         begun = looked = time.monotonic()
-        deadline = begun + max(10.0, 2 * self.controller.timeout_s) + rows / self._per_cycle * 0.02
+        deadline = (
+            begun + max(10.0, 2 * self.controller.timeout_s) + rows / self._per_cycle * 2e-6 * COMPARISON_TASK.cycle_us
+        )
         while True:
             request, answer, values, valid, times = self.controller.read_all(signals)
             if request != self._request:
@@ -188,12 +190,14 @@ class LiveCode:
             time.sleep(0.001)
 
     def _adapt(self, times: AnyArray) -> None:
-        """So many rows in a cycle that they take half of the task's 10 ms, by what the last request took as a whole.
+        """So many rows in a cycle that they take half of the task's time, by what the last request took as a whole.
 
         The longest call says nothing: another task may have interrupted it.
         """
         mean_us = max(float(np.mean(times)) / 10.0, 5.0)
-        self._per_cycle = int(np.clip(5000.0 / mean_us, 1, min(self.project.rows, 4 * self._per_cycle)))
+        self._per_cycle = int(
+            np.clip(COMPARISON_TASK.cycle_us / 2 / mean_us, 1, min(self.project.rows, 4 * self._per_cycle))
+        )
 
 
 def _by_variable(names: Sequence[str], values: FloatArray) -> dict[str, FloatArray]:

@@ -34,6 +34,8 @@ from st_codegen.live.failures import (
 UNKNOWN = "UNKNOWN"
 #: What `serve` calls itself.
 SOFT_PLC = "st-codegen serve"
+#: The variable of the soft PLC, over OPC UA, that says what it does.
+STATE = "PLC.State"
 #: Seconds in which a controller must answer.
 TIMEOUT_S = 5.0
 _ADS_TCP_PORT = 48898
@@ -99,11 +101,15 @@ class AdsController(Controller):
         self._pyads = _pyads()
         _must_listen(self.address, host, int(tcp_port or _ADS_TCP_PORT), timeout_s)
         self._connection = self._pyads.Connection(net_id, self._ams_port, f"{host}:{tcp_port}" if tcp_port else host)
-        with self._explained(""):
-            self._connection.open()
-            self._connection.set_timeout(round(timeout_s * 1000))
-        with contextlib.suppress(self._pyads.ADSError):
-            self.device = str(self._connection.read_device_info()[0]).strip()
+        try:
+            with self._explained(""):
+                self._connection.open()
+                self._connection.set_timeout(round(timeout_s * 1000))
+            with contextlib.suppress(self._pyads.ADSError):
+                self.device = str(self._connection.read_device_info()[0]).strip()
+        except BaseException:
+            self.__exit__()
+            raise
 
     def __exit__(self, *_: object) -> None:
         with contextlib.suppress(Exception):
@@ -255,7 +261,7 @@ class OpcUaController(Controller):
     def state(self) -> str:
         """What the server says; UNKNOWN where it does not: servers of controllers have no common name for it."""
         try:
-            return str(self.read(Signal("PLC.State", "U")))
+            return str(self.read(Signal(STATE, "U")))
         except UnknownVariableError:
             return UNKNOWN
 

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import MissingExtraError
+from st_codegen.live.controller import SOFT_PLC, STATE
 from st_codegen.live.plc import Log, SoftPlc, host_and_port
 from st_codegen.live.symbols import WireVariable, wire_dtype
 from st_codegen.st.types import ArrayType, Elementary, EnumType, Kind, StructType, Type
@@ -30,7 +31,6 @@ except ImportError as missing:
     raise MissingExtraError("asyncua", "live", "OPC UA") from missing
 
 NAMESPACE = "urn:st-codegen:plc"
-STATE = "PLC.State"
 #: Seconds between two looks at what clients have subscribed to.
 _LOOK_EVERY = 0.1
 
@@ -64,7 +64,7 @@ class OpcUaServer:
         server = self._server
         await server.init()
         server.set_endpoint(self.url)
-        server.set_server_name("st-codegen serve")
+        server.set_server_name(SOFT_PLC)
         server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
         space = await server.register_namespace(NAMESPACE)
         structures = await self._structures(space)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import math
-import re
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,10 +13,12 @@ from typing import Protocol
 
 from st_codegen.emit.blocks import comparison
 from st_codegen.errors import InputError
+from st_codegen.files.text import read_text
 from st_codegen.live.symbols import WireVariables, assigned_globals
 from st_codegen.proof.runner import GeneratedCode
 from st_codegen.st import Machine, StRuntimeError
 from st_codegen.st.run.machine import Instance
+from st_codegen.st.syntax.xml_file import open_xml
 from st_codegen.st.tree import PouKind
 from st_codegen.te.compensation import recorder
 
@@ -72,12 +73,12 @@ def tasks_in(folder: Path) -> tuple[PlcTask, ...]:
     """The tasks of a TwinCAT project, the most urgent first. Raises InputError for a file that is none."""
     found = []
     for path in sorted(folder.rglob("*.TcTTO")):
-        text = path.read_text(encoding="utf-8-sig")
-        cycle, priority = (re.search(rf"<{tag}>\s*(\d+)\s*</{tag}>", text) for tag in ("CycleTime", "Priority"))
-        programs = tuple(re.findall(r"<PouCall>\s*<Name>\s*(\w+)\s*</Name>", text))
-        if cycle is None or priority is None or not programs or not int(cycle[1]):
+        root = open_xml(str(path), read_text(path).encode()).root
+        cycle, priority = (str(root.findtext(f".//{tag}", "")).strip() for tag in ("CycleTime", "Priority"))
+        programs = tuple(str(name.text).strip() for name in root.iterfind(".//PouCall/Name"))
+        if not (cycle.isdecimal() and int(cycle) and priority.isdecimal() and programs):
             raise InputError(f"{path}: a task has a cycle time, a priority and a program; generate again")
-        found.append(PlcTask(path.stem, int(cycle[1]), int(priority[1]), programs))
+        found.append(PlcTask(path.stem, int(cycle), int(priority), programs))
     return tuple(sorted(found, key=lambda task: task.priority))
 
 

@@ -420,8 +420,8 @@ def _curves(samples: list[Any], ratio: float) -> dict[Direction, Curve]:
     broken = np.flatnonzero(~np.isfinite(np.array([inner, outer, encoder])).all(axis=0))
     if len(broken):
         raise MeasurementError(
-            f"{len(broken):,} of {len(inner):,} samples are no numbers (NaN or infinite), first sample {broken[0]}: "
-            "an encoder or its scaling is at fault"
+            f"{len(broken):,} of {counted(len(inner), 'sample')} no numbers (NaN or infinite), first sample {broken[0]}"
+            ": an encoder or its scaling is at fault"
         )
     found = {}
     for direction, chosen in ((Direction.FORWARD, ~backward), (Direction.BACKWARD, backward)):

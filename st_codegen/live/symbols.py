@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from st_codegen.errors import counted
 from st_codegen.st import Machine, StUsageError
 from st_codegen.st import tree as t
 from st_codegen.st.run.layout import dtype_of
@@ -60,7 +61,7 @@ class WireVariable:
     def write(self, data: bytes) -> None:
         """Set the value. Raises ValueError for bytes of another length, or which no variable of the type has."""
         if len(data) != self.size:
-            raise ValueError(f"{self.name} has {self.size} bytes, {len(data)} were sent")
+            raise ValueError(f"{self.name} has {counted(self.size, 'byte')}, not the {len(data)} that were sent")
         row = self.memory.bytes[0]
         for part in self.parts:
             if part.characters:

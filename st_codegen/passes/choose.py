@@ -1,9 +1,8 @@
 """Which of several layouts of a model is generated.
 
 Every layout of trees computes the same bits, and a factored kernel lies within the bound of the model, so the choice is
-one of cost only. `simple_cost` is an estimate from the
-intermediate representation alone; any other function of a model may take its place (`CostFunction`), such as one that
-measures the emitted text.
+one of cost only. `simple_cost` is an estimate from the intermediate representation alone; any other function of a model
+may take its place (`CostFunction`), such as one that measures the emitted text.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ class Layout(StrEnum):
 class Options:
     """How models are rewritten before they are printed.
 
-    `table_bytes`: no table has more for one output of a model. `merged_bytes`: no table of several models is larger.
+    `table_bytes`: no table has more for one output of a model.
     `max_array`: elements of an array that the target holds; longer lists of thresholds have no layout.
     `outputs_per_cycle`: models are spread over successive calls, so many outputs in each in the mean, so that the
     costliest call is about as cheap as can be (one model is never cut); None: all in every call.
@@ -46,7 +45,6 @@ class Options:
 
     layout: Layout = Layout.AUTO
     table_bytes: int = 64 * 1024
-    merged_bytes: int = 1024 * 1024
     max_array: int = 65_536
     outputs_per_cycle: int | None = None
     data_bytes: int | None = None
@@ -151,7 +149,7 @@ def _cost(op: ir.Operation) -> CallCost:
 @_cost.register
 def _(op: ir.Rank) -> CallCost:
     total, steps = CallCost(), [0]
-    searched = {(column.column, column.edges.tobytes()): column.highest for column in op.columns}
+    searched = {column.search: column.highest for column in op.columns}
     for edges in searched.values():
         steps.append(edges.bit_length())
         # the last three steps look at neighbours, which share a cache line

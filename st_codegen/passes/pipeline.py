@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
-from st_codegen.errors import at_most
+from st_codegen.errors import at_most, counted
 from st_codegen.ir import FactoredKernel, ModelIR, Rank, Source
 from st_codegen.passes import tables
 from st_codegen.passes.branches import as_branches
@@ -37,6 +37,8 @@ from st_codegen.processes import has_many_nodes, shared_out
 #: Layouts of forests, of which the second is the first cut into cells.
 RANKS, CELLS = "ranked trees", "cut trees"
 BRANCHES = "nested IFs"
+#: No table of several models is larger.
+_MERGED_BYTES = 1024 * 1024
 
 
 @dataclass(frozen=True)
@@ -131,7 +133,7 @@ def compile_models(
     shared: dict[str, list[list[str]]] = {}
     if together:
         cells = {name: found for name, found in grids.items() if found and decisions[name].chosen == "table"}
-        together_of = _shared(models, cells, options, earlier)
+        together_of = _shared(models, cells, earlier)
         printed, locations = _merged(together_of, chosen, cells, locations)
         shared = {name: [[model.name for model in group] for group in groups] for name, groups in together_of.items()}
     return Compiled(tuple(printed), locations, tuple(decisions.values()), shared)
@@ -226,7 +228,7 @@ def _keep_within(decisions: dict[str, LayoutDecision], limit: int) -> None:
 
 
 def _shared(
-    models: Sequence[ModelIR], cells: dict[str, tables.Cells], options: Options, earlier: Choices
+    models: Sequence[ModelIR], cells: dict[str, tables.Cells], earlier: Choices
 ) -> dict[str, list[list[ModelIR]]]:
     """The blocks of shared tables by their names, each as groups of models whose numbers stand side by side.
 
@@ -248,7 +250,7 @@ def _shared(
         }
         kept = max((name for name in common if common[name]), key=common.__getitem__, default="")
         name = kept or next(name for name in names if name not in found and name not in earlier.shared)
-        found[name] = _groups(members, cells, options, earlier.shared.get(name, ()))
+        found[name] = _groups(members, cells, earlier.shared.get(name, ()))
     return found
 
 
@@ -285,7 +287,7 @@ def _merged(
 
 
 def _groups(
-    models: Sequence[ModelIR], cells: dict[str, tables.Cells], options: Options, earlier: Sequence[Sequence[str]]
+    models: Sequence[ModelIR], cells: dict[str, tables.Cells], earlier: Sequence[Sequence[str]]
 ) -> list[list[ModelIR]]:
     """Models whose numbers stand side by side in one table, since their axes are (nearly) the same.
 
@@ -299,7 +301,7 @@ def _groups(
         tabled = [cells[model.name] for model in parts]
         size = 8 * sum(part.values.shape[-1] for part in tabled) * math.prod(tables.union_shape(tabled))
         growth = size / (tables.united(tabled[:-1]).n_bytes + tabled[-1].n_bytes)
-        return growth if growth <= 1.2 * more and size <= options.merged_bytes * more else None
+        return growth if growth <= 1.2 * more and size <= _MERGED_BYTES * more else None
 
     groups: list[list[ModelIR]] = []
     for names in earlier:
@@ -338,7 +340,9 @@ def _joint_source(models: Sequence[ModelIR]) -> Source:
         parts += [f"digest {model.source.digest}"] if model.source.digest else []
         notes.append(", ".join(part for part in parts if part))
         notes += model.source.notes
-    return Source(", ".join(libraries), "", f"tables of {len(models)} models", notes=tuple(dict.fromkeys(notes)))
+    return Source(
+        ", ".join(libraries), "", f"tables of {counted(len(models), 'model')}", notes=tuple(dict.fromkeys(notes))
+    )
 
 
 def _new_names(count: int, models: Sequence[ModelIR]) -> Iterator[str]:

@@ -49,7 +49,7 @@ def ranked(model: ir.ModelIR) -> ir.ModelIR | None:
 class _RankedSplits:
     """The splits of one column as comparisons of ranks: `rank <= threshold` goes left, missing values aside.
 
-    `number` are the nodes, `edges` what ranks are counted among, `descending` whether they count from above.
+    `nodes` are their numbers, `edges` what ranks are counted among, `descending` whether they count from above.
     """
 
     nodes: IntArray
@@ -129,8 +129,8 @@ def compact(
 
     `used` are the thresholds of each column's splits. Columns that share a search go on sharing it.
     """
-    shared: dict[tuple[int, bool, bytes], list[IntArray]] = {}
-    keys = [(column.column, column.descending, column.edges.tobytes()) for column in columns]
+    shared: dict[object, list[IntArray]] = {}
+    keys = [(column.search, column.descending) for column in columns]
     for key, column, thresholds in zip(keys, columns, used, strict=True):
         shared.setdefault(key, []).append(thresholds[(thresholds >= 0) & (thresholds < column.highest)])
     new_columns, new_thresholds = [], []

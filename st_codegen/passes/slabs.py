@@ -30,7 +30,7 @@ _DEEP = 8
 _NODES = 500_000
 
 
-def cut_into_cells(model: ModelIR, max_array: int = 65_536) -> ModelIR | None:
+def cut_into_cells(model: ModelIR, max_array: int) -> ModelIR | None:
     """The model, whose trees are on ranks, with each ensemble cut into cells; None where one gains nothing by it.
 
     A tree in all its cells takes no more than an array of `max_array` elements.
@@ -80,9 +80,9 @@ def _numbers(op: TreeEnsemble, equal: IntArray, together: int) -> IntArray:
 
 def _columns_by_search(rank: Rank) -> list[list[int]]:
     """Columns that count among the same thresholds of a feature: their ranks differ where a value is missing only."""
-    groups: dict[tuple[int, bool, bytes], list[int]] = {}
+    groups: dict[object, list[int]] = {}
     for number, column in enumerate(rank.columns):
-        groups.setdefault((column.column, column.descending, column.edges.tobytes()), []).append(number)
+        groups.setdefault((column.search, column.descending), []).append(number)
     return list(groups.values())
 
 

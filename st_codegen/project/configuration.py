@@ -59,6 +59,7 @@ from st_codegen.emit.blocks.window import Window
 from st_codegen.emit.foreign_names import is_foreign
 from st_codegen.emit.literals import MAX_IDENTIFIER, capitalised, check_text, identifier, is_keyword, unit_text
 from st_codegen.errors import InputError, Problems
+from st_codegen.files.folders import is_device
 from st_codegen.files.toml_tables import TomlTable, nearest, read_toml, shown
 from st_codegen.ir import Feature, ModelIR, Output, OutputKind
 from st_codegen.passes.choose import Layout
@@ -318,7 +319,7 @@ def _check_project_name(name: str) -> None:
     """Raise InputError for what is no name of files on every system, or of a project."""
     identifier(name, "project name")
     plain = re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9 ._\-]{0,99}", name) and name[-1] not in " ."
-    if not plain or re.fullmatch(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", name, re.IGNORECASE):
+    if not plain or is_device(name):
         raise InputError(
             f"name = {shown(name)}: files have this name: letters, digits, blanks, points, - and _, and nothing that "
             "Windows keeps for itself"

@@ -11,7 +11,7 @@ import numpy as np
 
 from st_codegen.emit.blocks.model import input_variables
 from st_codegen.emit.literals import MAX_IDENTIFIER, capitalised, identifier, spelt
-from st_codegen.errors import InputError, Problems
+from st_codegen.errors import InputError, Problems, counted
 from st_codegen.files.csv_tables import meant_column, with_underscores
 from st_codegen.files.toml_text import table_lines, toml_value
 from st_codegen.ir import Feature, FloatArray, ModelIR
@@ -130,7 +130,7 @@ def _input(feature: Feature, variable: str, training_data: Mapping[str, FloatArr
         return lines  # a file that knows its range states it anew whenever its model is trained again
     column = with_underscores(training_data)[feature.name]
     if np.isinf(column).any():
-        return [*lines, f"# no range: {np.isinf(column).sum()} of {column.size} values are infinite"]
+        return [*lines, f"# no range: {np.isinf(column).sum()} of {counted(column.size, 'value')} infinite"]
     column = column[np.isfinite(column)]
     if not column.size:
         return [*lines, "# no range: no value is there"]

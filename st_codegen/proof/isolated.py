@@ -1,4 +1,4 @@
-"""The libraries' own predictions, computed in another process where that can be: what ends it is one line here.
+"""The libraries' own predictions, computed in another process where that can be: what ends it is told in one line.
 
 A library reads a model file with native code of its own. Whatever our readers overlooked must not end the command.
 """

@@ -26,7 +26,7 @@ _READABLE = (1e-300, 1e300)
 
 
 def reference_vectors(
-    bundle: Bundle, compiled: Compiled, called: Sequence[CalledBlock] = ()
+    bundle: Bundle, compiled: Compiled, called: Sequence[CalledBlock]
 ) -> tuple[ReferenceVectors, ...]:
     """A set for each model of the bundle, and those of the blocks that its purpose adds; `called` are these blocks as
     they were compiled."""

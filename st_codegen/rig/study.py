@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, field
 
-from st_codegen.errors import InputError, Problems
+from st_codegen.errors import InputError, Problems, counted
 from st_codegen.files.number_text import parse_number, parse_whole
 from st_codegen.processes import Progress
 from st_codegen.project.bundle import Bundle
@@ -134,7 +134,7 @@ def simulate(
         for law in wish.laws:
             for form in wish.forms:
                 lead = lead_time_s(rig, form) if wish.lead == AUTO else wish.lead
-                next_is(f"{len(orders)} orders, {law}, {form}")
+                next_is(f"{counted(len(orders), 'order')}, {law}, {form}")
                 case = CompensationCase(orders, law, form, lead, wish.inputs, wish.load, wish.ahead)
                 outcomes.append(compare(rig, planned, before, compensator, case))
                 done += 1

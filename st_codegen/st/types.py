@@ -132,7 +132,7 @@ UNSUPPORTED = frozenset(
 DEFAULT_STRING_LENGTH = 80
 
 
-def string_type(length: int, wide: bool = False) -> Elementary:
+def string_type(length: int, wide: bool) -> Elementary:
     """The type STRING(length) or WSTRING(length)."""
     return Elementary(f"{'WSTRING' if wide else 'STRING'}({length})", Kind.STRING, length)
 

@@ -152,8 +152,8 @@ def check_transmission_error(
     te: TransmissionError,
     code: RunsBlocks,
     seed: int,
-    bound: DifferenceBound = bounds.difference_bound,
-    names: Collection[str] = (),
+    bound: DifferenceBound,
+    names: Collection[str],
 ) -> list[BlockCheck]:
     """Run both blocks, or those of `names`, at random operating points inside the declared range, and compute what they
     must give."""

@@ -183,8 +183,8 @@ def split_rows(table: HarmonicTable, plan: LearningPlan) -> BoolArray:
     if missing := sorted(wanted - set(points)):
         first = ", ".join(map(str, missing[:3]))
         raise InputError(
-            f"{len(missing)} of {len(wanted)} test points are not in the harmonic table: {first}, ..: is it of the "
-            "same measurement?"
+            f"the harmonic table lacks {len(missing)} of {counted(len(wanted), 'test point')}: {first}, ..: is it of "
+            "the same measurement?"
         )
     return np.array([point in wanted for point in points])
 

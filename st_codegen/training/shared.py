@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from st_codegen.campaign.harmonic_table import HarmonicTable, joined
-from st_codegen.errors import InputError
+from st_codegen.errors import InputError, counted
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.te.harmonics import AxisCorrection, Direction
 from st_codegen.training.export import FittedModel
@@ -74,7 +74,9 @@ def own_errors(table: HarmonicTable, plan: LearningPlan, points: FloatArray, fit
         rows = table.direction(direction)
         is_test = held_out_rows(rows, points)
         if is_test.all() or not is_test.any():
-            raise InputError(f"{is_test.sum()} of {len(rows)} runs {direction} are at the operating points held out")
+            raise InputError(
+                f"at the operating points held out: {is_test.sum()} of {counted(len(rows), 'run')} {direction}"
+            )
         test = rows.rows(is_test)
         if operating_points(rows) < LEAST_POINTS:
             predicted = np.broadcast_to(rows.coefficients[~is_test].mean(axis=0), test.coefficients.shape)

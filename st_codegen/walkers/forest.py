@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen import ir
-from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.errors import InputError, UnsupportedModelError, counted
 from st_codegen.ir.arrays import AnyArray, BoolArray, FloatArray, Int32Array, IntArray
 from st_codegen.ir.preorder import Preorder, preorder
 
@@ -183,8 +183,8 @@ def _category_tables(
     sizes = n_codes[columns] + 2
     if sizes.sum() > MAX_CATEGORY_ANSWERS:
         raise UnsupportedModelError(
-            f"category codes up to {n_codes.max() - 1} in {len(nodes)} splits would need {sizes.sum()} table entries; "
-            "number the categories 0, 1, 2, .. before training"
+            f"category codes up to {n_codes.max() - 1} in {counted(len(nodes), 'split')} would need "
+            f"{sizes.sum()} table entries; number the categories 0, 1, 2, .. before training"
         )
     start = np.cumsum(sizes) - sizes
     row = np.zeros(len(column_of), np.int32)

@@ -275,5 +275,5 @@ def test_what_a_calibration_does_not_know_is_said():
     assert "one factor for both" in alike
     alone, longer = Calibration(0.5, 1.0, (0.8, 9.0), False, 1.25).remarks(times)
     assert "memory keeps the factor 1" in alone
-    assert longer.startswith("1 of 2 measured times are longer than the model gives, by up to 25 %: ")
+    assert longer.startswith("longer than the model gives: 1 of 2 measured times, by up to 25 %: ")
     assert longer.endswith("divide a budget by 1.25 at least")

@@ -94,7 +94,7 @@ def test_other_variables_of_such_names_are_refused():
 def test_no_block_of_any_operation_has_one():
     blocks = tuple(model_block(model, Limits(10_000)) for model in SMALL_MODELS.values())
     for block in blocks:
-        Application("a", blocks=(block,))
+        assert Application("a", blocks=(block,)).blocks == (block,)
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ import pytest
 from st_codegen import generate, load
 from st_codegen.cost.calibrate import read_measurements
 from st_codegen.cost.profile import load_profile
+from st_codegen.errors import InputError
 from st_codegen.live import plc
 from st_codegen.live.live_report import BlockTimes, LiveReport
 from st_codegen.proof.verify_report import ModelReport
@@ -147,3 +148,14 @@ def test_ticks_that_are_left_out_are_those_that_time_went_on_by(monkeypatch):
     late.tick = tick
     asyncio.run(plc.SoftPlc.run(late, stopping))
     assert (late.late, late.ticks) == (10_000, 1001)
+
+
+def test_a_file_of_a_task_is_read_or_refused_with_its_name(tmp_path):
+    file = tmp_path / "Fast.TcTTO"
+    task = "<Task><CycleTime> 500 <!-- us --></CycleTime>{}<PouCall><Name>A</Name></PouCall></Task>"
+    file.write_text(task.format("<Priority>3</Priority>"))
+    assert plc.tasks_in(tmp_path) == (plc.PlcTask("Fast", 500, 3, ("A",)),)
+    for content in (task.format("").encode(), b"\xff\xfe", b"<Task>"):
+        file.write_bytes(content)
+        with pytest.raises(InputError, match=r"Fast\.TcTTO"):
+            plc.tasks_in(tmp_path)

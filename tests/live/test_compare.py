@@ -8,6 +8,7 @@ import struct
 import threading
 import warnings
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from st_codegen import generate, load
 from st_codegen.cli.compare import _why_no_times
 from st_codegen.cost.calibrate import read_measurements
 from st_codegen.errors import GeneratedCodeError, InputError
+from st_codegen.live import controller
 from st_codegen.live.compare import LiveCode, _times, compare, compared_project
 from st_codegen.live.controller import UNKNOWN, Signal, connected
 from st_codegen.live.failures import ControllerError, NotRunningError
@@ -545,3 +547,29 @@ def test_a_manifest_without_what_is_asked_of_it_is_of_no_such_project(bundle, tm
                 read()
         else:
             read()
+
+
+def test_a_connection_is_closed_where_the_controller_refuses_what_follows(monkeypatch):
+    told = []
+
+    class RefusedError(Exception):
+        err_code = 1
+
+    class Connection:
+        def __init__(self, *_):
+            pass
+
+        def open(self):
+            told.append("open")
+
+        def set_timeout(self, _):
+            raise RefusedError
+
+        def close(self):
+            told.append("close")
+
+    monkeypatch.setattr(controller, "_pyads", lambda: SimpleNamespace(Connection=Connection, ADSError=RefusedError))
+    monkeypatch.setattr(controller, "_must_listen", lambda *_: None)
+    with pytest.raises(ControllerError):
+        connected("1.2.3.4.1.1:851", None)
+    assert told == ["open", "close"]

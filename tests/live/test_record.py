@@ -235,7 +235,7 @@ def test_samples_that_are_no_numbers_are_no_curve(place):
     angle = np.linspace(0.0, 2.0 * np.pi, 50)
     samples = [angle * 81.0, angle.copy(), angle.copy(), angle, angle, np.zeros(50, np.bool_)]
     samples[place][7] = np.nan
-    with pytest.raises(MeasurementError, match=r"1 of 50 samples are no numbers .* first sample 7"):
+    with pytest.raises(MeasurementError, match=r"1 of 50 samples no numbers .* first sample 7"):
         _curves(samples, 81.0)
 
 

@@ -84,7 +84,7 @@ def test_the_fields_of_a_union_share_their_bytes_as_those_of_c_do():
 
 
 def test_values_that_do_not_fit(symbols):
-    with pytest.raises(ValueError, match="8 bytes, 4 were sent"):
+    with pytest.raises(ValueError, match="8 bytes, not the 4"):
         symbols["fSum"].write(b"1234")
     symbols["bFlags"].write(b"\x00\x02\xff")
     assert symbols["bFlags"].read() == b"\x00\x01\x01"

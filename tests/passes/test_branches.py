@@ -9,7 +9,7 @@ import pytest
 from st_codegen.ir import BranchedTree, Comparison, Operator, Scale, TreeEnsemble, depth_of, reference
 from st_codegen.passes import branches
 from st_codegen.passes.branches import as_branches
-from st_codegen.passes.choose import Choices, Layout, Options
+from st_codegen.passes.choose import SAVES_MUCH, Choices, Layout, Options
 from st_codegen.passes.domain import limit_inputs
 from st_codegen.passes.pipeline import BRANCHES, compile_models
 from st_codegen.passes.prune import pruned
@@ -129,7 +129,7 @@ def test_they_are_taken_where_they_save_much_and_nothing_was_there_before(many_i
     (decision,) = compile_models([many_inputs], options).decisions
     assert decision.chosen == BRANCHES
     others = {c.layout: c.cost.nanoseconds for c in decision.candidates[1:]}
-    assert decision.candidates[0].cost.nanoseconds <= 0.7 * min(others.values())
+    assert decision.candidates[0].cost.nanoseconds <= SAVES_MUCH * min(others.values())
     name = many_inputs.name
     for layout in others:
         (kept,) = compile_models([many_inputs], options, earlier=Choices({name: layout})).decisions

@@ -40,7 +40,7 @@ def whole():
 
 @pytest.fixture(scope="module")
 def cut(whole):
-    return slabs.cut_into_cells(pruned(ranked(whole)))
+    return slabs.cut_into_cells(pruned(ranked(whole)), Options().max_array)
 
 
 @pytest.mark.parametrize("target", ["iec", "twincat"])
@@ -54,7 +54,7 @@ def test_every_row_keeps_its_bits_missing_values_included(target, whole, cut, tm
 
 def test_cells_that_are_cut_a_few_at_a_time_are_the_same(whole, cut, monkeypatch):
     monkeypatch.setattr(boxes, "_KEPT", 5_000)
-    again = slabs.cut_into_cells(pruned(ranked(whole)))
+    again = slabs.cut_into_cells(pruned(ranked(whole)), Options().max_array)
     for name, array in vars(cut.ops[1].cut).items():
         assert np.array_equal(getattr(again.ops[1].cut, name), array), name
 
@@ -73,7 +73,7 @@ def test_the_trees_of_a_cell_are_shallower_and_share_what_is_equal(cut):
 
 def test_a_model_without_missing_values_has_no_slab_for_them(whole, tmp_path):
     refusing = replace(whole, accepts_nan=False)
-    cut = slabs.cut_into_cells(pruned(ranked(refusing)))
+    cut = slabs.cut_into_cells(pruned(ranked(refusing)), Options().max_array)
     assert all(axis.shift == 0 for axis in cut.ops[1].slabs)
     x = probe_rows(refusing, 600)
     expected = reference.evaluate(refusing, x)
@@ -104,10 +104,10 @@ def test_prove_follows_the_cells_and_the_checker_confirms_it(tmp_path):
 
 def test_what_gains_nothing_stays_whole(whole):
     few = pruned(ranked(model(random_trees(np.random.default_rng(1), trees=4, comparison=Comparison.LESS))))
-    assert slabs.cut_into_cells(few) is None
+    assert slabs.cut_into_cells(few, Options().max_array) is None
     many = pruned(ranked(forest(features=6, trees=2, rows=300)))
     assert any(isinstance(op, TreeEnsemble) and depth_of(op) >= 8 for op in many.ops)
-    assert slabs.cut_into_cells(many) is None  # two of six features decide little
+    assert slabs.cut_into_cells(many, Options().max_array) is None  # two of six features decide little
     (decision,) = compile_models([whole], Options(table_bytes=1024)).decisions
     assert decision.chosen == CELLS
     (decision,) = compile_models([whole], Options(Layout.RANKED)).decisions
@@ -121,7 +121,7 @@ def test_trees_that_are_too_many_or_too_flat_are_not_cut(whole, cut, monkeypatch
     for limit, beyond in (("_NODES", trees.n_nodes - 1), ("_DEEP", depth_of(trees) + 1)):
         with monkeypatch.context() as patched:
             patched.setattr(slabs, limit, beyond)
-            assert slabs.cut_into_cells(found) is None
+            assert slabs.cut_into_cells(found, Options().max_array) is None
 
 
 def test_cells_give_way_where_the_tables_would_not_fit(whole):

@@ -561,7 +561,7 @@ def test_init_claims_no_range_of_infinite_or_missing_values_and_no_table_without
     assert run("init", lone_folder, "--training-data", table) == 0
     written = (lone_folder / "st-codegen.toml").read_text(encoding="utf-8")
     assert written.count("trained = ") == 1
-    assert "# no range: 1 of 3 values are infinite" in written
+    assert "# no range: 1 of 3 values infinite" in written
     assert "# no range: no value is there" in written
     assert ranges_of(lone_folder) == [known[0], known[1], None]
 

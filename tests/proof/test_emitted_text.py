@@ -2,7 +2,6 @@
 
 import os
 import signal
-import time
 from pathlib import Path
 
 import pytest
@@ -98,7 +97,7 @@ def test_a_reader_along_finds_what_is_wrong(bad, later, two_processors, tmp_path
     with reader(is_large=True) as other:
         other.tell(file)
         if later:
-            time.sleep(0.5)
+            assert other.finds_in_order(tmp_path, "iec", portable=True)
             file.write_text(bad)
         assert not other.finds_in_order(tmp_path, "iec", portable=True)
 
@@ -109,7 +108,7 @@ def test_a_reader_that_ends_is_no_answer(two_processors, tmp_path):
     with reader(is_large=True) as other:
         (child,) = set(children(os.getpid())) - before
         os.kill(child, signal.SIGKILL)
-        time.sleep(0.2)
+        os.waitid(os.P_PID, child, os.WEXITED | os.WNOWAIT)
         other.tell(tmp_path / "FB_A.st")
         assert not other.finds_in_order(tmp_path, "iec", portable=True)
 

@@ -315,7 +315,7 @@ def table(tmp_path, phases, sizes=(0.001, 0.002)):
 
 def test_phases_in_degrees_are_refused_and_unwrapped_ones_are_read(tmp_path):
     """They were read as rad: the resonance moved by 1 Hz, and six runs were called bad."""
-    with pytest.raises(InputError, match=r"line 2: 5 of 6 phases lie beyond 2\*pi, up to 170: they look like degrees"):
+    with pytest.raises(InputError, match=r"line 2: 5 of 6 phases beyond 2\*pi, up to 170: they look like degrees"):
         read_table(table(tmp_path, [(90, -170), (45, 120), (-30, 3)]))
     assert read_table(table(tmp_path, [(0.1, 7.0), (0.2, 6.5), (0.3, -3)])).orders == (0, 1, 39)
 

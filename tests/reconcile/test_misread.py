@@ -473,7 +473,7 @@ def test_work_that_copies_of_the_process_share_has_the_same_digits(monkeypatch):
 
     results = []
     for others in (0, 2):
-        monkeypatch.setattr(processes, "other_processors", lambda others=others: 0 if processes._IS_COPY else others)
+        monkeypatch.setattr(processes, "other_processors", lambda others=others: 0 if processes._is_copy else others)
         results.append(found())
     (alone, said), (shared, same) = results
     assert said == same and len(said) > 1

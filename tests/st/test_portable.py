@@ -95,7 +95,7 @@ VARIABLES = "x : LREAL; r : REAL; n : DINT; i : INT; w : WORD; b : BOOL; a : ARR
         ("TYPE S : STRUCT x : LREAL; END_STRUCT END_TYPE " + BLOCK.format("a : ARRAY[0..1] OF S := [(x := 1.0), (x := 2.0)];", ""),
          "arrays of structures with initial values are not portable"),
         ("TYPE S : STRUCT x : LREAL; y : LREAL; END_STRUCT END_TYPE " + BLOCK.format("a : S := (x := 1.0);", ""),
-         "'a': 1 fields have no initial value"),
+         "'a': no initial value for 1 field"),
         ("FUNCTION F : DINT VAR_INPUT a : ARRAY[0..1] OF DINT; END_VAR F := a[0]; END_FUNCTION", "its array type needs a name"),
         ("TYPE T : ARRAY[0..1] OF DINT; END_TYPE FUNCTION F : DINT VAR_INPUT q : T; END_VAR F := q[0]; END_FUNCTION "
          + BLOCK.format("a : ARRAY[0..1] OF DINT; n : DINT;", "n := F(a);"), "'a' is passed: its array type needs a name"),

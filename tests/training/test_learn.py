@@ -191,7 +191,7 @@ def test_splits(table):
     assert np.array_equal(mask, split_rows(table, LearningPlan(SETTINGS)))
     points = table.conditions[[3, 9]]
     assert np.flatnonzero(split_rows(table, LearningPlan(SETTINGS, test_points=points))).tolist() == [3, 9]
-    with pytest.raises(InputError, match="1 of 3 test points are not in"):
+    with pytest.raises(InputError, match="lacks 1 of 3 test points"):
         split_rows(table, LearningPlan(SETTINGS, test_points=np.vstack([points, [[1, 2, 3]]])))
     with pytest.raises(InputError, match="at least 20 are needed"):
         split_rows(table.rows(np.arange(5)), LearningPlan(SETTINGS))

@@ -161,13 +161,13 @@ def edited(tree: str, key: str, value: str | None) -> str:
         (STUMP, "split_feature", "0 -1", "tree 0, split_feature: number 1 is -1, expected 0 .. 1"),
         (STUMP, "split_feature", "0 99999999999999999999", "tree 0, split_feature: Python int too large"),
         (STUMP, "decision_type", "2 12", "tree 0, decision_type: number 1 is 12, expected 0 .. 11"),
-        (STUMP, "decision_type", "2 1", "tree 0, num_cat: 0, but 1 splits are on categories"),
+        (STUMP, "decision_type", "2 1", "tree 0, num_cat: 0, but 1 split on categories"),
         (STUMP, "left_child", "1 -4", "tree 0, left_child: number 1 is -4, expected -3 .. 1"),
         (STUMP, "left_child", "2 -1", "tree 0, left_child: number 0 is 2, expected -3 .. 1"),
         (STUMP, "left_child", "0 -1", "two parents or a cycle"),
         (STUMP, "right_child", "-1 -3", "two parents or a cycle"),
         (STUMP, "right_child", None, "tree 0: the field 'right_child' is missing"),
-        (CATEGORY, "num_cat", "-1", "tree 0, num_cat: -1, but 1 splits"),
+        (CATEGORY, "num_cat", "-1", "tree 0, num_cat: -1, but 1 split"),
         (CATEGORY, "cat_boundaries", "0", "tree 0, cat_boundaries: 1 number, expected 2"),
         (CATEGORY, "cat_boundaries", "1 0", "tree 0, cat_boundaries: not a rising list from 0"),
         (CATEGORY, "cat_boundaries", "0 1000000000", "tree 0, cat_threshold: 1 number, expected 1000000000"),
@@ -296,7 +296,7 @@ def test_several_trees_an_iteration_need_a_custom_objective(load: Any) -> None:
 def test_category_codes_that_need_absurd_tables_are_refused(load: Any) -> None:
     words = MAX_CATEGORY_ANSWERS // 32 + 1
     tree = edited(edited(CATEGORY, "cat_boundaries", f"0 {words}"), "cat_threshold", "0 " * (words - 1) + "2147483648")
-    with pytest.raises(UnsupportedModelError, match=r"category codes up to \d+ in 1 splits .* number the categories"):
+    with pytest.raises(UnsupportedModelError, match=r"category codes up to \d+ in 1 split .* number the categories"):
         load(text_of(tree))
 
 

@@ -97,7 +97,7 @@ ENSEMBLE_REFUSALS = {
     r"leaf_targetids\[1\] is 4": {"leaf_targetids": [0, 4]},
     "leaf_weights has 1 entry, expected 2": {"leaf_weights": build.constant("weights", [0.0])},
     "node 0: 2 splits or trees lead to this node": {"tree_roots": [0, 0]},
-    "membership_values has 1 sets for 0 MEMBER nodes": {"membership_values": build.constant("members", [1.0])},
+    "membership_values has 1 set for 0 MEMBER nodes": {"membership_values": build.constant("members", [1.0])},
     "is empty: there are no trees": {"tree_roots": None, "nodes_featureids": [0]},
 }
 

@@ -210,7 +210,7 @@ PLACE = "learner.gradient_booster.model."
         ({"sum_hessian": None}, "trees[0].sum_hessian: not a list of numbers"),
         ({"tree_param": {"num_nodes": "0"}}, "trees[0].tree_param.num_nodes: '0', expected an integer from 1"),
         ({"tree_param": {"num_nodes": "2000000000"}}, "left_children: 3 numbers, expected 2000000000"),
-        ({"tree_param": {"num_nodes": "3", "size_leaf_vector": "3"}}, "size_leaf_vector: 3, the model has 1 outputs"),
+        ({"tree_param": {"num_nodes": "3", "size_leaf_vector": "3"}}, "size_leaf_vector: 3, the model has 1 output"),
         ({"tree_param": []}, "trees[0].tree_param: not an object"),
         ({"id": 1}, "trees: their ids are not 0, 1, 2, .."),
         (CATEGORY | {"split_type": [2, 0, 0]}, "trees[0].split_type: number 0 is 2, expected 0 .. 1"),

@@ -13,6 +13,7 @@ from st_codegen.emit.blocks.listing import Listing
 from st_codegen.emit.blocks.operations import Step, lay_out
 from st_codegen.emit.blocks.ranked_trees import sum_values
 from st_codegen.emit.literals import real
+from st_codegen.errors import counted
 from st_codegen.ir import BranchedTree, depth_of
 from st_codegen.ir.preorder import larger_first
 
@@ -27,7 +28,7 @@ def _(op: BranchedTree, step: Step, listing: Listing) -> None:
     if op.width > 1:
         listing.locals("DINT", "nBase", "nOutput")
     listing.section(
-        f"1 tree, {op.n_nodes:,} nodes, at most {depth_of(op)} comparisons",
+        f"1 tree, {counted(op.n_nodes, 'node')}, at most {counted(depth_of(op), 'comparison')}",
         "branched_tree",
         step=step,
         lines=_lines(op, step),

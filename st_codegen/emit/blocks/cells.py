@@ -28,9 +28,9 @@ class _RankSearch:
 
 def _searches(op: Rank) -> list[_RankSearch]:
     """Columns that differ only in their missing value or their direction share a search."""
-    groups: dict[tuple[int, bytes], list[tuple[int, RankColumn]]] = {}
+    groups: dict[object, list[tuple[int, RankColumn]]] = {}
     for number, column in enumerate(op.columns):
-        groups.setdefault((column.column, column.edges.tobytes()), []).append((number, column))
+        groups.setdefault(column.search, []).append((number, column))
     return [_RankSearch(results[0][1], tuple(results)) for results in groups.values()]
 
 

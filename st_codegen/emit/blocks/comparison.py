@@ -63,7 +63,7 @@ class Compared:
         return tuple(block for block in self.blocks if block.rows < ROWS)
 
 
-def compared_blocks(blocks: Iterable[Block], models: Collection[str], around: Sequence[CalledBlock] = ()) -> Compared:
+def compared_blocks(blocks: Iterable[Block], models: Collection[str], around: Sequence[CalledBlock]) -> Compared:
     """The blocks of models, with their inputs and those of their outputs that are numbers, and those around them."""
     own = [
         CalledBlock(

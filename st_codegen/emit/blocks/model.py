@@ -45,7 +45,7 @@ class Limits:
     `max_array`: elements of an array; `real_range`: of scalar real literals (None: all); `data_bytes`: of all tables.
     """
 
-    max_array: int
+    max_array: int = 65_536
     real_range: tuple[float, float] | None = None
     data_bytes: int = 32 * 1024 * 1024
 

@@ -518,7 +518,7 @@ def _(op: ir.KernelSum, step: Step, listing: Listing) -> None:
         )
         parts.append({"vector": vector, "coefficient": coefficient, "last": stop - first - 1})
     listing.section(
-        f"{vectors} support vectors, {op.kernel.value} kernel",
+        f"{counted(vectors, 'support vector')}, {op.kernel.value} kernel",
         "kernel_sum",
         step=step,
         columns=columns,
@@ -550,7 +550,7 @@ def _(op: ir.Distances, step: Step, listing: Listing) -> None:
         vector = _vectors(op.vectors[first:stop], step.table(f"TRAINING_ROW{suffix}"), listing)
         parts.append({"vector": vector, "first": first, "last": stop - first - 1})
     listing.section(
-        f"distances to {vectors} training rows",
+        f"distances to {counted(vectors, 'training row')}",
         "distances",
         step=step,
         columns=columns,

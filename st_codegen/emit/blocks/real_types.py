@@ -14,7 +14,7 @@ import numpy as np
 from st_codegen.emit.blocks.listing import Block, BlockVariable, CodeSection, Table
 from st_codegen.emit.blocks.trees import LARGEST_THRESHOLD, MISSING_VALUE
 from st_codegen.errors import DefectError
-from st_codegen.ir import FloatArray
+from st_codegen.ir import FLOAT32_OVERFLOW, FloatArray
 
 _LARGEST = float(np.finfo(np.float32).max)
 #: What is no number of the model, from so large on, and what stands for it; beyond the two of trees: no end.
@@ -53,7 +53,7 @@ def _values(table: Table) -> FloatArray:
         values = np.where((size >= least), np.copysign(stand_in, values), values)
         size = np.abs(values)
     # the largest number below the one that overflows: a limit of inputs
-    values = np.where((size > _LARGEST) & (size < 3.4028235677973366e38), np.copysign(_LARGEST, values), values)
+    values = np.where((size > _LARGEST) & (size < FLOAT32_OVERFLOW), np.copysign(_LARGEST, values), values)
     if not np.array_equal(values.astype(np.float32), values):
         raise DefectError(f"table {table.name}: a number is no REAL")
     return values

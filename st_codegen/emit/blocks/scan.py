@@ -8,6 +8,7 @@ import numpy as np
 
 from st_codegen.emit.blocks.listing import Listing
 from st_codegen.emit.blocks.operations import Step, lay_out, lay_out_all
+from st_codegen.errors import counted
 from st_codegen.ir import Scan
 
 
@@ -30,7 +31,7 @@ def _(op: Scan, step: Step, listing: Listing) -> None:
     ]
     lay_out_all(current, op.body, steps, inner)
     listing.section(
-        f"{len(op.starts)} rounds, each with what the one before left",
+        f"{counted(len(op.starts), 'round')}, each with what the one before left",
         "scan",
         step=step,
         last_round=len(op.starts) - 1,

@@ -14,6 +14,7 @@ from st_codegen.emit.blocks.application import Application, Task
 from st_codegen.emit.blocks.listing import Block, BlockVariable, CodeSection, Group, Table
 from st_codegen.emit.blocks.model import header_lines
 from st_codegen.emit.blocks.self_test import SELF_TEST
+from st_codegen.errors import counted
 from st_codegen.ir import FloatArray, Source
 
 #: The task of the suites: slow and less urgent than any of the application.
@@ -77,7 +78,7 @@ def _self_test_suite() -> Block:
 def _suite(vectors: ReferenceVectors, inputs: list[str]) -> Block:
     rows = len(vectors.inputs)
     source = vectors.source
-    header = [f"{vectors.block}_Test: {vectors.name}, {rows} rows"]
+    header = [f"{vectors.block}_Test: {vectors.name}, {counted(rows, 'row')}"]
     if source is not None:
         header += [f"Expected values: {source.library} {source.version}, {source.model_class}".replace(" ,", ",")]
         header += [f"Model digest: {source.digest}"] if source.digest else []

@@ -57,7 +57,8 @@ def _(op: TreeEnsemble, step: Step, listing: Listing) -> None:
     if op.width > 1:
         listing.local("nOutput", "DINT")
     slots = _numeric_slots(op)
-    values: dict[str, object] = {"step": step, "depth": depth_of(op)}
+    depth = depth_of(op)
+    values: dict[str, object] = {"step": step, "depth": depth}
     values["single"] = op.input_precision is Precision.FLOAT32
     values["real_limit"] = None
     if op.input_precision is Precision.FLOAT32 and not step.fits_real and np.any(op.split >= 0):
@@ -70,10 +71,8 @@ def _(op: TreeEnsemble, step: Step, listing: Listing) -> None:
     values["parts"] = _node_tables(op, step, listing, slots, runs, answers)
     values["comparison"] = op.comparison.value
     values |= sum_values(op, step, listing)
-    title = (
-        f"{counted(op.n_trees, 'tree')}, {counted(op.n_nodes, 'node')}, at most {values['depth']} comparisons a tree"
-    )
-    listing.section(title, "trees", **values)
+    size = f"{counted(op.n_trees, 'tree')}, {counted(op.n_nodes, 'node')}"
+    listing.section(f"{size}, at most {counted(depth, 'comparison')} a tree", "trees", **values)
 
 
 def _numeric_slots(op: TreeEnsemble) -> _Slots:

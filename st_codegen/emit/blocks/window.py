@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from st_codegen.emit.blocks.listing import Block, BlockVariable, Listing
 from st_codegen.emit.blocks.model import AGE, header_lines
-from st_codegen.errors import InputError
+from st_codegen.errors import InputError, counted
 
 #: Behind the name of the model's block.
 SUFFIX = "Window"
@@ -29,8 +29,10 @@ class Window:
         """The numbers of one sample. Raises InputError where so many features are not whole samples."""
         count, rest = divmod(features, self.length)
         if rest or not count or len(self.samples) not in (0, count):
-            each = f" of {len(self.samples)} numbers" if self.samples else ""
-            raise InputError(f"a window of {self.length} samples{each} for {features} features: they are not as many")
+            each = f" of {counted(len(self.samples), 'number')}" if self.samples else ""
+            raise InputError(
+                f"a window of {self.length} samples{each} for {counted(features, 'feature')}: they are not as many"
+            )
         return self.samples or (("fSample",) if count == 1 else tuple(f"fSample{n + 1}" for n in range(count)))
 
 

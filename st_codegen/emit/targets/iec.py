@@ -24,7 +24,7 @@ class IecTarget(Target):
     may_lack_lreal = True
     has_configuration = True
     templates = "iec"
-    limits = Limits(max_array=65_536, real_range=(1e-37, 1e37), data_bytes=16 * 1024 * 1024)
+    limits = Limits(real_range=(1e-37, 1e37), data_bytes=16 * 1024 * 1024)
 
     def files(self, application: Application) -> Iterable[FilePlan]:
         if application.has_configuration:

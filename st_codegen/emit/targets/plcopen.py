@@ -69,7 +69,7 @@ class PlcOpenTarget(Target):
     summary = "PLCopen XML, TC6 version 2.01 (.xml)"
     dialect = "iec"
     templates = "iec"
-    limits = Limits(max_array=65_536, real_range=(1e-37, 1e37), data_bytes=16 * 1024 * 1024)
+    limits = Limits(real_range=(1e-37, 1e37), data_bytes=16 * 1024 * 1024)
     #: What prints the file.
     template: ClassVar[str] = "plcopen/project.xml.j2"
 

@@ -28,7 +28,7 @@ class SclTarget(Target):
         " (S7-1200, S7-1500; S7-300 and S7-400 know no blocks with optimised access, as this target writes them)"
     )
     #: LREAL's normal numbers; the largest optimised data block of the smallest S7-1500.
-    limits = Limits(max_array=65_536, real_range=(2.2250738585072014e-308, 1.7976931348623157e308), data_bytes=2**20)
+    limits = Limits(real_range=(2.2250738585072014e-308, 1.7976931348623157e308), data_bytes=2**20)
 
     def files(self, application: Application) -> Iterable[FilePlan]:
         blocks = tuple(block for block in application.blocks if block.kind != "PROGRAM")

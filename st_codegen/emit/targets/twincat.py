@@ -56,7 +56,7 @@ class TwinCatTarget(Target):
     summary = "TwinCAT 3 solution (.sln, .tsproj, .plcproj, .TcPOU, .TcDUT, .TcGVL, .TcTTO)"
     dialect = "twincat"
     templates = "twincat"
-    limits = Limits(max_array=65_536, data_bytes=32 * 1024 * 1024)
+    limits = Limits(data_bytes=32 * 1024 * 1024)
     has_tests = True
     has_comparison = True
     has_project_forms = True

@@ -18,9 +18,10 @@ import numpy as np
 from st_codegen.ir import FactoredKernel, FloatArray, Kernel, KernelSum, ModelIR
 from st_codegen.passes.kernels import factored
 from st_codegen.proof.bounds import unfactored
-from st_codegen.proof.prove.axis import NotProvedError, from_keys
+from st_codegen.proof.prove.axis import from_keys
 from st_codegen.proof.prove.demand import Demand
 from st_codegen.proof.prove.disagree import OtherExpressionError, SearchedInputs, parts_of
+from st_codegen.proof.prove.errors import NotProvedError
 from st_codegen.proof.prove.intervals import WHOLE, Interval
 from st_codegen.proof.prove.model import InputDomain, domain_of
 from st_codegen.proof.prove.range_bound import range_bound

@@ -15,21 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from st_codegen.ir.arrays import AnyArray, BoolArray, FloatArray, IntArray, bisected
+from st_codegen.proof.prove.errors import NotProvedError
 from st_codegen.proof.prove.floats import Link, bits, run_chain
 
 _SIGN = np.int64(-(2**63))
-
-
-class NotProvedError(Exception):
-    """The text holds something that the prover cannot follow, or that would stop a controller."""
-
-    def __init__(self, reason: str, place: object = None) -> None:
-        super().__init__(reason if place is None else f"{place}: {reason}")
-        self.reason, self.place = reason, place
-
-    def at(self, place: object) -> NotProvedError:
-        """This error, with a place in the text if it has none yet."""
-        return self if self.place is not None else type(self)(self.reason, place)
 
 
 def require_assigned(known: BoolArray | None, active: BoolArray | bool = True, what: str = "a number") -> None:

@@ -19,7 +19,7 @@ import numpy as np
 from st_codegen.errors import at_least, at_most
 from st_codegen.ir import ModelIR
 from st_codegen.passes.domain import magnitudes
-from st_codegen.proof.prove.axis import NotProvedError
+from st_codegen.proof.prove.errors import NotProvedError
 from st_codegen.proof.prove.intervals import LARGEST, Interval, hull
 from st_codegen.proof.prove.symbolic import Held, Path, Summary, Symbolic, anything
 from st_codegen.proof.prove.terms import Term, Terms, Value, arguments_of

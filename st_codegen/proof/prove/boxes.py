@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from st_codegen.ir.arrays import AnyArray, BoolArray, FloatArray, IntArray
-from st_codegen.proof.prove.axis import HIGHEST, LOWEST, AxisValue, InputAxis, NotProvedError, from_keys
+from st_codegen.proof.prove.axis import HIGHEST, LOWEST, AxisValue, InputAxis, from_keys
+from st_codegen.proof.prove.errors import NotProvedError
 from st_codegen.proof.prove.floats import bits
 
 #: A space of more lanes than this is given up.

@@ -9,8 +9,9 @@ import numpy as np
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.ir import FloatArray, ModelIR, reference
 from st_codegen.proof.bounds import difference_bound
-from st_codegen.proof.prove.axis import HIGHEST, LOWEST, NotProvedError, from_keys
+from st_codegen.proof.prove.axis import HIGHEST, LOWEST, from_keys
 from st_codegen.proof.prove.disagree import OtherExpressionError, differing_rows, evaluated
+from st_codegen.proof.prove.errors import NotProvedError
 from st_codegen.proof.prove.floats import bits
 from st_codegen.proof.prove.model import domain_of
 from st_codegen.proof.prove.terms import Term

@@ -16,7 +16,7 @@ import numpy as np
 from st_codegen import ir
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.ir.base import COS_REACH, Elementwise
-from st_codegen.proof.prove.axis import NotProvedError
+from st_codegen.proof.prove.errors import NotProvedError
 from st_codegen.proof.prove.formulas import erf, exp, expm1, log1p, logistic, rounded, softplus, tanh
 from st_codegen.proof.prove.inputs import InputTerms
 from st_codegen.proof.prove.terms import Term, Terms, Value
@@ -51,7 +51,7 @@ class Demand:
         inputs: InputTerms,
         sums: Mapping[int, list[Value]],
         valid: Value,
-        wanted: tuple[int, ...] = (),
+        wanted: tuple[int, ...],
     ) -> Demand:
         """What a model demands behind its trees, of their `sums` by operation and of limited inputs.
 
@@ -99,7 +99,7 @@ class Demand:
 
     # --- building blocks --------------------------------------------------------------------------------------------
 
-    def _refuse(self, condition: Value, missing: Value = False) -> None:
+    def _refuse(self, condition: Value, missing: Value) -> None:
         """There is no answer where a condition holds of a number that does not stand for a missing one."""
         self.valid = self.terms.choice(condition, self.terms.both(self.valid, missing), self.valid)
 

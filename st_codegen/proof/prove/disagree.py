@@ -16,7 +16,8 @@ import numpy as np
 
 from st_codegen.ir import BoolArray, FloatArray, IntArray
 from st_codegen.ir.arrays import bisected
-from st_codegen.proof.prove.axis import NotProvedError, from_keys, to_keys
+from st_codegen.proof.prove.axis import from_keys, to_keys
+from st_codegen.proof.prove.errors import NotProvedError
 from st_codegen.proof.prove.floats import COMPARE, OPERATIONS
 from st_codegen.proof.prove.terms import Term, Value
 

@@ -18,8 +18,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from st_codegen.ir.arrays import AnyArray, BoolArray
-from st_codegen.proof.prove.axis import AxisValue, InputAxis, NotProvedError, input_value
+from st_codegen.proof.prove.axis import AxisValue, InputAxis, input_value
 from st_codegen.proof.prove.boxes import Lanes, Slots
+from st_codegen.proof.prove.errors import NotProvedError
 from st_codegen.proof.prove.floats import bits
 from st_codegen.proof.prove.inputs import InputTerms
 from st_codegen.proof.prove.intervals import rounds

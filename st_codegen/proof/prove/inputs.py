@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from st_codegen.ir import Feature, FloatArray, ModelIR
-from st_codegen.proof.prove.axis import AxisValue, NotProvedError, from_keys
+from st_codegen.proof.prove.axis import AxisValue, from_keys
+from st_codegen.proof.prove.errors import NotProvedError
 from st_codegen.proof.prove.floats import Link, bits, run_chain
 from st_codegen.proof.prove.intervals import Interval, hull
 from st_codegen.proof.prove.model import InputDomain, domain_of

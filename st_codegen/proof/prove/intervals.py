@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.proof.prove.axis import NotProvedError
+from st_codegen.proof.prove.errors import NotProvedError
 from st_codegen.proof.prove.floats import OPERATIONS
 from st_codegen.st.types import Elementary, Type
 

@@ -10,8 +10,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from st_codegen.ir.arrays import AnyArray, BoolArray
-from st_codegen.proof.prove.axis import AxisValue, InputAxis, NotProvedError, require_assigned
+from st_codegen.proof.prove.axis import AxisValue, InputAxis, require_assigned
 from st_codegen.proof.prove.boxes import Lanes, Slots, Space
+from st_codegen.proof.prove.errors import NotProvedError
 from st_codegen.proof.prove.terms import Term
 from st_codegen.proof.prove.values import (
     NOTHING,

@@ -20,8 +20,9 @@ from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray, bisected
 from st_codegen.ir.base import Elementwise
 from st_codegen.ir.operations import one_column
 from st_codegen.passes.jumps import largest_jump
-from st_codegen.proof.prove.axis import HIGHEST, LOWEST, AxisValue, InputAxis, NotProvedError, from_keys, to_keys
+from st_codegen.proof.prove.axis import HIGHEST, LOWEST, AxisValue, InputAxis, from_keys, to_keys
 from st_codegen.proof.prove.boxes import Lanes, Space
+from st_codegen.proof.prove.errors import NotProvedError
 from st_codegen.proof.prove.intervals import Interval
 
 
@@ -347,7 +348,7 @@ class Ensemble:
         return AxisValue(axis, codes.astype(np.int64))
 
     def cuts(self, feature: int) -> IntArray:
-        """IntArray of an input behind which a decision may change."""
+        """The keys of an input behind which a decision may change."""
         found = [self.last[(self.feature == feature) & (self.op.split >= 0)]]
         for number, (low, high) in self.gap.items():
             if np.any(self.feature[self.op.split == number] == feature):

@@ -12,8 +12,9 @@ from typing import Literal
 import numpy as np
 
 from st_codegen.ir.arrays import AnyArray, BoolArray, FloatArray, IntArray
-from st_codegen.proof.prove.axis import HIGHEST, LOWEST, AxisValue, InputAxis, NotProvedError, require_assigned
+from st_codegen.proof.prove.axis import HIGHEST, LOWEST, AxisValue, InputAxis, require_assigned
 from st_codegen.proof.prove.boxes import Lanes, Slots, Space
+from st_codegen.proof.prove.errors import NotProvedError
 from st_codegen.proof.prove.floats import COMPARE, FLIPPED, INFINITY, MAGNITUDE, OPERATIONS
 from st_codegen.proof.prove.inputs import InputTerms
 from st_codegen.proof.prove.intervals import compute

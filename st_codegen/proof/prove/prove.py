@@ -16,10 +16,10 @@ from st_codegen.processes import Progress
 from st_codegen.project.bundle import Bundle
 from st_codegen.proof.probes import probe_rows
 from st_codegen.proof.prove.arithmetic import EXPRESSION, Findings, prove_arithmetic
-from st_codegen.proof.prove.axis import NotProvedError
 from st_codegen.proof.prove.blocks import prove_block
 from st_codegen.proof.prove.counterexample import Counterexample, counterexample, edge_rows, of_expressions
 from st_codegen.proof.prove.disagree import OtherExpressionError
+from st_codegen.proof.prove.errors import NotProvedError
 from st_codegen.proof.prove.texts import check_interface, check_text
 from st_codegen.proof.prove.tree_proof import CELLS, SUMS, TAIL, BlockRun, Difference, TreeProof
 from st_codegen.proof.runner import GeneratedCode, target_folders

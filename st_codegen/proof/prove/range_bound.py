@@ -17,7 +17,7 @@ from st_codegen.emit.blocks.model import real_lines
 from st_codegen.ir import reference
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.proof import bounds
-from st_codegen.proof.prove.axis import NotProvedError
+from st_codegen.proof.prove.errors import NotProvedError
 
 #: Boxes that the range is cut into, at most.
 _BOXES = 4096

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from st_codegen.ir import Aggregate, FloatArray, ModelIR, Precision, TreeEnsemble
-from st_codegen.proof.prove.axis import NotProvedError
 from st_codegen.proof.prove.demand import Demand
+from st_codegen.proof.prove.errors import NotProvedError
 from st_codegen.proof.prove.inputs import InputTerms
 from st_codegen.proof.prove.intervals import LARGEST, Interval, hull
 from st_codegen.proof.prove.terms import Term, Terms, Value

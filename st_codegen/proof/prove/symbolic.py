@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.proof.prove.axis import NotProvedError
+from st_codegen.proof.prove.errors import NotProvedError
 from st_codegen.proof.prove.floats import INFINITY, MAGNITUDE
 from st_codegen.proof.prove.intervals import WHOLE, Interval, rounds
 from st_codegen.proof.prove.terms import Term, Terms, Value

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.proof.prove.axis import NotProvedError
+from st_codegen.proof.prove.errors import NotProvedError
 from st_codegen.proof.prove.floats import FLIPPED, NEGATED
 from st_codegen.proof.prove.intervals import FUNCTIONS, INTEGER, LARGEST, WHOLE, Interval, compute, cut, ends, hull
 

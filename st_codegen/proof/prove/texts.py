@@ -13,7 +13,7 @@ from pathlib import Path
 
 from st_codegen.emit.blocks.model import input_variables, renamed
 from st_codegen.ir import ModelIR
-from st_codegen.proof.prove.axis import NotProvedError
+from st_codegen.proof.prove.errors import NotProvedError
 from st_codegen.proof.runner import GeneratedCode
 from st_codegen.st import Project, walk
 from st_codegen.st import tree as t

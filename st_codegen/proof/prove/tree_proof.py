@@ -13,10 +13,11 @@ from st_codegen.ir import ModelIR, Scale, Select, TreeEnsemble, reference
 from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray
 from st_codegen.passes.jumps import largest_jump
 from st_codegen.proof.prove.arithmetic import NEVER, Findings, check_plausible, first_missing, numbers_of, same_number
-from st_codegen.proof.prove.axis import AxisValue, InputAxis, NotProvedError, from_keys, require_assigned, to_keys
+from st_codegen.proof.prove.axis import AxisValue, InputAxis, from_keys, require_assigned, to_keys
 from st_codegen.proof.prove.boxes import Lanes, Slots, Space
 from st_codegen.proof.prove.demand import Demand
 from st_codegen.proof.prove.disagree import OtherExpressionError, SearchedInputs, parts_of
+from st_codegen.proof.prove.errors import NotProvedError
 from st_codegen.proof.prove.execute import Executor, converted
 from st_codegen.proof.prove.floats import bits
 from st_codegen.proof.prove.inputs import InputTerms

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
-from st_codegen.proof.prove.axis import AxisValue, NotProvedError
+from st_codegen.proof.prove.axis import AxisValue
+from st_codegen.proof.prove.errors import NotProvedError
 
 #: A plain number or truth value, an AxisValue, Lanes, Slots, a Term, or one of the classes below.
 Value = object

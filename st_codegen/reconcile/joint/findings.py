@@ -488,8 +488,8 @@ def measurement(result: JointResult) -> list[str]:
         )
     if result.outliers:
         found.append(
-            f"{result.outliers} of {result.outliers + len(result.rows.time)} values of the smoothed torque are far off "
-            "all others and left out: spikes, or what happens at a reversal"
+            f"left out: {result.outliers} of {result.outliers + len(result.rows.time)} values of the smoothed torque, "
+            "far off all others: spikes, or what happens at a reversal"
         )
     if OTHERS in result.chosen.names():
         found.append(

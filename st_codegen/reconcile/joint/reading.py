@@ -219,7 +219,7 @@ def _pieces(
         notes.append(f"the time is off even steps by up to {most:.2g} of one; even steps are taken")
         why = "samples are missing, none were taken, or the clock jitters by more"
     if len(found) > 1:
-        short = f"; the {len(clock) - kept} samples of shorter ones are not used" if kept < len(clock) else ""
+        short = f"; without {counted(len(clock) - kept, 'sample')} of shorter ones" if kept < len(clock) else ""
         notes.append(
             f"{why}, in {counted(len(found) - 1, 'place')}, first after line {lines[found[1].start - 1]}: "
             f"it is read in {counted(len(pieces), 'piece')} of {JOINT.piece} samples or more{short}"

@@ -223,7 +223,7 @@ def servo_link(recordings: Sequence[Recording], rig: RigModel) -> Link | None:
     return _judged(samples, _Rig(own, known, first, ControlLag.title, _SERVO, ratio), change)
 
 
-def _left_of_lag(r: Recording, effect: ControlLag, sure: float = 0.0) -> FloatArray:
+def _left_of_lag(r: Recording, effect: ControlLag, sure: float) -> FloatArray:
     """What a lag leaves of theta_mot, deg (n,): how far behind it was where the recording begins is not known.
 
     sure: standard errors within which a zero is none, beside its fades.

@@ -147,7 +147,7 @@ def check_models(rig: RigModel, wish: Wish) -> None:
     problems.raise_if_any()
 
 
-def update_models(result: Reconciliation, wish: Wish, out: Path, progress: Progress | None = None) -> Update:
+def update_models(result: Reconciliation, wish: Wish, out: Path, progress: Progress | None) -> Update:
     """Write the bundle with its new terms to `out`/models and its text to `out`/plc, proven equal.
 
     `out` is a folder for this alone. Raises InputError for a bundle that does not go with the rig, GeneratedCodeError

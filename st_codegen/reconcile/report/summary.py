@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from st_codegen.errors import at_least, at_most
+from st_codegen.errors import at_least, at_most, counted
 from st_codegen.reconcile.report.findings import findings, share_text
 from st_codegen.reconcile.report.sentences import (
     between_text,
@@ -40,7 +40,7 @@ def summary(result: Reconciliation, next_steps: Sequence[str] = ()) -> str:
         orders, together = [one.order for one in more if one.order >= 0], math.hypot(*(one.rms_deg for one in more))
         span = f"from {min(orders)} to {max(orders)}, " if orders else ""
         which = f"{span}together {together:.2g} deg RMS"
-        lines.append(f"- and {len(more)} more unexplained orders {which}")
+        lines.append(f"- and {counted(len(more), 'more unexplained order')} {which}")
     if result.taken_back is not None:
         lines.append(f"- {taken_back_text(result.taken_back)}")
     gap = result.held_out
@@ -76,8 +76,8 @@ def next_runs_summary(ahead: NextRuns, result: Reconciliation) -> str:
     if not ahead.runs:
         return f"Next measurement: none proposed; {ahead.none_because}"
     first, at = ahead.runs[0], ahead.runs[0].point
-    count = f"{len(ahead.runs)} runs" if len(ahead.runs) > 1 else "1 run"
-    text = f"Next measurement: {count} in next_runs.csv, the first at {at.speed_rpm:g} rpm, {at.torque_Nm:g} N m, "
+    text = f"Next measurement: {counted(len(ahead.runs), 'run')} in next_runs.csv, the first at "
+    text += f"{at.speed_rpm:g} rpm, {at.torque_Nm:g} N m, "
     text += f"{at.temperature_C:g} degC, which {first.purpose}"
     if {"torque", "misread_torque"} & {mistake.name for mistake in result.mistakes if mistake.is_taken_out}:
         text += "; the torques are corrected ones, not those that the sensor shows"

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from st_codegen.errors import counted
 from st_codegen.ir.arrays import ComplexArray
 from st_codegen.processes import Progress
 from st_codegen.reconcile.data.noise import Noise, estimate
@@ -50,7 +51,7 @@ def search(
     has_merged = False
     for number in range(SETTINGS.most_effects):
         if progress is not None:
-            progress(number, SETTINGS.most_effects, f"{len(current.state.pieces)} effects")
+            progress(number, SETTINGS.most_effects, counted(len(current.state.pieces), "effect"))
         found = _next(current, current, known, refused, judged)
         if found is None and is_lacking(target, current.residual).any():
             found = _next(current, current, known, formed, judged, formed=True)

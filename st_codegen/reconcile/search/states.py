@@ -276,9 +276,9 @@ def _of_both_orders(one: Effect, other: Effect) -> dict[str, Value] | None:
     """What is set of the first of two resonances of one frequency, with the orders of both."""
     apart = abs(one.scalar("frequency_Hz") / other.scalar("frequency_Hz") - 1.0)
     fixed = [[effect.values.get(s.key) for s in effect.scalars if s.form is Form.FIXED] for effect in (one, other)]
-    # the damping ratio is half the width of a peak, as part of its frequency
     # a height that does not follow the load has a load part of nothing
     both_have = [_with_load_part(a, b) for a, b in ((one, other), (other, one))]
+    # the damping ratio is half the width of a peak, as part of its frequency
     are_one = (
         apart < one.scalar("damping_ratio") and fixed[0] == fixed[1] and both_have[0].keys() == both_have[1].keys()
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import cast
 
-from st_codegen.errors import meant
+from st_codegen.errors import counted, meant
 from st_codegen.st import tree as t
 from st_codegen.st.check.coercion import coerce
 from st_codegen.st.check.names import Scope
@@ -139,7 +139,9 @@ def _check_arguments(scope: Scope, unit: DeclaredUnit, node: t.Call, check: Chec
             if unit.has_instance:
                 raise failure(argument, f"arguments of '{unit.name}' are given by name: name := value")
             if index >= len(positional):
-                raise failure(argument, f"'{unit.name}' takes {len(positional)} arguments, not {len(node.arguments)}")
+                raise failure(
+                    argument, f"'{unit.name}' takes {counted(len(positional), 'argument')}, not {len(node.arguments)}"
+                )
             parameter = positional[index]
         elif argument.name.upper() in parameters:
             parameter = parameters[argument.name.upper()]

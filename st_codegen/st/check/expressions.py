@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import cast
 
-from st_codegen.errors import meant
+from st_codegen.errors import counted, meant
 from st_codegen.st import tree as t
 from st_codegen.st import types
 from st_codegen.st.check import operators
@@ -176,7 +176,7 @@ class Expressions:
             raise failure(node, f"{base.type} is no array")
         bounds = base.type.bounds
         if len(node.indices) != len(bounds):
-            raise failure(node, f"{base.type} has {len(bounds)} dimensions, not {len(node.indices)}")
+            raise failure(node, f"{base.type} has {counted(len(bounds), 'dimension')}, not {len(node.indices)}")
         indices = []
         for item, (low, high) in zip(node.indices, bounds, strict=True):
             index = self.value(item)

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
+from st_codegen.errors import counted
 from st_codegen.st import tree as t
 from st_codegen.st import walk
 from st_codegen.st.check.constants import NotConstantError, evaluate
@@ -155,7 +156,7 @@ def initial_values(text: Text) -> Iterator[Problem]:
         if isinstance(variable.type, StructType) and isinstance(declaration.initial, d.StructInitial):
             missing = len(variable.type.fields) - len(declaration.initial.members)
             if missing:
-                yield _problem(declaration, f"'{variable.name}': {missing} fields have no initial value")
+                yield _problem(declaration, f"'{variable.name}': no initial value for {counted(missing, 'field')}")
 
 
 def arrays(text: Text) -> Iterator[Problem]:

@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable
 from typing import cast
 
+from st_codegen.errors import counted
 from st_codegen.st import tree as t
 from st_codegen.st.check.coercion import coerce, conversion, settle, unify, wrapping
 from st_codegen.st.check.operators import combine, is_bits, power, real
@@ -87,7 +88,7 @@ def _arguments(name: str, node: t.Call, parameters: tuple[str, ...], check: Chec
         stem, start = parameters[-1][:2], int(parameters[-1][2:])
         parameters += tuple(f"{stem}{start + i + 1}" for i in range(len(given) - len(parameters)))
     if len(given) != len(parameters):
-        raise failure(node, f"{name} takes {len(parameters)} arguments, not {len(given)}")
+        raise failure(node, f"{name} takes {counted(len(parameters), 'argument')}, not {len(given)}")
     values: dict[str, t.Expression] = {}
     for parameter, argument in zip(parameters, given, strict=True):
         key = parameter if argument.name is None else argument.name.upper()

@@ -370,7 +370,7 @@ class GlobalVariables(_Named):
 
 def processors() -> int:
     """How many processors this process may use: a copy of another one its own alone."""
-    if _IS_COPY:
+    if _is_copy:
         return 1
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
@@ -381,12 +381,12 @@ def _threads() -> ThreadPoolExecutor:
 
 
 #: Whether this process is a copy of another one, which computes at the same time.
-_IS_COPY = False
+_is_copy = False
 
 
 def _in_a_copy() -> None:
-    global _IS_COPY  # noqa: PLW0603 - a fact of the process
-    _IS_COPY = True
+    global _is_copy  # noqa: PLW0603 - a fact of the process
+    _is_copy = True
     _threads.cache_clear()  # it has none of the threads
 
 

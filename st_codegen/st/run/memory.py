@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from st_codegen.errors import counted
 from st_codegen.st.errors import StUsageError
 from st_codegen.st.run.layout import MemoryLayout, aligned, dtype_of
 from st_codegen.st.run.natives import NativeBlock
@@ -128,7 +129,7 @@ def checked_numbers(value: Any, type_: Elementary) -> Values:
     numbers = np.asarray(value, dtype=object if is_text else None)
     if is_text:
         if not all(isinstance(text, str) and len(text) <= type_.bits for text in numbers.flat):
-            raise ValueError(f"text of at most {type_.bits} characters is needed")
+            raise ValueError(f"text of at most {counted(type_.bits, 'character')} is needed")
     elif type_.is_integral:
         is_whole = numbers.dtype.kind in "iu" or (
             numbers.dtype.kind == "O" and all(type(x) is int for x in numbers.flat)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from st_codegen.emit.blocks.listing import Block, BlockVariable, CodeSection
 from st_codegen.emit.blocks.model import header_lines
 from st_codegen.emit.literals import real
-from st_codegen.errors import at_most
+from st_codegen.errors import at_most, counted
 from st_codegen.te.compensation.addition_chain import ChainLink, addition_chain
 from st_codegen.te.compensation.parts import HARMONICS_TYPE, dint, lreal
 from st_codegen.te.harmonics import TransmissionError
@@ -57,8 +57,8 @@ def harmonic_sum_block(te: TransmissionError) -> Block:
             f"Orders: {', '.join(map(str, te.orders))}",
             "cos and sin of theta give those of all multiples by complex multiplication along an addition chain:",
             f"Chain: {chain}",
-            f"Cost: 1 COS, 1 SIN, {len(cost.chain)} complex multiplications; in all {cost.multiplications} "
-            f"multiplications and {cost.additions} additions of LREAL.",
+            f"Cost: 1 COS, 1 SIN, {counted(len(cost.chain), 'complex multiplication')}; in all "
+            f"{counted(cost.multiplications, 'multiplication')} and {counted(cost.additions, 'addition')} of LREAL.",
             "Error of each cosine and sine: below k * 4.0E-16, "
             f"{at_most(largest * 4e-16).upper()} for order {largest}.",
             "The angle is reduced to -pi/4 .. pi/4 first, so that many turns cost no accuracy.",

@@ -154,7 +154,9 @@ def _read_tree(
     for line in lines:
         if line.startswith((b"Tree=", *_ENDS_OF_TREES)):
             if not ended or n_lines > _MAX_FIELDS:  # the library would read on, or look for a tree in what is left
-                raise InputError(f"tree {number}: {n_lines} lines, expected at most {_MAX_FIELDS} and an empty one")
+                raise InputError(
+                    f"tree {number}: {counted(n_lines, 'line')}, expected at most {_MAX_FIELDS} and an empty one"
+                )
             if sizes is not None:
                 _check_size(number, sizes, used, length)
             return line, fields
@@ -289,7 +291,7 @@ def _category_sets(
     """Bit sets of 32-bit words -> codes; the threshold of a category split is the number of its set."""
     if n_sets < 1:
         if len(nodes):
-            raise InputError(f"{where}, num_cat: {n_sets}, but {len(nodes)} splits are on categories")
+            raise InputError(f"{where}, num_cat: {n_sets}, but {counted(len(nodes), 'split')} on categories")
         return None
     boundaries = _indices(fields, "cat_boundaries", n_sets + 1, where, 0, 2**31)
     if boundaries[0] != 0 or np.any(np.diff(boundaries) < 0):

@@ -180,7 +180,9 @@ def _transposed_convolution(call: NodeCall) -> Operand:
             "auto_pad, output_shape, or pads beyond the kernel; export the model with other pads"
         )
     if groups < 1 or kernel.shape[0] % groups or kernel.shape[0] != image.shape[0]:
-        raise InputError(f"a kernel of shape {kernel.shape} in {groups} groups for {image.shape[0]} channels")
+        raise InputError(
+            f"a kernel of shape {kernel.shape} in {counted(groups, 'group')} for {counted(image.shape[0], 'channel')}"
+        )
     lengths = [(n - 1) * step + 1 for n, step in zip(call.computed().shape[2:], strides, strict=True)]
     places = tuple(sum(parts) - n + 1 for *parts, n in zip(before, lengths, behind, reach, strict=True))
     window = _Window(tuple(given), (1,) * rank, tuple(dilations), before, behind, places)
@@ -202,7 +204,9 @@ def convolved(
     """Sums of products of a padded image and a kernel (outputs, channels of a group, spatial)."""
     outputs, depth = kernel.shape[:2]
     if groups < 1 or outputs % groups or depth * groups != image.shape[0] or not kernel.size:
-        raise InputError(f"a kernel of shape {kernel.shape} in {groups} groups for {image.shape[0]} channels")
+        raise InputError(
+            f"a kernel of shape {kernel.shape} in {counted(groups, 'group')} for {counted(image.shape[0], 'channel')}"
+        )
     if groups > _MAX_GROUPS:
         raise UnsupportedModelError(f"a convolution in {groups} groups; at most {_MAX_GROUPS} are supported")
     if bias is not None and bias.shape != (outputs,):

@@ -126,7 +126,7 @@ def _tangent(call: NodeCall) -> Operand:
 _FUNCTION_UNITS = 12
 
 
-def _as_function(walk: GraphWalk, tensor: Tensor, number: float = 1.0) -> Tensor:
+def _as_function(walk: GraphWalk, tensor: Tensor, number: float) -> Tensor:
     """Numbers in double times a constant, as one function of a library in float has them."""
     constant = np.full(tensor.size, number)
     doubt = np.abs(constant) * _FUNCTION_UNITS * float(np.finfo(np.float32).epsneg)

@@ -45,7 +45,8 @@ def _depth_to_space(call: NodeCall) -> Operand:
     batch, channels, height, width = operand.shape
     if channels % size**2 or mode not in ("DCR", "CRD"):
         raise InputError(
-            f"{channels} channels, blocks of {size} and the mode {printable(mode)}; the model file is damaged"
+            f"{counted(channels, 'channel')}, blocks of {size} and the mode {printable(mode)}; the model file "
+            "is damaged"
         )
     left = channels // size**2
     parts, order = (
@@ -84,7 +85,7 @@ def _compress(call: NodeCall) -> Operand:
     axis = None if flat else axis_of(call.node.integer("axis"), len(operand.shape))
     length = math.prod(operand.shape) if axis is None else operand.shape[axis]
     if marks is None or marks.dtype != np.bool_ or marks.ndim != 1 or len(marks) > length:
-        raise InputError(f"not a list of at most {length} truth values; the model file is damaged")
+        raise InputError(f"not a list of at most {counted(length, 'truth value')}; the model file is damaged")
     if not np.any(marks):
         raise UnsupportedModelError("takes no elements; leave it out of the graph")
     return operand.moved(lambda array: np.compress(marks, array, axis))

@@ -14,7 +14,7 @@ from st_codegen.ir import AnyArray, FloatArray, IntArray, Label, Precision
 
 #: Columns of one computed tensor, and features of one model.
 MAX_COLUMNS = 2**16
-#: IntArray of one constant that the graph computes from others.
+#: Numbers of one constant that the graph computes from others.
 MAX_FOLDED = 2**24
 
 FLOAT32 = np.dtype(np.float32)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.errors import InputError, UnsupportedModelError, counted
 from st_codegen.ir import AnyArray, BoolArray, FloatArray, IntArray
 from st_codegen.walkers.onnx.file import GraphNode, checked_length
 from st_codegen.walkers.onnx.forest import MAX_ID, Forest, Mode, NumberType, check_range, read_aggregate, target_count
@@ -127,7 +127,10 @@ def _member_sets(
     if len(values) and not np.isnan(values[-1]):
         ends = np.append(ends, len(values))
     if len(ends) != len(nodes):
-        raise InputError(f"membership_values has {len(ends)} sets for {len(nodes)} MEMBER nodes; separate them by NaN")
+        raise InputError(
+            f"membership_values has {counted(len(ends), 'set')} for {counted(len(nodes), 'MEMBER node')}; "
+            "separate them by NaN"
+        )
     starts = np.concatenate([[0], ends[:-1] + 1]).astype(np.int64) if len(ends) else ends
     cuts = np.zeros(len(mode), np.bool_)
     for node, start, end in zip(nodes, starts, ends, strict=True):

@@ -90,8 +90,8 @@ def _laid_out(forest: Forest) -> Preorder:
         reached[flat.order] = True
         lost = np.flatnonzero(~reached)
         raise InputError(
-            f"{forest.where(lost[0])}: no path leads here from the root of its tree ({len(lost)} such nodes; the root "
-            "is the node listed first); the model file is damaged"
+            f"{forest.where(lost[0])}: no path leads here from the root of its tree "
+            f"({counted(len(lost), 'such node')}; the root is the node listed first); the model file is damaged"
         )
     _check_depth(forest, flat)
     return flat

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.errors import UnsupportedModelError
+from st_codegen.errors import UnsupportedModelError, counted
 from st_codegen.ir import FloatArray, SummationOrder
 from st_codegen.walkers.base import Classified, GraphBuilder, walks
 from st_codegen.walkers.classes import above, largest, last_below, softmax, whole_sums
@@ -136,12 +136,12 @@ def walk_bisections(fitted: Fitted, builder: GraphBuilder, value: int) -> Classi
             continue
         number = len(centres) // 2
         if number >= count:
-            raise fitted.fail("_bisecting_tree", f"more than {count - 1} decisions")
+            raise fitted.fail("_bisecting_tree", f"more than {counted(count - 1, 'decision')}")
         for side in ("left", "right"):
             centres.append(Fitted(own.get(side)).floats("center", (width,)) + moved)
             waiting.append((own.get(side), [*path, (number, float(side == "right"))]))
     if sorted(paths) != list(range(count)):
-        raise fitted.fail("_bisecting_tree", f"not {count} leaves")
+        raise fitted.fail("_bisecting_tree", f"not {counted(count, 'leaf', 'leaves')}")
     if count == 1:
         return Classified((0,), constants(builder, value, np.zeros(1)))
     near = negative_square_distances(builder, value, np.array(centres))

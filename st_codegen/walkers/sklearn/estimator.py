@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.errors import InputError
+from st_codegen.errors import InputError, counted
 from st_codegen.ir import Feature, FloatArray, OutputKind, Source
 from st_codegen.walkers.base import (
     LIBRARIES,
@@ -112,7 +112,7 @@ def _features(estimator: Any) -> tuple[Feature, ...]:
     if names is None:
         return tuple(Feature(f"f{number}") for number in range(int(count)))
     if not isinstance(names, np.ndarray) or names.shape != (count,) or not all(isinstance(n, str) for n in names):
-        raise InputError(f"{type(estimator).__name__}.feature_names_in_: not {count} texts")
+        raise InputError(f"{type(estimator).__name__}.feature_names_in_: not {counted(int(count), 'text')}")
     return tuple(Feature(str(name)) for name in names)
 
 

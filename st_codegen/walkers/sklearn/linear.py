@@ -1,6 +1,7 @@
 """Walkers for scikit-learn's linear models, of numbers and of classes: one weighted sum, and what is made of it.
 
-They add products through BLAS, whose order is not specified: equal within the bound of `bounds.py`, not to the bit.
+They add products through BLAS, whose order is not specified: equal within the bound of `proof/bounds.py`, not to the
+bit.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Walkers for scikit-learn's support vector machines, kernel regression and neural networks.
 
-These add products through BLAS, whose order is not specified: equal within the bound of `bounds.py`, not to the bit.
+These add products through BLAS, whose order is not specified: equal within the bound of `proof/bounds.py`, not to the
+bit.
 """
 
 from __future__ import annotations
@@ -126,7 +127,9 @@ def walk_svc(fitted: Fitted, builder: GraphBuilder, value: int) -> Classified:
     count = len(labels)
     machine = _Machine(fitted, builder.width(value), count)
     if np.sum(machine.of_class) != len(machine.vectors):
-        raise fitted.fail("_n_support", f"{np.sum(machine.of_class)} vectors in all, expected {len(machine.vectors)}")
+        raise fitted.fail(
+            "_n_support", f"{counted(int(np.sum(machine.of_class)), 'vector')} in all, expected {len(machine.vectors)}"
+        )
     pairs = machine.add(builder, value, pair_coefficients(machine.coefficients, machine.of_class))
     turned = builder.scale(pairs, "*", -1.0)
     votes = pair_votes(builder, pairs, count)

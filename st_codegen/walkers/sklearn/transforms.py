@@ -1,6 +1,6 @@
 """Walkers for what scikit-learn computes by `transform`: selections, projections, unions, powers, kernels.
 
-Projections add products through BLAS, whose order is not specified: equal within the bound of `bounds.py`.
+Projections add products through BLAS, whose order is not specified: equal within the bound of `proof/bounds.py`.
 """
 
 from __future__ import annotations

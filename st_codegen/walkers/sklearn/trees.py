@@ -104,7 +104,7 @@ def _iterations(fitted: Fitted, count: int) -> AnyArray:
     """The trees (iterations, `count`), of which native code looks at no shape where it adds them to an array."""
     trees = fitted.get("estimators_")
     if not isinstance(trees, np.ndarray) or trees.ndim != 2 or trees.shape[1] != count or not len(trees):
-        raise fitted.fail("estimators_", f"not an array of {count} trees an iteration")
+        raise fitted.fail("estimators_", f"not an array of {counted(count, 'tree')} an iteration")
     return trees
 
 
@@ -211,9 +211,7 @@ class TreeSum:
     columns: Sequence[IntArray] | None = None
 
 
-def add_float32_trees(
-    builder: GraphBuilder, value: int, trees: Sequence[Any], fitted: Fitted, rule: TreeSum = TreeSum()
-) -> int:
+def add_float32_trees(builder: GraphBuilder, value: int, trees: Sequence[Any], fitted: Fitted, rule: TreeSum) -> int:
     """The trees of `sklearn.tree`; `leaf_scale * leaf` is rounded once here as the library rounds it at run time."""
     columns = [np.arange(builder.width(value))] * len(trees) if rule.columns is None else rule.columns
     structures = [_structure(Fitted(tree), len(own)) for tree, own in zip(trees, columns, strict=True)]
@@ -225,7 +223,7 @@ def add_float32_trees(
     elif hasattr(fitted.estimator, "n_outputs_"):  # boosting has one output and does not say so
         wanted = fitted.integer("n_outputs_", 1, 2**31 - 1), 1
     if any(tree.value.shape[1:] != wanted for tree in structures):
-        raise fitted.fail("tree_", f"leaves that do not hold {wanted[0] * wanted[1]} numbers")
+        raise fitted.fail("tree_", f"leaves that do not hold {counted(wanted[0] * wanted[1], 'number')}")
     # in a sparse matrix no tree of the library takes NaN
     if builder.is_sparse(value) or not fitted.estimator.__sklearn_tags__().input_tags.allow_nan:
         builder.refuse_nan(value)
@@ -292,7 +290,7 @@ def walk_hist_gradient_boosting(fitted: Fitted, builder: GraphBuilder, value: in
     columns = _hist_columns(fitted, builder.width(value))
     iterations = fitted.items("_predictors")
     if any(not isinstance(iteration, list) or len(iteration) != count for iteration in iterations):
-        raise fitted.fail("_predictors", f"not {count} trees an iteration")
+        raise fitted.fail("_predictors", f"not {counted(count, 'tree')} an iteration")
     predictors = [predictor for iteration in iterations for predictor in iteration]
     nodes = np.concatenate([_hist_nodes(Fitted(predictor), columns) for predictor in predictors])
     sizes = np.array([len(predictor.nodes) for predictor in predictors])

@@ -332,7 +332,7 @@ def _tree(section: DocumentPart, n_features: int, n_outputs: int) -> ParsedTree:
     nodes = parameters.integer("num_nodes", 1)
     width = max(parameters.integer("size_leaf_vector", 0, default=1), 1)
     if width not in (1, n_outputs):
-        raise parameters.fail("size_leaf_vector", f"{width}, the model has {n_outputs} outputs")
+        raise parameters.fail("size_leaf_vector", f"{width}, the model has {counted(n_outputs, 'output')}")
     left = section.indices("left_children", nodes, -1, nodes)
     split = left >= 0
     right = section.indices("right_children", nodes, -1, _INT32)
@@ -402,7 +402,9 @@ def _category_sets(section: DocumentPart, categorical: BoolArray) -> CategorySet
     begin = section.indices("categories_segments", len(nodes), 0, len(codes) + 1)
     size = section.indices("categories_sizes", len(nodes), 1, len(codes) + 1)
     if np.any(begin + size > len(codes)):
-        raise section.fail("categories_sizes", f"a set that ends behind the {len(codes)} categories")
+        raise section.fail(
+            "categories_sizes", f"a set that ends behind the {counted(len(codes), 'category', 'categories')}"
+        )
     if not len(wanted):
         return None
     used = np.searchsorted(nodes, wanted)

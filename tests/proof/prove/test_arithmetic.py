@@ -32,8 +32,8 @@ from st_codegen.project.bundle import load
 from st_codegen.proof.bounds import ERF_FORMULA, difference_bound
 from st_codegen.proof.prove import arithmetic, symbolic
 from st_codegen.proof.prove.arithmetic import prove_arithmetic
-from st_codegen.proof.prove.axis import NotProvedError
 from st_codegen.proof.prove.disagree import OtherExpressionError
+from st_codegen.proof.prove.errors import NotProvedError
 from st_codegen.proof.prove.formulas import LOG_ERFC
 from st_codegen.proof.prove.intervals import FUNCTION_ERROR, FUNCTIONS, INTEGER
 from st_codegen.proof.prove.prove import Verdict, prove

@@ -8,8 +8,8 @@ import pytest
 from st_codegen.emit.output import block_of
 from st_codegen.emit.targets import TARGETS
 from st_codegen.project.bundle import load
-from st_codegen.proof.prove.axis import NotProvedError
 from st_codegen.proof.prove.blocks import prove_block
+from st_codegen.proof.prove.errors import NotProvedError
 from st_codegen.proof.runner import GeneratedCode
 from st_codegen.st import parse_project
 from tests.changes import change_once
