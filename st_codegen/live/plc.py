@@ -13,12 +13,10 @@ from typing import Protocol
 
 from st_codegen.emit.blocks import comparison
 from st_codegen.errors import InputError
-from st_codegen.files.text import read_text
 from st_codegen.live.symbols import WireVariables, assigned_globals
-from st_codegen.proof.runner import GeneratedCode
+from st_codegen.proof.runner import GeneratedCode, tasks_in
 from st_codegen.st import Machine, StRuntimeError
 from st_codegen.st.run.machine import Instance
-from st_codegen.st.syntax.xml_file import open_xml
 from st_codegen.st.tree import PouKind
 from st_codegen.te.compensation import recorder
 
@@ -69,13 +67,11 @@ class PlcTask:
     programs: tuple[str, ...]
 
 
-def tasks_in(folder: Path) -> tuple[PlcTask, ...]:
+def plc_tasks(folder: Path) -> tuple[PlcTask, ...]:
     """The tasks of a TwinCAT project, the most urgent first. Raises InputError for a file that is none."""
     found = []
-    for path in sorted(folder.rglob("*.TcTTO")):
-        root = open_xml(str(path), read_text(path).encode()).root
+    for path, root, programs in tasks_in(folder):
         cycle, priority = (str(root.findtext(f".//{tag}", "")).strip() for tag in ("CycleTime", "Priority"))
-        programs = tuple(str(name.text).strip() for name in root.iterfind(".//PouCall/Name"))
         if not (cycle.isdecimal() and int(cycle) and priority.isdecimal() and programs):
             raise InputError(f"{path}: a task has a cycle time, a priority and a program; generate again")
         found.append(PlcTask(path.stem, int(cycle), int(priority), programs))
@@ -101,7 +97,7 @@ class SoftPlc:
     ) -> None:
         self.code = GeneratedCode(folder)
         self.machine = Machine(self.code.project, libraries=self.code.libraries, optimised=optimised)
-        self.tasks = tasks_in(folder) or self._only_task(folder, cycle_us)
+        self.tasks = plc_tasks(folder) or self._only_task(folder, cycle_us)
         self.tick_us = math.gcd(*(task.cycle_us for task in self.tasks))
         self.speed = speed
         self.state = PlcState.RUN

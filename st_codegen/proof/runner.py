@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from st_codegen.emit.output import MANIFEST, changed_since
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.files.made_by import command_line
+from st_codegen.files.text import read_text
 from st_codegen.ir import BoolArray, FloatArray
 from st_codegen.proof.arithmetic import libraries_of
 from st_codegen.st import (
@@ -31,6 +33,7 @@ from st_codegen.st import (
 )
 from st_codegen.st.run.machine import Instance
 from st_codegen.st.syntax.source import PLAIN
+from st_codegen.st.syntax.xml_file import open_xml
 from st_codegen.st.tree import Pou, Section
 
 #: Rows that are run at once: their records stay in the caches of a processor.
@@ -118,10 +121,7 @@ class GeneratedCode:
     @property
     def task_programs(self) -> tuple[str, ...]:
         """The programs that the tasks of a TwinCAT project call, in order; empty where there is no task."""
-        calls = []
-        for path in sorted(self.folder.rglob("*.TcTTO")):
-            calls += re.findall(r"<PouCall>\s*<Name>\s*(\w+)\s*</Name>", path.read_text(encoding="utf-8-sig"))
-        return tuple(dict.fromkeys(calls))
+        return tuple(dict.fromkeys(name for _, _, programs in tasks_in(self.folder) for name in programs))
 
     def table_bytes(self, block: str) -> int:
         """Bytes of a block's constant arrays."""
@@ -220,3 +220,13 @@ class GeneratedCode:
         except StRuntimeError as error:
             raise _StopsError(f"{self.folder}: the controller would stop in {block}\n{error}") from error
         return {port.name: np.asarray(instance[port.name]) for port in instance.outputs}
+
+
+def tasks_in(folder: Path) -> Iterator[tuple[Path, Any, tuple[str, ...]]]:
+    """The files of the tasks of a TwinCAT project: the root element of each, and the programs that it calls.
+
+    Raises InputError for a file that is no XML.
+    """
+    for path in sorted(folder.rglob("*.TcTTO")):
+        root = open_xml(str(path), read_text(path).encode()).root
+        yield path, root, tuple(str(name.text).strip() for name in root.iterfind(".//PouCall/Name"))

@@ -154,8 +154,8 @@ def test_a_file_of_a_task_is_read_or_refused_with_its_name(tmp_path):
     file = tmp_path / "Fast.TcTTO"
     task = "<Task><CycleTime> 500 <!-- us --></CycleTime>{}<PouCall><Name>A</Name></PouCall></Task>"
     file.write_text(task.format("<Priority>3</Priority>"))
-    assert plc.tasks_in(tmp_path) == (plc.PlcTask("Fast", 500, 3, ("A",)),)
+    assert plc.plc_tasks(tmp_path) == (plc.PlcTask("Fast", 500, 3, ("A",)),)
     for content in (task.format("").encode(), b"\xff\xfe", b"<Task>"):
         file.write_bytes(content)
         with pytest.raises(InputError, match=r"Fast\.TcTTO"):
-            plc.tasks_in(tmp_path)
+            plc.plc_tasks(tmp_path)

@@ -222,7 +222,7 @@ CASES = {
         lambda m: svr(constant_=lambda v: v[:0])(m.init_),
         r"DummyRegressor.constant_: shape",
     ),
-    "two trees a round": ("boosting", svr(estimators_=lambda v: np.hstack([v, v])), r"not an array of 1 trees"),
+    "two trees a round": ("boosting", svr(estimators_=lambda v: np.hstack([v, v])), r"not an array of 1 tree an"),
     "no node": ("histogram", lambda m: svr(nodes=lambda v: v[:0])(m._predictors[0][0]), r"TreePredictor.nodes: not a"),
     "a category without a bit": (
         "categories",
