@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from st_codegen.emit.blocks.model import AGE
 from st_codegen.errors import at_least, at_most
 from st_codegen.ir import ModelIR
 from st_codegen.passes.domain import magnitudes
@@ -191,6 +192,8 @@ def _summary(project: Project, block: str, members: Sequence[tuple[ModelIR, tupl
                 run.held[path, variable] = run.terms.leaf(name, "real", (-size, size, False))
             elif isinstance(variable.type, Elementary) and variable.type.name == "BOOL":
                 run.held[path, variable] = run.terms.leaf(name, "bool", (0.0, 1.0, False))
+            elif variable.name == AGE:
+                run.held[path, variable] = run.terms.leaf(name, "int", anything(path, variable, 0))
             else:
                 raise NotProvedError(f"the output {variable.name} of {unit.name} belongs to no proved model")
 

@@ -5,8 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from st_codegen.driver import generate
 from st_codegen.emit.output import block_of
 from st_codegen.emit.targets import TARGETS
+from st_codegen.passes.choose import Layout, Options
 from st_codegen.project.bundle import load
 from st_codegen.proof.prove.axis import NotProvedError
 from st_codegen.proof.prove.blocks import prove_block
@@ -48,6 +50,19 @@ def test_the_prediction_has_numbers_as_large_as_its_models(target, models):
     }
     assert 0.01 < limits["aAmplitudeFw"] < 1.0
     assert limits["aPhaseFw"] < 3.93
+
+
+@pytest.mark.parametrize(
+    "how",
+    [{"options": Options(Layout.TREES, outputs_per_cycle=1)}, {"with_age": True}, {}],
+    ids=["spread", "age", "plain"],
+)
+def test_a_compensator_of_any_form_keeps_its_limits(bundle_folder, tmp_path, how):
+    """Of models that are spread over calls "an integer overflows" was said, of nAge that it belonged to no model."""
+    bundle = load(bundle_folder)
+    found = proof(generate(bundle, "iec", tmp_path / "out", **how).folder, bundle.models)
+    limits = {limit.output: (limit.lower, limit.upper) for limit in found.limits}
+    assert limits["fCorrection_deg"] == (-360.0, 360.0)
 
 
 FAILING = {
