@@ -30,7 +30,8 @@ from st_codegen.st.types import ArrayType, BlockType, Elementary, Type
 
 _PATH: Path = ("BLOCK",)
 
-#: Rounds after which an interval that still grows is taken much wider, and after which none may grow any more.
+#: Rounds after which an interval that still grows is taken much wider (of counters, which others wait for, after half
+#: as many as of numbers), and after which none may grow any more.
 _PATIENCE, _ROUNDS = 6, 40
 
 #: Limits from here on are those of the models' arithmetic and not worth a sentence.
@@ -101,8 +102,9 @@ def prove_block(
         grown = {key: hull(interval, intervals[key]) for key, interval in state.items()}
         if grown == state:
             return BlockProof(block, _limits(project, block, run), _slews(project, block, run), number)
-        if number > _PATIENCE:
-            grown = {key: _wider(state[key], interval) for key, interval in grown.items()}
+        for key, interval in grown.items():
+            if number > (_PATIENCE if _is_counter(key) else 2 * _PATIENCE):
+                grown[key] = _wider(state[key], interval)
         state = grown
     raise NotProvedError("no invariant was found")
 
@@ -123,6 +125,13 @@ def _numbers(project: Project, block: str, path: Path = _PATH) -> list[tuple[Pat
             count = kind.size if isinstance(kind, ArrayType) else 1
             found += [(path, variable, place, element) for place in range(count)]
     return found
+
+
+def _is_counter(number: Number) -> bool:
+    """Whether a number of the state is an integer."""
+    kind = number[1].type
+    element = kind.element if isinstance(kind, ArrayType) else kind
+    return isinstance(element, Elementary) and element.is_integral
 
 
 def _initial(project: Project, block: str) -> dict[Number, Interval]:

@@ -128,6 +128,14 @@ def test_a_number_that_shrinks_call_by_call_does_not_pass_zero(start, limits):
     assert (limit.lower, limit.upper) == limits
 
 
+def test_what_waits_for_a_counter_is_not_taken_wider_before_it_began():
+    """Of models spread over ten calls the correction was said to stay within 10000 deg, not 360."""
+    text = "FUNCTION_BLOCK FB_T VAR_OUTPUT fY : LREAL; END_VAR VAR n : DINT; END_VAR\nn := n + 1;\n"
+    text += "IF n >= 9 THEN n := 0; fY := MIN(fY + 1.0, 3.0); END_IF;\nEND_FUNCTION_BLOCK\n"
+    (limit,) = prove_block(parse_project({"t.st": text}, "iec"), "FB_T", {}).limits
+    assert (limit.lower, limit.upper) == (0.0, 3.0)
+
+
 def test_every_branch_of_a_case_is_followed():
     text = "FUNCTION_BLOCK FB_T VAR_INPUT n : DINT; END_VAR VAR_OUTPUT fY : LREAL; END_VAR\n"
     text += "CASE n OF 1: fY := 2.0; 2..3: fY := -1.0; ELSE fY := 0.5; END_CASE\nEND_FUNCTION_BLOCK\n"
