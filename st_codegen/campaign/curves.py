@@ -188,7 +188,8 @@ def read_run(path: Path, conditions: OperatingPoint) -> Run:
 def _layout(path: Path) -> _Layout:
     try:
         with path.open(encoding="utf-8-sig") as file:
-            first, second = file.readline().strip(), file.readline().strip()
+            # the tabs at an end are the cells of a direction that was not run
+            first, second = file.readline().strip(" \r\n"), file.readline().strip(" \r\n")
             if file.newlines == "\r":
                 raise BadFileError(path, None, "lines end in CR alone, as in 'CSV (Macintosh)'; save it as plain CSV")
     except UnicodeDecodeError:

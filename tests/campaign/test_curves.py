@@ -82,6 +82,10 @@ def test_columns_are_found_by_their_names(tmp_path, text):
     assert equal(read_run(tmp_path / "one.csv", CONDITIONS), a_run())
     (tmp_path / "two.csv").write_text("\n".join(",".join(line[:2]) for line in lines))
     assert list(read_run(tmp_path / "two.csv", CONDITIONS).curves) == [Direction.FORWARD]
+    for separator in ",\t":
+        rows = [separator.join([*line[:2], "", ""]) for line in lines[1:]]
+        (tmp_path / "bare.csv").write_text("\n".join(rows))
+        assert list(read_run(tmp_path / "bare.csv", CONDITIONS).curves) == [Direction.FORWARD]
 
 
 def line_500(new):
