@@ -192,7 +192,7 @@ def test_the_proof_shares_with_the_compiler_what_its_page_says():
                 shared |= {f"{node.module.removeprefix('st_codegen.')}.{alias.name}" for alias in node.names}
     assert shared == {
         *("passes.domain.magnitudes", "passes.jumps.largest_jump", "passes.kernels.factored"),
-        *("emit.blocks.self_check.INTACT", "emit.output.block_of"),
+        *("emit.blocks.self_check.INTACT", "emit.output.block_of", "emit.blocks.model.AGE"),
         *("emit.blocks.model.input_variables", "emit.blocks.model.real_lines", "emit.blocks.model.renamed"),
     }
 

@@ -2,7 +2,8 @@
 
 A file is one run at constant conditions and has four columns: angle and TE forward, angle and TE backward, in deg.
 Forward angles run from 0 up to 360, backward angles from 360 down to 0. Samples are equidistant in time. The rig's
-own header has a typing error; it is read with it, corrected, or absent. Separators `,` or `;`, decimal point or comma.
+own header has a typing error; it is read with it, corrected, or absent. Separators `,`, `;` or
+tabs, decimal point or comma.
 
 The conditions stand in the file name (`Test_25degree/1000rpm/1000.0rpm1100.0Nm25.0deg.csv`) or in a file
 `conditions.csv` (`file,speed_rpm,torque_Nm,temperature_C`) at the top of the campaign's folder.
@@ -21,7 +22,7 @@ import numpy as np
 
 from st_codegen.campaign.conditions import CONDITION_COLUMNS, OperatingPoint
 from st_codegen.errors import InputError, counted, extra_package
-from st_codegen.files.csv_tables import RowError, read_csv
+from st_codegen.files.csv_tables import RowError, read_csv, separator_of
 from st_codegen.files.number_text import parse_number
 from st_codegen.files.text import encoding_fault, whole_file
 from st_codegen.ir.arrays import FloatArray
@@ -111,7 +112,7 @@ def scan(folder: Path) -> tuple[tuple[RunFile, ...], tuple[BadFileError, ...]]:
         raise InputError(f"{folder}: no such folder")
     listed, bad = _listed(folder / CONDITIONS_FILE)
     files = []
-    for path in sorted(folder.rglob("*.csv")):
+    for path in sorted(folder.rglob("*.[cC][sS][vV]")):
         if path.name == CONDITIONS_FILE or any(part.startswith(".") for part in path.relative_to(folder).parts):
             continue
         conditions = listed.get(path) or conditions_from_name(path)
@@ -187,14 +188,17 @@ def read_run(path: Path, conditions: OperatingPoint) -> Run:
 def _layout(path: Path) -> _Layout:
     try:
         with path.open(encoding="utf-8-sig") as file:
-            first, second = file.readline().strip(), file.readline().strip()
+            # the tabs at an end are the cells of a direction that was not run
+            first, second = file.readline().strip(" \r\n"), file.readline().strip(" \r\n")
+            if file.newlines == "\r":
+                raise BadFileError(path, None, "lines end in CR alone, as in 'CSV (Macintosh)'; save it as plain CSV")
     except UnicodeDecodeError:
         raise BadFileError(path, None, encoding_fault(path.read_bytes())) from None
     except OSError as error:
         raise BadFileError(path, None, f"cannot be read ({error.strerror or error})") from None
     if not first:
         raise BadFileError(path, 1, "the file is empty")
-    separator = ";" if ";" in first else ","
+    separator = separator_of(first)
     names = [name.lower() for name in _cells(first, separator)]
     has_header = any(name in _COLUMNS for name in names) or not any(_is_number(name) for name in names)
     sample = _cells(second if has_header else first, separator)

@@ -159,7 +159,7 @@ def write_table(table: HarmonicTable, path: Path) -> None:
 def read_table(path: Path) -> HarmonicTable:
     """Read a table from CSV; rows without a direction column are forward.
 
-    `;` with decimal commas is read as well. Raises one InputError that lists what is wrong, with line numbers.
+    `;` or tabs with decimal commas are read as well. Raises one InputError that lists what is wrong, with line numbers.
     """
     problems = Problems(str(path))
     table = read_csv(path, CONDITION_COLUMNS)
@@ -210,7 +210,9 @@ def _orders(names: Sequence[str], problems: Problems) -> tuple[int, ...]:
             problems.add(f"unknown column '{name}'; known are {', '.join(sorted(known))}, A0, A1, .. and phi1, ..")
     if not amplitudes:
         problems.add("no amplitude columns A0, A1, ..")
-    for order in sorted((amplitudes - {0}) ^ phases):
+    if 0 in phases:
+        problems.add("the mean has no phase: leave the column 'phi0' out, and give A0 with its sign")
+    for order in sorted((amplitudes ^ phases) - {0}):
         has, lacks = ("A", "phi") if order in amplitudes else ("phi", "A")
         problems.add(f"the column '{has}{order}' has no '{lacks}{order}' beside it")
     problems.raise_if_any()

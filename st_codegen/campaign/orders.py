@@ -34,6 +34,8 @@ _SAME_WAVE = 1e-6
 _LEAST_BELIEF = 1e-9
 #: turns from which on a curve holds more than one: below, a quarter of its samples is no alias of an order
 _SEVERAL_TURNS = 1.5
+#: larger TE is none, and the squares of some have no float64
+_LARGEST_TE_DEG = 1e15
 #: rounds of finding what else is in a curve
 _ROUNDS = 3
 
@@ -97,6 +99,11 @@ class Sums:
             te_square=self.te_square + float(te @ te),
             spikes=self.spikes[:, ~chosen],
         )
+
+    @property
+    def values(self) -> int:
+        """How many values TE has."""
+        return int(self.ends[0, 3])
 
     @property
     def band(self) -> int:
@@ -174,6 +181,8 @@ def _sums_over(angle_deg: FloatArray, curve: Curve, band: int) -> Sums:
     fft[0] /= 2.0
     left_out = np.stack([theta[far], te[far], off[far], np.flatnonzero(far)])
     theta, te = theta[~far], te[~far]
+    if (largest := float(np.abs(te).max())) > _LARGEST_TE_DEG:
+        raise InputError(f"TE is up to {largest:.3g} deg; no more than {_LARGEST_TE_DEG:g} is read: an error code?")
     both = moments(theta, np.stack([np.ones(len(te)), te]), 2 * band)
     sums = Sums(
         len(te),

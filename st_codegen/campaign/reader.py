@@ -37,6 +37,8 @@ AROUND = -1
 #: TE that scatters over a turn by this times the median of all curves is none, nor is one of a degree and more: a
 #: resonance lifts a curve some 50 times, and the TE of reducers is some hundredths of a degree
 _APART, _NO_TE_DEG = 100.0, 1.0
+#: TE of as many values as this is not rounded so coarsely that a sound run has only one
+_MANY_VALUES = 20
 #: with fewer curves no median tells what is usual
 _LEAST_CURVES = 5
 #: seconds between two writes of what is read so far
@@ -192,15 +194,30 @@ def _apart(files: Sequence[RunFile], results: Mapping[Path, Mapping[Direction, S
         file.path: max(math.sqrt(max(_variance(sums), 0.0)) for sums in results[file.path].values()) for file in files
     }
     usual = median(scatter.values()) if len(files) >= _LEAST_CURVES else math.inf
+    dead = _dead(results)
     oil = np.array([file.conditions.temperature_C for file in files])
     for file, wrong in zip(files, temperatures_of_no_oil(oil), strict=True):
         if wrong:
             reason = f"a temperature of {file.conditions.temperature_C:g} degC, in the median run {np.median(oil):g}"
         elif scatter[file.path] > max(_APART * usual, _NO_TE_DEG):
             reason = f"TE scatters by {scatter[file.path]:.2g} deg in the turn, in the median run by {usual:.2g}"
+        elif file.path in dead:
+            reason = f"{' and '.join(dead[file.path])}: TE is the same in all samples, unlike in most runs"
         else:
             continue
-        yield BadFileError(file.path, None, f"{reason}: an error code, or another unit? Correct it or leave it out")
+        cause = "a dead channel" if file.path in dead else "an error code, or another unit"
+        yield BadFileError(file.path, None, f"{reason}: {cause}? Correct it or leave it out")
+
+
+def _dead(results: Mapping[Path, Mapping[Direction, Sums]]) -> dict[Path, list[Direction]]:
+    """Files with curves of one value, where the median curve of the direction has so many that no rounding did it."""
+    found: dict[Path, list[Direction]] = {}
+    for direction in Direction:
+        own = {path: run[direction].values for path, run in results.items() if direction in run}
+        if len(own) >= _LEAST_CURVES and median(own.values()) >= _MANY_VALUES:
+            for path in (path for path, values in own.items() if values == 1):
+                found.setdefault(path, []).append(direction)
+    return found
 
 
 def _variance(sums: Sums) -> float:
@@ -278,6 +295,8 @@ def _reduced(file: RunFile, band: int) -> dict[Direction, Sums] | BadFileError:
     end_with_parent()
     try:
         run = read_run(file.path, file.conditions)
+        return {direction: curve_sums(curve, band) for direction, curve in run.curves.items()}
     except BadFileError as error:
         return error
-    return {direction: curve_sums(curve, band) for direction, curve in run.curves.items()}
+    except InputError as error:
+        return BadFileError(file.path, None, str(error))

@@ -135,7 +135,7 @@ def command(
         measured = measured_table(
             campaign, wanted, most_orders, skip_bad=skip_bad, where=where, cache=cache, progress=progress
         )
-    for text in () if quiet else measured.left_out:
+    for text in measured.left_out:
         tell(f"left out: {text}")
     check_learnable(measured.table, str(campaign))
     lessons = []
@@ -151,11 +151,11 @@ def command(
         write_text(report, training_page(name, measured, lessons))
     if as_json:
         click.echo(json.dumps([_facts(lesson) for lesson in lessons], indent=1))
-    if not quiet:
-        _print(lessons, head, out, "kept" if keep_faulty else "left out")
+    _print(lessons, head, "kept" if keep_faulty else "left out", quiet=quiet)
     if dropped:
         say(f"{out}: left out, since made for the models of the bundle that was replaced: {', '.join(dropped)}")
     if not quiet:
+        tell(f"{out}: {counted(sum(len(lesson.models) for lesson in lessons), 'model')}")
         say_next("generate", out)
 
 
@@ -165,10 +165,11 @@ def _is_measured(file: Path, campaign: Path) -> bool:
     return inside or (file.exists() and file.samefile(campaign))
 
 
-def _print(lessons: list[Lesson], head: BundleHead, out: Path, faulty_are: str) -> None:
-    """What was learned, and what is the same in all runs."""
+def _print(lessons: list[Lesson], head: BundleHead, faulty_are: str, *, quiet: bool) -> None:
+    """What was learned, unless `quiet`, what is doubtful in it, and what is the same in all runs."""
     for lesson in lessons:
-        console.print(_summary(lesson, faulty_are))
+        if not quiet:
+            console.print(_summary(lesson, faulty_are))
         for remark in lesson.remarks():
             say(remark)
         if beyond := lesson.beyond_limit(head.reduction_ratio):
@@ -184,7 +185,6 @@ def _print(lessons: list[Lesson], head: BundleHead, out: Path, faulty_are: str) 
             f"{feature} was {plain_number(value)} in all runs learned from: the blocks compute with "
             f"{plain_number(value)}, and bInRange is FALSE at any other value"
         )
-    tell(f"{out}: {counted(sum(len(lesson.models) for lesson in lessons), 'model')}")
 
 
 def _orders(text: str) -> tuple[int, ...] | None:

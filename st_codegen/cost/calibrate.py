@@ -19,7 +19,7 @@ import numpy as np
 
 from st_codegen.cost.profile import LARGEST_FACTOR, SMALLEST_FACTOR, Profile
 from st_codegen.cost.report import project_cost
-from st_codegen.errors import InputError, Problems, at_most, counted
+from st_codegen.errors import InputError, Problems, at_most, counted, meant
 from st_codegen.files.csv_tables import RowError, read_csv
 from st_codegen.files.toml_text import toml_value
 from st_codegen.st.tree import Project
@@ -107,7 +107,8 @@ def calibrate(project: Project, profile: Profile, measurements: tuple[Measuremen
     for measurement in measurements:
         block = next((name for name in whole.blocks if name.upper() == measurement.block.upper()), None)
         if block is None:
-            problems.add(f"no block '{measurement.block}' in the generated text")
+            near = meant(measurement.block, whole.blocks)
+            problems.add(f"no block '{measurement.block}' in the generated text{near}")
         elif not whole.blocks[block].is_bounded:
             problems.add(f"block '{block}' has no known worst case: {whole.blocks[block].unbounded[0]}")
         else:

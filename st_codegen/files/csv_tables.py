@@ -1,7 +1,7 @@
 """CSV tables: a header of names above rows of texts and numbers.
 
-Exports of other tools, with `;` between the cells and decimal commas, are read as well: a semicolon in the first line
-says so.
+Exports of other tools, with `;` or tabs between the cells and with decimal commas, are read as well: a semicolon, else
+a tab, in the first line says so.
 """
 
 from __future__ import annotations
@@ -128,7 +128,7 @@ def read_csv(path: Path, wanted: Sequence[str] = ()) -> CsvTable:
     below = {row.line for row in empty if row.line > rows[0].line} - {row.line for row in rows}
     # a comma in a column that nobody reads as numbers, as in a list or a note, says nothing of those that are
     of_numbers = [place for place, name in enumerate(names) if not wanted or name in wanted]
-    is_comma = separator == ";"
+    is_comma = separator != ","
     comma_line = next((row.line for row in rows[1:] if is_comma and _some(_WITH_COMMA, row, of_numbers)), None)
     pointed = [n for n in of_numbers if comma_line and any(_some(_WITH_POINT, row, [n]) for row in rows[1:])]
     with_point = frozenset(names[n] for n in pointed)
@@ -185,7 +185,8 @@ def header_of(path: Path) -> tuple[str, ...]:
 
 def separator_of(text: str) -> str:
     """The character between the cells of a table, told from its first line."""
-    return ";" if ";" in text.partition("\n")[0] else ","
+    first = text.partition("\n")[0].strip()
+    return next((separator for separator in ";\t" if separator in first), ",")
 
 
 def _cut(text: str) -> str:

@@ -24,8 +24,8 @@ from st_codegen.fleet.estimates import Estimate
 FALSE_ALARM = 0.05
 #: With fewer axes that have a parameter nothing is said of who stands out: a deviation of some numbers is chance.
 LEAST_AXES = 8
-#: Simulated fleets above the limit: the chance is right within some 14 %.
-_ABOVE = 50
+#: Simulated fleets above the limit: the chance is right within some 5 %.
+_ABOVE = 400
 _MOST_SIMULATED = 400_000
 _AT_ONCE = 2_000_000
 

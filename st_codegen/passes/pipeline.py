@@ -68,7 +68,7 @@ class LayoutDecision:
             return ""
         before = next((c.cost.nanoseconds for c in self.candidates if c.layout == self.earlier), None)
         why = "which these options and limits do not allow"
-        if before is not None:
+        if before is not None and math.isfinite(before):
             share = self.candidates[0].cost.nanoseconds / before
             why = f"whose time in the worst case falls to {at_most(100.0 * share, 3)} % by the prices of that choice"
             if share > 1:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,6 +12,7 @@ from st_codegen.emit.blocks.model import Limits, block_name
 from st_codegen.emit.contents import Contents
 from st_codegen.emit.render import render
 from st_codegen.emit.targets import Target
+from st_codegen.errors import InputError
 from st_codegen.ir import ModelIR
 from st_codegen.passes.choose import CallCost
 from st_codegen.passes.pipeline import Compiled
@@ -33,14 +35,20 @@ class EmittedCost(CallCost):
 
 @dataclass(frozen=True)
 class Pricing:
-    """Prices models for a target on a controller: each is printed, read again and counted. A `CostFunction`."""
+    """Prices models for a target on a controller: each is printed, read again and counted. A `CostFunction`.
+
+    A layout that cannot be printed has an infinite price.
+    """
 
     target: Target
     limits: Limits
     profile: Profile
 
     def __call__(self, model: ModelIR) -> EmittedCost:
-        cost = self.block(model)
+        try:
+            cost = self.block(model)
+        except InputError:  # above all an array that the target does not hold: another layout may do
+            return EmittedCost(math.inf, math.inf, 0, math.inf, math.inf)
         return EmittedCost(
             instructions=sum(cost.operations.values()),
             lines=sum(part.lines for part in cost.parts),
@@ -89,11 +97,12 @@ class Price:
 
 
 def prices(compiled: Compiled, pricing: Pricing) -> list[Price]:
-    """Every layout of every model: what was chosen and what else was possible."""
+    """Every layout of every model: what was chosen and what else could have been printed."""
     found = []
     for decision in compiled.decisions:
         for number, candidate in enumerate(decision.candidates):
             known = candidate.cost
             cost = known if isinstance(known, EmittedCost) else pricing(candidate.model)
-            found.append(Price(decision.model, candidate.layout, number == 0, cost))
+            if math.isfinite(cost.cold_us):
+                found.append(Price(decision.model, candidate.layout, number == 0, cost))
     return found

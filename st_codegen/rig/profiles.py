@@ -4,7 +4,7 @@
 - `robot`: pick and place of the first joint of a large robot, of our own making: fast moves with a limited jerk, a
   short approach, reversals and dwells, a heavier load on the way with the part. (The paper's own recording is not
   published.)
-- a CSV file with the columns `t,theta_out,torque_Nm` (s, deg, N m; `;` and decimal commas are read too).
+- a CSV file with the columns `t,theta_out,torque_Nm` (s, deg, N m; `;` or tabs, and decimal commas, are read too).
 """
 
 from __future__ import annotations

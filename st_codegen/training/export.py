@@ -246,5 +246,7 @@ def _save_onnx(estimator: Any, folder: Path, name: str) -> str:
         made = to_onnx(_folded(estimator), initial_types=features, target_opset=17)
     except Exception as error:  # the converters raise whatever comes along
         raise InputError(f"{name}: a {kind} cannot be saved as ONNX ({error}); use --format native") from None
+    # from a set of Python, whose order differs from run to run
+    made.opset_import.sort(key=lambda opset: opset.domain)
     save_onnx(made, folder / name)
     return name

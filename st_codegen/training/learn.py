@@ -151,10 +151,11 @@ def check_learnable(table: HarmonicTable, what: str = "harmonic table") -> None:
                 f"{counted(points, 'operating point')} in one direction, {direction}: at least {LEAST_POINTS} are "
                 "needed to learn from"
             )
-    if standing := int((table.speed_rpm <= 0.0).sum()):
+    if len(standing := table.conditions[table.speed_rpm <= 0.0]):
+        speed, torque, temperature = standing[0]
         problems.add(
-            f"{counted(standing, 'run')} with a speed of 0 rpm or less: speeds are above 0, and the direction has a "
-            "column of its own"
+            f"{counted(len(standing), 'run')} with a speed of 0 rpm or less, the first at {speed:g} rpm, {torque:g} "
+            f"N m and {temperature:g} degC: speeds are above 0, and the direction has a column of its own"
         )
     if (coldest := table.temperature_C.min(initial=math.inf)) > _HOTTEST and len(table):
         problems.add(f"no temperature is below {coldest:g} degC: they look like K, and the blocks are given degC")

@@ -60,6 +60,8 @@ LAYOUTS = {
     "semicolons": lambda text: text.replace(",", ";"),
     "semicolons and decimal commas": lambda text: text.replace(",", ";").replace(".", ","),
     "decimal commas without header": lambda text: text.replace(",", ";").replace(".", ",").split("\n", 1)[1],
+    "tabs": lambda text: text.replace(",", "\t"),
+    "tabs and decimal commas": lambda text: text.replace(",", "\t").replace(".", ","),
     "quoted decimal commas": quoted,
     "line ends of Windows": lambda text: text.replace("\n", "\r\n"),
     "byte order mark": lambda text: "\ufeff" + text,
@@ -80,6 +82,10 @@ def test_columns_are_found_by_their_names(tmp_path, text):
     assert equal(read_run(tmp_path / "one.csv", CONDITIONS), a_run())
     (tmp_path / "two.csv").write_text("\n".join(",".join(line[:2]) for line in lines))
     assert list(read_run(tmp_path / "two.csv", CONDITIONS).curves) == [Direction.FORWARD]
+    for separator in ",\t":
+        rows = [separator.join([*line[:2], "", ""]) for line in lines[1:]]
+        (tmp_path / "bare.csv").write_text("\n".join(rows))
+        assert list(read_run(tmp_path / "bare.csv", CONDITIONS).curves) == [Direction.FORWARD]
 
 
 def line_500(new):
@@ -108,6 +114,7 @@ FAULTS = {
     "no values": (lambda text: text.splitlines()[0] + "\n,,,\n,,,\n", 2, "no values in any column"),
     "cut off": (lambda text: text[: len(text) // 2], None, "deg of 360"),
     "empty": (lambda text: "", 1, "the file is empty"),
+    "line ends of old": (lambda text: text.replace("\n", "\r"), None, "lines end in CR alone"),
     "header only": (lambda text: text.splitlines()[0], 1, "only 0 samples"),
     "unknown column": (lambda text: text.replace("Error_Fw", "Error"), 1, "unknown column 'transmission_error'"),
     "half a direction": (lambda text: "Transmission_Error_Fw\n1\n", 1, "only one of"),

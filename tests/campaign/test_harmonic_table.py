@@ -67,11 +67,11 @@ def test_arrays_are_read_only():
         a_table().coefficients[0, 0] = 0
 
 
-@pytest.mark.parametrize("separator", [",", ";"])
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
 def test_without_direction_all_is_forward(tmp_path, separator):
     text = "speed_rpm,torque_Nm,temperature_C,A0,A1,phi1,A0_sign\n100.0,0.5,25.0,-0.01,0.5,1.5,measured\n"
-    if separator == ";":
-        text = text.replace(",", ";").replace(".", ",")
+    if separator != ",":
+        text = text.replace(",", separator).replace(".", ",")
     (tmp_path / "t.csv").write_text(text)
     table = read_table(tmp_path / "t.csv")
     assert not table.backward.any()
@@ -96,6 +96,7 @@ def test_all_faults_in_one_message(tmp_path):
         ("speed_rpm,torque_Nm,A0", "'temperature_C' is missing"),
         ("speed_rpm,torque_Nm,temperature_C,A0,A1", "'A1' has no 'phi1'"),
         ("speed_rpm,torque_Nm,temperature_C,A0,phi1", "'phi1' has no 'A1'"),
+        ("speed_rpm,torque_Nm,temperature_C,A0,phi0", "the mean has no phase: leave the column 'phi0' out"),
         ("speed_rpm,torque_Nm,temperature_C,A0,A0", "'A0' is there twice"),
         ("speed_rpm,torque_Nm,temperature_C,A0,AO", "unknown column 'AO'"),
         ("speed_rpm,torque_Nm,temperature_C", "no amplitude columns"),

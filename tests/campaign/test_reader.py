@@ -292,6 +292,40 @@ def test_files_that_cannot_be_what_they_say_are_bad_ones(folder, tmp_path):
     assert len(read_campaign(folder, jobs=1, skip_bad=True).curves) == 8
 
 
+def _with_te(file, direction, value):
+    """One direction of a curve file with this in place of all TE."""
+    head, *lines = file.read_text().splitlines()
+    column = 1 if direction is Direction.FORWARD else 3
+    cells = [line.split(",") for line in lines]
+    file.write_text("\n".join([head, *(",".join([*row[:column], value, *row[column + 1 :]]) for row in cells)]))
+
+
+def test_a_dead_channel_is_a_bad_file(folder):
+    """A run with 0 throughout was learned from like any other one."""
+    files = sorted(folder.rglob("*.csv"))
+    _with_te(files[2], Direction.BACKWARD, "0.0")
+    with pytest.raises(InputError, match=r"backward: TE is the same in all samples, .* a dead channel\?"):
+        read_campaign(folder, jobs=1)
+    assert len(read_campaign(folder, jobs=1, skip_bad=True).curves) == 10
+    for file in files:
+        _with_te(file, Direction.BACKWARD, "0.0")  # all of them are no exception
+    assert len(read_campaign(folder, jobs=1).curves) == 12
+
+
+def test_te_whose_squares_are_no_numbers_is_a_bad_file(folder):
+    """It ended as a defect, with an OverflowError."""
+    _with_te(sorted(folder.rglob("*.csv"))[2], Direction.FORWARD, "1e200")
+    with pytest.raises(InputError, match=r"TE is up to 1e\+200 deg; no more than 1e\+15 is read"):
+        read_campaign(folder, jobs=1)
+
+
+def test_the_ending_of_curve_files_may_be_in_capitals(folder):
+    """On systems that tell capitals apart these were left out without a word."""
+    file = min(folder.rglob("*.csv"))
+    file.rename(file.with_suffix(".CSV"))
+    assert len(read_campaign(folder, jobs=1).curves) == 12
+
+
 def test_temperatures_that_are_all_in_another_unit_are_no_single_labels():
     kelvin = np.array([298.0, 299.0, 300.0])
     assert not temperatures_of_no_oil(kelvin).any()

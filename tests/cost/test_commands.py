@@ -143,6 +143,19 @@ def test_layouts_are_chosen_by_the_worst_case_of_their_text(bundle_folder):
         assert pricing.block(decision.candidates[0].model).is_bounded
 
 
+def test_a_layout_that_cannot_be_printed_is_passed_over(tmp_path, capsys):
+    """With --profile it was refused though a table fits, and --explain ended with an error behind what was written."""
+    lightgbm = pytest.importorskip("lightgbm")
+    x = np.repeat(np.array([[i, j] for i in range(3) for j in range(3)], np.float64), 10, axis=0)
+    settings = {"num_leaves": 9, "min_data_in_leaf": 1, "verbose": -1, "num_threads": 1}
+    made = lightgbm.train(settings, lightgbm.Dataset(x, np.repeat(np.random.default_rng(1).normal(size=9), 10)), 30)
+    made.save_model(tmp_path / "grid.txt")
+    options = ("--target", "iec", "--max-array", 10, "-q")
+    assert run(tmp_path / "grid.txt", "--out", tmp_path / "plain", "--explain", *options) == 0
+    assert "as trained" not in capsys.readouterr().err
+    assert run(tmp_path / "grid.txt", "--out", tmp_path / "priced", "--profile", "cx5140", *options) == 0
+
+
 def test_calibrate_writes_a_profile_that_verify_takes(bundle_folder, generated, tmp_path, capsys):
     report, times, mine = tmp_path / "report.json", tmp_path / "times.csv", tmp_path / "deep" / "mine.toml"
     verify = ["verify", bundle_folder, "--generated", generated, "--rows", 50, "-q", "--json", report]

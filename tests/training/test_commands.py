@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -175,6 +176,20 @@ def test_bad_files_stop_it_and_nothing_is_written(tmp_path, capsys):
     assert "2 problems" in message.replace("\n", " ")
     assert "--skip-bad" in message
     assert not (tmp_path / "m").exists()
+
+
+def test_warnings_are_said_with_quiet_too(tmp_path):
+    """The help promises errors and warnings; files that --skip-bad left out went without a word, and TE in arcsec."""
+    write_campaign(
+        tmp_path / "c", [replace(one, coefficients=3600.0 * one.coefficients) for one in [a_table(speeds=5)]]
+    )
+    min((tmp_path / "c").rglob("*.csv")).write_text("1,2")
+    places = ["--out", tmp_path / "m", "--cache", tmp_path / "c.parquet", "--work", tmp_path / "f.sqlite"]
+    said = run("train", tmp_path / "c", *places, "--orders", "0,1", "--skip-bad", "-q", *FAST).stderr
+    assert "left out: " in said
+    assert "is TE in deg?" in said
+    assert "complex MAE" not in said
+    assert "next:" not in said
 
 
 def test_how_many_orders_there_may_be_says_nothing_where_they_are_given(tmp_path, capsys):

@@ -18,7 +18,7 @@ from st_codegen.te.harmonics import Direction, Play, Quantity
 from st_codegen.training.choice import choose, loss
 from st_codegen.training.cost import worst_case_us
 from st_codegen.training.errors import errors_of
-from st_codegen.training.export import write_bundle
+from st_codegen.training.export import save_model, write_bundle
 from st_codegen.training.families import Learner
 from st_codegen.training.faulty import Faulty, faulty_runs
 from st_codegen.training.faulty_gain import Gain, gains, near_to
@@ -364,7 +364,9 @@ def test_temperatures_in_kelvin_are_refused():
 def test_a_speed_with_the_sign_of_the_direction_is_refused():
     """It was learned, and the bundle had a range below zero, which reconcile refuses."""
     rows = a_table()
-    with pytest.raises(InputError, match="2 runs with a speed of 0 rpm or less: speeds are above 0"):
+    with pytest.raises(
+        InputError, match="2 runs with a speed of 0 rpm or less, the first at -200 rpm, 0 N m and 25 degC"
+    ):
         check_learnable(replace(rows, speed_rpm=np.where(np.arange(len(rows)) < 2, -200.0, rows.speed_rpm)))
 
 
@@ -465,6 +467,24 @@ def test_what_else_stands_in_the_folder_of_a_bundle_stays(lessons, tmp_path):
     with pytest.raises(InputError, match="is none of the files that are replaced, and a new one has its name"):
         write_bundle(folder, head, learned[0].models)
     assert (folder / own.replace("backward", "forward")).read_text() == "mine"
+
+
+def test_onnx_files_list_their_operator_sets_in_one_order(tmp_path, monkeypatch):
+    """They stood in the order of a set, which differs from run to run: the same training gave other bytes."""
+    skl2onnx = pytest.importorskip("skl2onnx")
+    tree = Learner("DT", {"max_depth": 2}).fit(np.eye(3), np.arange(3.0), 0)
+    (tmp_path / "other").mkdir()
+    name = save_model(tree, tmp_path, "A0_forward", "onnx")
+    convert = skl2onnx.to_onnx
+
+    def reversed_sets(*arguments, **options):
+        made = convert(*arguments, **options)
+        made.opset_import.reverse()
+        return made
+
+    monkeypatch.setattr(skl2onnx, "to_onnx", reversed_sets)
+    save_model(tree, tmp_path / "other", "A0_forward", "onnx")
+    assert (tmp_path / name).read_bytes() == (tmp_path / "other" / name).read_bytes()
 
 
 @pytest.mark.thorough

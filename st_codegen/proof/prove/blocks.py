@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from st_codegen.emit.blocks.model import AGE
 from st_codegen.errors import at_least, at_most
 from st_codegen.ir import ModelIR
 from st_codegen.passes.domain import magnitudes
@@ -29,7 +30,8 @@ from st_codegen.st.types import ArrayType, BlockType, Elementary, Type
 
 _PATH: Path = ("BLOCK",)
 
-#: Rounds after which an interval that still grows is taken much wider, and after which none may grow any more.
+#: Rounds after which an interval that still grows is taken much wider (of counters, which others wait for, after half
+#: as many as of numbers), and after which none may grow any more.
 _PATIENCE, _ROUNDS = 6, 40
 
 #: Limits from here on are those of the models' arithmetic and not worth a sentence.
@@ -100,8 +102,9 @@ def prove_block(
         grown = {key: hull(interval, intervals[key]) for key, interval in state.items()}
         if grown == state:
             return BlockProof(block, _limits(project, block, run), _slews(project, block, run), number)
-        if number > _PATIENCE:
-            grown = {key: _wider(state[key], interval) for key, interval in grown.items()}
+        for key, interval in grown.items():
+            if number > (_PATIENCE if _is_counter(key) else 2 * _PATIENCE):
+                grown[key] = _wider(state[key], interval)
         state = grown
     raise NotProvedError("no invariant was found")
 
@@ -122,6 +125,13 @@ def _numbers(project: Project, block: str, path: Path = _PATH) -> list[tuple[Pat
             count = kind.size if isinstance(kind, ArrayType) else 1
             found += [(path, variable, place, element) for place in range(count)]
     return found
+
+
+def _is_counter(number: Number) -> bool:
+    """Whether a number of the state is an integer."""
+    kind = number[1].type
+    element = kind.element if isinstance(kind, ArrayType) else kind
+    return isinstance(element, Elementary) and element.is_integral
 
 
 def _initial(project: Project, block: str) -> dict[Number, Interval]:
@@ -191,6 +201,8 @@ def _summary(project: Project, block: str, members: Sequence[tuple[ModelIR, tupl
                 run.held[path, variable] = run.terms.leaf(name, "real", (-size, size, False))
             elif isinstance(variable.type, Elementary) and variable.type.name == "BOOL":
                 run.held[path, variable] = run.terms.leaf(name, "bool", (0.0, 1.0, False))
+            elif variable.name == AGE:
+                run.held[path, variable] = run.terms.leaf(name, "int", anything(path, variable, 0))
             else:
                 raise NotProvedError(f"the output {variable.name} of {unit.name} belongs to no proved model")
 

@@ -5,8 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from st_codegen.driver import generate
 from st_codegen.emit.output import block_of
 from st_codegen.emit.targets import TARGETS
+from st_codegen.passes.choose import Layout, Options
 from st_codegen.project.bundle import load
 from st_codegen.proof.prove.blocks import prove_block
 from st_codegen.proof.prove.errors import NotProvedError
@@ -48,6 +50,19 @@ def test_the_prediction_has_numbers_as_large_as_its_models(target, models):
     }
     assert 0.01 < limits["aAmplitudeFw"] < 1.0
     assert limits["aPhaseFw"] < 3.93
+
+
+@pytest.mark.parametrize(
+    "how",
+    [{"options": Options(Layout.TREES, outputs_per_cycle=1)}, {"with_age": True}, {}],
+    ids=["spread", "age", "plain"],
+)
+def test_a_compensator_of_any_form_keeps_its_limits(bundle_folder, tmp_path, how):
+    """Of models that are spread over calls "an integer overflows" was said, of nAge that it belonged to no model."""
+    bundle = load(bundle_folder)
+    found = proof(generate(bundle, "iec", tmp_path / "out", **how).folder, bundle.models)
+    limits = {limit.output: (limit.lower, limit.upper) for limit in found.limits}
+    assert limits["fCorrection_deg"] == (-360.0, 360.0)
 
 
 FAILING = {
@@ -111,6 +126,14 @@ def test_a_number_that_shrinks_call_by_call_does_not_pass_zero(start, limits):
     text = f"FUNCTION_BLOCK FB_T VAR_OUTPUT fY : LREAL := {start}; END_VAR\nfY := fY * 0.5;\nEND_FUNCTION_BLOCK\n"
     (limit,) = prove_block(parse_project({"t.st": text}, "iec"), "FB_T", {}).limits
     assert (limit.lower, limit.upper) == limits
+
+
+def test_what_waits_for_a_counter_is_not_taken_wider_before_it_began():
+    """Of models spread over ten calls the correction was said to stay within 10000 deg, not 360."""
+    text = "FUNCTION_BLOCK FB_T VAR_OUTPUT fY : LREAL; END_VAR VAR n : DINT; END_VAR\nn := n + 1;\n"
+    text += "IF n >= 9 THEN n := 0; fY := MIN(fY + 1.0, 3.0); END_IF;\nEND_FUNCTION_BLOCK\n"
+    (limit,) = prove_block(parse_project({"t.st": text}, "iec"), "FB_T", {}).limits
+    assert (limit.lower, limit.upper) == (0.0, 3.0)
 
 
 def test_every_branch_of_a_case_is_followed():
