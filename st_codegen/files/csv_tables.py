@@ -111,6 +111,8 @@ def read_csv(path: Path, wanted: Sequence[str] = ()) -> CsvTable:
     except csv.Error as error:  # above all a field of more than 131,072 characters
         raise InputError(f"{path}, line {lines.line_num}: not readable as a table ({error})") from None
     rows = [row for row in read if any(cell.strip() for cell in row.cells)]
+    if rows and rows[0].cells in (("sep=", ""), ("sep=",)):  # a line for Excel alone: the character between the cells
+        rows = rows[1:]
     if not rows:
         raise InputError(f"{path}: the file is empty; the first line must name the columns")
     empty = (row for row in read if len(row.cells) > 1 or row.cells == ("",))  # "" in quotes: a line has no cells

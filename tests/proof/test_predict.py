@@ -1,4 +1,5 @@
 import dataclasses
+import shutil
 
 import numpy as np
 import pytest
@@ -55,6 +56,16 @@ def test_inputs_that_are_limited_are_said(bundle_folder, tmp_path, capsys):
     assert "temperature_C" not in said
     assert run(*words, "-q") == 0
     assert "range" not in capsys.readouterr().err
+
+
+def test_a_model_is_not_overwritten_by_its_predictions(lone_folder, tmp_path, capsys):
+    models = shutil.copytree(lone_folder, tmp_path / "models")
+    (file,) = (path for path in models.iterdir() if path.suffix != ".toml")
+    before = file.read_bytes()
+    write_text(tmp_path / "x.csv", "speed_rpm,torque_Nm,temperature_C\n500,300,30\n")
+    assert run("predict", models, "-i", tmp_path / "x.csv", "-o", file) == 2
+    assert "is a file of the models" in capsys.readouterr().err
+    assert file.read_bytes() == before
 
 
 def test_models_that_limit_an_input_differently_are_named(lone_folder):
