@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -249,7 +249,8 @@ def _for_the_offset(joint: Fit, final: Fit, known: Catalogue) -> tuple[Other, ..
 
 def _otherwise(joint: Fit, final: Fit, number: int, known: Catalogue, wrong: Sequence[Misread]) -> list[Fit]:
     """Fits in which a piece has other numbers, though nobody knows whether they hold."""
-    return [*(one.best for one in wrong), *with_the_other_half(joint, final, number, known)]
+    rest = (*with_the_other_half(joint, final, number, known), *_excited_otherwise(final, number))
+    return [*(one.best for one in wrong), *rest]
 
 
 def gone(joint: Fit, found: Conclusions) -> tuple[Retuned, ...]:
@@ -339,12 +340,26 @@ def _told_apart(joint: Fit) -> tuple[Fit, dict[int, float]]:
     beside = [i for i in changed if i != OFFSET and orders & set(joint.state.pieces[i].effect.touched_orders())]
     if not beside and not _constants_beside(joint):
         return joint, changed
-    state = joint.state.held(beside)
-    held = min((fit(joint.target, _excited(state, found, share)) for share in (1.0, 0.0)), key=lambda one: one.loss)
     good, at = joint.target.good, np.isin(joint.target.data.orders, sorted(orders))
-    power = sum(float((np.abs(held.explained(held.state.pieces[i].effect)[good][:, at]) ** 2).sum()) for i in found)
-    lost = float((np.abs(held.residual[good][:, at]) ** 2 - np.abs(joint.residual[good][:, at]) ** 2).sum())
-    return (held, changes(held)) if lost < SETTINGS.form**2 * power else (joint, changed)
+    power = sum(float((np.abs(joint.explained(joint.state.pieces[i].effect)[good][:, at]) ** 2).sum()) for i in found)
+
+    def in_other_forms(state: State) -> list[Fit]:
+        return [fit(joint.target, _excited(state, found, share)) for share in (1.0, 0.0)]
+
+    def does_as_well(other: Fit) -> bool:
+        """Whether a form leaves no more of the orders than any form of a resonance may lack."""
+        lost = float((np.abs(other.residual[good][:, at]) ** 2 - np.abs(joint.residual[good][:, at]) ** 2).sum())
+        return lost < SETTINGS.form**2 * power
+
+    held = min(in_other_forms(joint.state.held(beside)), key=lambda one: one.loss)
+    if does_as_well(held):
+        return held, changes(held)
+    # some of it did change, as what grows with the load beside constants that only one form of the resonance moves
+    refused = [changes(one) for one in in_other_forms(joint.state)]
+    fewest = min(refused, key=lambda one: len(one.keys() & set(beside)))
+    rest = [i for i in beside if i not in fewest]
+    held = min(in_other_forms(joint.state.held(rest)), key=lambda one: one.loss) if rest else joint
+    return (held, changes(held)) if rest and does_as_well(held) else (joint, changed)
 
 
 def _constants_beside(joint: Fit) -> list[int]:
@@ -352,6 +367,18 @@ def _constants_beside(joint: Fit) -> list[int]:
     added = [(i, piece.effect) for i, piece in enumerate(joint.state.pieces) if piece.added]
     orders = {order for _, effect in added if has_a_frequency(effect) for order in effect.orders}
     return [i for i, effect in added if is_a_constant_wave(effect) and orders & set(effect.orders)]
+
+
+def _excited_otherwise(final: Fit, number: int) -> Iterator[Fit]:
+    """The fits as good with the added resonances of a wave's orders excited otherwise: the wave is another one then."""
+    own, pieces = set(final.state.pieces[number].effect.touched_orders()), final.state.pieces
+    found = [
+        i for i, one in enumerate(pieces) if one.added and has_a_frequency(one.effect) and own & set(one.effect.orders)
+    ]
+    for share in (1.0, 0.0) if found and number not in found else ():
+        other = fit(final.target, _excited(final.state, found, share), steps=SETTINGS.quick_steps)
+        if other.loss - final.loss < SETTINGS.as_good:
+            yield other
 
 
 def _excited(state: State, numbers: Sequence[int], static_share: float) -> State:
