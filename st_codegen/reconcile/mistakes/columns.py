@@ -184,6 +184,11 @@ def _of_kelvin(at: Conditions) -> Conditions:
     return replace(at, temperature_C=at.temperature_C - 273.15)
 
 
+def _with_speeds_of_torques(at: Conditions) -> Conditions:
+    """Both columns exchanged; as they are where what would be a speed is none that turns."""
+    return replace(at, speed_rpm=at.torque_Nm, torque_Nm=at.speed_rpm) if at.torque_Nm.min() > 0.0 else at
+
+
 def readings(ratio: float) -> list[tuple[str, str, Callable[[Conditions], Conditions]]]:
     """What a column may hold in place of what the rig means: its name, that, and the conditions that it means."""
 
@@ -208,7 +213,7 @@ def readings(ratio: float) -> list[tuple[str, str, Callable[[Conditions], Condit
             "torques and temperatures", "exchanged",
             lambda at: replace(at, torque_Nm=at.temperature_C, temperature_C=at.torque_Nm),
         ),
-        ("speeds and torques", "exchanged", lambda at: replace(at, speed_rpm=at.torque_Nm, torque_Nm=at.speed_rpm)),
+        ("speeds and torques", "exchanged", _with_speeds_of_torques),
         ("torques", f"{_OF_SHAFT} backward motion", lambda at: replace(at, torque_Nm=at.sign * at.torque_Nm)),
         ("torques", f"{_OF_SHAFT} forward motion", lambda at: replace(at, torque_Nm=-at.sign * at.torque_Nm)),
     ]  # fmt: skip
