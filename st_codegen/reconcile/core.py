@@ -99,7 +99,9 @@ def _reconcile(
     if (noise.good != last.target.good).any():
         last = fit(replace(last.target, sigma=noise.sigma, good=noise.good).about(last.residual), last.state)
     conclusions = conclude(rig, last, known)
-    if not without and (more := gone(conclusions.joint, conclusions)):
+    # whether data were read wrong is asked before it is said what is none of the machine
+    asked = not examined.as_is and any(one.is_asked for one in conclusions.misread)
+    if not without and not asked and (more := gone(conclusions.joint, conclusions)):
         # what the rig has too much bends what is beside it
         found = _reconcile(whole, known, progress, examined, more)
         # left-out runs that the rig as it was predicts better: then it is there

@@ -34,6 +34,8 @@ class Settings:
     """The decision numbers. Those of probability follow from how many questions are put to one data set."""
 
     # --- reading ---
+    #: share by which the turns of curves may be off those of the fast shaft in one turn of the output
+    near_the_ratio: float = chosen(0.02, OTHERS)
     #: count; fewer curves cannot tell an effect from a single odd run
     least_curves: int = 8
     #: count; nor can fewer different operating points
@@ -502,6 +504,8 @@ class Settings:
     changes_of_two: int = chosen(6, OTHERS)
     #: count; pairs of readings that are tried
     pairs_tried: int = chosen(3, OTHERS)
+    #: share by which a factor of all torques may be off that of a unit which is named beside it
+    near_a_torque: float = chosen(0.02, OTHERS)
     #: count; how often data are read anew
     rereadings: int = 3
     #: share of the power of what is unexplained that may be left where a reading does it

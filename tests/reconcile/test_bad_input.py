@@ -221,4 +221,4 @@ def test_curves_over_the_angle_of_the_fast_shaft_are_refused(tmp_path, rig):
     for speed in (300, 600, 900, 1200):
         for torque in (100, 600, 1500):
             (campaign / f"{speed}.0rpm{torque}.0Nm30.0deg.csv").write_text(text)
-    refused(tmp_path, campaign, "is the angle that of the fast shaft")
+    refused(tmp_path, campaign, "it looks like the fast shaft's")

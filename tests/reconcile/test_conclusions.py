@@ -768,6 +768,63 @@ def test_what_excites_a_resonance_is_open_beside_a_new_wave_of_its_order(share, 
         assert off < 3 * claim.stderr[key + suffix]
 
 
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_a_force_is_no_motion_beside_a_growth_that_did_change(share):
+    """Where the growth of a wave had changed as well, the waves of all orders of a resonance were called changed."""
+    growth = effect("load_dependent_mesh", order=39, slope_deg_per_kNm=1e-3, phase_rad=0.5)
+    more = growth.with_values({**growth.values, "slope_deg_per_kNm": 1.5e-3})
+    shape = {"orders": [39, 40], "frequency_Hz": 9.0, "damping_ratio": 0.03, "static_share": share}
+    mode = effect("structural_resonance", amplitude_deg=[3e-3, 2e-3], phase_rad=[0.4, 2.0], **shape)
+    data = observed(RigModel(effects=(*RIG.effects, more, mode)), grid(18, 3, 2))
+    rig = RigModel(effects=(*RIG.effects, growth))
+    start = fitted(rig, data)
+    other = mode.with_values({**mode.values, "static_share": 1.0 - share})
+    joint = fit(start.target, start.state.with_piece(piece_of(other, added=True)))
+    found = conclude(rig, joint, KNOWN)
+    assert [one.after.name for one in found.retuned] == ["load_dependent_mesh"]
+    (claim,) = found.claims
+    assert claim.piece.effect.scalar("static_share") == share
+
+
+def test_of_a_wave_that_changed_beside_a_resonance_errors_hold_both_ways_to_excite_it():
+    """A wave that did change was said to be 25 errors off: a force leaves another one than a motion of the base."""
+    shape = {"orders": [39], "frequency_Hz": 9.0, "damping_ratio": 0.01}
+    mode = effect("structural_resonance", amplitude_deg=[6e-3], phase_rad=[0.4], **shape)
+    changed = with_values(RIG, 2, amplitude_deg=1.5e-3, backward_amplitude_deg=8e-4)
+    start = fitted(RIG, observed(RigModel(effects=(*changed.effects, mode)), grid(6, 3, 2)))
+    joint = fit(start.target, start.state.with_piece(piece_of(mode, added=True)))
+    (one,) = conclude(RIG, joint, KNOWN).retuned
+    for key, truth in (("amplitude_deg", 1.5e-3), ("backward_amplitude_deg", 8e-4)):
+        assert abs(one.after.scalar(key) - truth) < 2.0 * one.stderr[key]
+        assert one.stderr[key] > 5 * SIGMA / np.sqrt(len(start.target.data))
+
+
+def test_a_power_of_the_load_whose_order_is_unexplained_may_be_another_law():
+    """A wave that grows from 300 N m on alone was said to grow with the square of the load, and nothing else."""
+    growth = effect("load_dependent_mesh", order=40, slope_deg_per_kNm=1e-3, exponent=2.0)
+    final = with_added(observed(RigModel(effects=(*RIG.effects, growth)), grid()), growth)
+    for left, is_open in (([40], True), ([], False)):
+        found = conclude(RIG, final, KNOWN)
+        (claim,) = doubted(found, left, [], RIG.orders(), in_samples=False).claims
+        assert ("something_else" in claim.alternatives) == is_open
+
+
+@pytest.mark.parametrize("of_load", [False, True])
+def test_waves_that_grow_as_far_below_a_natural_frequency_may_be_no_errors_of_parts(of_load):
+    """What a force does to a structure that no speed reaches was a changed wave of the teeth, and nothing else."""
+    at = grid(18, 3, 2)
+    growth = effect("load_dependent_mesh", order=39, slope_deg_per_kNm=1e-3, phase_rad=0.5)
+    rig = RigModel(effects=(*RIG.effects, growth))
+    shape = {"orders": [39], "frequency_Hz": 60.0, "damping_ratio": 0.03, "static_share": 1.0}
+    size = {"slope_deg_per_kNm": [8e-3]} if of_load else {"amplitude_deg": [8e-3], "phase_rad": [0.4]}
+    far = effect("structural_resonance", **({"amplitude_deg": [0.0]} | size | shape))
+    changed = with_values(rig, 3, slope_deg_per_kNm=1.4e-3) if of_load else with_values(rig, 2, amplitude_deg=1.4e-3)
+    for truth, is_open in ((RigModel(effects=(*rig.effects, far)), True), (changed, False)):
+        (one,) = conclude(rig, fitted(rig, observed(truth, at)), KNOWN).retuned
+        assert one.after.name == ("load_dependent_mesh" if of_load else "cycloid_tooth_error")
+        assert one.is_open == is_open
+
+
 def test_a_changed_parameter_names_what_would_do_in_its_place():
     """Where all runs have loads that seat the flanks, more dry friction looks like more backlash."""
     at = grid(4, 5, 2)

@@ -105,6 +105,12 @@ def test_of_curves_of_several_turns_the_samples_of_one_tell_the_orders(tmp_path,
     assert not found.hums and any("waves of no whole number of periods" in text for text in found.not_looked_at)
 
 
+def test_angles_of_the_fast_shaft_are_refused(tmp_path, monkeypatch):
+    """Curves over 81 turns told orders up to 2, of which one was unexplained, and nothing said why."""
+    with pytest.raises(InputError, match=r"covers 81 turns, .* so divide it by 81"):
+        read(tmp_path, monkeypatch, lambda _, angle, te: (81.0 * angle, te), TORQUES * 3)
+
+
 def test_curves_that_are_cut_off_are_left_out(tmp_path, monkeypatch):
     whole = read(tmp_path, monkeypatch, lambda _, angle, te: (angle, te), TORQUES * 3)
     assert len(whole) == 12

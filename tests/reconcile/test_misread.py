@@ -106,6 +106,29 @@ def test_one_number_of_the_measurement_in_place_of_several_changes_is_asked_abou
     assert "would explain the change of friction_windup, zero_offset_deg as well" in summary(as_they_are)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("unit", "number"), [("lbf in", 8.850746), ("kgf m", 0.1019716), ("lbf ft", 0.7375621)])
+def test_torques_in_another_unit_are_asked_about_in_place_of_changes(unit, number):
+    """Torques more than twice too large made another stiffness, and other waves that grow with the load."""
+    at, rig = replace(AT, torque_Nm=AT.torque_Nm * 0.1), replace(RIG, effects=RIG.effects[:1] + RIG.effects[-10:])
+    data = measured(1e-6, at=at, read=replace(at, torque_Nm=at.torque_Nm * number), rig=rig)
+    with pytest.raises(InputError) as error:
+        _reread(rig, Examined(data), PATH, KNOWN, ())
+    text = str(error.value)
+    assert f"as numbers in {unit} would be" in text and "--accept misread_torque" in text
+
+
+@pytest.mark.slow
+def test_speeds_in_another_unit_are_asked_about_where_something_is_missing_as_well():
+    """Speeds in deg/s made another friction, and a resonance of six times the frequency in place of the rig's."""
+    growth = next(effect for effect in RIG.effects if effect.name == "load_dependent_mesh").with_values(
+        {"order": 162, "slope_deg_per_kNm": 1e-3}
+    )
+    truth = replace(RIG, effects=(*RIG.effects, growth))
+    data = measured(2e-5, read=replace(AT, speed_rpm=6.0 * AT.speed_rpm), rig=truth)
+    assert "all speeds in deg/s" in asked(data)
+
+
 def faster_backward(share):
     """Speeds of backward curves that are written down too high by a share."""
     return replace(AT, speed_rpm=np.where(AT.sign < 0, AT.speed_rpm * (1 + share), AT.speed_rpm))

@@ -10,6 +10,7 @@ import numpy as np
 from st_codegen.campaign.conditions import Conditions, temperatures_of_no_oil
 from st_codegen.campaign.orders import listed
 from st_codegen.errors import InputError, Problems, counted
+from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.model import RigModel
@@ -30,6 +31,19 @@ def check_channels(data: Observations, path: Path) -> None:
         own = data.at.sign == sign
         if own.any() and np.abs(data.values).any() and not np.abs(data.values[own]).any():
             raise InputError(f"{path}: the {name} TE is 0 in all runs: a dead channel? Leave that column out")
+
+
+def check_turns(turns: FloatArray, ratio: float, path: Path) -> None:
+    """Refuse curves over as many turns as the fast shaft makes in one of the output. Raises InputError.
+
+    turns: how many each curve holds, (n,).
+    """
+    if ratio >= 2.0 and abs(float(np.median(turns)) / ratio - 1.0) < SETTINGS.near_the_ratio:
+        raise InputError(
+            f"{path}: the angle of most curves covers {float(np.median(turns)):.4g} turns, as many as the fast shaft "
+            f"makes in one turn of the output: it looks like the fast shaft's and must be the output's, so divide it "
+            f"by {ratio:g}. If the output did turn so often, cut the curves to fewer turns"
+        )
 
 
 def check(data: Observations, rig: RigModel, path: Path) -> None:

@@ -19,7 +19,7 @@ from st_codegen.errors import InputError, Problems, counted
 from st_codegen.files.csv_tables import read_csv
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.processes import Progress
-from st_codegen.reconcile.data.checks import check_speeds
+from st_codegen.reconcile.data.checks import check_speeds, check_turns
 from st_codegen.reconcile.data.hum import Hum, without_hums, without_waves_between
 from st_codegen.reconcile.data.observations import Observations, first_of, from_table, labels, sorted_by
 from st_codegen.reconcile.settings import SETTINGS
@@ -94,9 +94,12 @@ def _without_foreign_waves(campaign: Campaign, rig: RigModel) -> tuple[Campaign,
     """The campaign without waves that do not turn with the machine, and these.
 
     Of curves of several turns a line over the number of the sample is no order: there none is looked for. Raises
-    InputError where speeds are of nothing that turns.
+    InputError where speeds are of nothing that turns, or angles those of the fast shaft.
     """
     several = _hold_several_turns(campaign)
+    check_turns(
+        np.array([curve.sums.turns for curve in campaign.curves]), rig.constants.reduction_ratio, campaign.folder
+    )
     sums, between = [curve.sums for curve in campaign.curves], tuple[Hum, ...]()
     if not several:
         sums, between = without_waves_between(sums, rig.orders(), campaign.at.sign)

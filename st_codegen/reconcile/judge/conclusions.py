@@ -343,16 +343,32 @@ def _told_apart(joint: Fit) -> tuple[Fit, dict[int, float]]:
     beside = [i for i in own if i in changed]
     if not beside and not _constants_beside(joint):
         return joint, changed
-
-    def excited(waves: list[int], static_share: float) -> Fit:
-        return fit(joint.target, _excited(joint.state.held(waves), found, static_share))
-
-    # a wave of the rig that is free takes up the constant and tells nothing, also where that is no change yet
-    held = excited(beside, min((1.0, 0.0), key=lambda share: excited(own, share).loss))
     good, at = joint.target.good, np.isin(joint.target.data.orders, sorted(orders))
-    power = sum(float((np.abs(held.explained(held.state.pieces[i].effect)[good][:, at]) ** 2).sum()) for i in found)
-    lost = float((np.abs(held.residual[good][:, at]) ** 2 - np.abs(joint.residual[good][:, at]) ** 2).sum())
-    return (held, changes(held)) if lost < SETTINGS.form**2 * power else (joint, changed)
+    power = sum(float((np.abs(joint.explained(joint.state.pieces[i].effect)[good][:, at]) ** 2).sum()) for i in found)
+
+    def excited(static_share: float, held: Collection[int] = ()) -> Fit:
+        return fit(joint.target, _excited(joint.state.held(held), found, static_share))
+
+    def in_the_better_form(held: Collection[int], told_by: Collection[int]) -> Fit:
+        """The fit in the form that does better while the waves that tell the two apart are held as well.
+
+        One of the rig that is free takes up the constant and tells nothing, also where that is no change yet.
+        """
+        return excited(min((1.0, 0.0), key=lambda share: excited(share, told_by).loss), held)
+
+    def does_as_well(other: Fit) -> bool:
+        """Whether a form leaves no more of the orders than any form of a resonance may lack."""
+        lost = float((np.abs(other.residual[good][:, at]) ** 2 - np.abs(joint.residual[good][:, at]) ** 2).sum())
+        return lost < SETTINGS.form**2 * power
+
+    held = in_the_better_form(beside, own)
+    if does_as_well(held):
+        return held, changes(held)
+    # some of it did change, as what grows with the load beside constants that only one form of the resonance moves
+    fewest = min((changes(excited(share)) for share in (1.0, 0.0)), key=lambda one: len(one.keys() & set(beside)))
+    rest = [i for i in beside if i not in fewest]
+    held = in_the_better_form(rest, [i for i in own if i not in fewest]) if rest else joint
+    return (held, changes(held)) if rest and does_as_well(held) else (joint, changed)
 
 
 def _constants_beside(joint: Fit) -> list[int]:

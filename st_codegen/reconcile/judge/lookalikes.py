@@ -243,6 +243,32 @@ def may_be_another_film(final: Fit, piece: Piece) -> bool:
     return bool(moved[data.orders == 0].any() and not moved[data.orders > 0].any())
 
 
+def may_be_a_skirt(final: Fit, piece: Piece) -> bool:
+    """Whether waves that changed, by a constant or a growth with the load, grow with the square of their frequency as
+    well, all by one share of it.
+
+    So what a force does to a structure grows far below its natural frequency, which no speed need reach.
+    """
+    data, good = final.target.data, final.target.good
+    if not _is_of_no_speed(piece.effect) or data.angle_rad is not None:
+        return False
+    changed = [one for one in final.state.pieces if one.free and _is_of_no_speed(one.effect)]
+    change = sum((final.explained(one.effect) if one.added else final.shown_change(one)) for one in changed)
+    skirt = np.asarray(change * (data.at.speed_rpm[:, None] / data.at.speed_rpm.max() * data.orders) ** 2)
+    along, told = 0.0, 0.0
+    for rows in data.at.by_direction(good):
+        free = np.stack([np.ones(int(rows.sum())), data.at.torque_Nm[rows]], axis=1)
+        basis = np.linalg.qr(free).Q
+        left, grown = (part[rows] - basis @ (basis.T @ part[rows]) for part in (final.residual, skirt))
+        along += float(((left * grown.conj()).real / final.target.sigma[rows] ** 2).sum())
+        told += float((np.abs(grown) ** 2 / final.target.sigma[rows] ** 2).sum())
+    return bool(along > np.sqrt(SETTINGS.as_good * told) > 0.0)
+
+
+def _is_of_no_speed(effect: Effect) -> bool:
+    return is_a_constant_wave(effect) or effect.name == "load_dependent_mesh"
+
+
 def may_be_of_a_law(final: Fit, piece: Piece) -> bool:
     """Whether a change of an effect is so small that a law of the conditions would make it, and leave unseen the rest.
 
@@ -290,7 +316,7 @@ LOOK_ALIKES = (
     is_a_knee, may_be_friction, may_be_time, may_be_of_the_turn, by_order_alone, may_be_another_power,
     may_be_another_drag, may_be_another_film, may_be_of_a_frequency,
 )  # fmt: skip
-OF_CHANGES = (*LOOK_ALIKES, gains_one_sideband, may_be_of_a_law)
+OF_CHANGES = (*LOOK_ALIKES, gains_one_sideband, may_be_a_skirt, may_be_of_a_law)
 
 
 def corrections_left(final: Fit, piece: Piece) -> set[str]:
@@ -453,6 +479,9 @@ def doubted(
             its |= set(left) - {0}
         return effect.name in halves or bool(its & set(orders))
 
+    def follows_a_power(effect: Effect) -> bool:
+        return effect.name == "load_dependent_mesh" and not is_one_form(effect.scalar("exponent"), 1.0)
+
     def is_of_one_angle(effect: Effect) -> bool:
         its = set(effect.touched_orders())
         return bool(its) and its <= set(places)
@@ -465,6 +494,8 @@ def doubted(
         if is_of_one_angle(claim.piece.effect)
         else claim.in_doubt("the rig's expression without a cause may follow another law")
         if is_open(claim.piece.effect, expressed)
+        else claim.in_doubt("what stays unexplained of its order may be that it follows another law of the load")
+        if follows_a_power(claim.piece.effect) and is_open(claim.piece.effect, left)
         else claim
         for claim in found.claims
     ]

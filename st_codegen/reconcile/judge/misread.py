@@ -24,11 +24,13 @@ from st_codegen.reconcile.fit.fitting import Fit, Packed, fit, unpacked
 from st_codegen.reconcile.fit.normal import gather, inverse
 from st_codegen.reconcile.fit.state import OFFSET, State
 from st_codegen.reconcile.fit.target import Column, FitData
+from st_codegen.reconcile.mistakes.columns import readings
 from st_codegen.reconcile.mistakes.other_shaft import over_the_output
 from st_codegen.reconcile.rest.lasting import changes_with_time
 from st_codegen.reconcile.rest.structure import is_left, structure
 from st_codegen.reconcile.search.peaks import frequencies_in
 from st_codegen.reconcile.settings import SETTINGS
+from st_codegen.rig.effects import Conditions
 
 #: the data that were meant where some were read wrong by sizes
 Reread = Callable[[Observations, FloatArray], Observations]
@@ -43,7 +45,8 @@ class WrongReading:
     texts: what is wrong, one for each size, with it in its unit and (where that says it) its sign in words; steps:
     sizes that change little; most: beyond these it is no slip of this kind. A reading without steps has no degrees.
     refines: the mistake of `examine` of which it may be what the correction was off by. gain: the factor on TE of
-    each row, (n, 1), or coefficient, (n, K), by which the noise is larger as well.
+    each row, (n, 1), or coefficient, (n, K), by which the noise is larger as well. said: sizes as the texts say them.
+    units: those in which the first number would be off by such a factor.
     """
 
     name: str
@@ -53,6 +56,8 @@ class WrongReading:
     most: tuple[float, ...] = ()
     refines: str = ""
     gain: Gain | None = None
+    said: Callable[[FloatArray], FloatArray] = np.asarray
+    units: tuple[tuple[str, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -74,12 +79,15 @@ class Misread:
 
     @property
     def text(self) -> str:
-        """What seems to be read wrong, with its sizes."""
-        sizes = self.sizes if len(self.sizes) else np.ones(1)
-        return " and ".join(
+        """What seems to be read wrong, with its sizes, and the unit that would be off by so much."""
+        sizes = self.reading.said(self.sizes) if len(self.sizes) else np.ones(1)
+        said = " and ".join(
             text.format(abs(size), "high" if size > 0 else "low")
             for text, size in zip(self.reading.texts, sizes, strict=True)
         )
+        factor = 1.0 + float(sizes[0]) / 100.0
+        units = (name for name, one in self.reading.units if abs(factor * one - 1.0) < SETTINGS.near_a_torque)
+        return said + "".join(f", as numbers in {name} would be" for name in units)
 
     @property
     def is_asked(self) -> bool:
@@ -94,6 +102,11 @@ class Misread:
     def meant(self, data: Observations) -> Observations:
         """The data as they would be, read right."""
         return self.reading.meant(data, self.sizes)
+
+
+def _times(key: str) -> Reread:
+    """Numbers by a factor, of which the size is the logarithm in per cent: one of another unit may be far off 1."""
+    return lambda data, size: data.under(**{key: getattr(data.at, key) / np.exp(size[0] / 100.0)})
 
 
 def _scaled(key: str) -> Reread:
@@ -215,8 +228,16 @@ _TORQUE, _SPEED, _HEAT, _ANGLE = (f"misread_{what}" for what in ("torque", "spee
 _SLIP = WrongReading(
     _SPEED, ("speeds {:.3g} % too {} at the largest load, and in proportion at others",), _slipped, (0.1,), (30.0,)
 )
+#: N m; what one of other units of a torque is
+_TORQUES = (
+    ("lbf ft", 1.3558179), ("lbf in", 0.11298483), ("kgf m", 9.80665), ("kgf cm", 0.0980665), ("N cm", 0.01),
+    ("daN m", 10.0),
+)  # fmt: skip
 READINGS = (
-    WrongReading(_TORQUE, ("all torques {:.3g} % too {}",), _scaled("torque_Nm"), (0.1,), (100.0,), "torque"),
+    WrongReading(
+        _TORQUE, ("all torques {:.3g} % too {}",), _times("torque_Nm"), (0.1,), (500.0,), "torque",
+        said=lambda size: 100.0 * np.expm1(size / 100.0), units=_TORQUES,
+    ),
     WrongReading(_TORQUE, ("all torques {:.3g} N m too {}",), _shifted("torque_Nm"), (1.0,), (500.0,), "torque"),
     WrongReading(
         _TORQUE, ("all torques {:.3g} % too {}", "beside that {:.3g} N m too {}"), _scaled_and_shifted("torque_Nm"),
@@ -269,6 +290,25 @@ READINGS = (
 )  # fmt: skip
 
 
+@lru_cache(maxsize=1)
+def _readings(ratio: float) -> tuple[WrongReading, ...]:
+    """All readings of a gear of this ratio: speeds in other units are too far off for steps towards them."""
+
+    def of(changed: Callable[[Conditions], Conditions]) -> Reread:
+        return lambda data, _size: data.under(speed_rpm=changed(data.at).speed_rpm)
+
+    units = (
+        WrongReading(_SPEED, (f"all speeds {text}",), of(changed))
+        for column, text, changed in readings(ratio)
+        if column == "speeds"
+    )
+    return (*READINGS, *units)
+
+
+def _of(final: Fit) -> tuple[WrongReading, ...]:
+    return _readings(final.target.reduction_ratio)
+
+
 def misread(final: Fit, changed: Collection[int]) -> tuple[Misread, ...]:
     """Readings that do what changes of the rig do as well as these, the one that stands for most of them first.
 
@@ -286,7 +326,7 @@ def misread(final: Fit, changed: Collection[int]) -> tuple[Misread, ...]:
     def of_two(pair: WrongReading) -> Misread | None:
         return _instead(final, plain, pair, _chance_beside(final, pair, everything))
 
-    standing = _that_stand(final, READINGS, of_one)
+    standing = _that_stand(final, _of(final), of_one)
     if len(everything) >= SETTINGS.changes_of_two and not any(one.is_asked for one in standing):
         standing += _that_stand(final, _likely_pairs(plain), of_two)
     return tuple(sorted(standing, key=lambda one: (-len(one.instead_of), len(one.sizes), one.best.loss)))
@@ -337,6 +377,8 @@ def _both(one: WrongReading, other: WrongReading) -> WrongReading:
         (*one.steps, *other.steps),
         (*one.most, *other.most),
         gain=None if one.gain is None and other.gain is None else gain,
+        said=lambda size: np.concatenate([one.said(size[:1]), other.said(size[1:])]),
+        units=one.units,
     )
 
 
@@ -370,7 +412,7 @@ def in_place_of_additions(final: Fit) -> tuple[Misread, ...]:
         plain = fit(final.target, without, steps=SETTINGS.quick_steps)
         if plain.loss - final.loss < SETTINGS.as_good:
             continue  # where the rest does as well by itself, a reading of nothing would, too
-        standing += _that_stand(final, READINGS, partial(_does_as_well, final, plain, number))
+        standing += _that_stand(final, _of(final), partial(_does_as_well, final, plain, number))
     return tuple(sorted(standing, key=lambda one: (len(one.sizes), one.best.loss)))
 
 
@@ -467,7 +509,9 @@ def in_place_of_the_rest(final: Fit, orders: Collection[int]) -> tuple[Misread, 
         read = Misread(reading, sizes, frozenset(), best, unexplained=rest, leaves=leaves)
         return _with_what_changed(read, target)
 
-    return tuple(sorted(_that_stand(final, READINGS, looked_at), key=lambda one: (-len(one.instead_of), one.best.loss)))
+    return tuple(
+        sorted(_that_stand(final, _of(final), looked_at), key=lambda one: (-len(one.instead_of), one.best.loss))
+    )
 
 
 def _with_what_changed(one: Misread, target: FitData) -> Misread:

@@ -74,13 +74,14 @@ NAMES = (
 class Examined:
     """Data as they are compared with the rig: corrected, with the mistakes found, and rows that are left out.
 
-    untold: what was not asked since noise hides the answer.
+    untold: what was not asked since noise hides the answer; as_is: nothing more is asked about them.
     """
 
     data: Observations
     mistakes: tuple[Mistake, ...] = ()
     left_out: tuple[int, ...] = ()
     untold: tuple[str, ...] = ()
+    as_is: bool = False
 
     @property
     def corrected(self) -> frozenset[str]:
@@ -131,7 +132,7 @@ def examine(
         untold += (_UNTOLD_WAVES,)
     if all(mistake.name != "axis" for mistake in found):
         untold += hidden_wrong_angle(whole, rig)
-    return Examined(data, (*found, *runs), left_out, untold)
+    return Examined(data, (*found, *runs), left_out, untold, AS_IS in accept)
 
 
 def _looked_through(
