@@ -148,7 +148,9 @@ def test_numbers_of_xgboost_s_other_objectives(objective, y, tmp_path):
     verified(model, tmp_path / "out")
 
 
-@pytest.mark.parametrize("objective", ["binary:logistic", "binary:logitraw", "binary:hinge", "multi:softmax"])
+@pytest.mark.parametrize(
+    "objective", ["binary:logistic", "reg:logistic", "binary:logitraw", "binary:hinge", "multi:softmax"]
+)
 def test_xgb_classifier_decides_as_the_library(objective, tmp_path):
     y = THREE if objective == "multi:softmax" else TWO.astype(int)
     estimator = xgboost.XGBClassifier(n_estimators=5, max_depth=3, objective=objective, n_jobs=1).fit(X, y)

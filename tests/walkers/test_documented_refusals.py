@@ -211,6 +211,10 @@ REFUSED = {
             lambda: dummy.DummyClassifier(strategy="stratified").fit(X, TWO),
             "draws its answers at random",
         ),
+        "several outputs of classes by neighbours or a DummyClassifier": (
+            lambda: neighbors.KNeighborsClassifier().fit(X, LABELS),
+            "several outputs of classes: train one for each",
+        ),
         "labels of several outputs that are no whole numbers from -2**52 to 2**52, or that are -0": (
             lambda: tree.DecisionTreeClassifier().fit(X, LABELS.astype(str)),
             "beside other outputs: encode them as whole numbers",

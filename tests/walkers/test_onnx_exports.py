@@ -20,6 +20,7 @@ from sklearn.ensemble import (
     StackingRegressor,
     VotingRegressor,
 )
+from sklearn.feature_selection import SelectKBest
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, WhiteKernel
 from sklearn.linear_model import Lasso, LinearRegression, LogisticRegression, Ridge, SGDOneClassSVM
@@ -44,7 +45,7 @@ from sklearn.preprocessing import (
 from sklearn.svm import SVR, LinearSVR, NuSVR, OneClassSVM
 from sklearn.tree import DecisionTreeClassifier, DecisionTreeRegressor, ExtraTreeRegressor
 
-from st_codegen.errors import UnsupportedModelError
+from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import TreeEnsemble, reference
 from st_codegen.proof.bounds import difference_bound
 from tests.walkers import onnx_builders as build
@@ -448,3 +449,23 @@ def test_a_graph_that_imputes_what_it_made_nan_is_refused(tmp_path, method):
     model = make_pipeline(PowerTransformer(method), Ridge()).fit(np.abs(X) + 0.1, SINGLE)
     with pytest.raises(UnsupportedModelError, match=r"in a PowerTransformer.*from a \.skops file"):
         build.load(export(model), tmp_path)
+
+
+def test_texts_of_a_decision_path_are_refused_by_what_they_are(tmp_path):
+    tree = DecisionTreeClassifier(max_depth=2).fit(X, np.median(SINGLE) < SINGLE)
+    initial = [("X", FloatTensorType([None, 3]))]
+    exported = skl2onnx.convert_sklearn(
+        tree, initial_types=initial, options={id(tree): {"decision_path": True, "zipmap": False}}
+    )
+    with pytest.raises(UnsupportedModelError, match=r"gives texts for numbers.*export the model without that output"):
+        build.load(exported, tmp_path)
+
+
+def test_an_export_that_lost_columns_is_no_damage_of_the_user_s(tmp_path):
+    """skl2onnx lets a selection pick from the first of several inputs."""
+    model = make_pipeline(SelectKBest(k=2), LogisticRegression()).fit(X, np.median(SINGLE) < SINGLE)
+    exported = skl2onnx.convert_sklearn(model, initial_types=[(name, FloatTensorType([None, 1])) for name in "abc"])
+    with pytest.raises(
+        InputError, match=r"positions outside 0 \.\. 0; .* or its exporter lost columns; compile the nati"
+    ):
+        build.load(exported, tmp_path)

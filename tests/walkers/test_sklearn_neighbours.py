@@ -474,3 +474,11 @@ def test_rows_of_neighbours_and_processes_are_loaded_from_files(tmp_path):
     ):
         skops_io.dump(estimator.fit(X[:40], SCORE[:40]), tmp_path / "m.skops")
         assert load_skops(tmp_path / "m.skops", "m").ir.ops
+
+
+def test_more_neighbours_than_training_rows_are_no_damage():
+    estimator = KNeighborsRegressor().fit(X[:4], SCORE[:4])
+    with pytest.raises(ValueError, match="n_neighbors"):
+        estimator.predict(X[:4])
+    with pytest.raises(UnsupportedModelError, match="n_neighbors=5 of 4 training rows: scikit-learn raises, too"):
+        loaded(estimator)

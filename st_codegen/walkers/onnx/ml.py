@@ -325,6 +325,11 @@ def _label_encoder(call: NodeCall) -> Operand:
 def _encoded_numbers(call: NodeCall) -> Tensor:
     """What a list has for each number, of equal keys the first, and a default for all others."""
     tensor, walk = require_tensor(call.required()), call.walk
+    if call.node.texts("values_strings"):
+        raise UnsupportedModelError(
+            "gives texts for numbers, as skl2onnx writes decision_path, and a block has no texts: export the model "
+            "without that output"
+        )
     keys, values, default = (_listed(call.node, word) for word in ("keys", "values", "default"))
     if not len(keys) or len(keys) != len(values) or len(default) != 1 or keys.dtype != tensor.dtype or tensor.given:
         raise UnsupportedModelError(

@@ -451,7 +451,10 @@ def picked(operand: Operand, indices: AnyArray, axis: int) -> Operand:
         raise InputError("picks elements of a number without dimensions; the model file is damaged")
     length = operand.shape[axis]
     if np.any((indices < -length) | (indices >= length)):
-        raise InputError(f"positions outside 0 .. {length - 1}; the model file is damaged")
+        raise InputError(
+            f"positions outside 0 .. {length - 1}; the model file is damaged, or its exporter lost columns; compile "
+            "the native model"
+        )
     others = math.prod(operand.shape[:axis] + operand.shape[axis + 1 :])
     check_size([others, indices.size], MAX_COLUMNS if isinstance(operand, Tensor) else MAX_FOLDED)
     return operand.moved(lambda array: np.take(array, indices, axis=axis))

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.errors import UnsupportedModelError
+from st_codegen.errors import UnsupportedModelError, counted
 from st_codegen.ir import (
     MAX_DEVIATION_ROWS,
     Clip,
@@ -90,12 +90,23 @@ def _inverse(fitted: Fitted, supported: tuple[str, ...] = ("uniform", "distance"
     return bool(fitted.get("weights") == "distance")
 
 
+def _nearest(fitted: Fitted, count: int) -> int:
+    """How many of the training rows a row is compared with."""
+    nearest = fitted.integer("n_neighbors", 1, 2**31 - 1)
+    if nearest > count:
+        raise UnsupportedModelError(
+            f"{fitted.kind} with n_neighbors={nearest} of {counted(count, 'training row')}: scikit-learn raises, too; "
+            "fit it on more rows, or with fewer neighbours"
+        )
+    return nearest
+
+
 @walks("KNeighborsRegressor", trusts=(f"{__name__}.StoredSearchTree",), double="_y")
 def walk_nearest(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """The mean over the nearest training rows (`neighbors/_regression.py: predict`)."""
     distances, count = _distances(fitted, builder, value)
     targets = fitted.floats("_y", (count,), (count, None)).reshape(count, -1)
-    nearest = fitted.integer("n_neighbors", 1, count)
+    nearest = _nearest(fitted, count)
     return builder.add(NearestMean((distances,), targets.T, nearest, _inverse(fitted)))
 
 
@@ -105,7 +116,7 @@ def walk_nearest_classes(fitted: Fitted, builder: GraphBuilder, value: int) -> C
     labels = labels_of(fitted)
     distances, count = _distances(fitted, builder, value)
     codes = fitted.integers("_y", (count,), low=0, high=len(labels) - 1)
-    nearest = fitted.integer("n_neighbors", 1, count)
+    nearest = _nearest(fitted, count)
     shares = builder.add(NearestMean((distances,), np.eye(len(labels))[codes].T, nearest, _inverse(fitted)))
     return Classified(labels, largest(builder, shares), shares)
 
@@ -223,7 +234,7 @@ def walk_propagated(fitted: Fitted, builder: GraphBuilder, value: int) -> Classi
     else:
         near = Fitted(fitted.get("nn_fit"))
         distances, count = _distances(near, builder, value)
-        nearest = near.integer("n_neighbors", 1, count)
+        nearest = _nearest(near, count)
         if count != len(vectors):
             raise near.fail("_fit_X", "not the training rows")
         sums = builder.add(NearestMean((distances,), shares.T, nearest, divides=False))

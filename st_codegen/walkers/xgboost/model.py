@@ -436,6 +436,8 @@ def _add(model: BoosterModel, builder: GraphBuilder, value: int, way: _Path) -> 
         raise InputError(
             f"the model has {counted(model.n_features, 'feature')}, its input {counted(builder.width(value), 'column')}"
         )
+    if way.classifier and model.objective == "reg:logistic":  # the same sum and sigmoid
+        model = replace(model, objective="binary:logistic")
     known = _CLASSES if way.classifier else _LINKS | _CLASSES
     if model.objective not in known:
         raise UnsupportedModelError(
