@@ -109,9 +109,12 @@ def from_estimator(estimator: Any, name: str) -> LoadedModel:
     """
     package = type(estimator).__module__.partition(".")[0]
     if package not in LIBRARIES:
+        above = (base for base in type(estimator).__mro__ if base.__module__.partition(".")[0] in LIBRARIES)
+        base = next((base for base in above if hasattr(base, "predict") or hasattr(base, "transform")), None)
         raise UnsupportedModelError(
             f"this is a {type(estimator).__module__}.{type(estimator).__qualname__}, not a model of "
             "scikit-learn, LightGBM, XGBoost or statsmodels"
+            + (f"; what a class made of {base.__name__} changes is not known: give a {base.__name__}" if base else "")
         )
     if package == "sklearn":
         extra_package(package, package, "compiling this model")

@@ -366,3 +366,11 @@ def test_a_column_whose_scaler_gives_one_number_is_clipped_behind_it():
         estimator.predict(rows),
         rtol=1e-13,
     )
+
+
+def test_of_a_class_of_the_users_own_it_is_said_what_to_give():
+    class Own(LinearRegression):
+        pass
+
+    with pytest.raises(UnsupportedModelError, match=r"not a model of .* made of LinearRegression .* give a LinearReg"):
+        from_estimator(Own().fit([[0.0], [1.0]], [0.0, 1.0]), "own")
