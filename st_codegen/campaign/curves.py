@@ -22,7 +22,7 @@ import numpy as np
 
 from st_codegen.campaign.conditions import CONDITION_COLUMNS, OperatingPoint
 from st_codegen.errors import InputError, counted, extra_package
-from st_codegen.files.csv_tables import RowError, read_csv, separator_of
+from st_codegen.files.csv_tables import RowError, csv_files, read_csv, separator_of
 from st_codegen.files.number_text import parse_number
 from st_codegen.files.text import encoding_fault, whole_file
 from st_codegen.ir.arrays import FloatArray
@@ -112,8 +112,8 @@ def scan(folder: Path) -> tuple[tuple[RunFile, ...], tuple[BadFileError, ...]]:
         raise InputError(f"{folder}: no such folder")
     listed, bad = _listed(folder / CONDITIONS_FILE)
     files = []
-    for path in sorted(folder.rglob("*.[cC][sS][vV]")):
-        if path.name == CONDITIONS_FILE or any(part.startswith(".") for part in path.relative_to(folder).parts):
+    for path in csv_files(folder, below=True):
+        if path.name.lower() == CONDITIONS_FILE or any(part.startswith(".") for part in path.relative_to(folder).parts):
             continue
         conditions = listed.get(path) or conditions_from_name(path)
         if conditions is None:

@@ -199,13 +199,15 @@ def _apart(files: Sequence[RunFile], results: Mapping[Path, Mapping[Direction, S
     for file, wrong in zip(files, temperatures_of_no_oil(oil), strict=True):
         if wrong:
             reason = f"a temperature of {file.conditions.temperature_C:g} degC, in the median run {np.median(oil):g}"
+            cause = "another unit"
         elif scatter[file.path] > max(_APART * usual, _NO_TE_DEG):
             reason = f"TE scatters by {scatter[file.path]:.2g} deg in the turn, in the median run by {usual:.2g}"
+            cause = "an error code, or another unit"
         elif file.path in dead:
             reason = f"{' and '.join(dead[file.path])}: TE is the same in all samples, unlike in most runs"
+            cause = "a dead channel"
         else:
             continue
-        cause = "a dead channel" if file.path in dead else "an error code, or another unit"
         yield BadFileError(file.path, None, f"{reason}: {cause}? Correct it or leave it out")
 
 

@@ -57,8 +57,8 @@ def command(given: GivenModels, source: Path, result: Path, engine: str, outputs
         raise click.BadParameter(f"{result} is the table of inputs; give another file.", param_hint="'--output'")
     bundle = given.load(outputs, real=False)
     folder = given.models if given.models.is_dir() else given.models.parent
-    sources = [name for ir in bundle.irs for name in (ir.source.file, *dict(ir.source.data_files))]
-    if any(result.exists() and (folder / name).is_file() and result.samefile(folder / name) for name in sources):
+    is_theirs = result.suffix.lower() != ".csv" and folder.samefile(result.parent)
+    if result.exists() and (is_theirs or result.samefile(given.models)):
         raise click.BadParameter(f"{result} is a file of the models; give another one.", param_hint="'--output'")
     table = read_table(source, columns_of(bundle.irs))
     text = table_text(predict(bundle, table, Evaluator(engine), table=str(source)))

@@ -25,6 +25,8 @@ from st_codegen.files.text import read_text
 _WITH_COMMA = re.compile(r"\s*[+-]?[0-9]*,[0-9]+([eE][+-]?[0-9]+)?\s*")
 _WITH_POINT = re.compile(r"\s*[+-]?(0*|[0-9]{4,})\.[0-9]+\s*|\s*[+-]?[0-9]*\.([0-9]{1,2}|[0-9]{4,})\s*")
 _GROUPED = re.compile(r"[+-]?[1-9][0-9]{0,2}\.[0-9]{3}")
+#: a comma that surely stands in front of decimals: another one may group thousands
+_DECIMAL_COMMA = re.compile(r"(?!\s*[+-]?[1-9][0-9]{0,2},[0-9]{3}\s*$)" + _WITH_COMMA.pattern)
 
 
 def csv_text(rows: Iterable[Iterable[object]]) -> str:
@@ -98,6 +100,11 @@ class CsvTable:
         return values
 
 
+def csv_files(folder: Path, *, below: bool = False) -> list[Path]:
+    """The tables in a folder, or `below` it in folders as well, by their names: `.csv` in whatever case."""
+    return sorted((folder.rglob if below else folder.glob)("*.[cC][sS][vV]"))
+
+
 def read_csv(path: Path, wanted: Sequence[str] = ()) -> CsvTable:
     """Read a table; `wanted` are columns that must be there. Empty lines count as nothing.
 
@@ -130,7 +137,10 @@ def read_csv(path: Path, wanted: Sequence[str] = ()) -> CsvTable:
     below = {row.line for row in empty if row.line > rows[0].line} - {row.line for row in rows}
     # a comma in a column that nobody reads as numbers, as in a list or a note, says nothing of those that are
     of_numbers = [place for place, name in enumerate(names) if not wanted or name in wanted]
-    is_comma = separator != ","
+    # semicolons are there since commas stand in numbers; tabs are written with points as well
+    is_comma = separator == ";" or (
+        separator == "\t" and any(_some(_DECIMAL_COMMA, row, of_numbers) for row in rows[1:])
+    )
     comma_line = next((row.line for row in rows[1:] if is_comma and _some(_WITH_COMMA, row, of_numbers)), None)
     pointed = [n for n in of_numbers if comma_line and any(_some(_WITH_POINT, row, [n]) for row in rows[1:])]
     with_point = frozenset(names[n] for n in pointed)
@@ -188,7 +198,8 @@ def header_of(path: Path) -> tuple[str, ...]:
 def separator_of(text: str) -> str:
     """The character between the cells of a table, told from its first line."""
     first = text.partition("\n")[0].strip()
-    return next((separator for separator in ";\t" if separator in first), ",")
+    # a tab beside commas is a blank behind one of them, or part of a name
+    return ";" if ";" in first else "\t" if "\t" in first and "," not in first else ","
 
 
 def _cut(text: str) -> str:

@@ -24,8 +24,9 @@ from st_codegen.fleet.estimates import Estimate
 FALSE_ALARM = 0.05
 #: With fewer axes that have a parameter nothing is said of who stands out: a deviation of some numbers is chance.
 LEAST_AXES = 8
-#: Simulated fleets above the limit: the chance is right within some 5 %.
-_ABOVE = 400
+#: Simulated fleets above the limit: the chance is right within some 5 %, or 15 % where many axes make it costly. Of few
+#: axes the limit depends on the chance most.
+_ABOVE, _ABOVE_OF_MANY, _MANY_AXES = 400, 50, 50
 _MOST_SIMULATED = 400_000
 _AT_ONCE = 2_000_000
 
@@ -172,7 +173,7 @@ def limit_of(axes: int, level: float) -> float:
 
     Standard errors make distances shorter, so that the chance is smaller with them. Simulated, always with one seed.
     """
-    count = min(_MOST_SIMULATED, math.ceil(_ABOVE / level))
+    count = min(_MOST_SIMULATED, math.ceil((_ABOVE if axes < _MANY_AXES else _ABOVE_OF_MANY) / level))
     random, farthest = np.random.default_rng(0), []
     for start in range(0, count, max(1, _AT_ONCE // axes)):
         values = random.standard_normal((min(count - start, max(1, _AT_ONCE // axes)), axes))

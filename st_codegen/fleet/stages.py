@@ -164,7 +164,8 @@ class _Stages:
         reads, ratio = content_hash(self.axis.campaign), repr(self._rig.constants.reduction_ratio)
         decides = [reads, ratio, self.axis.name, repr(sorted(options.items()))]
         if self.shared is not None:
-            decides.append(shared_part(self.shared, self.axis.name).key)
+            part = shared_part(self.shared, self.axis.name)
+            decides += [part.key, part.error]
         yield AxisStage(TRAIN, PLACES[TRAIN], tuple(decides), self._train)
         yield AxisStage(COMPILE, PLACES[COMPILE], (target,), self._compile, TRAIN)
         yield AxisStage(CHECK, PLACES[CHECK], (check,), self._check, COMPILE)

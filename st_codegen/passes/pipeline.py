@@ -196,6 +196,8 @@ def _decide(
     if nested is not None:
         in_place = before or cheapest(candidates).layout  # a text that grows with its tree must save much, too
         candidates = [nested] if layout is Layout.IFS else [*candidates, nested]
+    # one that cannot be printed is none where another one can
+    candidates = [c for c in candidates if math.isfinite(c.cost.nanoseconds)] or candidates
     best = preferred(candidates, in_place)
     others = sorted((c for c in candidates if c is not best), key=lambda c: c.cost.nanoseconds)
     return LayoutDecision(model.name, best.layout, (best, *others), before), found

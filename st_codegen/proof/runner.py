@@ -229,4 +229,4 @@ def tasks_in(folder: Path) -> Iterator[tuple[Path, Any, tuple[str, ...]]]:
     """
     for path in sorted(folder.rglob("*.TcTTO")):
         root = open_xml(str(path), read_text(path).encode()).root
-        yield path, root, tuple(str(name.text).strip() for name in root.iterfind(".//PouCall/Name"))
+        yield path, root, tuple(filter(None, ((name.text or "").strip() for name in root.iterfind(".//PouCall/Name"))))

@@ -11,6 +11,7 @@ import numpy as np
 
 from st_codegen.campaign.orders import listed
 from st_codegen.errors import InputError, Problems
+from st_codegen.files.csv_tables import csv_files
 from st_codegen.processes import Progress
 from st_codegen.reconcile.core import reconcile_observations
 from st_codegen.reconcile.data.checks import check, check_channels
@@ -57,7 +58,7 @@ def reconcile_files(
         check_accepted(scale, accept, measured)
         if AS_IS not in accept:
             check_recordings(recordings, rig, measured)
-        others = [file.name for file in sorted(measured.glob("*.csv")) if file.is_file() and file not in files]
+        others = [file.name for file in csv_files(measured) if file.is_file() and file not in files]
         result = reconcile_recordings(rig, recordings, known, progress)
         if not others:
             return result
@@ -152,7 +153,7 @@ def _cleared(result: Reconciliation, examined: Examined) -> Examined | None:
 
 def recordings_in(path: Path) -> list[Path]:
     """The recordings that a path names: the file itself, or those of a folder; none where it is something else."""
-    files = sorted(path.glob("*.csv")) if path.is_dir() else [path]
+    files = csv_files(path) if path.is_dir() else [path]
     return [file for file in files if file.is_file() and is_recording(file)]
 
 

@@ -92,6 +92,22 @@ def test_what_is_no_table(tmp_path, text, reason):
         table(tmp_path, text, ("a", "b"))
 
 
+def test_a_comma_among_tabs_is_one_of_decimals_only_where_it_cannot_group_thousands(tmp_path):
+    problems = Problems("t")
+    surely = table(tmp_path, "a\tb\n1,5\t1,234\n", ("a", "b")).numbers(("a", "b"), problems)
+    assert surely.tolist() == [[1.5, 1.234]]
+    problems.raise_if_any()
+    table(tmp_path, "a\tb\n1,234\t2.5\n", ("a", "b")).numbers(("a", "b"), problems)
+    with pytest.raises(InputError, match="1,234"):
+        problems.raise_if_any()
+
+
+def test_a_tab_behind_a_comma_is_a_blank(tmp_path):
+    problems = Problems("t")
+    read = table(tmp_path, "a,\tb\n1.5,\t2\n", ("a", "b")).numbers(("a", "b"), problems)
+    assert read.tolist() == [[1.5, 2.0]]
+
+
 def test_all_bad_cells_are_in_one_message_and_long_ones_are_cut(tmp_path):
     problems = Problems("t.csv")
     table(tmp_path, f"a,b\n1,x\n1\n{'y' * 1000},nan\n1,inf\n1,2,3\n").numbers(("a", "b"), problems)

@@ -23,6 +23,7 @@ from st_codegen.reconcile.judge.lookalikes import (
     extrapolates,
     is_a_knee,
     left_of_a_response,
+    may_be_a_skirt,
     may_be_another_drag,
     may_be_another_power,
     may_be_of_a_law,
@@ -823,6 +824,20 @@ def test_waves_that_grow_as_far_below_a_natural_frequency_may_be_no_errors_of_pa
         (one,) = conclude(rig, fitted(rig, observed(truth, at)), KNOWN).retuned
         assert one.after.name == ("load_dependent_mesh" if of_load else "cycloid_tooth_error")
         assert one.is_open == is_open
+
+
+def test_what_another_order_alone_grows_by_is_no_doubt_of_a_changed_wave():
+    """A structure far below its natural frequency moves order 40; the wave of the teeth changed for its own reason."""
+    rig = RigModel(effects=(*RIG.effects, effect("pin_error", order=40, amplitude_deg=1e-3, phase_rad=1.0)))
+    changed = with_values(rig, 2, amplitude_deg=1.4e-3)
+    far = effect(
+        "structural_resonance", amplitude_deg=[8e-3], phase_rad=[0.4], orders=[40],
+        frequency_Hz=60.0, damping_ratio=0.03, static_share=1.0,
+    )  # fmt: skip
+    truth = RigModel(effects=(*changed.effects, far))
+    final = conclude(rig, fitted(rig, observed(truth, grid(18, 3, 2))), KNOWN).final
+    found = {piece.effect.name: may_be_a_skirt(final, piece) for piece in final.state.pieces if piece.free}
+    assert found == {"cycloid_tooth_error": False, "pin_error": True}
 
 
 def test_a_changed_parameter_names_what_would_do_in_its_place():

@@ -96,9 +96,9 @@ class ModelSide:
             given = [column for value in op.inputs for column in columns[value]]
             columns.append(_columns_after(op, given, self.domain, refusals))
             if isinstance(op, ir.TreeEnsemble):
-                for place in np.unique(
-                    [op.columns[split].column for split in op.split[op.split >= 0].tolist()]
-                ).tolist():
+                for place in sorted(
+                    {op.columns[split].column for split in np.unique(op.split[op.split >= 0]).tolist()}
+                ):
                     given[place] = self._standing(op, place, given[place])
                 self.ensembles[number] = Ensemble(op, given, self.domain, jump)
 

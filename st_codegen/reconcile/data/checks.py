@@ -36,9 +36,9 @@ def check_channels(data: Observations, path: Path) -> None:
 def check_turns(turns: FloatArray, ratio: float, path: Path) -> None:
     """Refuse curves over as many turns as the fast shaft makes in one of the output. Raises InputError.
 
-    turns: how many each curve holds, (n,).
+    turns: how many each curve holds, (n,). Of a gear of few turns the output may well have made so many itself.
     """
-    if ratio >= 2.0 and abs(float(np.median(turns)) / ratio - 1.0) < SETTINGS.near_the_ratio:
+    if ratio >= SETTINGS.fast_shaft and abs(float(np.median(turns)) / ratio - 1.0) < SETTINGS.near_the_ratio:
         raise InputError(
             f"{path}: the angle of most curves covers {float(np.median(turns)):.4g} turns, as many as the fast shaft "
             f"makes in one turn of the output: it looks like the fast shaft's and must be the output's, so divide it "

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from st_codegen.errors import InputError, Problems, counted
-from st_codegen.files.csv_tables import CsvTable, header_of, read_csv
+from st_codegen.files.csv_tables import CsvTable, csv_files, header_of, read_csv
 from st_codegen.ir.arrays import FloatArray, IntArray
 from st_codegen.reconcile.joint.settings import JOINT
 from st_codegen.reconcile.settings import SETTINGS
@@ -49,7 +49,7 @@ class JointRecording:
 
 def joint_files(path: Path) -> list[Path]:
     """The recordings of joints that a path names: the file itself, or those of a folder; none for anything else."""
-    files = sorted(path.glob("*.csv")) if path.is_dir() else [path]
+    files = csv_files(path) if path.is_dir() else [path]
     return [file for file in files if file.is_file() and _is_joint(header_of(file))]
 
 

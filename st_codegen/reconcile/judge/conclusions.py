@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -346,15 +347,16 @@ def _told_apart(joint: Fit) -> tuple[Fit, dict[int, float]]:
     good, at = joint.target.good, np.isin(joint.target.data.orders, sorted(orders))
     power = sum(float((np.abs(joint.explained(joint.state.pieces[i].effect)[good][:, at]) ** 2).sum()) for i in found)
 
-    def excited(static_share: float, held: Collection[int] = ()) -> Fit:
+    @cache
+    def excited(static_share: float, held: tuple[int, ...] = ()) -> Fit:
         return fit(joint.target, _excited(joint.state.held(held), found, static_share))
 
-    def in_the_better_form(held: Collection[int], told_by: Collection[int]) -> Fit:
+    def in_the_better_form(held: list[int], told_by: list[int]) -> Fit:
         """The fit in the form that does better while the waves that tell the two apart are held as well.
 
         One of the rig that is free takes up the constant and tells nothing, also where that is no change yet.
         """
-        return excited(min((1.0, 0.0), key=lambda share: excited(share, told_by).loss), held)
+        return excited(min((1.0, 0.0), key=lambda share: excited(share, (*told_by,)).loss), (*held,))
 
     def does_as_well(other: Fit) -> bool:
         """Whether a form leaves no more of the orders than any form of a resonance may lack."""

@@ -255,14 +255,18 @@ def may_be_a_skirt(final: Fit, piece: Piece) -> bool:
     changed = [one for one in final.state.pieces if one.free and _is_of_no_speed(one.effect)]
     change = sum((final.explained(one.effect) if one.added else final.shown_change(one)) for one in changed)
     skirt = np.asarray(change * (data.at.speed_rpm[:, None] / data.at.speed_rpm.max() * data.orders) ** 2)
-    along, told = 0.0, 0.0
+    along, told = np.zeros(len(data.orders)), np.zeros(len(data.orders))
     for rows in data.at.by_direction(good):
         free = np.stack([np.ones(int(rows.sum())), data.at.torque_Nm[rows]], axis=1)
         basis = np.linalg.qr(free).Q
         left, grown = (part[rows] - basis @ (basis.T @ part[rows]) for part in (final.residual, skirt))
-        along += float(((left * grown.conj()).real / final.target.sigma[rows] ** 2).sum())
-        told += float((np.abs(grown) ** 2 / final.target.sigma[rows] ** 2).sum())
-    return bool(along > np.sqrt(SETTINGS.as_good * told) > 0.0)
+        along += ((left * grown.conj()).real / final.target.sigma[rows] ** 2).sum(axis=0)
+        told += (np.abs(grown) ** 2 / final.target.sigma[rows] ** 2).sum(axis=0)
+    # what another order alone grows by says nothing of this one, where its own would show
+    own = np.isin(data.orders, piece.effect.touched_orders())
+    share = along.sum() / max(told.sum(), 1e-300)
+    refused = share * told[own].sum() - along[own].sum() > np.sqrt(SETTINGS.as_good * told[own].sum())
+    return bool(along.sum() > np.sqrt(SETTINGS.as_good * told.sum()) > 0.0 and not refused)
 
 
 def _is_of_no_speed(effect: Effect) -> bool:

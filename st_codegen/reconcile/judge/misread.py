@@ -86,8 +86,9 @@ class Misread:
             for text, size in zip(self.reading.texts, sizes, strict=True)
         )
         factor = 1.0 + float(sizes[0]) / 100.0
-        units = (name for name, one in self.reading.units if abs(factor * one - 1.0) < SETTINGS.near_a_torque)
-        return said + "".join(f", as numbers in {name} would be" for name in units)
+        off = {name: abs(factor * one - 1.0) for name, one in self.reading.units}
+        unit = min(off, key=lambda name: off[name], default="")
+        return f"{said}, as numbers in {unit} would be" if unit and off[unit] < SETTINGS.near_a_torque else said
 
     @property
     def is_asked(self) -> bool:
