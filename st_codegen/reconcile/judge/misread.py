@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import heapq
 import itertools
+import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
@@ -291,6 +292,10 @@ READINGS = (
 )  # fmt: skip
 
 
+#: units of what follows the speed: frequencies, times and speeds
+_OF_TIME = re.compile("Hz|rpm|[mu]s$")
+
+
 @lru_cache(maxsize=1)
 def _readings(ratio: float) -> tuple[WrongReading, ...]:
     """All readings of a gear of this ratio: speeds in other units are too far off for steps towards them."""
@@ -306,8 +311,12 @@ def _readings(ratio: float) -> tuple[WrongReading, ...]:
     return (*READINGS, *units)
 
 
-def _of(final: Fit) -> tuple[WrongReading, ...]:
-    return _readings(final.target.reduction_ratio)
+def _of(final: Fit, *numbers: int) -> tuple[WrongReading, ...]:
+    """The readings that may stand for some pieces, or for any that are free: units of speed for what follows it."""
+    pieces = [final.state.pieces[i] for i in numbers] or [piece for piece in final.state.pieces if piece.free]
+    units = [scalar.unit for piece in pieces for scalar in piece.effect.scalars]
+    units += [phasor.unit for piece in pieces for phasor in piece.effect.phasors]
+    return _readings(final.target.reduction_ratio) if any(map(_OF_TIME.search, units)) else READINGS
 
 
 def misread(final: Fit, changed: Collection[int]) -> tuple[Misread, ...]:
@@ -413,7 +422,7 @@ def in_place_of_additions(final: Fit) -> tuple[Misread, ...]:
         plain = fit(final.target, without, steps=SETTINGS.quick_steps)
         if plain.loss - final.loss < SETTINGS.as_good:
             continue  # where the rest does as well by itself, a reading of nothing would, too
-        standing += _that_stand(final, _of(final), partial(_does_as_well, final, plain, number))
+        standing += _that_stand(final, _of(final, number), partial(_does_as_well, final, plain, number))
     return tuple(sorted(standing, key=lambda one: (len(one.sizes), one.best.loss)))
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import lru_cache
 from itertools import combinations, product
 
 import numpy as np
@@ -144,12 +145,13 @@ def is_a_constant_wave(effect: Effect) -> bool:
     return effect.orders_key == "order" and effect.stage is Stage.ADDITIVE and effect.name != _MESH
 
 
-def in_forms_as_good(final: Fit, number: int) -> Iterator[Fit]:
+@lru_cache(maxsize=16)
+def in_forms_as_good(final: Fit, number: int) -> tuple[Fit, ...]:
     """The fits with a piece in each other form of one of its free parts that the data do not refuse.
 
     Its numbers are others in each of them: nobody knows which form is the machine's.
     """
-    piece = final.state.pieces[number]
+    piece, found = final.state.pieces[number], list[Fit]()
     for scalar in piece.effect.scalars:
         if scalar.form is not Form.FIXED or scalar.shapes not in piece.free:
             continue
@@ -163,7 +165,8 @@ def in_forms_as_good(final: Fit, number: int) -> Iterator[Fit]:
                 state = final.state.replaced(number, piece.with_values(values))
                 fitted = fit(final.target, state, steps=SETTINGS.quick_steps)
                 if not _is_better(final, fitted):
-                    yield fitted
+                    found.append(fitted)
+    return tuple(found)
 
 
 def _is_better(found: Fit, current: Fit) -> bool:
