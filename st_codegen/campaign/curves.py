@@ -22,7 +22,7 @@ import numpy as np
 
 from st_codegen.campaign.conditions import CONDITION_COLUMNS, OperatingPoint
 from st_codegen.errors import InputError, counted, extra_package
-from st_codegen.files.csv_tables import RowError, csv_files, read_csv, separator_of
+from st_codegen.files.csv_tables import RowError, csv_files, read_csv, separator_of, told_separator
 from st_codegen.files.number_text import parse_number
 from st_codegen.files.text import encoding_fault, whole_file
 from st_codegen.ir.arrays import FloatArray
@@ -190,6 +190,8 @@ def _layout(path: Path) -> _Layout:
         with path.open(encoding="utf-8-sig") as file:
             # the tabs at an end are the cells of a direction that was not run
             first, second = file.readline().strip(" \r\n"), file.readline().strip(" \r\n")
+            if told := told_separator(first):
+                first, second = second, file.readline().strip(" \r\n")
             if file.newlines == "\r":
                 raise BadFileError(path, None, "lines end in CR alone, as in 'CSV (Macintosh)'; save it as plain CSV")
     except UnicodeDecodeError:
@@ -198,12 +200,12 @@ def _layout(path: Path) -> _Layout:
         raise BadFileError(path, None, f"cannot be read ({error.strerror or error})") from None
     if not first:
         raise BadFileError(path, 1, "the file is empty")
-    separator = separator_of(first)
+    separator = told or separator_of(first)
     names = [name.lower() for name in _cells(first, separator)]
     has_header = any(name in _COLUMNS for name in names) or not any(_is_number(name) for name in names)
     sample = _cells(second if has_header else first, separator)
     columns = _header_columns(path, names) if has_header else _plain_columns(path, names)
-    return _Layout(columns, int(has_header), separator, any("," in cell for cell in sample))
+    return _Layout(columns, bool(told) + has_header, separator, any("," in cell for cell in sample))
 
 
 def _cells(line: str, separator: str) -> list[str]:

@@ -25,6 +25,7 @@ from st_codegen.files.text import read_text
 _WITH_COMMA = re.compile(r"\s*[+-]?[0-9]*,[0-9]+([eE][+-]?[0-9]+)?\s*")
 _WITH_POINT = re.compile(r"\s*[+-]?(0*|[0-9]{4,})\.[0-9]+\s*|\s*[+-]?[0-9]*\.([0-9]{1,2}|[0-9]{4,})\s*")
 _GROUPED = re.compile(r"[+-]?[1-9][0-9]{0,2}\.[0-9]{3}")
+_FOR_EXCEL = re.compile(r'"?sep=([,;\t|])"?', re.IGNORECASE)
 #: a comma that surely stands in front of decimals: another one may group thousands
 _DECIMAL_COMMA = re.compile(r"(?!\s*[+-]?[1-9][0-9]{0,2},[0-9]{3}\s*$)" + _WITH_COMMA.pattern)
 
@@ -111,15 +112,16 @@ def read_csv(path: Path, wanted: Sequence[str] = ()) -> CsvTable:
     Raises InputError for what is no text, has no header, lacks a wanted column, or has the name of a column twice.
     """
     text = read_text(path)
-    separator = separator_of(text)
+    head, _, body = text.partition("\n")
+    told = told_separator(head)
+    text = f"\n{body}" if told else text  # lines keep their numbers
+    separator = told or separator_of(text)
     lines = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
     try:
         read = [CsvRow(lines.line_num, tuple(row)) for row in lines]
     except csv.Error as error:  # above all a field of more than 131,072 characters
         raise InputError(f"{path}, line {lines.line_num}: not readable as a table ({error})") from None
     rows = [row for row in read if any(cell.strip() for cell in row.cells)]
-    if rows and rows[0].cells in (("sep=", ""), ("sep=",)):  # a line for Excel alone: the character between the cells
-        rows = rows[1:]
     if not rows:
         raise InputError(f"{path}: the file is empty; the first line must name the columns")
     empty = (row for row in read if len(row.cells) > 1 or row.cells == ("",))  # "" in quotes: a line has no cells
@@ -185,14 +187,22 @@ def header_of(path: Path) -> tuple[str, ...]:
     try:
         with path.open("rb") as file:
             line = file.readline().decode("utf-8-sig")
+            if told := told_separator(line):
+                line = file.readline().decode("utf-8")
     except UnicodeDecodeError:
         return ()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
     try:
-        return tuple(cell.strip() for cell in next(csv.reader([line], delimiter=separator_of(line)), []))
+        return tuple(cell.strip() for cell in next(csv.reader([line], delimiter=told or separator_of(line)), []))
     except csv.Error:
         return ()
+
+
+def told_separator(line: str) -> str | None:
+    """The character between cells, from a first line that is for Excel alone (`sep=;`); None for any other line."""
+    found = _FOR_EXCEL.fullmatch(line.strip(" \r\n"))
+    return None if found is None else found[1]
 
 
 def separator_of(text: str) -> str:

@@ -61,6 +61,7 @@ LAYOUTS = {
     "semicolons and decimal commas": lambda text: text.replace(",", ";").replace(".", ","),
     "decimal commas without header": lambda text: text.replace(",", ";").replace(".", ",").split("\n", 1)[1],
     "tabs": lambda text: text.replace(",", "\t"),
+    "a line for Excel": lambda text: "sep=;\n" + text.replace(",", ";"),
     "tabs and decimal commas": lambda text: text.replace(",", "\t").replace(".", ","),
     "quoted decimal commas": quoted,
     "line ends of Windows": lambda text: text.replace("\n", "\r\n"),

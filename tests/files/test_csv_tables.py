@@ -65,6 +65,8 @@ def test_a_whole_number_of_many_digits_is_one_and_is_refused_for_these():
         "b,a,\n2,1.5,remark\n4,3,",
         "sep=;\r\na;b\r\n1,5;2\r\n3;4\r\n",
         "sep=,\na,b\n1.5,2\n3,4\n",
+        "SEP=\t\na\tb\n1.5\t2\n3\t4\n",
+        '\ufeff"sep=|"\na|b\n1.5|2\n3|4\n',
     ],
 )
 def test_all_layouts_give_the_same_numbers(tmp_path, text):
