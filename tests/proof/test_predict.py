@@ -64,8 +64,10 @@ def test_a_model_is_not_overwritten_by_its_predictions(lone_folder, tmp_path, ca
     before = file.read_bytes()
     write_text(tmp_path / "x.csv", "speed_rpm,torque_Nm,temperature_C\n500,300,30\n")
     assert run("predict", models, "-i", tmp_path / "x.csv", "-o", file) == 2
-    assert "is a file of the models" in capsys.readouterr().err
+    assert "stands among the files of the models" in capsys.readouterr().err
     assert file.read_bytes() == before
+    assert run("predict", models, "-i", tmp_path / "x.csv", "-o", tmp_path / "new" / "y.txt") == 0
+    assert (tmp_path / "new" / "y.txt").is_file()
 
 
 def test_models_that_limit_an_input_differently_are_named(lone_folder):

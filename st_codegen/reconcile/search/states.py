@@ -145,7 +145,7 @@ def is_a_constant_wave(effect: Effect) -> bool:
     return effect.orders_key == "order" and effect.stage is Stage.ADDITIVE and effect.name != _MESH
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=8)
 def in_forms_as_good(final: Fit, number: int) -> tuple[Fit, ...]:
     """The fits with a piece in each other form of one of its free parts that the data do not refuse.
 
