@@ -59,7 +59,9 @@ def command(given: GivenModels, source: Path, result: Path, engine: str, outputs
     folder = given.models if given.models.is_dir() else given.models.parent
     is_there = result.exists() and folder.samefile(result.parent)
     if is_there and (result.suffix.lower() != ".csv" or result.samefile(given.models)):
-        raise click.BadParameter(f"{result} stands among the files of the models; give another one.", param_hint="'--output'")
+        raise click.BadParameter(
+            f"{result} stands among the files of the models; give another one.", param_hint="'--output'"
+        )
     table = read_table(source, columns_of(bundle.irs))
     text = table_text(predict(bundle, table, Evaluator(engine), table=str(source)))
     if str(result) == "-":
