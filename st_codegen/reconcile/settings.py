@@ -36,7 +36,7 @@ class Settings:
     # --- reading ---
     #: share by which the turns of curves may be off those of the fast shaft in one turn of the output
     near_the_ratio: float = chosen(0.02, OTHERS)
-    #: ratio from which on nobody measures as many turns of the output in one curve as the fast shaft makes in one
+    #: turns that nobody measures in one curve; a gear of a smaller ratio may be measured over as many
     fast_shaft: float = chosen(20.0, OTHERS)
     #: count; fewer curves cannot tell an effect from a single odd run
     least_curves: int = 8

@@ -473,3 +473,10 @@ def test_probabilities_are_given_where_the_library_gives_them():
     for name in ("logistic", "discriminant", "quadratic", "gaussian bayes", "network", "gradient descent, logistic"):
         estimator, x, y = CLASSIFIERS[name]
         assert OutputKind.PROBABILITY in loaded(fit(estimator, x, y)).ir.classes.kinds
+
+
+def test_a_naive_bayes_of_constant_columns_is_refused_by_what_it_is():
+    x = np.ones((6, 2))
+    fitted = naive_bayes.GaussianNB().fit(x, [0, 1] * 3)
+    with pytest.raises(InputError, match="all columns were constant in training"):
+        from_estimator(fitted, "m")

@@ -12,7 +12,7 @@ from functools import reduce
 
 import numpy as np
 
-from st_codegen.errors import UnsupportedModelError, counted
+from st_codegen.errors import InputError, UnsupportedModelError, counted
 from st_codegen.ir import BoolArray, Clip, Distances, Exceeds, FloatArray, Precision
 from st_codegen.walkers.base import Classified, GraphBuilder, Walked, walk_estimator, walks
 from st_codegen.walkers.classes import above, complement, labels_of, largest, shares_of, softmax, whole_sums
@@ -157,6 +157,8 @@ def walk_gaussian_bayes(fitted: Fitted, builder: GraphBuilder, value: int) -> Cl
     variances = fitted.floats("var_", means.shape)
     prior = fitted.floats("class_prior_", (len(means),))
     _refuse_unpredicted(fitted, prior == 0)
+    if not variances.any():
+        raise InputError(f"{fitted.kind}: all columns were constant in training, so that the library divides by 0")
     if np.any(variances <= 0) or np.any(prior < 0):
         raise fitted.fail("var_", "a variance that is not above 0, or a negative prior")
     value = builder.select(np.tile(np.arange(width), len(means)), value)
