@@ -380,7 +380,10 @@ def test_what_the_rig_has_and_the_machine_has_not_is_said_to_be_nothing(name):
     assert one.before is rig.effects[-1] and one.is_gone and result.verdict == "explained"
     assert not result.unexplained and [e.name for e in result.new_rig.effects] == [e.name for e in RIG.effects]
     assert result.fitted.before > 1.02 * result.fitted.after
-    assert "the rig has it, and the data show nothing of it; it explains" in summary(result).replace("\n", " ")
+    # at speeds that are numbers of another unit nothing would meet a resonance
+    others = " (also possible: misread_speed)" if name == "structural_resonance" else ""
+    text = f"the rig has it, and the data show nothing of it{others}; it explains"
+    assert text in summary(result).replace("\n", " ")
     (said,) = report(result)["retuned"]
     assert said["is_gone"] and said["name"] == name
 
