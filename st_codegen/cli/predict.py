@@ -51,17 +51,18 @@ def command(given: GivenModels, source: Path, result: Path, engine: str, outputs
     A classifier gives the library's own labels, and further outputs beside them.
     """
     from st_codegen.driver import Evaluator, predict
+    from st_codegen.project.bundle import READERS
+    from st_codegen.project.configuration import CONFIGURATION_FILE
     from st_codegen.proof.predict import columns_of, limits, read_table, table_text
 
     if result.exists() and result.samefile(source):
         raise click.BadParameter(f"{result} is the table of inputs; give another file.", param_hint="'--output'")
     bundle = given.load(outputs, real=False)
     folder = given.models if given.models.is_dir() else given.models.parent
-    is_there = result.exists() and folder.samefile(result.parent)
-    if is_there and (result.suffix.lower() != ".csv" or result.samefile(given.models)):
-        raise click.BadParameter(
-            f"{result} stands among the files of the models; give another one.", param_hint="'--output'"
-        )
+    read = [name for ir in bundle.irs for name in (ir.source.file, *dict(ir.source.data_files))]
+    paths = [folder / name for name in (*read, *READERS, CONFIGURATION_FILE)]
+    if result.exists() and any(path.is_file() and result.samefile(path) for path in paths):
+        raise click.BadParameter(f"{result} is a file of the models; give another one.", param_hint="'--output'")
     table = read_table(source, columns_of(bundle.irs))
     text = table_text(predict(bundle, table, Evaluator(engine), table=str(source)))
     if str(result) == "-":

@@ -94,7 +94,7 @@ def _reread(
         if better is None:
             return result
         examined = better
-    return reconcile_observations(rig, examined.data, known, progress, examined)
+    return reconcile_observations(rig, examined.data, known, progress, replace(examined, as_is=True))
 
 
 def _read_anew(result: Reconciliation, examined: Examined, measured: Path, accept: Collection[str]) -> Examined | None:

@@ -63,9 +63,13 @@ def test_a_model_is_not_overwritten_by_its_predictions(lone_folder, tmp_path, ca
     (file,) = (path for path in models.iterdir() if path.suffix != ".toml")
     before = file.read_bytes()
     write_text(tmp_path / "x.csv", "speed_rpm,torque_Nm,temperature_C\n500,300,30\n")
-    assert run("predict", models, "-i", tmp_path / "x.csv", "-o", file) == 2
-    assert "stands among the files of the models" in capsys.readouterr().err
+    for output in (file, models / "st-codegen.toml"):
+        output.touch()
+        assert run("predict", models, "-i", tmp_path / "x.csv", "-o", output) == 2
+        assert "is a file of the models" in capsys.readouterr().err
     assert file.read_bytes() == before
+    for _ in range(2):  # another file beside them is the user's
+        assert run("predict", file, "-i", tmp_path / "x.csv", "-o", models / "y.out") == 0
     assert run("predict", models, "-i", tmp_path / "x.csv", "-o", tmp_path / "new" / "y.txt") == 0
     assert (tmp_path / "new" / "y.txt").is_file()
 
