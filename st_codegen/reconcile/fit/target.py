@@ -71,7 +71,8 @@ class FitData:
 
     wide: (n, K), how far coefficients scatter about the model, never less than the noise: the fit weighs by it, since
     a model whose form is not quite right must not be bent by the last digit of a clean order. run_offset_deg: how far
-    the mean differs from run to run, as the rig says. corrected: names of mistakes that were taken out.
+    the mean differs from run to run, as the rig says; scatter_deg: (K,), how far orders do, where more is known.
+    corrected: names of mistakes that were taken out.
     """
 
     data: Observations
@@ -81,6 +82,7 @@ class FitData:
     reduction_ratio: float = 81.0
     reference_temperature_C: float = 30.0
     run_offset_deg: float = 0.0
+    scatter_deg: FloatArray | None = None
     wide: FloatArray | None = None
     corrected: frozenset[str] = frozenset()
     cache: dict[object, tuple[Column, ...]] = field(default_factory=dict, compare=False)
@@ -99,6 +101,22 @@ class FitData:
     def spread(self) -> FloatArray:
         """What residuals are weighed by, float64 (n, K): `wide` where it is known, else the noise."""
         return self.sigma if self.wide is None else self.wide
+
+    @property
+    def sure_sigma(self) -> FloatArray:
+        """The noise, float64 (n, K), of which only what is noise for sure counts where curves tell that.
+
+        Within the curves all is, and so is what is known that runs differ by.
+        """
+        if self.data.spectral_deg is None:
+            return self.sigma
+        return np.maximum(np.minimum(self.sigma, self.data.spectral_deg), self.between_runs)
+
+    @property
+    def between_runs(self) -> FloatArray:
+        """How far one component of each order differs from run to run, deg, float64 (K,), as far as that is known."""
+        told = np.where(self.data.orders == 0, self.run_offset_deg, 0.0)
+        return told if self.scatter_deg is None else np.maximum(told, self.scatter_deg)
 
     @property
     def counts(self) -> BoolArray:

@@ -220,7 +220,7 @@ def _retuned(
     before, piece = joint.state.pieces[number].own, final.state.pieces[number]
     names = {one.reading.name for one in wrong if number in one.instead_of} | corrections_left(final, piece)
     errors = standard_errors(joint, number, final, _otherwise(joint, final, number, known, wrong))
-    is_open = any(looks_alike(final, piece) for looks_alike in OF_CHANGES)
+    is_open = final.target.data.few_points or any(looks_alike(final, piece) for looks_alike in OF_CHANGES)
     return Retuned(before, piece.effect, errors, p, others, is_open, tuple(sorted(names)))
 
 

@@ -8,16 +8,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, FloatArray
-from st_codegen.reconcile.data.chances import chi_square_tail
+from st_codegen.reconcile.data.chances import chi_square_tail, f_tail
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.normal import inverse
 from st_codegen.reconcile.fit.state import OFFSET, Coordinate, Piece
 from st_codegen.reconcile.judge.errors import covariance_with_discrepancy
+from st_codegen.reconcile.rest.formulas import formula_of
 from st_codegen.reconcile.rest.lasting import lasting_mean, power_of_mean, without_lasting
 from st_codegen.reconcile.rest.structure import floors, is_lacking, is_left
 from st_codegen.reconcile.search.evidence import p_of_clusters, p_of_more
-from st_codegen.reconcile.search.plausible import bounds_met, inside_bounds, is_its_own, misfit_of_changes
+from st_codegen.reconcile.search.plausible import (
+    bounds_met,
+    inside_bounds,
+    is_its_own,
+    left_for_sure,
+    misfit_of_changes,
+)
 from st_codegen.reconcile.search.surroundings import stands_out
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Form, Stage
@@ -159,6 +166,7 @@ def without_misfits(final: Fit, changed: dict[int, float]) -> tuple[Fit, set[int
         over = _misfits(final, [*sorted(kept), *offset])
         # what made up for a change that is held now is none
         over |= {i: np.inf for i in kept if _insists_on_a_bound(final.state.pieces[i]) or not _is_refused(final, i)}
+        over |= {i: np.inf for i in kept if _follows_another_law(final, i)}
         together = _together(final, kept)
         if together:
             over[min(together, key=lambda i: with_piece_held(final, i).loss)] = np.inf
@@ -175,14 +183,38 @@ def without_misfits(final: Fit, changed: dict[int, float]) -> tuple[Fit, set[int
 
 
 def _together(final: Fit, changed: Collection[int]) -> list[int]:
-    """The changes of a dozen runs that share an order with another one.
+    """The changes of a dozen runs that share an order with another one, but where they leave what is noise for sure.
 
     Two parameters of the mean follow so few runs whatever moved it: stiffness and backlash did for a play.
     """
-    if not final.target.data.few_points:
+    target = replace(final.target, scatter_deg=None)
+    if not target.data.few_points:
         return []
-    shows = {i: np.abs(final.shown_change(final.state.pieces[i])).max(axis=0) > 0.0 for i in changed}
-    return [i for i in changed if any((shows[i] & shows[other]).any() for other in changed if other != i)]
+    shown = {i: final.shown_change(final.state.pieces[i]) for i in changed}
+    shows = {i: np.abs(one).max(axis=0) > 0.0 for i, one in shown.items()}
+    shared = [i for i in changed if any((shows[i] & shows[other]).any() for other in changed if other != i)]
+    if not shared or target.data.spectral_deg is None:
+        return shared
+    left = left_for_sure(replace(final, target=target), np.asarray(sum(shown[i] for i in shared)))
+    return shared if left > SETTINGS.form**2 else []
+
+
+def _follows_another_law(final: Fit, number: int) -> bool:
+    """Whether formulas leave clearly less of the orders of a dozen runs than the change of an effect does."""
+    target, piece = final.target, final.state.pieces[number]
+    if not target.data.few_points or piece.effect.stage is Stage.MEASURING:
+        return False
+    held, saved, more = with_piece_held(final, number), 0.0, -len(piece.coordinates())
+    other, directions = held.residual.copy(), len(np.unique(target.data.at.sign))
+    columns = np.flatnonzero(final.shown_change(piece).any(axis=0))
+    for k in columns:
+        before = target.data.with_real_mean(held.residual)[:, k].astype(np.complex128)
+        formula = formula_of(target, before, int(k), max(float(target.between_runs[k]), SETTINGS.least_noise_deg))
+        if formula is not None:
+            other[:, k] -= formula.values(target.data.at, target.reference_temperature_C)
+            more += directions * len(formula.terms) * int(target.data.parts[k])
+    saved = float((target.losses(final.residual) - target.losses(other))[:, columns].sum())
+    return saved > SETTINGS.as_good * (1 + max(more, 0))
 
 
 def _is_refused(final: Fit, number: int) -> bool:
@@ -195,9 +227,29 @@ def _is_refused(final: Fit, number: int) -> bool:
     worse = (target.losses(final.residual) - target.losses(held.residual)).sum(axis=0) > SETTINGS.order_gain
     if (worse & is_lacking(target, final.residual) & ~is_lacking(target, held.residual)).any():
         return False
+    if _may_be_scatter(final, held, number):
+        return False
     # noise that lasts over runs has a mean of its own
     left, right = (float(target.losses(without_lasting(target, one.residual)).sum()) for one in (held, final))
     return chi_square_tail(min(saved, left - right), len(final.prior) - len(held.prior)) < SETTINGS.p_changed
+
+
+def _may_be_scatter(final: Fit, held: Fit, number: int) -> bool:
+    """Whether a dozen runs that differ by an unknown scatter may look like a change, by what the final fit leaves."""
+    target, piece = final.target, final.state.pieces[number]
+    if target.scatter_deg is None:
+        return False
+    own = final.shown_change(piece).any(axis=0)
+    unknown = own & (target.scatter_deg > replace(target, scatter_deg=None).sure_sigma.mean(axis=0))
+    if not unknown.any():
+        return False
+    before, left = (
+        float((np.abs(one.residual[target.good][:, unknown]) ** 2 / target.scatter_deg[unknown] ** 2).sum())
+        for one in (held, final)
+    )
+    numbers = len(piece.coordinates())
+    free = max(int(target.good.sum()) * int(target.data.parts[unknown].sum()) - numbers, 1)
+    return float(f_tail((before - left) / numbers / (left / free), numbers, free)) > SETTINGS.p_changed
 
 
 def _misfits(final: Fit, changed: Collection[int]) -> dict[int, float]:

@@ -40,19 +40,24 @@ VERDICT_TEXT = {
 
 def verdict_text(result: Reconciliation) -> str:
     """The verdict in words."""
-    if result.verdict is Outcome.PARTLY_EXPLAINED and result.data.few_points and not result.unexplained:
-        return "What is named was missing; the runs are too few to tell whether what is left of them is noise."
+    few, is_named = result.data.few_points, result.verdict is Outcome.PARTLY_EXPLAINED
+    # a dozen runs follow more than one law
+    named = "What is named fits, and other causes may fit so few operating points" if few else "What differs is named"
+    if is_named and few and not result.unexplained:
+        return f"{named}, which do not tell whether what is left of them is noise."
     if result.unexplained and all(one.would_be for one in result.unexplained):
-        named = "What differs is named; what is left" if result.verdict is Outcome.PARTLY_EXPLAINED else "What differs"
-        return f"{named} has a faint pattern, which may be noise that lasts over runs."
+        left = f"{named}; what is left" if is_named else "What differs"
+        return f"{left} has a faint pattern, which may be noise that lasts over runs."
     if result.unexplained and all(one.is_scatter for one in result.unexplained):
-        named = "What differs is named; runs" if result.verdict is Outcome.PARTLY_EXPLAINED else "Runs"
+        which = f"{named}; runs" if is_named else "Runs"
         known = "that is known" if result.data.spectral_deg is None else "within their curves"
         how = "without a pattern over the conditions: more noise"
         if any(one.has_levels for one in result.unexplained):
             how = "by more at some conditions than at others: more noise there"
-        return f"{named} differ by more than the noise {known}, {how}, or something missing."
+        return f"{which} differ by more than the noise {known}, {how}, or something missing."
     text = VERDICT_TEXT[result.verdict]
+    if result.verdict is Outcome.UNEXPLAINED and result.data.few_points:
+        return "Something differs; which effect it is, so few operating points do not tell."
     if result.verdict not in (Outcome.EXPLAINED, Outcome.NOTHING_MISSING):
         return text
     also = [_hidden(result)]

@@ -315,7 +315,8 @@ def _formula(problem: _Problem, chosen: list[int], as_well: dict[int, list[int]]
     left, chance = problem.all.least(chosen) - problem.all.noise, np.sqrt(2.0 * problem.parts * problem.all.count)
     if varying and is_whole and left > SETTINGS.told * chance:
         text += (
-            f" (that is {min(100 * explains, 99.9):.3g} % of it, and what is left is no noise: its law may be another)"
+            f" (that is {min(100 * explains, 99.9):.3g} % of it, and what is left is more than the known noise: its "
+            "law may be another, or runs differ)"
         )
     elif not is_whole:
         rest = "its law may be another" if varying else "the rest may differ from one of them to another"

@@ -261,9 +261,9 @@ def floors(target: FitData, residual: ComplexArray, of_contrasts: FloatArray) ->
     if not target.good.any():
         return found
     known = np.minimum(_known_noise(target, residual, found), _most_noise(target, residual))
-    as_the_rig_says = (target.data.orders == 0) & ~is_lacking(target, residual)
-    most = np.minimum(target.run_offset_deg, rms_of_component(target, residual))
-    return np.where(as_the_rig_says, np.maximum(known, most), known)
+    as_is_known = (target.between_runs > 0.0) & ~is_lacking(target, residual)
+    most = np.minimum(target.between_runs, rms_of_component(target, residual))
+    return np.where(as_is_known, np.maximum(known, most), known)
 
 
 def _most_noise(target: FitData, residual: ComplexArray) -> FloatArray:
@@ -360,9 +360,9 @@ def by_directions(target: FitData, residual: ComplexArray) -> tuple[BoolArray, F
     parts = data.parts
     r = data.with_real_mean(residual)
     differ = np.sqrt((np.abs(r[pairs[:, 0]] - r[pairs[:, 1]]) ** 2).mean(axis=0) / (2 * parts))
-    # the mean differs from run to run as the rig says
+    # what is known that runs differ by they do alike in both directions
     sigma = target.sigma * _loudness(data, r / target.sigma)[:, None]
-    known = np.where(data.orders == 0, target.run_offset_deg, 0.0) / sigma
+    known = target.between_runs / sigma
     z = r / sigma
     z *= np.minimum(1.0, SETTINGS.cut / np.maximum(np.abs(z), 1e-300))
     first, second = z[pairs[:, 0]], z[pairs[:, 1]]
@@ -434,10 +434,10 @@ def _beyond(target: FitData, residual: ComplexArray) -> FloatArray:
     if target.data.spectral_deg is not None:
         walking = _wandering(target, residual)
         found = SETTINGS.beyond_spectral * walking
-        found[orders == 0] *= np.maximum(1.0, target.run_offset_deg / noise_within(target)[orders == 0])
+        differ = np.maximum(1.0, target.between_runs / noise_within(target))
         by_chance = 1.0 + SETTINGS.beyond_usual / np.sqrt(4.0 * max(int(target.good.sum()), 1))
         near = np.clip(usual, np.maximum(SETTINGS.clearly_larger, by_chance), SETTINGS.beyond_spectral)
-        return np.asarray(np.where(orders > SETTINGS.wander_orders, near * walking, found))
+        return np.asarray(np.where(orders > SETTINGS.wander_orders, near * walking, found) * differ)
     if not np.isfinite(usual):
         return np.full(len(orders), SETTINGS.beyond_beside)
     usual = float(np.clip(usual, SETTINGS.beyond_spectral, SETTINGS.beyond_beside))
