@@ -152,16 +152,19 @@ def command(
     wishes = wishes_of(wished, chosen)
     with one_reader():
         bundle = given.load(outputs, real=real)
-        for name, text in real_remarks(bundle.irs).items():
-            say(f"{name}: {text}")
         for target in chosen if profile is not None else ():
             wishes[target.name]["cost"] = pricing[target.name]
         if only_check:
             _check(bundle, chosen, out, wishes, limit=limit, stat=stat, provenance=provenance)
         explained: list[Explanation] = []
+        remarks = real_remarks(bundle.irs)
         announce = None if given.quiet else say
         for target in chosen:
             generated = generate(bundle, target, out, force=force, announce=announce, **wishes[target.name])
+            # said once, and of no text that was refused
+            for name, text in remarks.items():
+                say(f"{name}: {text}")
+            remarks = {}
             if not given.quiet:
                 _show_generated(generated)
             if explain:

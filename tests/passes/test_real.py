@@ -378,6 +378,13 @@ def test_kinds_of_models_that_are_not_written_in_real():
         load(huge, real=True)
 
 
+@pytest.mark.parametrize("options", [["--target", "twincat"], ["--target", "iec", "--self-check"]])
+def test_the_command_says_nothing_of_a_text_that_it_refuses(lone_folder, tmp_path, capsys, options):
+    assert run("generate", lone_folder, "--real", "-o", tmp_path / "out", *options) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert "--real" in said and "numbers between are REAL" not in said and not (tmp_path / "out").exists()
+
+
 def test_the_command_says_what_is_lost_also_when_it_is_quiet(lone_folder, tmp_path, capsys):
     assert run("generate", lone_folder, "--target", "iec", "--real", "-q", "-o", tmp_path) == 0
     assert "every split decides as in the library" in " ".join(capsys.readouterr().err.split())
