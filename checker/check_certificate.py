@@ -608,9 +608,12 @@ AGE = "if bUsable:\n    nAge = 0\nelif nAge < 2147483647:\n    nAge = nAge + 1"
 
 # --- the check --------------------------------------------------------------------------------------------------------
 class Check:
-    """One model against the outputs of a block that the certificate names; `others` are those of other models."""
+    """One model against the outputs of a block that the certificate names; `others` are those of other models.
 
-    def __init__(self, model, folder, entry, others=()):
+    `called` are the names of the block's inputs, in the order of the model's; else the features' own.
+    """
+
+    def __init__(self, model, folder, entry, others=(), called=()):
         model.prepare()
         self.made, self.forms, self.entry = {}, {}, entry
         texts = codes(folder, entry["block"])
@@ -623,8 +626,8 @@ class Check:
             self.block = (*self.block[:4], before)
         mine = [name for name in numbers_ if name not in counts | set(others)]
         need(mine == entry["outputs"] and "bValid" in self.block[1], "other outputs than the block's")
-        for f, name in enumerate(entry["inputs"]):
-            port = f"f{name}".lower()
+        called = [name.lower() for name in called or usual(entry["inputs"])]
+        for f, port in enumerate(called):
             need(port not in ports or ports.index(port) == f, "inputs in another order")
             inner = [last[t[0] == f] for t, last in zip(model.trees, model.last)]
             edges = keys([model.lower[f], model.upper[f]])
@@ -993,9 +996,18 @@ def unchecked(entry):
     return None
 
 
+def usual(features):
+    """The names of inputs that are made of those of features."""
+    return ["f" + re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_") for name in features]
+
+
 def limit(model, entry, ranges, given):
-    """Number the inputs as the block's are, and take the limits that bundle.toml or st-codegen.toml give them."""
+    """Number the inputs as the block's are, and take the limits that bundle.toml or st-codegen.toml give them.
+
+    Returns the names that the block's inputs have, as st-codegen.toml or the features' own names say.
+    """
     names = model.names or [f"f{number}" for number in range(model.features)]
+    called = usual(entry["inputs"])
     if ranges is not None:
         need([r["name"] for r in ranges] == entry["inputs"], "other inputs than those of the bundle")
         if model.names and sorted(model.names) == sorted(entry["inputs"]):
@@ -1004,9 +1016,11 @@ def limit(model, entry, ranges, given):
         need(entry["inputs"] == names, "other inputs than those of the model")
         said = [r for r in given if r.get("file", "") in ("", entry["file"])]
         ranges = [next((r for r in said[::-1] if r["feature"] == name), {}) for name in names]
+        called = [r.get("name", own) for r, own in zip(ranges, called)]
         ranges = [r if r.get("outside", "clamp") == "clamp" else {} for r in ranges]
     for side, far, bound in (("min", -np.inf, model.lower), ("max", np.inf, model.upper)):
         bound[:] = [float(r.get(side, far)) for r in ranges]
+    return called
 
 
 def named(entry, together):
@@ -1079,8 +1093,8 @@ def main(certificate, models, out):
             if other:
                 print(f"{where}: {other}")
                 continue
-            limit(model, entry, ranges, given)
-            found = Check(model, targets[entry["target"]], entry, others)
+            called = limit(model, entry, ranges, given)
+            found = Check(model, targets[entry["target"]], entry, others, called)
             need((found.method, found.trees) == (entry["method"], entry["trees"]), "proved in another way")
         except Reject as reason:
             raise Reject(f"{where}: {reason}") from None

@@ -11,6 +11,7 @@ import sys
 from collections import Counter
 from pathlib import Path
 
+import lightgbm
 import numpy as np
 import pytest
 import skops.io
@@ -520,6 +521,32 @@ def test_the_limits_of_inputs_are_part_of_what_is_claimed(tmp_path):
     path.write_text(json.dumps(content))
     result = check(path, models, tmp_path / "out")
     assert (result.returncode, "rejected" in result.stdout) == (1, True)
+
+
+@pytest.mark.parametrize(
+    ("features", "names"),
+    [(["a-b", "A_B", "c"], ["fA_b", "fA_B_2", "fC"]), (["f0", "f1", "f2"], ["fF1", "fF2", "fF3"])],
+    ids=["features that the language cannot tell apart", "names that count from 1"],
+)
+def test_inputs_may_have_the_names_that_other_features_suggest(features, names, tmp_path):
+    models, out = tmp_path / "models", tmp_path / "generated"
+    models.mkdir()
+    x = np.random.default_rng(0).normal(size=(60, 3))
+    given = lightgbm.Dataset(x, x @ [1.0, -2.0, 0.5], feature_name=features)
+    lightgbm.train({"verbose": -1, "num_leaves": 4, "min_data_in_leaf": 5}, given, 3).save_model(models / "te.txt")
+    tables = [f'[[input]]\nfeature = "{f}"\nname = "{n}"\n' for f, n in zip(features, names, strict=True)]
+    (models / "st-codegen.toml").write_text("".join(tables))
+    generate(load(models), "iec", out)
+    path = written(tmp_path, models, out)
+    assert check(path, models, out).returncode == 0
+    text = out / "iec" / "FB_Te.st"
+    first, last = re.findall(r"^    (f\w+) : LREAL;", text.read_text(), re.MULTILINE)[0:3:2]
+    swapped = re.sub(rf"\b({first}|{last})\b", lambda name: last if name[1] == first else first, text.read_text())
+    text.write_text(swapped)
+    content = json.loads(path.read_text())
+    content["texts"]["iec"]["FB_Te.st"] = hashlib.sha256(text.read_bytes()).hexdigest()
+    path.write_text(json.dumps(content))
+    assert "inputs in another order" in check(path, models, out).stdout
 
 
 def test_an_entry_that_was_proved_cannot_be_renamed_to_one_that_is_not_checked(tmp_path):
