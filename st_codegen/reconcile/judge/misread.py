@@ -491,18 +491,21 @@ def in_place_of_the_rest(final: Fit, orders: Collection[int]) -> tuple[Misread, 
         """The power of each order that is more than noise."""
         return np.asarray(np.maximum((np.abs(one.residual[good]) ** 2).mean(axis=0) - noise, 0.0))
 
-    columns = np.isin(data.orders, list(orders)) & (left(final) > 2.0 * told)
+    whole = left(final)
+    columns = np.isin(data.orders, list(orders)) & (whole > 2.0 * told)
     if not columns.any():
         return ()
-    before, told = left(final)[columns], told[columns]
+    before = whole[columns]
 
     def looked_at(reading: WrongReading) -> Misread | None:
         sizes, best = _read(target, final.state, reading, rounds=1, known=final if reading.steps else None)
         if left(best)[columns].sum() < SETTINGS.begins_to_do * before.sum():
             sizes, best = _read(target, best.state, reading, sizes, known=best)
-        after = left(best)[columns]
-        gone = after < SETTINGS.left_of_rest * before + told
-        if 2 * gone.sum() <= len(gone) or not (after < before + told).all():
+        found = left(best)
+        after = found[columns]
+        gone = after < SETTINGS.left_of_rest * before + told[columns]
+        # nor may an order be left worse that the rig explains as the data are
+        if 2 * gone.sum() <= len(gone) or not (found < whole + told).all():
             return None
         # what wanders while the runs are made passes for noise where runs are compared with their neighbours
         drifts = changes_with_time(target, best.residual)
@@ -512,7 +515,7 @@ def in_place_of_the_rest(final: Fit, orders: Collection[int]) -> tuple[Misread, 
         if not rest:
             return None
         leaves = f"less than {SETTINGS.left_of_rest:.0%} of the power"
-        if (after < told)[gone].all():
+        if (after < told[columns])[gone].all():
             # runs may differ by more than is known to be noise: then it would be said to be unexplained all the same
             stays = is_left(best.target, best.residual)[columns][gone].any()
             leaves = "no more than runs differ by" if stays else "nothing but noise"
