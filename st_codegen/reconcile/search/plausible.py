@@ -128,11 +128,19 @@ def misfit(current: Fit, piece: Piece) -> float:
     elif not peaks and target.data.spectral_deg is not None:
         # what both directions of runs have alike, or what follows their order, is no noise, nor is what few runs leave
         # of a form: only that within the curves is noise for sure
-        structured = is_lacking(target, current.residual) | target.data.few_points
-        sigma = np.minimum(np.where(structured, target.data.spectral_deg, np.inf), target.sigma)
+        sure = np.where(is_lacking(target, current.residual), target.data.spectral_deg, np.inf)
+        sigma = np.minimum(np.minimum(sure, noise_of_few(target) if target.data.few_points else np.inf), target.sigma)
         current = replace(current, target=replace(target, sigma=sigma, wide=target.spread))
     # a peak says nothing of what lies far from it; all else must hold where it is small too
     return _left_of(current, current.explained(piece.effect), SETTINGS.acts if peaks else 0.0)
+
+
+def noise_of_few(target: FitData) -> FloatArray:
+    """What is noise for sure in curves of a dozen runs, (n, K): that within them, and of a mean what the rig says that
+    runs differ by: the noise within curves says nothing of it."""
+    assert target.data.spectral_deg is not None
+    differ = np.where(target.data.orders == 0, target.run_offset_deg, 0.0)
+    return np.hypot(target.data.spectral_deg, differ)
 
 
 def misfit_of_changes(target: FitData) -> float:
@@ -153,7 +161,7 @@ def is_its_own(current: Fit, piece: Piece, held: Fit) -> bool:
     if target.data.few_points and target.data.spectral_deg is not None:
         # several parameters together follow a dozen runs though none of them is what changed, and what they leave
         # passes for noise: only that within the curves is noise for sure
-        limit, sigma = SETTINGS.form**2, np.minimum(target.sigma, target.data.spectral_deg)
+        limit, sigma = SETTINGS.form**2, np.minimum(target.sigma, noise_of_few(target))
         current = replace(current, target=replace(target, sigma=sigma, wide=target.spread))
     if _left_of(current, seen, 0.0) > limit or not is_no_form_error(held, current, shows=shows):
         return False
