@@ -743,6 +743,21 @@ def test_oil_that_thins_by_another_law_is_no_skew_for_sure():
     assert claim.piece.effect.name == "measurement_delay" and "something_else" in claim.alternatives
 
 
+def test_friction_beside_a_skew_that_drag_may_make_is_half_of_it():
+    """Oil that thins as 950/(T + 95) was a skew (something_else) and another decay of the friction, with an error of 2 %
+    and no other name."""
+    friction = effect("friction_windup", coulomb_arcmin=0.3, viscous_arcmin_per_krpm=0.3, viscosity_decay_per_K=0.04)
+    rig, at = RigModel(effects=(*RIG.effects, friction)), grid()
+    at = replace(at, temperature_C=3.0 * (at.temperature_C - 20.0))
+    data = observed(rig, at)
+    values, thinner = data.values.copy(), np.exp(950.0 / (at.temperature_C + 95.0) - 950.0 / 125.0)
+    values[:, 0] -= at.sign * 0.3 * at.speed_rpm / 1000 / 60 * (thinner - np.exp(-0.04 * (at.temperature_C - 30.0)))
+    result = reconcile_observations(rig, replace(data, values=values), KNOWN)
+    (claim,) = result.conclusions.claims
+    assert claim.piece.effect.name == "measurement_delay" and "something_else" in claim.alternatives
+    assert retuned(result)["friction_windup"].is_open
+
+
 def test_runs_at_speeds_that_lie_anywhere_go_through_no_levels():
     """The first of eight was the fastest: it and all others, from 357 to 994 rpm, were two levels of the speed."""
     speeds = np.repeat([1891.0, 994.0, 867.0, 596.0, 357.0, 532.0, 685.0, 484.0], 2)

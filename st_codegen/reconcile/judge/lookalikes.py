@@ -205,7 +205,8 @@ def may_be_another_drag(final: Fit, piece: Piece) -> bool:
     """Whether friction whose part with the speed is new, or another one, follows another power of the speed as well.
 
     Oil that is churned takes more than in proportion to the speed, a film of it less. That power stands beside a dry
-    part, and the friction that the rig has, and falls with the oil temperature as an exponential of any rate.
+    part, and the friction that the rig has, and falls with the oil temperature as an exponential of any rate. Beside a
+    skew that drag may make, by another law of the oil, both are halves of it.
     """
     data, good = final.target.data, final.target.good
     if piece.effect.name != "friction_windup" or data.angle_rad is not None or data.orders[0] != 0:
@@ -226,7 +227,9 @@ def may_be_another_drag(final: Fit, piece: Piece) -> bool:
     held, best, alone = float((left**2).sum()), min(lost(dry, drag) for drag in drags), lost(dry)
     # what neither explains is as much noise to both; where the dry part alone does as well, it is what changed
     clear = SETTINGS.as_good * max(1.0, min(held, best) / len(wanted))
-    return best < held + clear < alone
+    # a skew that stands for another film is a part of the same friction, whatever the power
+    films_beside = [one for one in final.state.pieces if one.free and may_be_another_film(final, one)]
+    return held + clear < alone and (best < held + clear or bool(films_beside))
 
 
 def may_be_another_film(final: Fit, piece: Piece) -> bool:
