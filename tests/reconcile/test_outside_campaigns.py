@@ -744,8 +744,7 @@ def test_oil_that_thins_by_another_law_is_no_skew_for_sure():
 
 
 def test_friction_beside_a_skew_that_drag_may_make_is_half_of_it():
-    """Oil that thins as 950/(T + 95) was a skew (something_else) and another decay of the friction, with an error of 2 %
-    and no other name."""
+    """Oil that thins as 950/(T + 95) was a skew (something_else), and another decay of the friction without any doubt."""
     friction = effect("friction_windup", coulomb_arcmin=0.3, viscous_arcmin_per_krpm=0.3, viscosity_decay_per_K=0.04)
     rig, at = RigModel(effects=(*RIG.effects, friction)), grid()
     at = replace(at, temperature_C=3.0 * (at.temperature_C - 20.0))
