@@ -744,7 +744,7 @@ def test_oil_that_thins_by_another_law_is_no_skew_for_sure():
 
 
 def test_friction_beside_a_skew_that_drag_may_make_is_half_of_it():
-    """Oil that thins as 950/(T + 95) was a skew (something_else), and another decay of the friction without any doubt."""
+    """Oil that thins as 950/(T + 95) was a skew (something_else), and friction that changed without any doubt."""
     friction = effect("friction_windup", coulomb_arcmin=0.3, viscous_arcmin_per_krpm=0.3, viscosity_decay_per_K=0.04)
     rig, at = RigModel(effects=(*RIG.effects, friction)), grid()
     at = replace(at, temperature_C=3.0 * (at.temperature_C - 20.0))
@@ -755,6 +755,13 @@ def test_friction_beside_a_skew_that_drag_may_make_is_half_of_it():
     (claim,) = result.conclusions.claims
     assert claim.piece.effect.name == "measurement_delay" and "something_else" in claim.alternatives
     assert retuned(result)["friction_windup"].is_open
+
+
+def test_a_compliance_under_a_hanging_load_has_its_size():
+    """It was named without a number."""
+    hanging = effect("hanging_load_compliance", stiffness_Nm_per_arcmin=1500.0)
+    result = reconcile_observations(RIG, observed(RigModel(effects=(*RIG.effects, hanging)), grid()), KNOWN)
+    assert "under a load that keeps its direction: 1500 N m per arcmin, 0." in summary(result)
 
 
 def test_runs_at_speeds_that_lie_anywhere_go_through_no_levels():

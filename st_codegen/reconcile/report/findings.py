@@ -12,7 +12,7 @@ import numpy as np
 from st_codegen.reconcile.data.observations import rms_deg, whole_percent
 from st_codegen.reconcile.judge.claims import SOMETHING_ELSE, Claim, Retuned
 from st_codegen.reconcile.report.output import parameters_of
-from st_codegen.reconcile.report.sentences import form_text, plain, words
+from st_codegen.reconcile.report.sentences import error_digits, form_text, plain, words
 from st_codegen.reconcile.result import Reconciliation
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect, Stage
@@ -182,7 +182,7 @@ def _numbers(effect: Effect, stderr: Mapping[str, float], before: Effect | None 
             turned |= abs(math.remainder(turn, 2 * math.pi)) > SETTINGS.clearly * (now["stderr"] or 0.0)
             continue
         value, error, unit = now["value"], now["stderr"], now["unit"]
-        text = f"{value:.4g}" + ("" if error is None else f" +- {error:.1g}") + (f" {unit}" if unit else "")
+        text = f"{value:.4g}" + ("" if error is None else f" +- {error_digits(error)}") + (f" {unit}" if unit else "")
         was = old.get(key, {}).get("value")
         if before is not None and was is not None:
             if f"{value:.4g}" == f"{was:.4g}":
