@@ -761,7 +761,7 @@ def test_a_compliance_under_a_hanging_load_has_its_size():
     """It was named without a number."""
     hanging = effect("hanging_load_compliance", stiffness_Nm_per_arcmin=1500.0)
     result = reconcile_observations(RIG, observed(RigModel(effects=(*RIG.effects, hanging)), grid()), KNOWN)
-    assert "under a load that keeps its direction: 1500 N m per arcmin, 0." in summary(result)
+    assert re.search(r"keeps its direction: 1(499|50[01]) N m per arcmin, 1\.2 arcmin", summary(result))
 
 
 def test_runs_at_speeds_that_lie_anywhere_go_through_no_levels():
