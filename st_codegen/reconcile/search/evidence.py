@@ -146,7 +146,12 @@ def p_of_clusters(fit: Fit, places: list[int], difference: FloatArray, covarianc
         # fewer clusters than tell so many parameters: independent runs, of which few are alike, are all that can be
         # assumed
         return chi_square_tail(square, count)
-    return float(f_tail(square * (clusters - count) / (count * (clusters - 1)), count, clusters - count))
+    chance = float(f_tail(square * (clusters - count) / (count * (clusters - 1)), count, clusters - count))
+    if clusters >= 2 * count:
+        return chance
+    # hardly more clusters than parameters bound no sum of all: one that is no chance by itself is none among so many
+    alone = float((difference**2 / np.diagonal(covariance)[places]).max())
+    return min(chance, count * float(f_tail(alone, 1, clusters - 1)))
 
 
 def stability(fit: Fit, places: list[int]) -> float:
