@@ -759,8 +759,9 @@ def test_friction_beside_a_skew_that_drag_may_make_is_half_of_it():
 
 @pytest.mark.parametrize("speeds", [5, 6, 7])
 def test_runs_at_one_more_speed_tell_no_less(speeds):
-    """Of five speeds at one oil temperature a mesh order grew with the load, of six it was unexplained, of seven it grew:
-    six clusters of runs bound no sum of four numbers."""
+    """Of five speeds at one oil temperature a mesh order grew with the load, and of seven. Of six it was unexplained:
+    six clusters of runs bound no sum of four numbers.
+    """
     at = grid(speeds, 5, 1)
     growth = effect("load_dependent_mesh", order=40, slope_deg_per_kNm=5e-4, phase_rad=1.0)
     data = observed(RigModel(effects=(*RIG.effects, growth)), at, sigma=2e-5)
