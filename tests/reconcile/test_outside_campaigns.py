@@ -770,6 +770,19 @@ def test_runs_at_one_more_speed_tell_no_less(speeds):
     assert claim.piece.effect.name == "load_dependent_mesh"
 
 
+def test_all_orders_together_tell_a_delay_that_none_shows_above_its_noise():
+    """It was "smaller than the noise of one coefficient": a damping and two waves had changed, or every angle."""
+    pins = [effect("pin_error", order=k, amplitude_deg=0.032 / k, phase_rad=0.01 * k) for k in range(40, 361, 40)]
+    rig, orders = RigModel(effects=(*RIG.effects, *pins)), (0, 1, 2, 3, 39, *range(40, 361, 40))
+    late = RigModel(effects=(*rig.effects, effect("measurement_delay", delay_us=250.0)))
+    data = observed(late, test_misread.AT, orders, sigma=1.5e-5)
+    data = replace(data, spectral_deg=np.full(data.values.shape, 1.5e-5))
+    result = reconcile_observations(rig, data, KNOWN)
+    (claim,) = result.conclusions.claims
+    assert claim.piece.effect.scalar("delay_us") == pytest.approx(250.0, abs=2.0 * claim.stderr["delay_us"])
+    assert not result.conclusions.retuned and result.verdict == "explained"
+
+
 def test_a_compliance_under_a_hanging_load_has_its_size():
     """It was named without a number."""
     hanging = effect("hanging_load_compliance", stiffness_Nm_per_arcmin=1500.0)

@@ -21,7 +21,7 @@ from st_codegen.reconcile.fit.target import Groups
 from st_codegen.reconcile.rest.lasting import without_lasting
 from st_codegen.reconcile.search.peaks import has_a_frequency
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Conditions, Effect, Form
+from st_codegen.rig.effects import Conditions, Effect, Form, Stage
 
 _SMALL = "smaller than the noise of one coefficient"
 
@@ -129,7 +129,9 @@ def size_in_noise(fit: Fit, places: list[int], number: int) -> float:
     squares = ((np.abs(part) / fit.target.sigma[fit.target.good]) ** 2).mean(axis=0)
     parts = fit.target.data.parts
     touched = squares / parts > SETTINGS.touched * (squares / parts).max(initial=0.0)
-    count = 2 if piece.effect.least_foreign else parts[touched].sum()
+    count = parts[touched].sum()
+    # and so is what a chain of measurement does, which turns all of them by one number
+    count = min(count, 2) if piece.effect.least_foreign or piece.effect.stage is Stage.MEASURING else count
     return float(np.sqrt(squares[touched].sum() / max(count, 1)))
 
 
