@@ -198,10 +198,14 @@ def _of_frequency(data: Observations) -> FloatArray:
     return np.asarray(found / max(float(np.abs(found).max()), 1e-300))
 
 
-def _delayed_backward(data: Observations, size: FloatArray) -> ComplexArray:
-    """Backward curves behind a delay of their own: phases turn in proportion to the frequency, with the direction."""
-    turned = np.radians(size[0]) * _of_frequency(data) * (data.at.sign < 0)[:, None]
-    return np.asarray(np.exp(1j * turned))
+def _delayed(sign: float) -> Gain:
+    """Curves of one direction behind a delay of their own: phases turn in proportion to the frequency."""
+
+    def gain(data: Observations, size: FloatArray) -> ComplexArray:
+        turned = np.radians(size[0]) * _of_frequency(data) * (data.at.sign == sign)[:, None]
+        return np.asarray(np.exp(1j * turned))
+
+    return gain
 
 
 def _faded(data: Observations, size: FloatArray) -> FloatArray:
@@ -223,7 +227,7 @@ def _of_gain(
     )
 
 
-_DELAYED = "waves backward turned {:.3g} deg too {} at the highest frequency, in proportion at others, as by a delay"
+_DELAYED = "waves {} turned {{:.3g}} deg too {{}} at the highest frequency, in proportion at others, as by a delay"
 #: of a filter, of which the rig may have the delay
 _FADED = "waves {:.3g} % too {} at the highest frequency, by its square elsewhere, as behind a filter"
 _TORQUE, _SPEED, _HEAT, _ANGLE = (f"misread_{what}" for what in ("torque", "speed", "temperature", "angle"))
@@ -281,10 +285,8 @@ READINGS = (
     _of_gain(("all TE {:.3g} % too {}",), _larger(1.0, -1.0)),
     _of_gain(("all TE backward {:.3g} % too {}",), _larger(-1.0), "column_scale"),
     _of_gain(("all TE {:.3g} % too {} in the last run, and before in proportion to the run's number",), _growing),
-    _of_gain(
-        (_DELAYED,),
-        _delayed_backward, most=(180.0,),
-    ),
+    _of_gain((_DELAYED.format("backward"),), _delayed(-1.0), most=(180.0,)),
+    _of_gain((_DELAYED.format("forward"),), _delayed(1.0), most=(180.0,)),
     _of_gain((_FADED,), _faded),
     _of_gain((_FADED, "beside that {:.3g} deg too {} there, by the cube elsewhere"), _faded_and_turned,
              steps=(0.1, 0.1), most=(60.0, 60.0)),
