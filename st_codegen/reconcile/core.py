@@ -41,7 +41,7 @@ from st_codegen.reconcile.rest.suspects import (
     with_rest,
     without_structure,
 )
-from st_codegen.reconcile.rest.unexplained import Signature, beside_the_rigs, loudest, of_a_hum, signatures
+from st_codegen.reconcile.rest.unexplained import Signature, loudest, of_a_hum, signatures
 from st_codegen.reconcile.rest.unseen import below_noise, cannot_show
 from st_codegen.reconcile.result import OrderGap, Reconciliation, TakenBack
 from st_codegen.reconcile.search.candidates import Candidate
@@ -210,8 +210,8 @@ def _result(
         return OrderGap(int(data.orders[k]), own[0], own[1], float(floor_rms[k]), own[2])
 
     orders, in_samples = [one.order for one in left if one.order >= 0], data.angle_rad is not None
-    beside = beside_the_rigs(orders, rig.orders())
     expressed = {k for effect in rig.effects if effect.name == "empirical" for k in effect.touched_orders()}
+    by_load = [one.order for one in left if one.depends_on_the_load]
     return Reconciliation(
         rig=rig,
         new_rig=_new_rig(rig, final, conclusions),
@@ -219,7 +219,7 @@ def _result(
         target=target,
         noise=noise,
         conclusions=doubted(
-            conclusions, orders, beside, rig.orders(), of_one_angle(final, before), expressed, in_samples=in_samples
+            conclusions, orders, by_load, rig.orders(), of_one_angle(final, before), expressed, in_samples=in_samples
         ),
         judged=judged,
         unexplained=tuple(one.of_gap(gap_power).of_machine(rig.constants) for one in left),

@@ -140,6 +140,8 @@ class Settings:
     noise_beside_wave: int = 40
     #: factor; power over noise of a line of one curve, which noise (exponential) reaches once in 1e13 orders
     loud_line: float = 30.0
+    #: order up to which lines are that show as lower ones in curves of few samples: four a line of fine encoders
+    highest_line: int = 100_000
     #: share of the runs that have a loud line from which on an order is looked at: fewer are single odd runs
     runs_with_a_line: float = chosen(0.01, UNRECORDED)
     #: count; runs with a loud line beyond this: three at least

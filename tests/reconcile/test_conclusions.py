@@ -800,14 +800,18 @@ def test_of_a_wave_that_changed_beside_a_resonance_errors_hold_both_ways_to_exci
         assert one.stderr[key] > 5 * SIGMA / np.sqrt(len(start.target.data))
 
 
-def test_a_power_of_the_load_whose_order_is_unexplained_may_be_another_law():
-    """A wave that grows from 300 N m on alone was said to grow with the square of the load, and nothing else."""
-    growth = effect("load_dependent_mesh", order=40, slope_deg_per_kNm=1e-3, exponent=2.0)
+@pytest.mark.parametrize(
+    ("exponent", "is_by_load", "is_open"), [(2.0, False, True), (1.0, True, True), (1.0, False, False)]
+)
+def test_a_power_of_the_load_whose_order_is_unexplained_may_be_another_law(exponent, is_by_load, is_open):
+    """A wave that grows from 300 N m on alone was said to grow with the square of the load, and nothing else; one that
+    turns with the load to grow in proportion."""
+    growth = effect("load_dependent_mesh", order=40, slope_deg_per_kNm=1e-3, exponent=exponent)
     final = with_added(observed(RigModel(effects=(*RIG.effects, growth)), grid()), growth)
-    for left, is_open in (([40], True), ([], False)):
-        found = conclude(RIG, final, KNOWN)
-        (claim,) = doubted(found, left, [], RIG.orders(), in_samples=False).claims
-        assert ("something_else" in claim.alternatives) == is_open
+    found = conclude(RIG, final, KNOWN)
+    for left, is_doubted in (([40], is_open), ([], False)):
+        (claim,) = doubted(found, left, left if is_by_load else [], RIG.orders(), in_samples=False).claims
+        assert ("something_else" in claim.alternatives) == is_doubted
 
 
 @pytest.mark.parametrize("of_load", [False, True])

@@ -144,6 +144,19 @@ def test_numbers_that_moved_only_together_are_said_to():
     before, after = (effect("pin_error", order=40, amplitude_deg=1e-3, phase_rad=turn) for turn in (0.0, 0.3))
     errors = {"amplitude_deg": 1e-4, "phase_rad": 0.01}
     assert _numbers(after, errors, before) == ("its phases turned",)
+    # beside a size that changed by a little, which would seem to explain what the phase does
+    after = after.with_values({**after.values, "amplitude_deg": 1.3e-3})
+    assert _numbers(after, errors, before) == ("its phases turned", "amplitude_deg 0.001 -> 0.0013 +- 0.0001 deg")
+
+
+@pytest.mark.parametrize(
+    ("error", "said"), [(0.01475, "0.015"), (14.3, "14"), (243.0, "240"), (2e-6, "2e-06"), (0.0095, "0.0095")]
+)
+def test_errors_have_the_digits_that_do_not_make_them_smaller(error, said):
+    """A dry friction of 0.3345 +- 0.01475 was said to be known to 0.01, and a stiffness to 1e+01."""
+    before, after = (effect("torsional_compliance", stiffness_Nm_per_arcmin=size) for size in (380.0, 999.0))
+    (text,) = _numbers(after, {"stiffness_Nm_per_arcmin": error}, before)
+    assert text == f"stiffness_Nm_per_arcmin 380 -> 999 +- {said} Nm/arcmin"
 
 
 @pytest.mark.parametrize(("error", "is_clear"), [(30.0, False), (3.0, True)])
@@ -152,7 +165,7 @@ def test_one_number_that_its_error_holds_is_not_refused(error, is_clear):
     before, after = (effect("torsional_compliance", stiffness_Nm_per_arcmin=size) for size in (380.0, 411.0))
     errors = {"stiffness_Nm_per_arcmin": error}
     assert _is_clear(Retuned(before, after, errors, 0.0)) is is_clear
-    assert _numbers(after, errors, before) == (f"stiffness_Nm_per_arcmin 380 -> 411 +- {error:.1g} Nm/arcmin",)
+    assert _numbers(after, errors, before) == (f"stiffness_Nm_per_arcmin 380 -> 411 +- {error:g} Nm/arcmin",)
 
 
 def test_a_ratio_is_given_with_the_digits_that_tell_it_from_the_rigs(tmp_path):

@@ -148,6 +148,22 @@ def test_speeds_of_one_direction_are_asked_about_in_place_of_what_is_unexplained
     assert "too high would leave nothing but noise of what is unexplained in orders" in summary(as_they_are)
 
 
+def test_a_reading_leaves_no_order_worse_that_the_rig_explains():
+    """A resonance with another frequency backward was asked about as speeds, by which the rig's own was wrong."""
+    own = next(effect for effect in RIG.effects if effect.name == "structural_resonance")
+    waves = {"damping_ratio": 0.1, "orders": [78, 80, 120], "amplitude_deg": [1e-3] * 3, "phase_rad": [0.0] * 3}
+    known = {"damping_ratio": 0.03, "orders": [156, 162], "amplitude_deg": [4e-3] * 2, "phase_rad": [0.0] * 2}
+    rig = replace(RIG, effects=(own.with_values({**known, "frequency_Hz": 72.0}),))
+    found, other = (own.with_values({**waves, "frequency_Hz": hertz}) for hertz in (25.0, 27.0))
+    forward, backward = (measured(2e-5, rig=replace(rig, effects=(*rig.effects, one))) for one in (found, other))
+    data = replace(forward, values=np.where(AT.sign[:, None] > 0, forward.values, backward.values))
+    held = piece_of(rig.effects[0], added=False, origin=rig.effects[0]).held()
+    added = replace(piece_of(found, added=True), free=frozenset())
+    target = FitData(data, np.full(data.values.shape, 2e-5), np.ones(len(AT), bool), groups_of(AT))
+    final = fit(target, State(rig, rig.zero_offset_deg, (held, added)))
+    assert not [one.text for one in in_place_of_the_rest(final, [78, 80, 120])]
+
+
 def test_a_reading_stands_for_changes_and_for_what_is_unexplained_beside_them():
     """The resonance was another one, and order 162 was unexplained; forward speeds did as well as backward ones."""
     result = reconciled(measured(2e-4, read=faster_backward(0.1)))

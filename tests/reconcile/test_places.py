@@ -326,6 +326,15 @@ def test_a_line_that_only_a_curve_with_few_samples_shows_may_be_a_higher_order()
     assert not _alone(power, np.full(10, 150), [40]).any()
 
 
+def test_a_line_of_curves_sampled_in_time_is_no_higher_order():
+    """A resonance that the slowest run does not lift was left out of all the faster ones, which have fewer samples."""
+    power = np.ones((4, 60))
+    power[:3, 20] = 100.0
+    assert not _alone(power, np.array([1030, 1540, 2350, 4000]), []).any()
+    # of half and a quarter as many samples one order above shows at one place
+    assert np.argwhere(_alone(power, np.array([512, 1024, 2048, 4000]), [])).tolist() == [[0, 20], [1, 20], [2, 20]]
+
+
 @pytest.mark.parametrize("directions", [(1.0, -1.0), (1.0,)])
 def test_a_bump_of_the_mean_curves_gives_orders_and_noise_none(directions):
     """Twenty curves of a direction, of which none shows any order of a bump above its noise."""

@@ -103,6 +103,19 @@ def test_a_law_below_what_counts_as_noise_has_its_own_size_and_direction():
     assert "0 deg RMS" not in one.text and "forward only" not in one.text and one.direction != "forward"
 
 
+def test_speeds_of_scattered_runs_do_not_tell_what_their_loads_do():
+    """Each of 39 speeds was a level of one run and told all that it had: a mean that grew with the load "depends on the
+    speed", or nothing was found to explain a wave.
+    """
+    random, causes = np.random.default_rng(6), []
+    for _ in range(6):
+        points = np.round(random.uniform([100, 0, 20], [1800, 1300, 40], (40, 3)))
+        at = Conditions.of(np.tile([1.0, -1.0], len(points)), *(np.repeat(axis, 2) for axis in points.T))
+        (one,) = found(at, {53: 4.0 * SIGMA * (at.torque_Nm > 700) * TURN}).values()
+        causes.append(main_cause(one.dependence))
+    assert causes == ["torque"] * 6
+
+
 @pytest.mark.parametrize(("share", "side"), [(0.0, "forward only"), (0.15, "mostly forward")])
 def test_a_law_is_in_one_direction_only_where_its_other_one_is_no_more_than_noise_could_be(share, side):
     """A law has no noise in it: compared with that of a run, a sixth of it backward was none."""

@@ -289,9 +289,16 @@ def speed_levels(speed_rpm: FloatArray) -> IntArray:
 
 
 def levels_by_condition(at: Conditions) -> dict[str, IntArray]:
-    """The level of each row by condition, (n,)."""
-    levels = speed_levels(at.speed_rpm), levels_of(at.torque_Nm), levels_of(at.temperature_C)
-    return dict(zip(AXES, levels, strict=True))
+    """The level of each row by condition, (n,).
+
+    Speeds that hardly repeat at other loads and oils are no levels: each would tell all that its one run has.
+    """
+    speed, *others = at.axes
+    points = np.unique(np.column_stack(at.axes), axis=0)
+    is_scattered = len(np.unique(speed)) > len(points) / 2 and any(np.ptp(values) > 0.0 for values in others)
+    return dict(
+        zip(AXES, (levels_of(speed) if is_scattered else speed_levels(speed), *map(levels_of, others)), strict=True)
+    )
 
 
 def levels_of(values: FloatArray) -> IntArray:

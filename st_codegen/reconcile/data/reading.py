@@ -250,7 +250,21 @@ def _alone(power: FloatArray, samples: IntArray, known: Iterable[int]) -> BoolAr
     coarse = samples < samples.max()
     found: BoolArray = (power > SETTINGS.loud_line) & coarse[:, None]
     found[:, [order for order in known if order < power.shape[1]]] = False
-    return found & ~_loud(power[~coarse]) if coarse.any() else found
+    found &= ~_loud(power[~coarse]) if coarse.any() else False
+    for order in np.flatnonzero(found.any(axis=0)).tolist():
+        found[:, order] &= _shows_one_above(order, np.unique(samples[found[:, order]]))
+    return found
+
+
+def _shows_one_above(order: int, counts: IntArray) -> bool:
+    """Whether some order above could show as this one in curves of each of these numbers of samples a turn.
+
+    Curves sampled in time have as many numbers as speeds: what is at one order in several of them is no other one.
+    """
+    turns = np.arange(1, SETTINGS.highest_line // int(counts.max()) + 2)
+    above = (turns[:, None] * int(counts.max()) + np.array([-order, order])).ravel()
+    shown = np.abs(above[:, None] - counts * np.round(above[:, None] / counts))
+    return bool((shown == order).all(axis=1).any())
 
 
 def _mistaken_text(campaign: Campaign, mistaken: BoolArray, bands: IntArray, files: list[str]) -> list[str]:

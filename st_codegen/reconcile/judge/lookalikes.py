@@ -16,6 +16,7 @@ from st_codegen.reconcile.fit.fitting import Fit
 from st_codegen.reconcile.fit.normal import made_of
 from st_codegen.reconcile.fit.state import Piece
 from st_codegen.reconcile.judge.claims import ONE_SIDED, ONLY_FLANKS, SOMETHING_ELSE, Conclusions
+from st_codegen.reconcile.rest.unexplained import beside_the_rigs
 from st_codegen.reconcile.rest.unseen import one_after_the_other
 from st_codegen.reconcile.search.evidence import unmeasured_states
 from st_codegen.reconcile.search.peaks import frequencies_in, has_a_frequency, lost_over_the_speed, where_there
@@ -205,7 +206,8 @@ def may_be_another_drag(final: Fit, piece: Piece) -> bool:
     """Whether friction whose part with the speed is new, or another one, follows another power of the speed as well.
 
     Oil that is churned takes more than in proportion to the speed, a film of it less. That power stands beside a dry
-    part, and the friction that the rig has, and falls with the oil temperature as an exponential of any rate.
+    part, and the friction that the rig has, and falls with the oil temperature as an exponential of any rate. Beside a
+    skew that drag may make, by another law of the oil, both are halves of it.
     """
     data, good = final.target.data, final.target.good
     if piece.effect.name != "friction_windup" or data.angle_rad is not None or data.orders[0] != 0:
@@ -226,7 +228,9 @@ def may_be_another_drag(final: Fit, piece: Piece) -> bool:
     held, best, alone = float((left**2).sum()), min(lost(dry, drag) for drag in drags), lost(dry)
     # what neither explains is as much noise to both; where the dry part alone does as well, it is what changed
     clear = SETTINGS.as_good * max(1.0, min(held, best) / len(wanted))
-    return best < held + clear < alone
+    # a skew that stands for another film is a part of the same friction, whatever the power
+    films_beside = [one for one in final.state.pieces if one.free and may_be_another_film(final, one)]
+    return held + clear < alone and (best < held + clear or bool(films_beside))
 
 
 def may_be_another_film(final: Fit, piece: Piece) -> bool:
@@ -451,7 +455,7 @@ def _left_of_a_bell(off: IntArray, waves: ComplexArray) -> float:
 def doubted(
     found: Conclusions,
     left: Collection[int],
-    beside: Collection[int],
+    by_load: Collection[int],
     made: Collection[int],
     places: Collection[int] = (),
     expressed: Collection[int] = (),
@@ -461,17 +465,17 @@ def doubted(
     """Conclusions whose names have the alternative `something_else` where what stays unexplained says so.
 
     left: orders that stay unexplained: what is there may have changed a parameter of the rig on them as well, and on
-    the other side of a mesh order; beside: those of them that lie one beside the rig's orders, as where an angle is
-    read wrong: what does that changes the orders between them, too; made: the rig's orders. Many others that are left,
-    as a step at one angle makes them, or what dies away behind the start of a curve, reach all up to twice the highest,
-    and the mean. In samples over time all that moves the mean slowly, as a step or a drift, moves what is
-    found of the mean as well. places: orders that one angle of the turn may have changed; expressed: those of which the
-    rig has an expression without a cause, whose law may be another one.
+    the other side of a mesh order; where they lie one beside the rig's orders, as where an angle is read wrong, what
+    does that changes the orders between them, too; by_load: those of them of which the load tells what is left; made:
+    the rig's orders. Many others that are left, as a step at one angle makes them, or what dies away behind the start
+    of a curve, reach all up to twice the highest, and the mean. In samples over time all that moves the mean slowly, as
+    a step or a drift, moves what is found of the mean as well. places: orders that one angle of the turn may have
+    changed; expressed: those of which the rig has an expression without a cause, whose law may be another one.
     """
     foreign = sorted(order for order in {*left, *_of_what_is_many(found)} if order > 0 and order not in made)
     is_broad = len(foreign) >= SETTINGS.shared_orders
     broad = set(range(2 * foreign[-1] + 1)) if is_broad else set()
-    near = {order + off for order in beside for off in (-1, 1)}
+    near = {order + off for order in beside_the_rigs(left, made) for off in (-1, 1)}
     moved = near | broad | set(left) | _reached(set(left)) | set(expressed)
     slow = {0} & set(left) if in_samples else set()
     # what changed in one direction alone is half of what turns with it, and half of what does not
@@ -483,8 +487,9 @@ def doubted(
             its |= set(left) - {0}
         return effect.name in halves or bool(its & set(orders))
 
-    def follows_a_power(effect: Effect) -> bool:
-        return effect.name == "load_dependent_mesh" and not is_one_form(effect.scalar("exponent"), 1.0)
+    def follows_another_law(effect: Effect) -> bool:
+        is_power = effect.name == "load_dependent_mesh" and not is_one_form(effect.scalar("exponent"), 1.0)
+        return effect.name == "load_dependent_mesh" and is_open(effect, left if is_power else by_load)
 
     def is_of_one_angle(effect: Effect) -> bool:
         its = set(effect.touched_orders())
@@ -499,7 +504,7 @@ def doubted(
         else claim.in_doubt("the rig's expression without a cause may follow another law")
         if is_open(claim.piece.effect, expressed)
         else claim.in_doubt("what stays unexplained of its order may be that it follows another law of the load")
-        if follows_a_power(claim.piece.effect) and is_open(claim.piece.effect, left)
+        if follows_another_law(claim.piece.effect)
         else claim
         for claim in found.claims
     ]

@@ -198,10 +198,14 @@ def _of_frequency(data: Observations) -> FloatArray:
     return np.asarray(found / max(float(np.abs(found).max()), 1e-300))
 
 
-def _delayed_backward(data: Observations, size: FloatArray) -> ComplexArray:
-    """Backward curves behind a delay of their own: phases turn in proportion to the frequency, with the direction."""
-    turned = np.radians(size[0]) * _of_frequency(data) * (data.at.sign < 0)[:, None]
-    return np.asarray(np.exp(1j * turned))
+def _delayed(sign: float) -> Gain:
+    """Curves of one direction behind a delay of their own: phases turn in proportion to the frequency."""
+
+    def gain(data: Observations, size: FloatArray) -> ComplexArray:
+        turned = np.radians(size[0]) * _of_frequency(data) * (data.at.sign == sign)[:, None]
+        return np.asarray(np.exp(1j * turned))
+
+    return gain
 
 
 def _faded(data: Observations, size: FloatArray) -> FloatArray:
@@ -223,7 +227,7 @@ def _of_gain(
     )
 
 
-_DELAYED = "waves backward turned {:.3g} deg too {} at the highest frequency, in proportion at others, as by a delay"
+_DELAYED = "waves {} turned {{:.3g}} deg too {{}} at the highest frequency, in proportion at others, as by a delay"
 #: of a filter, of which the rig may have the delay
 _FADED = "waves {:.3g} % too {} at the highest frequency, by its square elsewhere, as behind a filter"
 _TORQUE, _SPEED, _HEAT, _ANGLE = (f"misread_{what}" for what in ("torque", "speed", "temperature", "angle"))
@@ -281,10 +285,8 @@ READINGS = (
     _of_gain(("all TE {:.3g} % too {}",), _larger(1.0, -1.0)),
     _of_gain(("all TE backward {:.3g} % too {}",), _larger(-1.0), "column_scale"),
     _of_gain(("all TE {:.3g} % too {} in the last run, and before in proportion to the run's number",), _growing),
-    _of_gain(
-        (_DELAYED,),
-        _delayed_backward, most=(180.0,),
-    ),
+    _of_gain((_DELAYED.format("backward"),), _delayed(-1.0), most=(180.0,)),
+    _of_gain((_DELAYED.format("forward"),), _delayed(1.0), most=(180.0,)),
     _of_gain((_FADED,), _faded),
     _of_gain((_FADED, "beside that {:.3g} deg too {} there, by the cube elsewhere"), _faded_and_turned,
              steps=(0.1, 0.1), most=(60.0, 60.0)),
@@ -491,18 +493,21 @@ def in_place_of_the_rest(final: Fit, orders: Collection[int]) -> tuple[Misread, 
         """The power of each order that is more than noise."""
         return np.asarray(np.maximum((np.abs(one.residual[good]) ** 2).mean(axis=0) - noise, 0.0))
 
-    columns = np.isin(data.orders, list(orders)) & (left(final) > 2.0 * told)
+    whole = left(final)
+    columns = np.isin(data.orders, list(orders)) & (whole > 2.0 * told)
     if not columns.any():
         return ()
-    before, told = left(final)[columns], told[columns]
+    before = whole[columns]
 
     def looked_at(reading: WrongReading) -> Misread | None:
         sizes, best = _read(target, final.state, reading, rounds=1, known=final if reading.steps else None)
         if left(best)[columns].sum() < SETTINGS.begins_to_do * before.sum():
             sizes, best = _read(target, best.state, reading, sizes, known=best)
-        after = left(best)[columns]
-        gone = after < SETTINGS.left_of_rest * before + told
-        if 2 * gone.sum() <= len(gone) or not (after < before + told).all():
+        found = left(best)
+        after = found[columns]
+        gone = after < SETTINGS.left_of_rest * before + told[columns]
+        # nor may an order be left worse that the rig explains as the data are
+        if 2 * gone.sum() <= len(gone) or not (found < whole + told).all():
             return None
         # what wanders while the runs are made passes for noise where runs are compared with their neighbours
         drifts = changes_with_time(target, best.residual)
@@ -512,7 +517,7 @@ def in_place_of_the_rest(final: Fit, orders: Collection[int]) -> tuple[Misread, 
         if not rest:
             return None
         leaves = f"less than {SETTINGS.left_of_rest:.0%} of the power"
-        if (after < told)[gone].all():
+        if (after < told[columns])[gone].all():
             # runs may differ by more than is known to be noise: then it would be said to be unexplained all the same
             stays = is_left(best.target, best.residual)[columns][gone].any()
             leaves = "no more than runs differ by" if stays else "nothing but noise"

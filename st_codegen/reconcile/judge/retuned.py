@@ -16,7 +16,7 @@ from st_codegen.reconcile.fit.state import OFFSET, Coordinate, Piece
 from st_codegen.reconcile.judge.errors import covariance_with_discrepancy
 from st_codegen.reconcile.rest.formulas import formula_of
 from st_codegen.reconcile.rest.lasting import lasting_mean, power_of_mean, without_lasting
-from st_codegen.reconcile.rest.structure import floors, is_lacking, is_left
+from st_codegen.reconcile.rest.structure import floors, is_lacking, is_left, structure
 from st_codegen.reconcile.search.evidence import p_of_clusters, p_of_more
 from st_codegen.reconcile.search.plausible import (
     bounds_met,
@@ -134,7 +134,7 @@ def changed_as_well(joint: Fit, final: Fit, changed: dict[int, float]) -> tuple[
     found: dict[int, Needed] = {}
     kept = _keeps_more(joint)
     while True:
-        lacking = _keeps_more(final) & ~kept
+        lacking = _keeps_more(final) & ~kept | _has_a_pattern(final) & ~_has_a_pattern(joint)
         tried = {i: one for i in _own_pieces(joint) if i not in changed and i not in found
                  if (one := _freed(joint, final, i, lacking, kept)) is not None} if lacking.any() else {}  # fmt: skip
         if not tried:
@@ -151,6 +151,11 @@ def _keeps_more(one: Fit) -> BoolArray:
     if (left & ~lacking).any():
         left &= lacking | (power_of_mean(one.target, one.residual, at_most=True) == 0.0)
     return left
+
+
+def _has_a_pattern(one: Fit) -> BoolArray:
+    """The orders of which a fit leaves a pattern over the conditions, bool (K,): runs may differ by more besides."""
+    return structure(one.target, one.residual).significant
 
 
 def without_misfits(final: Fit, changed: dict[int, float]) -> tuple[Fit, set[int]]:

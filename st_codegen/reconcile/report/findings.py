@@ -12,7 +12,7 @@ import numpy as np
 from st_codegen.reconcile.data.observations import rms_deg, whole_percent
 from st_codegen.reconcile.judge.claims import SOMETHING_ELSE, Claim, Retuned
 from st_codegen.reconcile.report.output import parameters_of
-from st_codegen.reconcile.report.sentences import form_text, plain, words
+from st_codegen.reconcile.report.sentences import error_digits, form_text, plain, words
 from st_codegen.reconcile.result import Reconciliation
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect, Stage
@@ -175,14 +175,14 @@ def _numbers(effect: Effect, stderr: Mapping[str, float], before: Effect | None 
     it explains with them.
     """
     old = {} if before is None else parameters_of(before, {})
-    listed, sure, beside, turned = list[str](), list[float](), list[str](), False
+    listed, sure, beside, turned = list[str](), list[float](), list[str](), 0.0
     for key, now in parameters_of(effect, dict(stderr)).items():
         if "phase" in key:
             turn = now["value"] - old.get(key, now)["value"]
-            turned |= abs(math.remainder(turn, 2 * math.pi)) > SETTINGS.clearly * (now["stderr"] or 0.0)
+            turned = max(turned, abs(math.remainder(turn, 2 * math.pi)) / max(now["stderr"] or 0.0, 1e-300))
             continue
         value, error, unit = now["value"], now["stderr"], now["unit"]
-        text = f"{value:.4g}" + ("" if error is None else f" +- {error:.1g}") + (f" {unit}" if unit else "")
+        text = f"{value:.4g}" + ("" if error is None else f" +- {error_digits(error)}") + (f" {unit}" if unit else "")
         was = old.get(key, {}).get("value")
         if before is not None and was is not None:
             if f"{value:.4g}" == f"{was:.4g}":
@@ -193,12 +193,15 @@ def _numbers(effect: Effect, stderr: Mapping[str, float], before: Effect | None 
                 continue
         listed.append(f"{key} {text}")
         sure.append(abs(value - (was or 0.0)) / error if error else 0.0)
+    if turned > SETTINGS.clearly:
+        listed.append("its phases turned")
+        sure.append(turned)
     if before is not None:
         listed = [listed[i] for i in np.argsort(-np.array(sure), kind="stable")]
-    if before is not None and not listed and not turned and len(beside) == 1:
+    if before is not None and not listed and len(beside) == 1:
         return tuple(beside)
     if before is not None and not listed:
-        listed = ["its phases turned" if turned else "its numbers jointly, none clearly alone"]
+        listed = ["its numbers jointly, none clearly alone"]
     if beside:
         listed += [f"with it {beside[0]}", *beside[1:]]
     shown = listed[:_MOST_NUMBERS]

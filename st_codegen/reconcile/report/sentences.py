@@ -393,6 +393,18 @@ def _is_changed(piece: Piece, result: Reconciliation) -> bool:
     return any(piece.effect is entry.after for entry in result.conclusions.retuned)
 
 
+def error_digits(error: float) -> str:
+    """A standard error with two digits: one alone is up to a third less than it is (0.0148, said as 0.01)."""
+    return f"{float(f'{error:.2g}'):g}"
+
+
+def _with_its_digits(value: float, error: float) -> str:
+    """A signed number with as many digits as its error tells; with one behind the point where it has none."""
+    if not math.isfinite(error) or error <= 0.0:
+        return f"{value:+.1f}"
+    return f"{value:+.{max(1, -math.floor(math.log10(error)))}f} +- {error_digits(error)}"
+
+
 def plain(effect: Effect, result: Reconciliation) -> str:
     """An effect by its title and orders."""
     orders = f", order {', '.join(map(str, effect.orders))}" if effect.orders else ""
@@ -402,8 +414,10 @@ def plain(effect: Effect, result: Reconciliation) -> str:
 def _compliance(effect: Effect, result: Reconciliation) -> str:
     stiffness = effect.scalar("stiffness_Nm_per_arcmin")
     twist = float(np.abs(result.data.at.torque_Nm).max()) / stiffness
+    load = "a load that keeps its direction" if effect.name == "hanging_load_compliance" else "load"
     return (
-        f"the transmission twists under load: {stiffness:.0f} N m per arcmin, {twist:.1f} arcmin at the largest torque"
+        f"the transmission twists under {load}: {stiffness:.0f} N m per arcmin, {twist:.1f} arcmin at the largest "
+        "torque"
     )
 
 
@@ -430,9 +444,7 @@ def _resonance(effect: Effect, result: Reconciliation) -> str:
         state = f"{effect.state_text} of oil" if effect.state_text else ""
     stderr = {} if claim is None else claim.stderr
     moves = [
-        f"by {frequency * effect.scalar(key):+.1f}"
-        + (f" +- {frequency * stderr[key]:.1g}" if key in stderr else "")
-        + f" Hz {per}"
+        f"by {_with_its_digits(frequency * effect.scalar(key), frequency * stderr.get(key, math.nan))} Hz {per}"
         for key, per in slopes
         if abs(effect.scalar(key)) > SETTINGS.clearly * stderr.get(key, 0.0)
     ]
@@ -644,6 +656,7 @@ _TEXTS = {
 }
 _WORDS: dict[str, Callable[[Effect, Any], str]] = {
     "torsional_compliance": _compliance,
+    "hanging_load_compliance": _compliance,
     "structural_resonance": _resonance,
     "carrier_modulation": _sidebands,
     "friction_windup": _friction,

@@ -119,6 +119,11 @@ class Signature:
         """Whether no pattern over the conditions was found in it."""
         return "scatter" in self.dependence
 
+    @property
+    def depends_on_the_load(self) -> bool:
+        """Whether the load alone is told to be what it depends on."""
+        return "torque" in self.dependence and main_cause(self.dependence) == "torque"
+
     def of_gap(self, gap_power: float) -> Signature:
         """This one with its share of a whole gap, deg^2."""
         return replace(self, share=min(1.0, self.power / max(gap_power, 1e-300)))

@@ -21,7 +21,7 @@ from st_codegen.reconcile.fit.target import Groups
 from st_codegen.reconcile.rest.lasting import without_lasting
 from st_codegen.reconcile.search.peaks import has_a_frequency
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Conditions, Effect, Form
+from st_codegen.rig.effects import Conditions, Effect, Form, Stage
 
 _SMALL = "smaller than the noise of one coefficient"
 
@@ -129,7 +129,9 @@ def size_in_noise(fit: Fit, places: list[int], number: int) -> float:
     squares = ((np.abs(part) / fit.target.sigma[fit.target.good]) ** 2).mean(axis=0)
     parts = fit.target.data.parts
     touched = squares / parts > SETTINGS.touched * (squares / parts).max(initial=0.0)
-    count = 2 if piece.effect.least_foreign else parts[touched].sum()
+    count = parts[touched].sum()
+    # and so is what a chain of measurement does, which turns all of them by one number
+    count = min(count, 2) if piece.effect.least_foreign or piece.effect.stage is Stage.MEASURING else count
     return float(np.sqrt(squares[touched].sum() / max(count, 1)))
 
 
@@ -146,7 +148,12 @@ def p_of_clusters(fit: Fit, places: list[int], difference: FloatArray, covarianc
         # fewer clusters than tell so many parameters: independent runs, of which few are alike, are all that can be
         # assumed
         return chi_square_tail(square, count)
-    return float(f_tail(square * (clusters - count) / (count * (clusters - 1)), count, clusters - count))
+    chance = float(f_tail(square * (clusters - count) / (count * (clusters - 1)), count, clusters - count))
+    if clusters >= 2 * count:
+        return chance
+    # hardly more clusters than parameters bound no sum of all: one that is no chance by itself is none among so many
+    alone = float((difference**2 / np.diagonal(covariance)[places]).max())
+    return min(chance, count * float(f_tail(alone, 1, clusters - 1)))
 
 
 def stability(fit: Fit, places: list[int]) -> float:
