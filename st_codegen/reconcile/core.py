@@ -18,6 +18,7 @@ from st_codegen.reconcile.fit.state import State, piece_of
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.claims import Conclusions, Retuned
 from st_codegen.reconcile.judge.conclusions import conclude, gone, unchanged
+from st_codegen.reconcile.judge.few_runs import with_scatter, without_scatter
 from st_codegen.reconcile.judge.lookalikes import doubted, of_one_angle, unlike_friction
 from st_codegen.reconcile.judge.misread import in_place_of_the_rest
 from st_codegen.reconcile.mistakes.examine import Examined
@@ -31,7 +32,6 @@ from st_codegen.reconcile.rest.structure import (
     scatter_of_a_table,
     scatter_of_encoder,
     scatter_within_turns,
-    structure,
 )
 from st_codegen.reconcile.rest.suspects import (
     bad_runs,
@@ -46,7 +46,6 @@ from st_codegen.reconcile.rest.unseen import below_noise, cannot_show
 from st_codegen.reconcile.result import OrderGap, Reconciliation, TakenBack
 from st_codegen.reconcile.search.candidates import Candidate
 from st_codegen.reconcile.search.evidence import Evidence, between_states, held_out_rms, untested_axes
-from st_codegen.reconcile.search.peaks import has_a_frequency
 from st_codegen.reconcile.search.plausible import lack_of_forms
 from st_codegen.reconcile.search.selection import faint, search, with_noise_of
 from st_codegen.reconcile.settings import SETTINGS
@@ -100,7 +99,7 @@ def _reconcile(
     noise = _with_suspects(last.target, last, with_noise_of(last)[1])
     if (noise.good != last.target.good).any():
         last = fit(replace(last.target, sigma=noise.sigma, good=noise.good).about(last.residual), last.state)
-    conclusions = _concluded(rig, last, known)
+    conclusions = conclude(rig, with_scatter(last), known)
     # whether data were read wrong is asked before it is said what is none of the machine
     asked = not examined.as_is and any(one.is_asked for one in conclusions.misread)
     if not without and not asked and (more := gone(conclusions.joint, conclusions)):
@@ -109,7 +108,7 @@ def _reconcile(
         # left-out runs that the rig as it was predicts better: then it is there
         if found.held_out.after <= SETTINGS.worse * found.held_out.before:
             return found
-    conclusions = replace(conclusions, retuned=(*without, *conclusions.retuned))
+    conclusions = without_scatter(replace(conclusions, retuned=(*without, *conclusions.retuned)))
     result = _result(whole, data, conclusions, tuple(judged), examined, apart)
     worse = result.held_out.after > SETTINGS.worse * result.held_out.before
     result = _with_between_states(result)
@@ -120,33 +119,6 @@ def _reconcile(
         result = _result(whole, data, nothing, tuple(judged), examined, apart)
         result = replace(result, taken_back=TakenBack(names, *gap))
     return result
-
-
-def _concluded(rig: RigModel, last: Fit, known: Catalogue) -> Conclusions:
-    """What is concluded from the last fit; a dozen runs differ by what it leaves of them without a pattern."""
-    scattered = replace(last, target=replace(last.target, scatter_deg=_scatter_of_few(last)))
-    found = conclude(rig, scattered, known)
-    joint, final = (replace(one, target=replace(one.target, scatter_deg=None)) for one in (found.joint, found.final))
-    return replace(found, joint=joint, final=final)
-
-
-def _scatter_of_few(last: Fit) -> FloatArray | None:
-    """How far one component of each order differs from run to run without a pattern, deg, (K,); 0 where it shows one.
-
-    None but for curves at a dozen operating points, by what the fit leaves of them; each of its numbers that an order
-    tells takes some. An order of a resonance may differ by as much as its peak in the run that meets that.
-    """
-    target = last.target
-    data, residual = target.data, last.residual[target.good]
-    if not data.few_points or data.spectral_deg is None:
-        return None
-    numbers = sum((np.bincount(places, minlength=len(data.orders)) for places, _ in last.columns), start=np.zeros(1))
-    free = data.parts * len(residual) - numbers
-    peaks = [k for one in last.state.pieces if has_a_frequency(one.effect) for k in one.effect.touched_orders()]
-    told = (free >= SETTINGS.least_beside_a_law) & ~np.isin(data.orders, peaks)
-    told &= ~structure(target, last.residual).significant
-    power = (np.abs(data.with_real_mean(residual)) ** 2).sum(axis=0) / np.maximum(free, 1)
-    return np.where(told, np.sqrt(power), 0.0)
 
 
 def _with_between_states(result: Reconciliation) -> Reconciliation:

@@ -71,7 +71,8 @@ class FitData:
 
     wide: (n, K), how far coefficients scatter about the model, never less than the noise: the fit weighs by it, since
     a model whose form is not quite right must not be bent by the last digit of a clean order. run_offset_deg: how far
-    the mean differs from run to run, as the rig says; scatter_deg: (K,), how far orders do, where more is known.
+    the mean differs from run to run, as the rig says; scatter_deg: (K,), how far one component of each order does by
+    what a fit of few runs left of it (`few_runs.with_scatter`), 0 where that says nothing.
     corrected: names of mistakes that were taken out.
     """
 
@@ -104,13 +105,14 @@ class FitData:
 
     @property
     def sure_sigma(self) -> FloatArray:
-        """The noise, float64 (n, K), of which only what is noise for sure counts where curves tell that.
+        """What is noise for sure, float64 (n, K): where curves tell it that within them, else the noise itself.
 
-        Within the curves all is, and so is what is known that runs differ by.
+        Of few runs what is known that they differ by is noise as well: they tell it by nothing else.
         """
         if self.data.spectral_deg is None:
             return self.sigma
-        return np.maximum(np.minimum(self.sigma, self.data.spectral_deg), self.between_runs)
+        within = np.minimum(self.sigma, self.data.spectral_deg)
+        return np.maximum(within, self.between_runs) if self.data.few_points else within
 
     @property
     def between_runs(self) -> FloatArray:

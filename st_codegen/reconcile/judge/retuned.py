@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, FloatArray
-from st_codegen.reconcile.data.chances import chi_square_tail, f_tail
+from st_codegen.reconcile.data.chances import chi_square_tail
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.normal import inverse
 from st_codegen.reconcile.fit.state import OFFSET, Coordinate, Piece
 from st_codegen.reconcile.judge.errors import covariance_with_discrepancy
-from st_codegen.reconcile.rest.formulas import formula_of
+from st_codegen.reconcile.judge.few_runs import follows_another_law, may_be_scatter, unsure_together
 from st_codegen.reconcile.rest.lasting import lasting_mean, power_of_mean, without_lasting
 from st_codegen.reconcile.rest.structure import floors, is_lacking, is_left, structure
 from st_codegen.reconcile.search.evidence import p_of_clusters, p_of_more
@@ -22,7 +22,6 @@ from st_codegen.reconcile.search.plausible import (
     bounds_met,
     inside_bounds,
     is_its_own,
-    left_for_sure,
     misfit_of_changes,
 )
 from st_codegen.reconcile.search.surroundings import stands_out
@@ -170,12 +169,11 @@ def without_misfits(final: Fit, changed: dict[int, float]) -> tuple[Fit, set[int
     while (kept or offset) and final.target.data.angle_rad is None:
         over = _misfits(final, [*sorted(kept), *offset])
         # what made up for a change that is held now is none
-        over |= {i: np.inf for i in kept if _insists_on_a_bound(final.state.pieces[i]) or not _is_refused(final, i)}
-        over |= {i: np.inf for i in kept if _follows_another_law(final, i)}
-        together = _together(final, kept)
-        if together:
-            over[min(together, key=lambda i: with_piece_held(final, i).loss)] = np.inf
-        worst = max(over, key=lambda i: over[i])
+        held = {i: with_piece_held(final, i) for i in sorted(kept)}
+        over |= {i: np.inf for i, without in held.items() if not _stands(final, without, i)}
+        over |= dict.fromkeys(unsure_together(final, sorted(kept)), np.inf)
+        # of several that cannot stay the one whose absence costs least goes first
+        worst = max(over, key=lambda i: (over[i], -held[i].loss if i in held else -np.inf))
         if over[worst] <= misfit_of_changes(final.target):
             break
         if worst == OFFSET:
@@ -183,78 +181,33 @@ def without_misfits(final: Fit, changed: dict[int, float]) -> tuple[Fit, set[int
             final = fit(final.target, final.state.held({OFFSET}))
         else:
             kept.remove(worst)
-            final = with_piece_held(final, worst)
+            final = held[worst]
     return final, kept | offset
 
 
-def _together(final: Fit, changed: Collection[int]) -> list[int]:
-    """The changes of a dozen runs that share an order with another one, but where they leave what is noise for sure.
-
-    Two parameters of the mean follow so few runs whatever moved it: stiffness and backlash did for a play.
-    """
-    target = replace(final.target, scatter_deg=None)
-    if not target.data.few_points:
-        return []
-    shown = {i: final.shown_change(final.state.pieces[i]) for i in changed}
-    shows = {i: np.abs(one).max(axis=0) > 0.0 for i, one in shown.items()}
-    shared = [i for i in changed if any((shows[i] & shows[other]).any() for other in changed if other != i)]
-    if not shared or target.data.spectral_deg is None:
-        return shared
-    left = left_for_sure(replace(final, target=target), np.asarray(sum(shown[i] for i in shared)))
-    return shared if left > SETTINGS.form**2 else []
+def _stands(final: Fit, held: Fit, number: int) -> bool:
+    """Whether a change is one by itself; held: the fit without it."""
+    return (
+        not _insists_on_a_bound(final.state.pieces[number])
+        and _is_refused(final, held)
+        and not may_be_scatter(final, held, number)
+        and not follows_another_law(final, held, number)
+    )
 
 
-def _follows_another_law(final: Fit, number: int) -> bool:
-    """Whether formulas leave clearly less of the orders of a dozen runs than the change of an effect does."""
-    target, piece = final.target, final.state.pieces[number]
-    if not target.data.few_points or piece.effect.stage is Stage.MEASURING:
-        return False
-    held, saved, more = with_piece_held(final, number), 0.0, -len(piece.coordinates())
-    other, directions = held.residual.copy(), len(np.unique(target.data.at.sign))
-    columns = np.flatnonzero(final.shown_change(piece).any(axis=0))
-    for k in columns:
-        before = target.data.with_real_mean(held.residual)[:, k].astype(np.complex128)
-        formula = formula_of(target, before, int(k), max(float(target.between_runs[k]), SETTINGS.least_noise_deg))
-        if formula is not None:
-            other[:, k] -= formula.values(target.data.at, target.reference_temperature_C)
-            more += directions * len(formula.terms) * int(target.data.parts[k])
-    saved = float((target.losses(final.residual) - target.losses(other))[:, columns].sum())
-    return saved > SETTINGS.as_good * (1 + max(more, 0))
-
-
-def _is_refused(final: Fit, number: int) -> bool:
+def _is_refused(final: Fit, held: Fit) -> bool:
     """Whether the data refuse the rig's own values of a piece, all else being as it is, and no order refuses the new.
 
-    What one order asks for and another one, which was noise without it, does not bear is not what changed.
+    What one order asks for and another one, which was noise without it, does not bear is not what changed. held: the
+    fit without the change.
     """
-    held = with_piece_held(final, number)
     target, saved = final.target, held.loss - final.loss
     worse = (target.losses(final.residual) - target.losses(held.residual)).sum(axis=0) > SETTINGS.order_gain
     if (worse & is_lacking(target, final.residual) & ~is_lacking(target, held.residual)).any():
         return False
-    if _may_be_scatter(final, held, number):
-        return False
     # noise that lasts over runs has a mean of its own
     left, right = (float(target.losses(without_lasting(target, one.residual)).sum()) for one in (held, final))
     return chi_square_tail(min(saved, left - right), len(final.prior) - len(held.prior)) < SETTINGS.p_changed
-
-
-def _may_be_scatter(final: Fit, held: Fit, number: int) -> bool:
-    """Whether a dozen runs that differ by an unknown scatter may look like a change, by what the final fit leaves."""
-    target, piece = final.target, final.state.pieces[number]
-    if target.scatter_deg is None:
-        return False
-    own = final.shown_change(piece).any(axis=0)
-    unknown = own & (target.scatter_deg > replace(target, scatter_deg=None).sure_sigma.mean(axis=0))
-    if not unknown.any():
-        return False
-    before, left = (
-        float((np.abs(one.residual[target.good][:, unknown]) ** 2 / target.scatter_deg[unknown] ** 2).sum())
-        for one in (held, final)
-    )
-    numbers = len(piece.coordinates())
-    free = max(int(target.good.sum()) * int(target.data.parts[unknown].sum()) - numbers, 1)
-    return float(f_tail((before - left) / numbers / (left / free), numbers, free)) > SETTINGS.p_changed
 
 
 def _misfits(final: Fit, changed: Collection[int]) -> dict[int, float]:

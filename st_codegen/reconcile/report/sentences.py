@@ -43,8 +43,6 @@ def verdict_text(result: Reconciliation) -> str:
     few, is_named = result.data.few_points, result.verdict is Outcome.PARTLY_EXPLAINED
     # a dozen runs follow more than one law
     named = "What is named fits, and other causes may fit so few operating points" if few else "What differs is named"
-    if is_named and few and not result.unexplained:
-        return f"{named}, which do not tell whether what is left of them is noise."
     if result.unexplained and all(one.would_be for one in result.unexplained):
         left = f"{named}; what is left" if is_named else "What differs"
         return f"{left} has a faint pattern, which may be noise that lasts over runs."
@@ -56,8 +54,11 @@ def verdict_text(result: Reconciliation) -> str:
             how = "by more at some conditions than at others: more noise there"
         return f"{which} differ by more than the noise {known}, {how}, or something missing."
     text = VERDICT_TEXT[result.verdict]
-    if result.verdict is Outcome.UNEXPLAINED and result.data.few_points:
-        return "Something differs; which effect it is, so few operating points do not tell."
+    if is_named and few:
+        rest = "for the rest no effect of the catalogue was found"
+        return f"{named}; {rest if result.unexplained else 'they do not tell whether what is left is noise'}."
+    if result.verdict is Outcome.UNEXPLAINED and few:
+        return "Something differs; so few operating points name no effect of the catalogue for it."
     if result.verdict not in (Outcome.EXPLAINED, Outcome.NOTHING_MISSING):
         return text
     also = [_hidden(result)]

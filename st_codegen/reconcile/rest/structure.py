@@ -255,7 +255,7 @@ def floors(target: FitData, residual: ComplexArray, of_contrasts: FloatArray) ->
 
     Of curves it is that between their orders, but where noise lasts over a turn or comes from the lines of an encoder.
     Contrasts hold what structure is left; where there is some, the noise is that of the orders next to it. A mean that
-    keeps none has as much as the rig says that runs differ by. No order has more noise than there is in it.
+    keeps none has as much as is known that runs differ by. No order has more noise than there is in it.
     """
     found = of_contrasts.copy()
     if not target.good.any():
@@ -360,9 +360,9 @@ def by_directions(target: FitData, residual: ComplexArray) -> tuple[BoolArray, F
     parts = data.parts
     r = data.with_real_mean(residual)
     differ = np.sqrt((np.abs(r[pairs[:, 0]] - r[pairs[:, 1]]) ** 2).mean(axis=0) / (2 * parts))
-    # what is known that runs differ by they do alike in both directions
+    # the mean differs from run to run as the rig says
     sigma = target.sigma * _loudness(data, r / target.sigma)[:, None]
-    known = target.between_runs / sigma
+    known = np.where(data.orders == 0, target.run_offset_deg, 0.0) / sigma
     z = r / sigma
     z *= np.minimum(1.0, SETTINGS.cut / np.maximum(np.abs(z), 1e-300))
     first, second = z[pairs[:, 0]], z[pairs[:, 1]]
@@ -434,7 +434,7 @@ def _beyond(target: FitData, residual: ComplexArray) -> FloatArray:
     if target.data.spectral_deg is not None:
         walking = _wandering(target, residual)
         found = SETTINGS.beyond_spectral * walking
-        differ = np.maximum(1.0, target.between_runs / noise_within(target))
+        differ = np.maximum(1.0, target.between_runs / np.maximum(noise_within(target), 1e-150))
         by_chance = 1.0 + SETTINGS.beyond_usual / np.sqrt(4.0 * max(int(target.good.sum()), 1))
         near = np.clip(usual, np.maximum(SETTINGS.clearly_larger, by_chance), SETTINGS.beyond_spectral)
         return np.asarray(np.where(orders > SETTINGS.wander_orders, near * walking, found) * differ)

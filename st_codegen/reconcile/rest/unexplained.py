@@ -427,9 +427,9 @@ def _signature(
     order, course = int(found.orders[k]), found.courses[k]
     r = residual[:, k] if order else residual[:, k].real.astype(np.complex128)
     parts = 2 if order else 1
-    floor = max(floor, float(target.between_runs[k]))
     noise = parts * min(float((target.sigma[target.good, k] ** 2).mean()), floor**2)
-    formula = formula_of(target, r, k, max(floor, SETTINGS.least_noise_deg))
+    # beside a law runs differ as far as is known
+    formula = formula_of(target, r, k, max(floor, float(target.between_runs[k]), SETTINGS.least_noise_deg))
     # a mean that noise which wanders over the runs may have is no law; beside one it is a part of the size
     if (beside != r).any() and formula is not None and set(formula.terms) == {"constant"}:
         formula = None

@@ -128,8 +128,8 @@ def misfit(current: Fit, piece: Piece) -> float:
     elif not peaks and target.data.spectral_deg is not None:
         # what both directions of runs have alike, or what follows their order, is no noise, nor is what few runs leave
         # of a form: only that within the curves is noise for sure
-        structured = is_lacking(target, current.residual) | target.data.few_points
-        sigma = np.where(structured, target.sure_sigma, target.sigma)
+        sure, structured = replace(target, scatter_deg=None).sure_sigma, is_lacking(target, current.residual)
+        sigma = np.where(structured | target.data.few_points, sure, target.sigma)
         current = replace(current, target=replace(target, sigma=sigma, wide=target.spread))
     # a peak says nothing of what lies far from it; all else must hold where it is small too
     return _left_of(current, current.explained(piece.effect), SETTINGS.acts if peaks else 0.0)
