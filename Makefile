@@ -17,7 +17,7 @@ run: $(INSTALLED)  ## compile the example bundle, verify the result
 # and each command that a test starts, would compile the package anew.
 TESTS := PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal -q
 
-test: $(INSTALLED)  ## the quick tests, some 6 minutes of two cores: all but those marked slow or thorough
+test: $(INSTALLED)  ## the quick tests, some 8 minutes of two cores: all but those marked slow or thorough
 	$(TESTS)
 
 thorough: $(INSTALLED)  ## the tests marked thorough, as many minutes again: CI runs them after the quick ones
