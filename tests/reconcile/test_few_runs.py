@@ -165,3 +165,10 @@ def test_what_is_gone_is_gone_whether_the_scatter_is_told_or_not(said):
     result = reconciled({"gap": 0.001}, said=said, scatter=3e-4, points=20)
     (changed,) = result.conclusions.retuned
     assert changed.before.name == "backlash" and changed.is_gone
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_few_runs_are_no_quieter_than_their_curves(seed):
+    """By chance they lay nearer to each other: six points said of a resonance that did not change another damping."""
+    result = reconciled({}, scatter=0.0, points=6, seed=seed)
+    assert (result.noise.sigma >= result.data.spectral_deg).all()

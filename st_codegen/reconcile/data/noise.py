@@ -124,6 +124,9 @@ def estimate(data: Observations, residual: ComplexArray, known_bad: BoolArray | 
     sigma = _louder_by_themselves(data, sigma)
     ranked = tuple(sorted(suspects.items(), key=lambda item: -item[1]))
     least = np.maximum(_between_orders(data), SETTINGS.least_noise_deg)
+    if data.few_points and data.spectral_deg is not None:
+        # by chance few runs lie nearer to each other than the noise within each of them lets them
+        sigma = np.maximum(sigma, data.spectral_deg)
     return Noise(np.maximum(sigma, least), np.maximum(floor, least), good, ranked, tuple(kinds))
 
 
