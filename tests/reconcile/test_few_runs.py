@@ -9,17 +9,13 @@ from st_codegen.reconcile.report.sentences import verdict_text
 from st_codegen.reconcile.report.summary import summary
 from st_codegen.rig.effects import Conditions, catalogue
 from st_codegen.rig.model import parse_rig
+from tests.reconcile.test_form_errors import HEAD
 
 KNOWN = catalogue()
 ORDERS = [0, 1, 2, 3, 39, 40, 78, 240]
-RIG = """[rig]
-name = "test"
-reduction_ratio = 81.0
-cycloid_teeth = 39
-pins = 40
-cranks = 3
-reference_temperature_C = 30.0
-[noise]
+RIG = (
+    HEAD
+    + """[noise]
 run_offset_deg = {said}
 [[effect]]
 name = "torsional_compliance"
@@ -56,6 +52,7 @@ order = 240
 amplitude_deg = 2e-4
 phase_rad = 2.0
 """
+)
 OWN = {"stiffness": 454.0, "gap": 0.3, "drift": 0.008, "eccentricity": 0.0172}
 
 

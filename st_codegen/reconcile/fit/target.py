@@ -111,7 +111,7 @@ class FitData:
         """
         if self.data.spectral_deg is None:
             return self.sigma
-        within = np.minimum(self.sigma, self.data.spectral_deg)
+        within = np.clip(self.data.spectral_deg, SETTINGS.least_noise_deg, self.sigma)
         return np.maximum(within, self.between_runs) if self.data.few_points else within
 
     @property

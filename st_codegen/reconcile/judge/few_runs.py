@@ -114,4 +114,4 @@ def may_be_scatter(final: Fit, held: Fit, number: int) -> bool:
         for one in (held, final)
     )
     numbers, free = len(piece.coordinates()), max(float(_left_free(final)[unknown].sum()), 1.0)
-    return float(f_tail((before - left) / numbers / (left / free), numbers, free)) > SETTINGS.p_changed
+    return float(f_tail((before - left) / numbers / (max(left, 1e-300) / free), numbers, free)) > SETTINGS.p_changed

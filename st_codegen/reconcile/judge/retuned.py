@@ -18,12 +18,7 @@ from st_codegen.reconcile.judge.few_runs import follows_another_law, may_be_scat
 from st_codegen.reconcile.rest.lasting import lasting_mean, power_of_mean, without_lasting
 from st_codegen.reconcile.rest.structure import floors, is_lacking, is_left, structure
 from st_codegen.reconcile.search.evidence import p_of_clusters, p_of_more
-from st_codegen.reconcile.search.plausible import (
-    bounds_met,
-    inside_bounds,
-    is_its_own,
-    misfit_of_changes,
-)
+from st_codegen.reconcile.search.plausible import bounds_met, inside_bounds, is_its_own, misfit_of_changes
 from st_codegen.reconcile.search.surroundings import stands_out
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Form, Stage

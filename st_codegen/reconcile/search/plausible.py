@@ -148,13 +148,14 @@ def is_its_own(current: Fit, piece: Piece, held: Fit) -> bool:
     """
     seen = current.shown_change(piece)
     shows = np.abs(seen).max(axis=0) > 0.0
-    if current.target.data.few_points and current.target.data.spectral_deg is not None:
+    target = current.target
+    limit = misfit_of_changes(target)
+    if target.data.few_points and target.data.spectral_deg is not None:
         # several parameters together follow a dozen runs though none of them is what changed, and what they leave
         # passes for noise
-        stands = left_for_sure(current, seen) <= SETTINGS.form**2
-    else:
-        stands = _left_of(current, seen, 0.0) <= misfit_of_changes(current.target)
-    if not stands or not is_no_form_error(held, current, shows=shows):
+        limit = SETTINGS.form**2
+        current = replace(current, target=replace(target, sigma=target.sure_sigma, wide=target.spread))
+    if _left_of(current, seen, 0.0) > limit or not is_no_form_error(held, current, shows=shows):
         return False
     return piece.effect.stage is not Stage.MEASURING or _shows_elsewhere(held, current)
 
@@ -168,12 +169,6 @@ def _shows_elsewhere(held: Fit, current: Fit) -> bool:
     saved = (current.target.losses(held.residual) - current.target.losses(current.residual)).sum(axis=0)
     others = ~np.isin(current.target.data.orders, sorted(made))
     return not made or bool(saved[others].sum() > SETTINGS.order_gain)
-
-
-def left_for_sure(current: Fit, own: ComplexArray) -> float:
-    """The power left where a contribution (n, K) acts, beyond what is noise for sure, over what it takes off there."""
-    target = current.target
-    return _left_of(replace(current, target=replace(target, sigma=target.sure_sigma, wide=target.spread)), own, 0.0)
 
 
 def _left_of(current: Fit, own: ComplexArray, least: float) -> float:
